@@ -14,7 +14,7 @@ multipliers, 'sum.' with a number a sum without a name, 'one' the constant 1.
 """
 _BOUGHT = """\
 Values are those of the ideal network: neither resistances of many megohms nor capacitances of a few
-femtofarads can be bought or built. `pack` with series=E96 has a bill of parts that can be.
+femtofarads can be bought or built. `pack` with series=E96-pairs has a bill of parts that can be.
 """
 
 ABOUT: dict[str, str] = {

@@ -17,12 +17,14 @@ from ann_dc.backends.spice.level_words import level_words
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import ExportError, NetworkError, UnknownNameError
+from ann_dc.fidelity.circuit_study import NEAR
 from ann_dc.fidelity.fitting import fitting_intervals, fitting_margin
-from ann_dc.fidelity.prediction import LARGEST, astray_of
+from ann_dc.fidelity.prediction import LARGEST, astray_of, clipped_at, clipping_of
 from ann_dc.fidelity.specimen import Specimen, transient_of
 from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.deviations import snapped
 from ann_dc.hardware.emulation.states import pole_spectrum
-from ann_dc.hardware.parts.e_series import SERIES, Series
+from ann_dc.hardware.parts.e_series import E96_PAIRS, SERIES, Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.rails import with_rails
 from ann_dc.hardware.sizing.cures import cure
@@ -74,9 +76,12 @@ class Build:
         The ideal network's run that it was scaled by, and that it is compared with.
     deck : Deck
         Its netlist for ngspice.
+    control_error : float
+        Predicted error of the settled controls with the nominal parts that are written, relative to
+        the largest control; nan if the level has no emulation.
     doubt : str
-        What speaks against its getting there from reset, by its emulation; empty where nothing
-        does, and where none was run.
+        Reasons why the circuit may not settle near the optimum, by its emulation; empty without
+        any, and if no emulation was run.
     """
 
     level: Level
@@ -84,6 +89,7 @@ class Build:
     circuit: Circuit
     probe: Trajectory
     deck: Deck
+    control_error: float = np.nan
     doubt: str = ""
 
     @property
@@ -168,15 +174,27 @@ def _built(network: Network, level: str, series: Series) -> Build:
     try:
         made = level_of(network, level)
         backend = SpiceBackend(level=made, series=series)
-        specimen, doubt = _specimen(backend, network), ""
+        specimen, doubts = _specimen(backend, network), []
         if made.emulated:
             specimen = _without_ringing(backend, specimen)
-            doubt = _doubt(specimen)
+            doubts += _lost(specimen)
+        error = _control_error(specimen)
+        doubts += _coarse(specimen, error)
         circuit, probe = specimen.circuit, specimen.probe
         deck = backend.deck(circuit, probe, specimen.deviations)
     except NetworkError as error:
         raise ExportError(f"level {level}: {error}") from error
-    return Build(level=made, series=series, circuit=circuit, probe=probe, deck=deck, doubt=doubt)
+    for doubt in doubts:
+        warnings.warn(f"level {made.name}: circuit: {doubt}", UserWarning, stacklevel=2)
+    return Build(
+        level=made,
+        series=series,
+        circuit=circuit,
+        probe=probe,
+        deck=deck,
+        control_error=error,
+        doubt="; ".join(doubts),
+    )
 
 
 def _specimen(backend: SpiceBackend, network: Network) -> Specimen:
@@ -200,22 +218,41 @@ def _without_ringing(backend: SpiceBackend, specimen: Specimen) -> Specimen:
     return specimen
 
 
-def _doubt(specimen: Specimen) -> str:
+def _lost(specimen: Specimen) -> list[str]:
     """What speaks against a circuit that is stable where it should settle: told, not refused.
 
     What parts do beyond the domain of a function is nothing that an emulation knows.
     """
     if specimen.emulation.network.size > LARGEST:
-        return ""
-    astray = astray_of(specimen, transient_of(specimen, MOST_STEPS))
-    if not astray:
-        return ""
-    doubt = (
-        f"it may settle to a wrong point: emulated from reset, {astray}; design the network with "
-        "another metric, such as Kind.PYRAMID"
-    )
-    warnings.warn(f"level {specimen.level.name}: circuit: {doubt}", UserWarning, stacklevel=2)
-    return doubt
+        return []
+    if clipped_at(specimen.emulation, specimen.settled).any():
+        return [clipping_of(specimen, specimen.emulation, specimen.settled).sentence]
+    if astray := astray_of(specimen, transient_of(specimen, MOST_STEPS)):
+        return [
+            f"it may settle to a wrong point: emulated from reset, {astray}; design the network "
+            "with another metric, such as Kind.PYRAMID"
+        ]
+    return []
+
+
+def _control_error(specimen: Specimen) -> float:
+    """Predicted error of the settled controls over the largest one; nan without an emulation."""
+    try:
+        return specimen.control_error
+    except NetworkError:
+        return np.nan
+
+
+def _coarse(specimen: Specimen, error: float) -> list[str]:
+    """That the controls settle too far from the optimum, and what helps."""
+    if not error > NEAR:
+        return []
+    told = f"its controls are predicted to be {error:.1%} of the largest one off, above {NEAR:.0%}"
+    pairs = replace(specimen, deviations=snapped(specimen.circuit, E96_PAIRS))
+    better = _control_error(pairs) if specimen.deviations else np.nan
+    if better < NEAR:
+        return [f"{told}, because of the series of its resistors; series=E96-pairs: {better:.1e}"]
+    return [f"{told}; take better parts, or a slower network (ann-dc circuit has the error budget)"]
 
 
 def _margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:

@@ -6,8 +6,9 @@ expected, to 'controls.csv', and the waveforms of the controls to ``waveforms.tx
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from ann_dc.backends.spice.netlist.cell_text import number
 from ann_dc.errors import FileFormatError
@@ -20,6 +21,9 @@ from ann_dc.fidelity.circuit_study import NEAR
 DECK, FOLDER = "deck.cir", "library"
 CONTROLS, WAVEFORMS = "controls.csv", "waveforms.txt"
 """What a run writes."""
+
+CONTENT, ACCURACY = "content", "predicted control error"
+"""What the lines of a netlist about its network and its accuracy begin with."""
 
 WORD = re.compile(r"[a-z_]\w*")
 
@@ -96,7 +100,7 @@ def deck_text(build: Build) -> str:
     lines = (
         deck.head[0],
         f"* run: ngspice -b {DECK}; it writes {CONTROLS} and {WAVEFORMS}",
-        f"* {content_words(content_hash(build.network))}",
+        *(f"* {words}" for words in claims_of(build)),
         *deck.head[2:],
         *models,
         "* ---- cells",
@@ -139,33 +143,66 @@ def _control_lines(build: Build) -> Iterator[str]:
     yield from ("quit 0", ".endc")
 
 
-def content_words(content: str) -> str:
-    """What a netlist says of the network that it is of.
+def claims_of(build: Build) -> tuple[str, str]:
+    """Return the lines of a netlist about its network and about its accuracy.
 
     Parameters
     ----------
-    content : str
-        Its hash.
+    build : Build
     """
-    return f"content {content}"
+    return f"{CONTENT} {content_hash(build.network)}", f"{ACCURACY} {build.control_error:.1e}"
 
 
-def check_content(name: str, text: str, vector: ReferenceVector) -> None:
-    """Refuse a netlist that is not of the network of a vector.
+def checked_claims(name: str, lines: Iterable[str], vector: ReferenceVector) -> str:
+    """Refuse a netlist of another network than that of a vector, and read its accuracy.
 
     Parameters
     ----------
     name : str
         Of its file.
-    text : str
+    lines : iterable of str
+        Of the netlist.
     vector : ReferenceVector
+
+    Returns
+    -------
+    str
+        The network, and the accuracy that was predicted for it, in a clause.
 
     Raises
     ------
     FileFormatError
+        If the content is that of another network, or there is no accuracy.
     """
-    if content_words(vector.content) not in (line.lstrip("*/ ") for line in text.splitlines()):
+    known = [line.lstrip("*/ ") for line in lines]
+    if f"{CONTENT} {vector.content}" not in known:
         raise FileFormatError(f"{name}: it is another network's than {VECTOR}")
+    told = [line.removeprefix(ACCURACY) for line in known if line.startswith(ACCURACY)]
+    try:
+        [error] = map(float, told)
+    except ValueError as wrong:
+        raise FileFormatError(f"{name}: expected one line '{ACCURACY}' with a number") from wrong
+    return f"of the network {vector.content[:12]}, {accuracy_words(error)}"
+
+
+def accuracy_words(error: float) -> str:
+    """Return in words how far the controls of a circuit are predicted to be off.
+
+    Parameters
+    ----------
+    error : float
+        Relative to the largest control; nan if it is unknown.
+
+    Examples
+    --------
+    >>> print(accuracy_words(6.1e-4))
+    whose controls are predicted to be off by 6.1e-04 of the largest one (nominal parts)
+    """
+    if math.isnan(error):
+        return "whose control error was not predicted: the level has no emulation"
+    above = f", NOT within {NEAR:.0%}" if error > NEAR else ""
+    off = f"off by {error:.1e} of the largest one{above} (nominal parts)"
+    return f"whose controls are predicted to be {off}"
 
 
 def plain(name: str) -> str:

@@ -7,7 +7,7 @@ the deck for LTspice runs in ngspice's LTspice mode, that for Xyce is parsed bac
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from ann_dc.backends.spice.netlist.cell_text import number, wrapped
 from ann_dc.backends.spice.pdk.files import PACKAGE
@@ -15,15 +15,15 @@ from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.netlists.build import Build, build
 from ann_dc.export.netlists.deck_file import (
     DECK,
-    check_content,
-    content_words,
+    checked_claims,
+    claims_of,
     models_of,
     plain,
 )
 from ann_dc.export.netlists.pack import PARTS, compared_parts
-from ann_dc.export.netlists.parts import parts_of, parts_text
+from ann_dc.export.netlists.parts import Part, parts_of, parts_text
 from ann_dc.export.netlists.reading.flat import flattened
-from ann_dc.export.netlists.tables import expected_text, scaling_text
+from ann_dc.export.netlists.tables import accuracy_text, expected_text, scaling_text
 from ann_dc.export.reference.beside import (
     check_sums,
     check_vector,
@@ -32,7 +32,6 @@ from ann_dc.export.reference.beside import (
     with_sums,
 )
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.export.weights.hashes import content_hash
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 
@@ -162,19 +161,22 @@ def _build(network: Network, vector: ReferenceVector, level: str, series: str) -
 def _files(
     made: Build, vector: ReferenceVector, deck: str, simulator: str, differences: str
 ) -> dict[str, bytes]:
+    parts = parts_of(flattened(deck, {}), made.level.name)
     texts = {
         DECK: deck,
-        PARTS: parts_text(parts_of(flattened(deck, {}), made.level.name)),
+        PARTS: parts_text(parts),
         "scaling.csv": scaling_text(made),
         "expected_controls.csv": expected_text(made),
-        "README.md": _readme(made, simulator, differences),
+        "README.md": _readme(made, parts, simulator, differences),
     }
     files = {name: text.encode() for name, text in texts.items()}
     return with_sums({**files, VECTOR: vector.as_json()})
 
 
-def _readme(made: Build, simulator: str, differences: str) -> str:
+def _readme(made: Build, parts: Sequence[Part], simulator: str, differences: str) -> str:
     return f"""# {plain(made.network.title)}: a deck for {simulator}
+
+{accuracy_text(made, parts)}
 
 `{DECK}` is the {made.level.name} level of {made.network.stages} cells. It measures the volts of
 every control near the end of the run; `expected_controls.csv` has those that are expected, and
@@ -188,10 +190,9 @@ def _deck(made: Build, dialect: Callable[[str], str], end: Callable[[Build], Ite
     """The deck of a dialect, card by card."""
     deck = made.deck
     lines = (*models_of(made), *deck.cells, *deck.row, *deck.inputs)
-    words = content_words(content_hash(made.network))
     cards = [dialect(card) for card in _cards("\n".join(lines))]
     lines = [card if card.startswith("*") else wrapped(card) for card in cards]
-    head = (deck.head[0], f"* {words}", *deck.head[2:])
+    head = (deck.head[0], *(f"* {words}" for words in claims_of(made)), *deck.head[2:])
     return "\n".join([*head, *lines, *end(made), ".end", ""])
 
 
@@ -287,9 +288,6 @@ def dialect_check(files: Mapping[str, bytes]) -> str:
     deck = text_of(files, DECK)
     if ".control" in deck.lower():
         raise FileFormatError(f"{DECK}: has commands of ngspice, which no dialect has")
-    check_content(DECK, deck, vector)
-    count = compared_parts(deck, {}, text_of(files, PARTS))
-    return (
-        f"{len(files) - 1} files with their hashes; {count} parts, each as listed; of the network "
-        f"{vector.content[:12]}; it was not run"
-    )
+    claims = checked_claims(DECK, deck.splitlines(), vector)
+    parts = compared_parts(deck, {}, text_of(files, PARTS))
+    return f"{len(files) - 1} files with their hashes; {parts}; {claims}; it was not run"

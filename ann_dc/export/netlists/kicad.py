@@ -10,35 +10,42 @@ import csv
 import io
 import itertools
 import uuid
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from ann_dc.backends.spice.ngspice.expressions import value_of
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.netlists.build import Build, build
-from ann_dc.export.netlists.deck_file import deck_text, library_of, plain
+from ann_dc.export.netlists.deck_file import (
+    checked_claims,
+    claims_of,
+    deck_text,
+    library_of,
+    plain,
+)
 from ann_dc.export.netlists.pack import PARTS
 from ann_dc.export.netlists.packages import FEEDBACK, GROUND, PINS
 from ann_dc.export.netlists.parts import (
     CLASSES,
     Part,
+    engineering,
     package_of,
     part_of,
     parts_of,
     parts_text,
     series_of,
     tolerances_of,
+    without_maker,
 )
 from ann_dc.export.netlists.reading.board import comments_of, values_of, wiring_of
 from ann_dc.export.netlists.reading.flat import flattened
 from ann_dc.export.netlists.reading.s_expressions import Tree, entries, entry, read, written
+from ann_dc.export.netlists.tables import accuracy_text
 from ann_dc.export.reference.beside import check_vector, text_of, vector_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
-from ann_dc.prefixes import PREFIXES
 
 NETLIST = "circuit.net"
 ENGINEERING = "rc"
@@ -99,7 +106,7 @@ def kicad_files(
         )
     elements = flattened(deck_text(made), library_of(made))
     soldered = (*_in_series((*parts_of(elements, made.level.name),), made.series),)
-    tree = _netlist(made, soldered, vector)
+    tree = _netlist(made, soldered)
     return {
         NETLIST: (written(tree) + "\n").encode(),
         PARTS: parts_text(soldered).encode(),
@@ -124,35 +131,11 @@ def _in_series(parts: tuple[Part, ...], series: Series) -> Iterator[Part]:
             yield replace(other, value=value, nets=(middle, end))
 
 
-def engineering(value: str) -> str:
-    """A number with a prefix, as people write it beside a part.
-
-    Parameters
-    ----------
-    value : str
-
-    Raises
-    ------
-    FileFormatError
-        If it is none.
-
-    Examples
-    --------
-    >>> engineering("10101"), engineering("5.06e-11"), engineering("0")
-    ('10.101k', '50.6p', '0')
-    """
-    number = value_of(value, {})
-    for size, prefix in PREFIXES:
-        if abs(number) >= size * (1 - 1e-9):
-            return f"{number / size:.6g}{prefix}"
-    return value
-
-
-def _netlist(build: Build, parts: Iterable[Part], vector: ReferenceVector) -> Tree:
+def _netlist(build: Build, parts: Iterable[Part]) -> Tree:
     level, groups = build.level.name, _components(parts)
     tolerances = tolerances_of(build.level)
     title = plain(build.network.title)
-    comments = (f"level {level}", f"content {vector.content}")
+    comments = (f"level {level}", *claims_of(build))
     block: Tree = ["title_block", ["title", title], ["source", "circuit.net"]]
     block += [["comment", ["number", str(i + 1)], ["value", c]] for i, c in enumerate(comments)]
     sheet: Tree = ["sheet", ["number", "1"], ["name", "/"], ["tstamps", "/"], block]
@@ -242,7 +225,7 @@ def _pads(reference: str, group: list[Part], level: str) -> Iterator[tuple[str, 
         yield pad, net, net
 
 
-def _readme(build: Build, parts: Iterable[Part]) -> str:
+def _readme(build: Build, parts: Sequence[Part]) -> str:
     groups = _components(parts)
     level = build.level.name
     known = {package_of(group[0].kind, level).part: group[0].kind for group in groups.values()}
@@ -254,6 +237,8 @@ def _readme(build: Build, parts: Iterable[Part]) -> str:
         unused = " ".join(package.unused)
         rows.append(f"| {name} | {package.footprint or 'none'} | {pads} | {supplies} | {unused} |")
     return f"""# {plain(build.network.title)}: {len(groups)} components for KiCad
+
+{accuracy_text(build, parts)}
 
 In the board editor (Pcbnew): File, Import, Netlist, `{NETLIST}`. Level: {level}. `parts.csv` says
 what every part is in the deck of the pack. Components without a footprint are for you to choose:
@@ -295,8 +280,7 @@ def kicad_check(files: Mapping[str, bytes]) -> str:
     rows = _listed(text_of(files, PARTS))
     stated = comments_of(tree)
     level = stated[0].removeprefix("level ")
-    if stated[1] != f"content {vector.content}":
-        raise FileFormatError(f"{NETLIST}: it is another network's than {VECTOR}")
+    claims = checked_claims(NETLIST, stated[1:], vector)
     for row in rows:
         _compare(row, wired, level)
         if row[2] in ENGINEERING and values.get(row[0]) != engineering(row[4]):
@@ -305,10 +289,13 @@ def kicad_check(files: Mapping[str, bytes]) -> str:
     others = sorted(set(wired) ^ listed)
     if others:
         raise FileFormatError(f"{NETLIST}: {others[0][:40]} is not in it and in {PARTS} alike")
-    _compare_board(tree, [part_of(row) for row in rows], level)
+    parts = [part_of(row) for row in rows]
+    _compare_board(tree, parts, level)
+    unnamed = without_maker(parts, level)
     return (
-        f"{len(rows)} parts in {len(listed)} components, each wired as {PARTS} says; of the "
-        f"network {vector.content[:12]}"
+        f"{len(rows)} parts in {len(listed)} components, each wired as {PARTS} says"
+        + f", no part to buy for: {unnamed}" * bool(unnamed)
+        + f"; {claims}"
     )
 
 

@@ -15,8 +15,9 @@ from itertools import zip_longest
 
 from ann_dc.errors import FileFormatError
 from ann_dc.export.netlists.build import Build, build
-from ann_dc.export.netlists.deck_file import DECK, FOLDER, check_content, deck_text, library_of
-from ann_dc.export.netlists.parts import bill_text, parts_of, parts_text
+from ann_dc.export.netlists.deck_file import DECK, FOLDER, checked_claims, deck_text, library_of
+from ann_dc.export.netlists.packages import REAL
+from ann_dc.export.netlists.parts import bill_text, parts_of, parts_text, without_maker
 from ann_dc.export.netlists.reading.flat import flattened
 from ann_dc.export.netlists.tables import (
     expected_text,
@@ -116,7 +117,7 @@ def _files(made: Build, vector: ReferenceVector) -> dict[str, bytes]:
         "scaling.csv": scaling_text(made),
         "expected_controls.csv": expected_text(made),
         "expected_waveforms.csv": waveforms_text(made),
-        "README.md": readme_text(made, len(parts)),
+        "README.md": readme_text(made, parts),
     }
     return {name: text.encode() for name, text in texts.items()} | {VECTOR: vector.as_json()}
 
@@ -154,16 +155,16 @@ def pack_check(files: Mapping[str, bytes]) -> str:
     inside = _unzipped(files[ZIP]) if set(files) == {ZIP} else dict(files)
     check_sums(inside)
     vector = vector_of(inside)
-    check_content(DECK, text_of(inside, DECK), vector)
+    claims = checked_claims(DECK, text_of(inside, DECK).splitlines(), vector)
     library = {n: text_of(inside, n) for n in inside if n.startswith(FOLDER + "/")}
-    count = compared_parts(text_of(inside, DECK), library, text_of(inside, PARTS))
+    parts = compared_parts(text_of(inside, DECK), library, text_of(inside, PARTS))
     return (
-        f"{len(inside) - 1} files with their hashes; {count} parts, each as "
-        f"listed; of the network {vector.content[:12]}; it was not run: ngspice -b {DECK} does"
+        f"{len(inside) - 1} files with their hashes; {parts}; {claims}; it was not run: "
+        f"ngspice -b {DECK} does"
     )
 
 
-def compared_parts(deck: str, library: Mapping[str, str], listed: str) -> int:
+def compared_parts(deck: str, library: Mapping[str, str], listed: str) -> str:
     """Compare the parts of a deck with a list of them, one by one.
 
     Parameters
@@ -176,21 +177,25 @@ def compared_parts(deck: str, library: Mapping[str, str], listed: str) -> int:
 
     Returns
     -------
-    int
-        How many there are.
+    str
+        How many there are, and which of a level that is named after parts have no maker.
 
     Raises
     ------
     FileFormatError
         If the deck has others.
     """
-    opened = flattened(deck, library, OPENED * len(listed))
-    found = parts_text(parts_of(opened, _level_of(deck)))
+    level = _level_of(deck)
+    parts = parts_of(flattened(deck, library, OPENED * len(listed)), level)
+    found = parts_text(parts)
     if found != listed:
         rows = zip_longest(found.splitlines(), listed.splitlines(), fillvalue="nothing")
         here, there = next((pair for pair in rows if pair[0] != pair[1]), (found, listed))
         raise FileFormatError(f"{PARTS}: says {there[:80]!r}, and the deck {here[:80]!r}")
-    return len(listed.splitlines()) - 1
+    unnamed = without_maker(parts, level) if level in REAL else ""
+    return f"{len(parts)} parts, each as listed" + f", no part to buy for: {unnamed}" * bool(
+        unnamed
+    )
 
 
 def _level_of(deck: str) -> str:

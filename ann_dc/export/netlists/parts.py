@@ -12,12 +12,14 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from ann_dc.backends.spice.ngspice.expressions import value_of
 from ann_dc.export.netlists.build import Build
 from ann_dc.export.netlists.packages import GROUND, PASSIVE, PINS, REAL, Package, generic
 from ann_dc.export.netlists.reading.flat import Element
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.prefixes import PREFIXES
 
 PRESET_OHMS = 0.1
 """Across the current source of a preset."""
@@ -163,6 +165,26 @@ def _value(element: Element) -> str:
     return " ".join(element.words) if element.kind in "vib" else ""
 
 
+def without_maker(parts: Iterable[Part], level: str) -> str:
+    """Return the parts for which a level names nothing to buy, with their numbers.
+
+    Parameters
+    ----------
+    parts : iterable of Part
+    level : str
+        Its name.
+
+    Returns
+    -------
+    str
+        ``analog switch (2), preset (1)``; empty if every part has a name.
+    """
+    count: Counter[str] = Counter()
+    for part in parts:
+        count[CLASSES[part.kind][1]] += package_of(part.kind, level).library == "ann_dc"
+    return ", ".join(f"{name} ({number})" for name, number in sorted(count.items()) if number)
+
+
 BILL = (
     *("reference", "value", "unit", "to buy", "series", "tolerance"),
     *("part class", "part", "package", "quantity"),
@@ -206,6 +228,30 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def engineering(value: str) -> str:
+    """A number with a prefix, as people write it beside a part.
+
+    Parameters
+    ----------
+    value : str
+
+    Raises
+    ------
+    FileFormatError
+        If it is none.
+
+    Examples
+    --------
+    >>> engineering("10101"), engineering("5.06e-11"), engineering("0")
+    ('10.101k', '50.6p', '0')
+    """
+    number = value_of(value, {})
+    for size, prefix in PREFIXES:
+        if abs(number) >= size * (1 - 1e-9):
+            return f"{number / size:.6g}{prefix}"
+    return value
 
 
 def series_of(kind: str, series: Series) -> Series | None:

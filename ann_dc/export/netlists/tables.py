@@ -10,7 +10,15 @@ import numpy as np
 
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.export.netlists.build import Build
-from ann_dc.export.netlists.deck_file import CONTROLS, DECK, WAVEFORMS, plain
+from ann_dc.export.netlists.deck_file import (
+    CONTROLS,
+    DECK,
+    WAVEFORMS,
+    accuracy_words,
+    plain,
+)
+from ann_dc.export.netlists.packages import REAL
+from ann_dc.export.netlists.parts import Part, without_maker
 from ann_dc.fidelity.circuit_study import NEAR
 
 ROWS = 200
@@ -108,19 +116,35 @@ def waveforms_text(build: Build) -> str:
 
 BOUGHT = """
 Resistors and capacitors have exact values, of which many megohms or few femtofarads cannot be
-bought or built: `series=E96` takes resistors of that series and capacitors of E24, and makes
-`bill.csv` shorter.
+bought or built: `series=E96-pairs` takes two resistors of that series for each, and capacitors of
+E24. With `series=E96`, one for each, controls are off by several percent.
 """
 
 
-def readme_text(build: Build, count: int) -> str:
+def accuracy_text(build: Build, parts: Iterable[Part] = ()) -> str:
+    """What a README begins with: parts that nobody sells, and what the circuit is worth.
+
+    Parameters
+    ----------
+    build : Build
+    parts : iterable of Part
+        Those to buy.
+    """
+    unnamed = without_maker(parts, build.level.name)
+    lines = [f"No part to buy for: {unnamed}."] if unnamed else []
+    lines += [f"A circuit {accuracy_words(build.control_error)}."]
+    lines += [f"WARNING: {build.doubt}."] if build.doubt else []
+    return "\n\n".join(lines)
+
+
+def readme_text(build: Build, parts: Sequence[Part]) -> str:
     """What the pack is, how to run it, and what to look at.
 
     Parameters
     ----------
     build : Build
-    count : int
-        Parts of the circuit.
+    parts : sequence of Part
+        Of the circuit.
 
     Returns
     -------
@@ -128,15 +152,17 @@ def readme_text(build: Build, count: int) -> str:
     """
     deck, network = build.deck, build.network
     first = build.controls[0]
-    parts = ", ".join(f"{number} {name}" for name, number in deck.parts.items())
+    kinds = ", ".join(f"{number} {name}" for name, number in deck.parts.items())
     zero = f"{first.scale.offset:.6g} + " if first.scale.offset else ""
-    doubt = f"\n\nWARNING: {build.doubt}." if build.doubt else ""
+    named = parts if build.level.name in REAL else ()
     exact = build.series.name == "exact"
     bought = BOUGHT if exact else ""
     with_them = "" if exact else f", capacitors: {build.series.capacitors.name}"
     return f"""# {plain(network.title)}: an analog neural network of {network.stages} cells
 
-Level: {build.level.name}. Resistors: {build.series.name}{with_them}. {count} parts: {parts}.
+{accuracy_text(build, named)}
+
+Level: {build.level.name}. Resistors: {build.series.name}{with_them}. {len(parts)} parts: {kinds}.
 {bought}
     ngspice -b {DECK}
 
@@ -147,7 +173,8 @@ runs it for {deck.end:.4g} s of circuit time, and needs nothing but this folder.
 
 and says how far the worst control is off, as a share of the largest one; above {NEAR:.0%} that it
 is NOT where the ideal network settles, with exit code 1. The expected values are those of the ideal
-network; parts of a level are off by what their gain, bandwidth and rails cost.{doubt}
+network; parts of a level are off by what their gain, bandwidth and rails cost. `ann-dc circuit` has
+their noise, tolerances and settling time.
 
 | file | what |
 |---|---|

@@ -13,10 +13,10 @@ from collections.abc import Iterator, Mapping
 from ann_dc.backends.spice.netlist.timing import reset_card
 from ann_dc.errors import ExportError
 from ann_dc.export.netlists.build import Build, build
-from ann_dc.export.netlists.deck_file import check_content, content_words, plain
+from ann_dc.export.netlists.deck_file import checked_claims, claims_of, plain
 from ann_dc.export.netlists.reading.flat import logical_lines
 from ann_dc.export.netlists.reading.verilog import KEYWORDS, modules_of
-from ann_dc.export.netlists.tables import expected_text, scaling_text
+from ann_dc.export.netlists.tables import accuracy_text, expected_text, scaling_text
 from ann_dc.export.netlists.verilog_library import LIBRARY
 from ann_dc.export.reference.beside import (
     check_sums,
@@ -26,7 +26,6 @@ from ann_dc.export.reference.beside import (
     with_sums,
 )
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.export.weights.hashes import content_hash
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 
@@ -92,8 +91,8 @@ def _text(made: Build) -> str:
     used = [text for name, text in LIBRARY.items() if re.search(rf"^  {name} ", own, re.MULTILINE)]
     head = (
         f"// {plain(made.network.title)}: {made.network.stages} cells, {LEVEL} level\n"
-        f"// {content_words(content_hash(made.network))}\n"
-        '`include "constants.vams"\n`include "disciplines.vams"\n'
+        + "".join(f"// {words}\n" for words in claims_of(made))
+        + '`include "constants.vams"\n`include "disciplines.vams"\n'
     )
     return "\n".join((head, *used, own))
 
@@ -240,6 +239,8 @@ def _readme(made: Build) -> str:
     value = made.settled(first)
     return f"""# {plain(made.network.title)}: Verilog-A modules of {made.network.stages} cells
 
+{accuracy_text(made)}
+
 `{MODULES}` has the module `network` of cells, each of integrators, PI cells, multipliers and
 function generators. Resistors in ohms, capacitors in farads, presets in volts are parameters
 with the names that they have in the SPICE decks; `scaling.csv` says what a volt stands for.
@@ -279,10 +280,10 @@ def verilog_a_check(files: Mapping[str, bytes]) -> str:
     """
     check_sums(files)
     vector = vector_of(files)
-    check_content(MODULES, text_of(files, MODULES), vector)
+    claims = checked_claims(MODULES, text_of(files, MODULES).splitlines(), vector)
     modules = modules_of(text_of(files, MODULES))
     cells = len(modules["network"].instances) if "network" in modules else 0
     return (
         f"{len(files) - 1} files with their hashes; {len(modules)} modules, {cells} cells in the "
-        f"row, all ports and branches declared; of the network {vector.content[:12]}; not run"
+        f"row, all ports and branches declared; {claims}; not run"
     )

@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+import warnings
 
 import numpy as np
 import pytest
@@ -11,7 +12,17 @@ from small_pdk import needs_pdk
 import ann_dc
 from ann_dc.backends.spice import level_words
 from ann_dc.errors import ExportError, NetworkError
-from ann_dc.export.netlists import ltspice_files, pack_files
+from ann_dc.export.netlists import (
+    dialect_check,
+    kicad_check,
+    kicad_files,
+    ltspice_files,
+    pack_check,
+    pack_files,
+    verilog_a_check,
+    verilog_a_files,
+    xyce_files,
+)
 from ann_dc.export.reference import reference_vector
 from ann_dc.fidelity import predict
 
@@ -107,6 +118,71 @@ def test_a_circuit_that_would_ring_gets_the_margin_that_it_asks_for():
 
 def test_a_circuit_that_gets_there_is_not_doubted(small):
     assert b"WARNING" not in pack_files(*small, level="macro")["README.md"]
+
+
+@pytest.fixture(scope="module")
+def integrator():
+    problem = ann_dc.plants.double_integrator()
+    network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    return network, reference_vector(network)
+
+
+def predicted(words):
+    return float(re.search(r"predicted to be off by (\S+) of the largest", words)[1])
+
+
+@needs_ngspice
+def test_series_is_predicted_warned_of_and_confirmed_by_ngspice(integrator, tmp_path):
+    """Of resistors that can be bought: 1.5 % off, and within 1e-4 with pairs."""
+    meant = r"1\.5% of the largest one off, above 1%, because of the series .* series=E96-pairs"
+    with pytest.warns(UserWarning, match=meant):
+        files = pack_files(*integrator, series="E96")
+    words = pack_check(files)
+    assert "NOT within 1%" in words
+    (tmp_path / "library").mkdir()
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    command = ["ngspice", "-n", "-b", "deck.cir"]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    measured = float(re.search(r"NOT where .*: off by (\S+) of", ran.stdout)[1])
+    assert predicted(words) == pytest.approx(measured, rel=0.02)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert predicted(pack_check(pack_files(*integrator, series="E96-pairs"))) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("files", "check"),
+    [
+        (ltspice_files, dialect_check),
+        (xyce_files, dialect_check),
+        (kicad_files, kicad_check),
+        (verilog_a_files, verilog_a_check),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:level:UserWarning")
+def test_every_netlist_carries_the_accuracy_of_its_series(integrator, files, check):
+    made = files(*integrator, series="E96")
+    assert predicted(check(made)) == pytest.approx(0.0152, rel=0.02)
+    assert b"WARNING: its controls are predicted to be" in made["README.md"]
+
+
+def test_parts_without_a_maker_are_told_first(small):
+    files = pack_files(*small, level="opa192_ad734")
+    told = "o part to buy for: analog switch (21), preset (21), voltage source (5)"
+    assert files["README.md"].decode().splitlines()[2] == f"N{told}."
+    assert told in pack_check(files)
+    assert f"n{told}" in kicad_check(kicad_files(*small, level="opa192_ad734"))
+    assert "no part to buy" not in pack_check(pack_files(*small, level="macro"))
+
+
+def test_parts_that_settle_at_their_rails_are_doubted(small, monkeypatch):
+    for module in ("export.netlists.build", "fidelity.prediction"):
+        name = f"ann_dc.{module}.clipped_at"
+        monkeypatch.setattr(name, lambda emulation, x: np.arange(len(x)) == 0)
+    with pytest.warns(UserWarning, match="parts of the settled circuit stand at their rails"):
+        files = pack_files(*small, level="macro", series="E24-pairs")
+    assert b"WARNING: parts of the settled circuit" in files["README.md"]
 
 
 @needs_ngspice

@@ -60,6 +60,7 @@ def ngspice_parts(theirs):
 
 
 @needs_ngspice
+@pytest.mark.filterwarnings("ignore:level .*its controls are predicted:UserWarning")
 @pytest.mark.parametrize(("level", "series"), CASES)
 def test_connectivity_is_that_of_the_deck(level, series, car, tmp_path):
     """Part by part, and values too; ngspice opens the deck of the pack."""

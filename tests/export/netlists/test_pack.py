@@ -107,6 +107,7 @@ def test_the_library_is_what_the_deck_needs(car, small):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:level .*its controls are predicted:UserWarning")
 def test_the_bill_counts_what_the_deck_has(car):
     files = pack_files(*car, level="tl072_ad633", series="E96")
     rows = [*csv.DictReader(io.StringIO(files["bill.csv"].decode()))]
@@ -254,6 +255,7 @@ def test_a_zip_has_each_file_once():
         pack_check({"pack.zip": stream.getvalue()})
 
 
+@pytest.mark.filterwarnings("ignore:level .*its controls are predicted:UserWarning")
 def test_a_deck_has_the_resistors_of_its_series(small):
     exact, pairs, coarse = (
         pack_files(*small, level="macro", series=series)["deck.cir"]
