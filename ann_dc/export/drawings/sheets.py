@@ -68,10 +68,11 @@ def circuit_sheets(circuit: Circuit, level: str) -> list[Page]:
 
 
 def _kinds(circuit: Circuit) -> list[Drawn]:
-    """One part of every kind, the one with the most wires."""
+    """One part of every kind, the one with the most wires; a row of one cell lacks some kinds."""
     groups: dict[tuple, list[Part]] = {}
     for part in circuit.schematic.parts:
-        groups.setdefault(_kind(part), []).append(part)
+        if circuit.schematic.alive_at(part.name).any():
+            groups.setdefault(_kind(part), []).append(part)
     found = []
     for parts in groups.values():
         best = max(parts, key=lambda part: len(getattr(part, "wires", ())))

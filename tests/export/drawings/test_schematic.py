@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import sympy as sp
 from drawn import Picture, rows
 
 import ann_dc
@@ -139,3 +140,16 @@ def test_changed_files_are_refused(files):
         schematic_check({**files, "schematic_1.pdf": b"%PDF-"})
     with pytest.raises(FileFormatError, match="missing"):
         schematic_check({})
+
+
+def test_row_of_one_cell_is_drawn_without_the_kinds_that_it_lacks():
+    x, a = sp.symbols("x a")
+    problem = ann_dc.OptimalControlProblem(
+        states=(x,), controls=(a,), dynamics=(a,), dt=0.1, horizon=1, cost=a**2, q_0=(0,), q_d=(1,)
+    )
+    network = designed(problem)
+    files = schematic_files(network, reference_vector(network))
+    assert schematic_check(files).startswith("1 sheet")
+    drawn = files["schematic_1.svg"].decode()
+    assert "u.a" in drawn
+    assert "beta.x" not in drawn

@@ -12,12 +12,20 @@ from ann_dc.cli.arguments.numbers import pairs_of
 from ann_dc.cli.arguments.output import QuietOption, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
-from ann_dc.cli.terminal import console, progress_line
+from ann_dc.cli.terminal import console, notes, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.progress import Progress
 
 NETWORKS = (".npz", ".safetensors")
 """Endings of a PROBLEM that is a network already."""
+
+
+def _list_formats(wanted: bool) -> None:
+    if wanted:
+        from ann_dc.cli.commands.exports.tables import formats_table
+
+        console().print(formats_table())
+        raise typer.Exit
 
 
 @unfolded
@@ -55,15 +63,21 @@ def export(
     ] = None,
     formats: Annotated[
         bool,
-        typer.Option("--formats", help="List the formats, what each carries, and its settings."),
+        typer.Option(
+            "--formats",
+            is_eager=True,
+            callback=_list_formats,
+            help="List the formats, what each carries, and its settings; needs no PROBLEM.",
+        ),
     ] = False,
     quiet: QuietOption = False,
 ) -> None:
     """Take a problem's network away: weights, runtimes, circuits, chips, pictures.
 
     PROBLEM may also be a weight file (.npz, .safetensors), the folder of an
-    export to weights, or one that ann-dc solve --save wrote; a plant or a
-    problem file is designed first, with the metric that --metric names. Every
+    export to weights, or one that ann-dc solve --save wrote (./car, if it has
+    the name of a plant); a plant or a problem file is designed first, with the
+    metric that --metric names. An earlier export in DIR is replaced. Every
     format gets a reference vector, by which whoever takes it can check what it
     does, and an index with hashes. What a format makes is checked before it is
     written, and what the check found is told.
@@ -73,7 +87,7 @@ def export(
 
     Examples:
 
-      ann-dc export car --formats
+      ann-dc export --formats
       ann-dc export car --to onnx --metric pyramid --out out/car
       ann-dc export car --to c99,hdl --with bits=16
       ann-dc export car --to pack --with level=opa192_ad734
@@ -83,12 +97,7 @@ def export(
     Exit code: 0 written, 1 some formats cannot carry the network, 2 bad input,
     a package is missing, or unwritable output.
     """
-    if formats:
-        from ann_dc.cli.commands.exports.tables import formats_table
-
-        console(quiet=quiet).print(formats_table())
-        return
-    with progress_line(quiet) as progress:
+    with notes(quiet), progress_line(quiet) as progress:
         from ann_dc.export.exporting import export_network, settings_from
 
         names = [name.strip() for names in to or ["weights"] for name in names.split(",")]
@@ -110,8 +119,10 @@ def _sentence(done: Any) -> str:
 
 def _network(problem: ProblemOptions, metric: str | None, progress: Progress) -> Any:
     """The network of a weight file, of a folder that has one, or designed for a problem."""
+    from ann_dc.problem import plants
+
     place = Path(problem.problem)
-    if place.suffix in NETWORKS or place.is_dir():
+    if problem.problem not in plants.names() and (place.suffix in NETWORKS or place.is_dir()):
         if any((problem.settings, problem.horizon, problem.q_0, problem.q_d, metric)):
             raise ProblemError(
                 f"{problem.problem}: a network stays as it was designed; leave out --set, "

@@ -58,8 +58,8 @@ def test_what_a_changed_file_says_moves_no_cursor(tmp_path):
     assert "\x1b" not in text
 
 
-def test_formats_are_listed():
-    code, text = run("export", "car", "--formats")
+def test_formats_are_listed_without_a_problem():
+    code, text = run("export", "--formats")
     assert code == 0
     assert all(name[:8] in text for name in FORMATS)
     assert "carries" in text
@@ -103,3 +103,22 @@ def test_an_export_to_weights_is_a_problem_too(tmp_path):
     assert first.read_bytes() == second.read_bytes()
     refused(["export", first.parent], "is an export to 'latex', from which no network is read")
     refused(["export", tmp_path / "first"], f"give {weights}")
+
+
+def test_export_into_a_folder_with_the_plants_name_is_repeated(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["export", "double_integrator", "--to", "csv", "--out", "double_integrator"]
+    for horizon in ("4", "5"):
+        assert run(*words, "-N", horizon)[0] == 0
+    code, text = run("inspect", "double_integrator")
+    assert code == 0
+    assert "as it was yes" in text
+    refused(["export", "./double_integrator"], "has exports in it")
+
+
+def test_export_notes_a_series_that_moves_the_controls(tmp_path):
+    words = [*SMALL[:-1], "--to", "pack", "--with", "series=E12", "--out", tmp_path]
+    code, text = run(*words)
+    assert code == 0
+    assert "note: level macro: circuit: its controls are predicted to be" in text
+    assert "E96-pairs" in text
