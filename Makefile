@@ -15,7 +15,11 @@ unexport PYTHONDONTWRITEBYTECODE
 # Tests run in as many processes; the one that is done takes work from the other.
 PARALLEL ?= -n 2 --dist worksteal
 
-.PHONY: run test slow lint demos pictures docs suite bench ngspice clean
+# `make fuzz` prints its seed: FUZZ_SEED=... repeats it, FUZZ=... multiplies the number of examples.
+FUZZ ?= 10
+FUZZ_SEED ?= $(shell $(PYTHON) -c 'import secrets; print(1 + secrets.randbelow(10**9))')
+
+.PHONY: run test fuzz slow lint demos pictures docs suite bench ngspice clean
 
 run: $(VENV)/run.stamp  ## solve the paper's example; pictures and result.json in out/
 	$(BIN)/ann-dc paper --out out
@@ -27,6 +31,10 @@ test: $(VENV)/test.stamp ngspice  ## lint, doctests and tests, two at a time
 
 slow: $(VENV)/test.stamp ngspice  ## the tests that CI has no time for (minutes)
 	$(BIN)/python -m pytest -m slow $(PARALLEL)
+
+fuzz: $(VENV)/test.stamp ngspice  ## property tests with ten times as many examples, from a new seed (an hour)
+	@seed=$(FUZZ_SEED); echo "make fuzz FUZZ=$(FUZZ) FUZZ_SEED=$$seed"; \
+	FUZZ=$(FUZZ) FUZZ_SEED=$$seed $(BIN)/python -m pytest -m property $(PARALLEL)
 
 lint: $(VENV)/dev.stamp  ## everything static, with pyright
 	$(BIN)/ruff check .

@@ -7,8 +7,13 @@ from typing import Any, NamedTuple
 from ann_dc.hints.checked import checked
 
 
+class _Numbers(NamedTuple):
+    factor: float = 1.0
+    offset: float = 0.0
+
+
 @checked
-class Scale(NamedTuple):
+class Scale(_Numbers):
     """User's value = offset + factor * network's value.
 
     Attributes
@@ -16,7 +21,8 @@ class Scale(NamedTuple):
     factor : float
         The user's amount that a step of 1 in the network stands for.
     offset : float
-        The user's value of a zero in the network.
+        The user's value of a zero in the network; -0.0 becomes 0.0, because equal scales are
+        written alike.
 
     Examples
     --------
@@ -25,8 +31,10 @@ class Scale(NamedTuple):
     (330.0, 0.5)
     """
 
-    factor: float = 1.0
-    offset: float = 0.0
+    __slots__ = ()
+
+    def __new__(cls, factor: float = 1.0, offset: float = 0.0):  # noqa: D102
+        return super().__new__(cls, factor, offset or 0.0)
 
     def user(self, value: Any) -> Any:
         """The user's value of a network's ``value``, a number or an array of any library."""

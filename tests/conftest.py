@@ -6,12 +6,11 @@ import signal
 from random import Random
 
 import pytest
-from hypothesis import settings
+from seeds import load_profile, mark_properties
 
 from ann_dc.kept_code import FOLDER_VARIABLE
 
-settings.register_profile("shared", deadline=None)  # machines are shared: time is no property
-settings.load_profile("shared")
+load_profile()
 
 
 CASES = 8
@@ -24,6 +23,7 @@ def pytest_collection_modifyitems(items):
 
     `make slow` runs the others.
     """
+    mark_properties(items)
     tables = {}
     for item in items:
         if item.get_closest_marker("sampled") and not item.get_closest_marker("slow"):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from seeds import seeds
 from typer.testing import CliRunner
 
 from ann_dc.cli import app
@@ -125,13 +126,13 @@ def answered(seed: int, folder, monkeypatch) -> None:
         assert "rror" in result.output, told
 
 
-@pytest.mark.parametrize("seed", range(30))
+@seeds(30)
 @pytest.mark.sampled
 def test_a_few_random_commands(seed, tmp_path, monkeypatch):
     answered(seed, tmp_path, monkeypatch)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(30, 300))
+@seeds(270, first=30)
 def test_many_random_commands(seed, tmp_path, monkeypatch):
     answered(seed, tmp_path, monkeypatch)

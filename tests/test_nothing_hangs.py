@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from random_problems import FAMILIES, problem
 from reference import ipopt
+from seeds import seeds
 
 import ann_dc
 from ann_dc.backends import Outcome
@@ -41,7 +42,7 @@ def test_one_of_a_family(family):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(1, 26))
+@seeds(25, first=1)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_two_hundred(family, seed):
     returned(family, seed, limit=20.0)

@@ -6,6 +6,7 @@ import sympy as sp
 from mixed_units import MIXED
 from other_units import Units, written_in
 from problems import SUITE
+from seeds import seeds
 
 from ann_dc import design, equilibrium
 from ann_dc.evaluation import kkt_point
@@ -83,7 +84,7 @@ def assert_same_solution(problem: OptimalControlProblem, units: Units, ours, the
     assert units.cost * other_proof.objective == pytest.approx(proof.objective, rel=1e-7)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@seeds(2)
 @pytest.mark.parametrize("name", ["double_integrator", "pendulum"])
 def test_a_plant_in_random_units(name, seed):
     problem = SUITE[name].problem

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from seeds import seeds
 
 from ann_dc.errors import WorldError
 from ann_dc.navigation import World, disc, random_world
@@ -60,7 +61,7 @@ def test_bad_places_are_refused(field, value, words):
         World(robot=unicycle_robot(), **given)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@seeds(20)
 def test_random_worlds_leave_room(seed):
     found = random_world(seed)
     assert 3 <= len(found.obstacles) <= 8

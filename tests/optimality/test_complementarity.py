@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from other_units import Units, written_in
+from seeds import seeds
 
 from ann_dc.errors import ArgumentValueError
 from ann_dc.optimality import LARGEST_MISS, Minimum, certify, ipopt_point
@@ -325,7 +326,7 @@ def test_without_inequalities_there_is_nothing_to_say():
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
-@pytest.mark.parametrize("seed", range(3))
+@seeds(3)
 @pytest.mark.sampled
 def test_other_units_change_nothing(name, seed, optima):
     problem, point = PROBLEMS[name], optima[name]

@@ -8,6 +8,7 @@ import sympy as sp
 from hypothesis import given, settings, strategies as st
 from other_units import Units, written_in
 from problems import SUITE
+from seeds import seeds
 
 from ann_dc.errors import ProblemError
 from ann_dc.problem import (
@@ -66,7 +67,7 @@ def assert_defined(problem: OptimalControlProblem) -> Scales:
     return scales
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@seeds(2)
 @pytest.mark.parametrize("name", SMALL)
 def test_they_do_not_depend_on_the_units(name, seed):
     problem = SUITE[name].problem

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from random_metrics import random_metric, with_stiffness
+from seeds import seeds
 
 from ann_dc import plants, synthesize
 from ann_dc.evaluation import evaluator
@@ -73,13 +74,13 @@ def lacking_some(seed: int) -> Network:
 
 
 @every_axis
-@pytest.mark.parametrize("seed", range(6))
+@seeds(6)
 def test_cells_that_lack_neurons(seed, axis):
     assert_moves_by_the_metric(lacking_some(seed), axis)
 
 
 @every_axis
-@pytest.mark.parametrize("seed", range(4))
+@seeds(4)
 def test_where_no_neuron_is_nothing_moves(seed, axis):
     """Not even from drives that are no numbers: the next sample of that lane would find them."""
     network = lacking_some(seed)

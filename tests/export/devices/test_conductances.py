@@ -6,6 +6,7 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
+from seeds import seeds
 
 import ann_dc
 from ann_dc.backends import OdeBackend
@@ -44,7 +45,7 @@ def random_row(seed: int, stages: int = 40) -> Network:
 
 
 @pytest.mark.parametrize("folded", [False, True])
-@pytest.mark.parametrize("seed", range(5))
+@seeds(5)
 def test_every_bit_comes_back(seed, folded):
     row = random_row(seed)
     files = conductances_files(row, reference_vector(row), decades=4.0, folded=folded, lowest=3e-7)

@@ -6,6 +6,7 @@ from time import process_time
 import numpy as np
 import pytest
 from fixed_points import walked
+from seeds import seeds
 
 from ann_dc.errors import AnnDcError, FileFormatError
 from ann_dc.export.fixed_point import c99_check, c99_files, hdl_check, hdl_files
@@ -34,7 +35,7 @@ def test_a_file_too_many_is_refused(files):
         c99_check({**files, "evil.c": b"int main(void) { return 0; }"})
 
 
-@pytest.mark.parametrize("seed", range(40))
+@seeds(40)
 def test_one_bit_of_any_file_is_found(files, seed):
     rng = np.random.default_rng(seed)
     name = sorted(files)[seed % len(files)]

@@ -8,6 +8,7 @@ import numpy as np
 import onnx
 import pytest
 from onnx import helper, numpy_helper
+from seeds import seeds
 
 from ann_dc.errors import FileFormatError
 from ann_dc.export.onnx import onnx_check, onnx_files
@@ -67,7 +68,7 @@ def test_a_vector_that_never_settles_is_compared_as_far_as_it_goes(car, vector):
     assert onnx_check(onnx_files(car, lost)).endswith("which never settles")
 
 
-@pytest.mark.parametrize("seed", range(60))
+@seeds(60)
 @pytest.mark.sampled
 def test_a_mutated_file_is_refused(files, seed):
     rng = np.random.default_rng(seed)

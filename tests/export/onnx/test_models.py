@@ -9,6 +9,7 @@ from onnx_runs import OnnxNetwork, Walk
 from problems import SUITE
 from random_networks import random_network
 from reference import ipopt
+from seeds import seeds
 
 import ann_dc
 from ann_dc.export.reference import reference_vector
@@ -130,7 +131,7 @@ def test_shared_neurons_diodes_and_rails_settle(name):
     np.testing.assert_allclose(found[..., 0], vector.end, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@seeds(6)
 def test_samples_stop_one_by_one(seed):
     network = random_network(seed)
     rng = np.random.default_rng(seed)

@@ -337,3 +337,19 @@ def test_manifest_holds_every_field():
     assert {f.name for f in fields(Pyramid)} == {"gains"}
     assert {f.name for f in fields(Grid)} == {f.name for f in fields(Tree)} == {"own", "following"}
     assert not fields(TimeConstants)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_scale_with_negative_zero_is_written_as_zero(form, path):
+    """Equal scales give equal bytes, of neurons and of inputs."""
+    one, other = path.with_suffix(form), path.with_name(f"other{form}")
+    for place, zero in ((one, 0.0), (other, -0.0)):
+        scale = Scale(2.0, zero)
+        network = Network(
+            stages=1,
+            cell=Cell(neurons=(Neuron(name="a", scale=scale),), inputs=("drive",)),
+            inputs={"drive": 1.0},
+            input_scales={"drive": scale},
+        )
+        assert_same(network, round_trip(network, place))
+    assert one.read_bytes() == other.read_bytes()

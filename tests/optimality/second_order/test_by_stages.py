@@ -11,6 +11,7 @@ import scipy.linalg
 from other_units import Units, written_in
 from points import random_point
 from problems import SUITE
+from seeds import seeds
 
 from ann_dc.optimality import Expansion
 from ann_dc.optimality.second_order import Minimum, minimum_by_stages, minimum_of
@@ -131,7 +132,7 @@ def test_random_points_of_plants(name):
     assert seen.total() > 15
 
 
-@pytest.mark.parametrize("seed", range(3))
+@seeds(3)
 @pytest.mark.parametrize("name", ["car", "cart_pole", "pendulum"])
 def test_units_do_not_matter(seed, name):
     problem, rng = SUITE[name].problem, np.random.default_rng(seed)
