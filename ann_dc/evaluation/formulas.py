@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import numba as nb
 import numpy as np
 
+from ann_dc.errors import NetworkError
 from ann_dc.kept_code.functions import kept
-from ann_dc.network.functions import CODE
+from ann_dc.network.functions import CODE, FUNCTIONS
 
 _SIN = CODE["sin"]
 _COS = CODE["cos"]
@@ -31,6 +32,12 @@ _COSH = CODE["cosh"]
 _ATAN = CODE["atan"]
 _ASIN = CODE["asin"]
 _ACOS = CODE["acos"]
+_RECTIFY = CODE["rectify"]
+WRITTEN = (
+    *("sin", "cos", "tan", "exp", "log", "sqrt", "reciprocal", "tanh", "sinh", "cosh"),
+    *("atan", "asin", "acos", "rectify"),
+)
+"""Function blocks that `value_at` and `slope_at` have a line for."""
 
 
 ROOMS = "evaluation", "backends/integration", "backends/lanes"
@@ -43,7 +50,7 @@ def _folder() -> Path:
     It looks at the module of a function alone, and would go on with code that has taken in another
     module as it was before.
     """
-    package, sources = Path(__file__).parents[1], hashlib.sha256()
+    package, sources = Path(__file__).parents[1], hashlib.sha256(repr(CODE).encode())
     for room in ROOMS:
         for module in sorted((package / room).rglob("*.py")):
             sources.update(module.read_bytes())
@@ -84,6 +91,27 @@ index = np.uint64
 """An integer as an index that is known not to be negative."""
 
 
+def check_written(codes: Iterable[int]) -> None:
+    """Raise an error if the compiled formulas lack a function block.
+
+    Parameters
+    ----------
+    codes : iterable of int
+        Codes of function blocks, as in ``CODE``.
+
+    Raises
+    ------
+    NetworkError
+        The message names the function block.
+    """
+    for name in (FUNCTIONS[code].name for code in codes):
+        if name not in WRITTEN:
+            raise NetworkError(
+                f"function block {name!r}: the interpreted evaluator and fixed-point programs have "
+                f"no formula for it; add one to value_at and slope_at of {__name__}"
+            )
+
+
 @inner
 def value_at(code, x):  # noqa: C901 - one line a function block
     """f(x) of the function block with this code."""
@@ -113,7 +141,9 @@ def value_at(code, x):  # noqa: C901 - one line a function block
         return np.arcsin(x)
     if code == _ACOS:
         return np.arccos(x)
-    return max(x, 0.0)
+    if code == _RECTIFY:
+        return max(x, 0.0)
+    return np.nan
 
 
 @inner
@@ -145,4 +175,6 @@ def slope_at(code, x, y):  # noqa: C901 - one line a function block
         return 1.0 / np.sqrt(1.0 - x * x)
     if code == _ACOS:
         return -1.0 / np.sqrt(1.0 - x * x)
-    return 1.0 if x > 0.0 else 0.0
+    if code == _RECTIFY:
+        return 1.0 if x > 0.0 else 0.0
+    return np.nan

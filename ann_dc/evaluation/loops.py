@@ -13,7 +13,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.evaluation import rules
-from ann_dc.evaluation.formulas import compiled, index, inlined, inner, slope_at, value_at
+from ann_dc.evaluation.formulas import (
+    check_written,
+    compiled,
+    index,
+    inlined,
+    inner,
+    slope_at,
+    value_at,
+)
 from ann_dc.evaluation.metric_arrays import clear, move
 from ann_dc.evaluation.rules import FLOOR, LOST, OVERFLOW, RAN, SETTLED, SMALLEST_POSITION
 from ann_dc.evaluation.tape import (
@@ -47,7 +55,8 @@ class Workspace(NamedTuple):
 
 
 def workspace(tape: Tape) -> Workspace:
-    """A fresh workspace for a tape."""
+    """A fresh workspace for a tape; a NetworkError if the loops lack one of its functions."""
+    check_written(code for kind, _, code, _ in tape.blocks.tolist() if kind == FUNCTION)
     points, chains = max(int(tape.grid_starts[-1]), 1), max(len(tape.chains), 1)
     coupled = len(tape.coupled) - 1
     return Workspace(

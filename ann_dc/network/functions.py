@@ -1,7 +1,8 @@
 """The function blocks: each a smooth curve y = g(x) with its derivative and its domain.
 
 A formula is written once, for every array library that has the elementary functions (NumPy, torch):
-it takes the library as an argument. Loops that are compiled have a switch of their own.
+it takes the library as an argument. Writers of code that have no line of their own for a block read
+the same formula as a tree (`FunctionBlock.trees`). Compiled loops have a switch of their own.
 
 The derivative is given twice because it is needed twice: `slope` as a number, for the Jacobian,
 and `derivative` as a wiring rule, for the adjoint half of a cell, where g'(x) has to be made of
@@ -15,15 +16,101 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from ann_dc.errors import UnknownNameError
+from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.hints.checked import checked
 
 Library: TypeAlias = Any
 """An array library: the module ``numpy`` or ``torch``."""
+Tree: TypeAlias = "str | float | tuple[Any, ...]"
+"""A formula: ``"x"``, ``"y"``, a number, or an operation with its operands."""
+ELEMENTARY = {
+    name: name for name in ["sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "sinh", "cosh"]
+}
+ELEMENTARY |= {"arctan": "atan", "arcsin": "asin", "arccos": "acos"}
+"""Function blocks that a tree may apply, by what array libraries call them."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Traced:
+    """A number that keeps the operations which gave it."""
+
+    tree: Tree
+
+    def __add__(self, other: Any) -> _Traced:
+        return _applied("add", self, other)
+
+    def __radd__(self, other: Any) -> _Traced:
+        return _applied("add", other, self)
+
+    def __sub__(self, other: Any) -> _Traced:
+        return _applied("subtract", self, other)
+
+    def __rsub__(self, other: Any) -> _Traced:
+        return _applied("subtract", other, self)
+
+    def __mul__(self, other: Any) -> _Traced:
+        return _applied("multiply", self, other)
+
+    def __rmul__(self, other: Any) -> _Traced:
+        return _applied("multiply", other, self)
+
+    def __truediv__(self, other: Any) -> _Traced:
+        return _applied("divide", self, other)
+
+    def __rtruediv__(self, other: Any) -> _Traced:
+        return _applied("divide", other, self)
+
+    def __neg__(self) -> _Traced:
+        return _applied("multiply", -1.0, self)
+
+
+class _Trace:
+    """The array library of traced numbers."""
+
+    def __getattr__(self, name: str) -> Callable[[Any], _Traced]:
+        if name not in ELEMENTARY:
+            raise AttributeError(f"{name!r} is none of {', '.join(ELEMENTARY)}")
+        return lambda x: _applied(ELEMENTARY[name], x)
+
+
+def _applied(operation: str, *operands: Any) -> _Traced:
+    return _Traced((operation, *map(_tree, operands)))
+
+
+def _tree(operand: Any) -> Tree:
+    return operand.tree if isinstance(operand, _Traced) else float(operand)
+
+
+def folded(tree: Tree, leaf: Callable[[str | float], str], node: Callable[..., str]) -> str:
+    """Write a tree from the inside out.
+
+    Parameters
+    ----------
+    tree : Tree
+    leaf : callable
+        Gives the text of ``"x"``, ``"y"`` or a number.
+    node : callable
+        Gives the text of an operation from its name and the texts of its operands. The operations
+        are ``add``, ``subtract``, ``multiply``, ``divide`` and the values of `ELEMENTARY`.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> value, slope = function_block("atan").trees
+    >>> folded(slope, str, lambda name, *operands: f"{name}({', '.join(operands)})")
+    'divide(1.0, add(1.0, multiply(x, x)))'
+    """
+    if not isinstance(tree, tuple):
+        return leaf(tree)
+    return node(tree[0], *(folded(part, leaf, node) for part in tree[1:]))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,6 +145,23 @@ class FunctionBlock:
     def slope(self, x: Any, y: Any, library: Library = np) -> Any:
         """dy/dx at x, where y = g(x) is known."""
         return self.slope_formula(library, x, y)
+
+    @cached_property
+    def trees(self) -> tuple[Tree, Tree]:
+        """Value and slope as trees of sums, products, quotients and elementary functions.
+
+        Raises
+        ------
+        NetworkError
+            If a formula uses anything else; the message names the function block.
+        """
+        x, y, library = _Traced("x"), _Traced("y"), _Trace()
+        try:
+            return _tree(self.formula(library, x)), _tree(self.slope_formula(library, x, y))
+        except (AttributeError, TypeError, ValueError) as error:
+            raise NetworkError(
+                f"function block {self.name!r}: its formula cannot be written as code: {error}"
+            ) from error
 
     @property
     def is_limited(self) -> bool:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from ann_dc.errors import SynthesisError
 from ann_dc.network.functions import function_block
 from ann_dc.synthesis.signals import Signal, add, atoms, partial, scaled, times
 from ann_dc.synthesis.wiring import Wiring
@@ -83,7 +84,12 @@ def _derivative(wiring: Wiring, name: str, x: int, y: int) -> Signal:
 
 
 def _special_derivative(wiring: Wiring, name: str, x: int) -> Signal:
-    """Of atan, asin and acos, whose derivatives take a sum inside a block."""
+    """Return that of atan, asin or acos, whose derivatives take a sum inside a block."""
+    if name not in ("atan", "asin", "acos"):
+        raise SynthesisError(
+            f"function block {name!r}: it has no wiring rule for its derivative, which the adjoint "
+            "half of a cell needs; give the block a derivative"
+        )
     square = {(x, x): 1.0}
     if name == "atan":
         return wiring.function("reciprocal", add({(): 1.0}, square))

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ann_dc.errors import NetworkError
 from ann_dc.evaluation import row_code
 from ann_dc.evaluation.generated.metric_tables import TwoEnds, node_width, pyramid_tables
 from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
@@ -28,8 +29,8 @@ from ann_dc.evaluation.tape import (
     Tape,
 )
 from ann_dc.evaluation.vector_code.code import key_of
-from ann_dc.evaluation.vector_code.elementary import CIRCULAR
-from ann_dc.network.functions import FUNCTIONS
+from ann_dc.evaluation.vector_code.elementary import CIRCULAR, WRITTEN
+from ann_dc.network.functions import FUNCTIONS, Tree
 
 LONGEST = 20_000
 """Blocks and connections of a cell beyond which compiling it takes longer than it saves."""
@@ -69,7 +70,18 @@ def refusal(tape: Tape) -> str | None:
             f"a cell has {len(tape.blocks)} blocks and {len(tape.sources)} connections, "
             f"together more than {LONGEST}: compiling it would take longer than it saves"
         )
+    try:
+        _traced_functions(tape)
+    except NetworkError as error:
+        return str(error)
     return None
+
+
+def _traced_functions(tape: Tape) -> list[tuple[str, Tree, Tree]]:
+    """Function blocks whose code is written from their formulas, with the trees of these."""
+    used = {int(code) for kind, _, code, _ in tape.blocks if kind == FUNCTION}
+    blocks = [FUNCTIONS[code] for code in sorted(used)]
+    return [(block.name, *block.trees) for block in blocks if block.name not in WRITTEN]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -271,6 +283,7 @@ class Plan:
         arrays = (tape.blocks, tape.drives, tape.sources, self.unit, tape.roles)
         return (
             [(block.name, *block.domain, block.has_pole) for block in FUNCTIONS],
+            _traced_functions(tape),
             (SUM, PRODUCT, FUNCTION, STATE, PRIMAL, POSITION, DUAL, FLOOR, SMALLEST_POSITION),
             self.axis.name,
             self.axis.lanes,

@@ -3,6 +3,7 @@
 The argument of a sine is brought to within pi / 4 of a multiple of pi / 2, which is taken off in
 three parts so that nothing of it is lost (Cody and Waite), and the rest goes through the
 polynomials of fdlibm. That holds up to `LARGEST_ARGUMENT`; beyond it libm is asked, lane by lane.
+A function block without a line here is written from the trees of its formulas.
 
 References
 ----------
@@ -15,7 +16,7 @@ from __future__ import annotations
 import math
 
 from ann_dc.evaluation.vector_code.writer import Function
-from ann_dc.network.functions import CODE, FUNCTIONS
+from ann_dc.network.functions import CODE, FUNCTIONS, Tree, folded
 
 LARGEST_ARGUMENT = 1e5
 """Of a sine, in radians, that the polynomials serve."""
@@ -44,8 +45,12 @@ _COSINE = (
 _ROUNDING = 1.5 * 2.0**52
 """Added to a number, it leaves the nearest integer in the last bits."""
 _LIBM = ("tanh", "sinh", "cosh", "atan", "asin", "acos")
+_LLVM = ("exp", "log", "sqrt")
+_ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
 CIRCULAR = ("sin", "cos", "tan")
 """Those that are polynomials: long chains of instructions, each of which waits for the last."""
+WRITTEN = frozenset((*CIRCULAR, *_LIBM, *_LLVM, "reciprocal", "rectify"))
+"""Function blocks that have lines here; the others are written from their trees."""
 
 
 def function_of(f: Function, code: int, x: str, circular: dict[str, tuple[str, str]]) -> str:
@@ -77,7 +82,23 @@ def function_of(f: Function, code: int, x: str, circular: dict[str, tuple[str, s
         return f.select(f.compare("ole", x, f.constant(0.0)), f.constant(0.0), x)
     if name in _LIBM:
         return _lane_by_lane(f, name, x)
-    return f.call(name, x)
+    if name in _LLVM:
+        return f.call(name, x)
+    return _of_tree(f, FUNCTIONS[code].trees[0], {"x": x}, circular)
+
+
+def _of_tree(
+    f: Function, tree: Tree, given: dict[str, str], circular: dict[str, tuple[str, str]]
+) -> str:
+    def leaf(value: str | float) -> str:
+        return given[value] if isinstance(value, str) else f.constant(value)
+
+    def node(operation: str, *operands: str) -> str:
+        if operation in _ARITHMETIC:
+            return f.op(_ARITHMETIC[operation], *operands)
+        return function_of(f, CODE[operation], *operands, circular)
+
+    return folded(tree, leaf, node)
 
 
 def slope_of(f: Function, code: int, x: str, y: str, circular: dict[str, tuple[str, str]]) -> str:
@@ -119,6 +140,8 @@ def slope_of(f: Function, code: int, x: str, y: str, circular: dict[str, tuple[s
         "acos": lambda: f.op("fneg", inverse(root())),
         "rectify": lambda: f.select(f.compare("ogt", x, f.constant(0.0)), one, f.constant(0.0)),
     }
+    if name not in WRITTEN:
+        return _of_tree(f, FUNCTIONS[code].trees[1], {"x": x, "y": y}, circular)
     return formulas[name]()
 
 

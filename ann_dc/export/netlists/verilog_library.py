@@ -125,10 +125,12 @@ endmodule
 """Modules by the names of the library's cells."""
 
 ARGUMENT = "min(max(sx * V(x), lo), hi)"
-FORMULAS = {"reciprocal": f"1 / {ARGUMENT}", "log": f"ln({ARGUMENT})"} | {
-    "rectify": f"max({ARGUMENT}, 0.0)"
-}
-"""What Verilog-A has no function of the same name for."""
+SAME_NAME = ("sin", "cos", "tan", "exp", "sqrt", "tanh", "sinh", "cosh", "atan", "asin", "acos")
+"""Function blocks that Verilog-A has under the same name."""
+FORMULAS = {name: f"{name}({ARGUMENT})" for name in SAME_NAME}
+FORMULAS |= {"reciprocal": f"1 / {ARGUMENT}", "log": f"ln({ARGUMENT})"}
+FORMULAS |= {"rectify": f"max({ARGUMENT}, 0.0)"}
+"""Function blocks that have a module; a network with another one is refused."""
 
 
 def function_module(function: str) -> str:
@@ -137,7 +139,7 @@ def function_module(function: str) -> str:
     Parameters
     ----------
     function : str
-        Name of a function block.
+        Name of a function block, a key of `FORMULAS`.
 
     Returns
     -------
@@ -148,7 +150,6 @@ def function_module(function: str) -> str:
     >>> print(function_module("sin").splitlines()[-3])
         V(out) <+ (1 + ge) * sin(min(max(sx * V(x), lo), hi)) / sy + oy;
     """
-    formula = FORMULAS.get(function, f"{function}({ARGUMENT})")
     return f"""\
 // function generator: v(out) = (1 + ge) * {function}(u) / sy + oy, u = sx * v(x) in lo .. hi
 module func_{function}(x, out);
@@ -161,10 +162,10 @@ module func_{function}(x, out);
   parameter real ge = 0;
   parameter real oy = 0;
   analog begin
-    V(out) <+ (1 + ge) * {formula} / sy + oy;
+    V(out) <+ (1 + ge) * {FORMULAS[function]} / sy + oy;
   end
 endmodule
 """
 
 
-LIBRARY |= {f"func_{block.name}": function_module(block.name) for block in FUNCTIONS}
+LIBRARY |= {f"func_{b.name}": function_module(b.name) for b in FUNCTIONS if b.name in FORMULAS}

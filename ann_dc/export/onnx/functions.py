@@ -7,7 +7,8 @@ and corrected once by an addition theorem, with s and c the sine and cosine of t
 .. math:: \arctan x = y_0 + \arctan\frac{x c - s}{c + x s}, \qquad
     \arcsin x = y_0 + \arcsin(x c - r s), \quad r = \sqrt{1 - x^2},
 
-where the correction is so small that two terms of its series are exact.
+where the correction is so small that two terms of its series are exact. A function block without
+operations here is written from the tree of its formula.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from ann_dc.export.onnx.graph import Graph
-from ann_dc.network.functions import FunctionBlock
+from ann_dc.network.functions import FunctionBlock, folded, function_block
 
 PLAIN = {
     "sin": "Sin",
@@ -33,6 +34,8 @@ SINGLE = {"tan": "Tan", "sinh": "Sinh", "cosh": "Cosh"} | {
     "acos": "Acos",
 }
 """Operations that onnxruntime has for float32 only."""
+ARITHMETIC = {"add": "Add", "subtract": "Sub", "multiply": "Mul", "divide": "Div"}
+"""Operations of trees."""
 SMALL = 0.5
 """Below which the hyperbolic sine is taken from the hyperbolic tangent of the half."""
 
@@ -54,9 +57,23 @@ def value(graph: Graph, function: str, x: str) -> str:
         return graph.op(PLAIN[function], x)
     if function == "rectify":  # what is no number passes
         return graph.op("Where", graph.op("LessOrEqual", x, _zero(graph)), _zero(graph), x)
+    if function not in SINGLE:
+        return _from_tree(graph, function, x)
     if graph.dtype == np.float32:
         return graph.op(SINGLE[function], x)
     return _COMPOSED[function](graph, x)
+
+
+def _from_tree(graph: Graph, function: str, x: str) -> str:
+    def leaf(given: str | float) -> str:
+        return x if isinstance(given, str) else graph.number(given)
+
+    def node(operation: str, *operands: str) -> str:
+        if operation in ARITHMETIC:
+            return graph.op(ARITHMETIC[operation], *operands)
+        return value(graph, operation, *operands)
+
+    return folded(function_block(function).trees[0], leaf, node)
 
 
 def inside(graph: Graph, block: FunctionBlock, x: str, side: str | None) -> str | None:

@@ -14,6 +14,8 @@ A chain of chords is a precision rectifier a breakpoint, and an amplifier that s
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +30,8 @@ from ann_dc.hardware.generators.curves import (
     FittedQuotient,
     Polynomial,
 )
+from ann_dc.hardware.schematic.elements import Generator
+from ann_dc.hardware.schematic.schematic import Schematic
 
 LOAD = 100e3
 """Smallest resistor at an op amp, in ohms."""
@@ -46,6 +50,29 @@ INSIDE = {
 
 CURVE_CELLS = {Polynomial: (), Breakpoints: ("breakpoint", "inv", "sum")}
 """Files of ``circuits/cells`` that the generators of a recipe need."""
+
+
+def check_functions(schematic: Schematic, library: Iterable[str]) -> None:
+    """Raise an error if the library lacks the subcircuit of a function generator.
+
+    Parameters
+    ----------
+    schematic : Schematic
+    library : iterable of str
+        Texts of its files.
+
+    Raises
+    ------
+    NetworkError
+        The message names the function block.
+    """
+    built = {name for text in library for name in re.findall(r"(?m)^\.subckt func_(\w+)", text)}
+    for part in schematic.parts:
+        if isinstance(part, Generator) and part.function not in built:
+            raise NetworkError(
+                f"{part.name}: function block {part.function!r} has no subcircuit "
+                f"func_{part.function} in the SPICE library; it has {', '.join(sorted(built))}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

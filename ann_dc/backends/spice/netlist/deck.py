@@ -13,7 +13,7 @@ import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import CellText, commented, number, wrapped
 from ann_dc.backends.spice.netlist.cells import cell_of
-from ann_dc.backends.spice.netlist.curves import CURVE_CELLS, subcircuit_of
+from ann_dc.backends.spice.netlist.curves import CURVE_CELLS, check_functions, subcircuit_of
 from ann_dc.backends.spice.netlist.nodes import BUS, NEGATIVE, SOURCE, Nodes
 from ann_dc.backends.spice.netlist.timing import (
     Simulation,
@@ -269,7 +269,10 @@ def _library(level: Level, schematic: Schematic) -> dict[str, str]:
     names = dict.fromkeys(own.get(n, on_board(n, level.parameters)) for n in files)
     if own and not multiplied:
         del names[f"models/{PACKAGE}/mul4q.lib"]  # its bias has a multiplier of its own
-    return {name: (folder / name).read_text(encoding="utf-8").rstrip() for name in names}
+    library = {name: (folder / name).read_text(encoding="utf-8").rstrip() for name in names}
+    if not extra:
+        check_functions(schematic, library.values())
+    return library
 
 
 def _curves(nodes: Nodes, level: Level) -> tuple[Lines, int]:

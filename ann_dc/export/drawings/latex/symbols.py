@@ -73,7 +73,7 @@ def applied(function: str, x: str) -> str:
         return rf"\sqrt{{{x}}}"
     if function == "reciprocal":
         return rf"\frac{{1}}{{{x}}}"
-    return rf"{FUNCTIONS[function]}({x})"
+    return rf"{FUNCTIONS.get(function) or _letter(function)}({x})"
 
 
 def _letter(name: str) -> str:

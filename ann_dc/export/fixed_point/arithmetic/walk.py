@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.evaluation.formulas import compiled, value_at
+from ann_dc.evaluation.formulas import check_written, compiled, value_at
 from ann_dc.export.fixed_point.arithmetic.program import (
     DRIVE,
     FUNCTION,
@@ -40,11 +40,17 @@ def walked(program: Program, steps: int) -> Ranges:
     Returns
     -------
     Ranges
+
+    Raises
+    ------
+    NetworkError
+        If there is no formula for a function block of the program.
     """
     words = program.words.copy()
     words[program.states] = program.start
     low, high = words.copy(), words.copy()
     kind, written = program.operations[:, :2].T
+    check_written(program.operations[kind == FUNCTION, 2].tolist())
     low[written[kind != UPDATE]], high[written[kind != UPDATE]] = np.inf, -np.inf
     state = program.start.copy()
     _walk(

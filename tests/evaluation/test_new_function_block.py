@@ -1,0 +1,152 @@
+"""A function block in one table: right in every evaluator and export, or refused by name."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from ann_dc.backends import OdeBackend
+from ann_dc.backends.recurrent import RecurrentBackend
+from ann_dc.backends.recurrent.cell import TorchEvaluator
+from ann_dc.backends.spice import SpiceBackend
+from ann_dc.errors import AnnDcError, NetworkError, SynthesisError
+from ann_dc.evaluation import InterpretedEvaluator, ReferenceEvaluator
+from ann_dc.evaluation.generated import GeneratedEvaluator, fast_evaluator
+from ann_dc.export.catalogue import FORMATS
+from ann_dc.export.reference import reference_vector
+from ann_dc.network import Cell, Connection, Function, Network, Neuron, functions
+from ann_dc.network.functions import FunctionBlock
+from ann_dc.synthesis.adjoint import gradient
+from ann_dc.synthesis.wiring import Wiring
+
+SOFTPLUS = FunctionBlock(
+    name="softplus",
+    formula=lambda lib, x: lib.log(1 + lib.exp(x)),
+    slope_formula=lambda lib, x, y: 1 - lib.exp(-y),
+    derivative=None,
+)
+LOGISTIC = FunctionBlock(
+    name="logistic",
+    formula=lambda lib, x: 1 / (1 + lib.exp(-x)),
+    slope_formula=lambda lib, x, y: y * (1 - y) / 1.0,
+    derivative=None,
+)
+WAVE = FunctionBlock(
+    name="wave",
+    formula=lambda lib, x: 2 - lib.arctan(x) * lib.sin(x) + lib.sqrt(x * x + 1) - lib.cosh(x) / 9,
+    slope_formula=lambda lib, x, y: (
+        x / lib.sqrt(x * x + 1)
+        - lib.sin(x) / (1 + x * x)
+        - lib.arctan(x) * lib.cos(x)
+        - lib.sinh(x) / 9
+    ),
+    derivative=None,
+)
+OPAQUE = FunctionBlock(
+    name="opaque",
+    formula=lambda lib, x: lib.log1p(lib.exp(x)),
+    slope_formula=lambda lib, x, y: 1 - lib.exp(-y),
+    derivative=None,
+)
+BLOCKS = {block.name: block for block in (SOFTPLUS, LOGISTIC, WAVE, OPAQUE)}
+VALUES = {
+    "softplus": np.log(1 + np.e),
+    "logistic": 1 / (1 + np.exp(-1.0)),
+    "wave": 2 - np.pi / 4 * np.sin(1) + np.sqrt(2) - np.cosh(1) / 9,
+    "opaque": np.log(1 + np.e),
+}
+EVALUATORS = (
+    ReferenceEvaluator, InterpretedEvaluator, GeneratedEvaluator, fast_evaluator, TorchEvaluator,
+)  # fmt: skip
+every_block = pytest.mark.parametrize("name", BLOCKS)
+
+
+@pytest.fixture(autouse=True)
+def added(monkeypatch):
+    """The function blocks in the table, wherever it was imported."""
+    old, new = functions.FUNCTIONS, (*functions.FUNCTIONS, *BLOCKS.values())
+    for code, block in enumerate(new):
+        monkeypatch.setitem(functions.CODE, block.name, code)
+    for module in [*sys.modules.values()]:
+        if getattr(module, "FUNCTIONS", None) is old:
+            monkeypatch.setattr(module, "FUNCTIONS", new)
+
+
+def network_of(name: str, stages: int = 2) -> Network:
+    """dx/ds = g(1) - g(x), dv/ds = x - v."""
+    level = Connection(source="one", target="x", weight=float(VALUES[name]))
+    return Network(
+        stages=stages,
+        cell=Cell(
+            neurons=(Neuron(name="x"), Neuron(name="v")),
+            blocks=(Function(name="s", function=name, x="x"),),
+            connections=(
+                *(level, Connection(source="s", target="x", weight=-1.0)),
+                *(Connection(source=n, target="v", weight=w) for n, w in (("x", 1.0), ("v", -1.0))),
+            ),
+        ),
+        start={"x": 0.7},
+    )
+
+
+def answer(name: str, function, *arguments):
+    """What a function returns; None if it refuses the function block by name."""
+    try:
+        return function(*arguments)
+    except AnnDcError as error:
+        assert repr(name) in str(error) or f"function {name}" in str(error), error  # noqa: PT017
+        return None
+
+
+@every_block
+@pytest.mark.parametrize("kind", EVALUATORS, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("stages", [1, 2, 7])
+def test_evaluators_are_right_or_refuse_by_name(stages, kind, name):
+    network, block = network_of(name, stages), BLOCKS[name]
+    made = answer(name, kind, network)
+    if made is None:
+        assert kind is InterpretedEvaluator or name == "opaque"
+        return
+    x = np.linspace(-1.3, 1.9, network.size)
+    states = network.unpack(x)[network.cell.neurons.index(network.neuron("x"))]
+    drives = network.unpack(made.rhs(x))[network.cell.neurons.index(network.neuron("x"))]
+    value = block.value(states)
+    np.testing.assert_allclose(drives, VALUES[name] - value, rtol=1e-12, atol=1e-12)
+    slopes = np.diag(made.drive_jacobian(x).toarray())
+    places = network.unpack(slopes)[network.cell.neurons.index(network.neuron("x"))]
+    complex_step = np.imag(block.value(states + 1e-30j)) / 1e-30
+    np.testing.assert_allclose(places, -complex_step, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["softplus", "logistic"])
+@pytest.mark.parametrize("backend", [OdeBackend(), RecurrentBackend()], ids=["ode", "recurrent"])
+def test_runs_settle_where_the_formula_says(backend, name):
+    run = backend.run(network_of(name))
+    assert run.status.settled
+    np.testing.assert_allclose(run.trajectory.final, 1.0, atol=1e-6)
+
+
+@every_block
+def test_a_circuit_without_a_cell_is_refused_by_name(name):
+    assert answer(name, SpiceBackend().run, network_of(name)) is None
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_exports_pass_their_own_check_or_refuse_by_name(form):
+    network = network_of("softplus")
+    vector = reference_vector(network)
+    files = answer("softplus", FORMATS[form].write, network, vector)
+    if files is not None:
+        assert FORMATS[form].check(files)
+
+
+def test_a_formula_that_is_no_tree_is_refused_by_name():
+    with pytest.raises(NetworkError, match=r"'opaque'.*'log1p'"):
+        _ = OPAQUE.trees
+
+
+def test_an_adjoint_without_a_rule_is_refused_by_name():
+    wiring = Wiring(["x"])
+    x = wiring.signal("x")
+    with pytest.raises(SynthesisError, match="'softplus': it has no wiring rule"):
+        gradient(wiring, wiring.function("softplus", x), [next(iter(x))[0]])
