@@ -1,15 +1,19 @@
 """What cannot be solved is told as such, soon, by the whole way and by every backend."""
 
+import io
+
 import numpy as np
 import pytest
 import sympy as sp
 from hopeless import INFEASIBLE, UNBOUNDED
+from rich.console import Console
 
 import ann_dc
 from ann_dc.backends import OdeBackend, Outcome
 from ann_dc.backends.recurrent import FixedStep, RecurrentBackend
 from ann_dc.gain_design import hand_gains
 from ann_dc.problem import plants
+from ann_dc.report import report_table
 
 SOON = 2000
 """Steps of the first run after which it is known: a second or two."""
@@ -95,3 +99,29 @@ def test_a_point_that_is_flat_is_not_called_a_maximum():
     solution = ann_dc.solve(problem, backend=QUICK)
     assert "not a strict minimum" in solution.verdict
     assert "NOT a minimum" not in solution.verdict
+
+
+def an_impatient_run():
+    return ann_dc.solve(plants.car(N=6), limit=1e-9)
+
+
+def a_stalled_run():
+    network = ann_dc.synthesize(plants.double_integrator(N=3))
+    backend = OdeBackend(limit=0.01, verify=False)
+    return ann_dc.solve(
+        plants.double_integrator(N=3), gains=hand_gains(network, rho=1.0, tau=1.0), backend=backend
+    )
+
+
+@pytest.mark.parametrize(
+    "ended", [an_impatient_run, a_stalled_run, lambda: ann_dc.solve(INFEASIBLE["twins"][0])]
+)
+def test_a_run_that_did_not_settle_states_no_second_order(ended):
+    solution = ended()
+    assert not solution.status.settled
+    assert solution.as_dict()["second_order"] is None
+    table = Console(width=300, file=io.StringIO())
+    table.print(report_table(solution))
+    for told in (str(solution), table.file.getvalue()):
+        assert "strict local minimum" not in told
+        assert "not checked: the KKT residual" in told

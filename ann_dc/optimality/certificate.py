@@ -92,40 +92,45 @@ class Certificate:
         return float(np.maximum(self.constraint_residual, self.stationarity_residual))
 
     @property
+    def first_order(self) -> bool:
+        """True if the first-order residuals, inequalities and objectives hold."""
+        return not self._missed
+
+    @property
     def second_order(self) -> bool:
-        """Whether the reduced Hessian is positive definite: a strict local minimum."""
+        """True if the reduced Hessian is positive definite; of an optimum in `first_order` only."""
         return self.minimum is Minimum.STRICT
 
     @property
     def certified(self) -> bool:
         """First order, second order, and no component hiding behind another's scale."""
-        return bool(
-            self.kkt_residual < LARGEST_RESIDUAL
-            and (self.complementarity is None or self.complementarity.holds)
-            and (self.largest is None or self.largest.holds)
-            and self.second_order
-            and self.newton_step < LARGEST_STEP
-        )
+        return bool(self.first_order and self.second_order and self.newton_step < LARGEST_STEP)
 
     @property
     def verdict(self) -> str:
-        """The second-order check in words."""
-        return self.minimum.value
+        """Second-order statement in words, which exists only where the first order holds."""
+        return f"not checked: {self._missed}" if self._missed else self.minimum.value
 
     @property
     def reason(self) -> str:
         """Why the point is certified, or why not."""
+        if self._missed:
+            return self._missed
         if not self.second_order:
             return f"second order: {self.verdict}"
-        if not self.kkt_residual < LARGEST_RESIDUAL:
-            return f"the KKT residual {self.kkt_residual:.1e} is not below {LARGEST_RESIDUAL:g}"
-        if self.complementarity is not None and not self.complementarity.holds:
-            return self.complementarity.reason
-        if self.largest is not None and not self.largest.holds:
-            return self.largest.reason
         if not self.newton_step < LARGEST_STEP:
             return f"a Newton step still moves a component by {self.newton_step:.1e} of its range"
         return self.verdict
+
+    @property
+    def _missed(self) -> str:
+        """What does not hold of the first order, in words; empty if all does."""
+        if not self.kkt_residual < LARGEST_RESIDUAL:
+            return f"the KKT residual {self.kkt_residual:.1e} is not below {LARGEST_RESIDUAL:g}"
+        for part in (self.complementarity, self.largest):
+            if part is not None and not part.holds:
+                return part.reason
+        return ""
 
     def __str__(self) -> str:
         told_of = (self.complementarity, self.soft_rows, self.largest)

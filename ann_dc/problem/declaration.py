@@ -21,6 +21,7 @@ import sympy as sp
 from ann_dc.errors import ProblemError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
+from ann_dc.problem.constraints.assumptions import bounds_assumed, check_inputs
 from ann_dc.problem.constraints.bounds import bounds_of, limits_of, rows_of
 from ann_dc.problem.constraints.fixed_ends import check_ends
 from ann_dc.problem.constraints.inequality import Inequality, Relations, relations_of
@@ -180,7 +181,9 @@ class OptimalControlProblem(Measured, Several, Record):
         named = [*map(str, (*self.states, *self.controls))]
         put("units", {**handed.units, **measures(self.units, [*named, *map(str, self.inputs)])})
         put("scales", scales_by_hand(self.scales, named))
-        put("bounds", bounds_of(self.bounds, (*handed.own, *self.controls)))
+        bounds = bounds_of(self.bounds, (*handed.own, *self.controls))
+        put("bounds", bounds_assumed(bounds, (*handed.own, *self.controls)))
+        check_inputs(self.inputs)
         for place, own in (("constraints", known), ("terminal_constraints", at_end)):
             put(place, relations_of(place, getattr(self, place), own, {*self.inputs}, self.bounds))
         names = [*self.constraints, *self.terminal_constraints]

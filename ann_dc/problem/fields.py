@@ -10,10 +10,11 @@ import keyword
 import math
 import numbers
 from collections.abc import Mapping, Sequence, Set, Sized
-from typing import Any
 
 import numpy as np
 import sympy as sp
+from sympy.concrete.expr_with_limits import ExprWithLimits
+from sympy.core.function import AppliedUndef
 
 from ann_dc.errors import ProblemError
 from ann_dc.scale import Scale
@@ -39,6 +40,20 @@ NO_INPUT = {"one": "the node behind every constant is called so"} | dict.fromkey
 MAX_HORIZON = 1_000_000
 
 NON_SMOOTH = (sp.Abs, sp.sign, sp.Max, sp.Min, sp.Piecewise, sp.Heaviside, sp.floor, sp.ceiling)
+
+UNFIT = (
+    (
+        NON_SMOOTH,
+        "is not smooth; the stationarity equations need a derivative everywhere, so use a smooth "
+        "stand-in (for instance sqrt(x**2 + 0.01) for |x|)",
+    ),
+    (
+        (AppliedUndef, sp.Derivative, sp.Subs, ExprWithLimits),
+        "has a function, derivative, sum or integral that SymPy only names; evaluate it (doit())",
+    ),
+    ((sp.nan, sp.oo, -sp.oo, sp.zoo, sp.I), "is not a finite real expression"),
+)
+"""Parts that no formula may have, and why."""
 
 UNITS_OF_ALL = ("cost", "time")
 """What has a unit of measure besides states, controls and inputs."""
@@ -152,15 +167,11 @@ def smooth_expression(name: str, given, known: set[sp.Symbol]) -> sp.Expr:
         raise ProblemError(
             f"{name}: unknown symbol {', '.join(foreign)} in {expression}; known are "
             f"{', '.join(sorted(map(str, known)))} (declare it as a state, control or input, or "
-            "replace it by a number)"
+            "replace it by a number; symbols with other SymPy assumptions are other symbols)"
         )
-    if expression.has(*NON_SMOOTH):
-        raise ProblemError(
-            f"{name}: {expression} is not smooth; the stationarity equations need a derivative "
-            "everywhere, so use a smooth stand-in (for instance sqrt(x**2 + 0.01) for |x|)"
-        )
-    if expression.has(sp.nan, sp.oo, -sp.oo, sp.zoo, sp.I):
-        raise ProblemError(f"{name}: {expression} is not a finite real expression")
+    for kinds, words in UNFIT:
+        if expression.has(*kinds):
+            raise ProblemError(f"{name}: {expression} {words}")
     return expression
 
 
@@ -199,6 +210,8 @@ def values_a_stage(given, horizon: int) -> dict[sp.Symbol, np.ndarray]:
     for symbol, value in given.items():
         symbols("inputs", (symbol,))
         try:
+            if np.asarray(value).dtype.kind not in "iufO":
+                raise TypeError("text, booleans and complex numbers are not real numbers")
             array = np.array(np.broadcast_to(np.asarray(value, dtype=float), (horizon,)))
         except (TypeError, ValueError, OverflowError) as error:
             raise ProblemError(
@@ -277,35 +290,6 @@ def _measure(name: str, given) -> str:
             f"{' '.join(sorted(MARKUP))}; write plain text such as m/s^2"
         )
     return unit
-
-
-def units_by_name(
-    units: Mapping[str, str],
-    states: Sequence[str],
-    controls: Sequence[str],
-    inputs: Sequence[str],
-    rows: Sequence[Any],
-    end_rows: Sequence[Any],
-) -> dict[str, str]:
-    """The unit of every state, control, input and neuron; empty where none is known."""
-    known = {name: units.get(name, "") for name in (*states, *controls, *inputs)}
-    known |= {f"{p}.{s}": known[s] for p in ("q", "t") for s in states}
-    cost = units.get("cost", "cost")
-    duals = {f"{p}.{s}": known[s] and per(cost, known[s]) for p in ("mu", "beta") for s in states}
-    pressed = [*(f"z.{row.name}" for row in rows), *(f"z_end.{row.name}" for row in end_rows)]
-    return known | duals | {f"u.{s}": known[s] for s in controls} | dict.fromkeys(pressed, "")
-
-
-def per(above: str, below: str) -> str:
-    """The unit of a quotient.
-
-    >>> per("cost", "m"), per("cost", "m/s"), per("J", "1"), per("J/s", "m")
-    ('cost/m', 'cost/(m/s)', 'J', '(J/s)/m')
-    """
-    if below == "1":
-        return above
-    above, below = (f"({u})" if set(u) & set("/*· ") else u for u in (above, below))
-    return f"{above}/{below}"
 
 
 def scales_by_hand(given, names: Sequence[str]) -> dict[str, float | Scale]:

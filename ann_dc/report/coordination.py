@@ -137,7 +137,7 @@ def as_dict(found: Coordination | Undesigned) -> dict[str, Any]:
         "verdict": found.verdict,
         "objective": proof.objective,
         "kkt_residual": proof.kkt_residual,
-        "second_order": proof.second_order,
+        "second_order": proof.second_order if proof.first_order else None,
         "newton_step": proof.newton_step,
         "rollout_error": proof.rollout_error,
         "theorem_IV_1_rates": [found.following.v, found.following.mu],

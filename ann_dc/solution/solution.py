@@ -271,7 +271,7 @@ class Solution(Record):
             **({} if soft is None else {"soft_rows": asdict(soft)}),
             **({} if largest is None else {"objectives": largest.as_dict()}),
             "newton_step": self.certificate.newton_step,
-            "second_order": self.certificate.second_order,
+            "second_order": self.certificate.second_order if self.certificate.first_order else None,
             "rollout_error": self.rollout_error,
             "settling_time": self.settling_time if settled else None,
             "settling_in_fastest_time_constants": (

@@ -358,3 +358,31 @@ def test_a_start_that_costs_nothing_is_not_certified():
     assert proof.kkt_residual == 0
     assert not proof.second_order
     assert not proof.certified
+
+
+def test_second_order_is_not_stated_where_the_first_order_fails():
+    """Convex: the Hessian is positive definite everywhere, at points that are no minima, too."""
+    problem = plants.double_integrator(N=4)
+    rest, push = np.zeros((2, 4)), np.ones((1, 4))
+    proof = certify(problem, rest, push, rest, rest, rest)
+    assert proof.second_order
+    assert not proof.first_order
+    assert not proof.certified
+    for told in (str(proof), proof.verdict, proof.reason):
+        assert "strict local minimum" not in told
+        assert "the KKT residual" in told
+
+
+def test_second_order_is_not_stated_of_a_point_that_violates_a_row():
+    """x' = a, from 1: a = 0 is stationary, but x <= 1/2 does not hold there."""
+    x, a = sp.symbols("x a")
+    problem = OptimalControlProblem(
+        states=(x,), controls=(a,), map=(x + a,), cost=a**2, horizon=2, q_0=(1,),
+        terminal_constraints=[x <= 0.5],
+    )  # fmt: skip
+    still = np.zeros((1, 2))
+    proof = certify(problem, still + 1, still, still + 1, still, still)
+    assert proof.kkt_residual == 0
+    assert proof.second_order
+    assert "an inequality is violated" in proof.verdict
+    assert "strict local minimum" not in str(proof)

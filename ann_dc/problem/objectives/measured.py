@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ann_dc.errors import UnknownNameError
 from ann_dc.hints.checked import checked
-from ann_dc.problem.fields import units_by_name
 from ann_dc.problem.free_time.step_length import StepLength
 
 
@@ -79,3 +79,32 @@ class Measured:
         if name not in known:
             raise UnknownNameError.of("name", name, known)
         return known[name]
+
+
+def units_by_name(
+    units: Mapping[str, str],
+    states: Sequence[str],
+    controls: Sequence[str],
+    inputs: Sequence[str],
+    rows: Sequence[Any],
+    end_rows: Sequence[Any],
+) -> dict[str, str]:
+    """The unit of every state, control, input and neuron; empty where none is known."""
+    known = {name: units.get(name, "") for name in (*states, *controls, *inputs)}
+    known |= {f"{p}.{s}": known[s] for p in ("q", "t") for s in states}
+    cost = units.get("cost", "cost")
+    duals = {f"{p}.{s}": known[s] and per(cost, known[s]) for p in ("mu", "beta") for s in states}
+    pressed = [*(f"z.{row.name}" for row in rows), *(f"z_end.{row.name}" for row in end_rows)]
+    return known | duals | {f"u.{s}": known[s] for s in controls} | dict.fromkeys(pressed, "")
+
+
+def per(above: str, below: str) -> str:
+    """The unit of a quotient.
+
+    >>> per("cost", "m"), per("cost", "m/s"), per("J", "1"), per("J/s", "m")
+    ('cost/m', 'cost/(m/s)', 'J', '(J/s)/m')
+    """
+    if below == "1":
+        return above
+    above, below = (f"({u})" if set(u) & set("/*· ") else u for u in (above, below))
+    return f"{above}/{below}"
