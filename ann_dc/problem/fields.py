@@ -210,9 +210,7 @@ def values_a_stage(given, horizon: int) -> dict[sp.Symbol, np.ndarray]:
     for symbol, value in given.items():
         symbols("inputs", (symbol,))
         try:
-            if np.asarray(value).dtype.kind not in "iufO":
-                raise TypeError("text, booleans and complex numbers are not real numbers")
-            array = np.array(np.broadcast_to(np.asarray(value, dtype=float), (horizon,)))
+            array = np.array(np.broadcast_to(_numbers(value), (horizon,)))
         except (TypeError, ValueError, OverflowError) as error:
             raise ProblemError(
                 f"inputs[{symbol}]: expected one number or {horizon} of them, one a stage, "
@@ -223,6 +221,13 @@ def values_a_stage(given, horizon: int) -> dict[sp.Symbol, np.ndarray]:
         array.setflags(write=False)
         checked[symbol] = array
     return checked
+
+
+def _numbers(given) -> np.ndarray:
+    """Real numbers as floats; NumPy itself reads text and booleans, too."""
+    if np.asarray(given).dtype.kind not in "iufO":
+        raise TypeError("text, booleans and complex numbers are not real numbers")
+    return np.asarray(given, dtype=float)
 
 
 def inputs_by_name(

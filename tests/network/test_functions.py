@@ -12,13 +12,12 @@ from ann_dc.backends.spice import SpiceBackend
 from ann_dc.errors import AnnDcError, NetworkError, SynthesisError
 from ann_dc.evaluation import InterpretedEvaluator, ReferenceEvaluator
 from ann_dc.evaluation.generated import GeneratedEvaluator, fast_evaluator
-from ann_dc.export.catalogue import FORMATS
+from ann_dc.export import FORMATS
 from ann_dc.export.reference import reference_vector
-from ann_dc.network import Cell, Connection, Function, Network, Neuron, functions
-from ann_dc.network.functions import FunctionBlock
-from ann_dc.synthesis.adjoint import gradient
-from ann_dc.synthesis.wiring import Wiring
+from ann_dc.network import FUNCTIONS, Cell, Connection, Function, Network, Neuron, function_block
+from ann_dc.synthesis import Wiring, gradient
 
+FunctionBlock = type(FUNCTIONS[0])
 SOFTPLUS = FunctionBlock(
     name="softplus",
     formula=lambda lib, x: lib.log(1 + lib.exp(x)),
@@ -64,9 +63,10 @@ every_block = pytest.mark.parametrize("name", BLOCKS)
 @pytest.fixture(autouse=True)
 def added(monkeypatch):
     """The function blocks in the table, wherever it was imported."""
-    old, new = functions.FUNCTIONS, (*functions.FUNCTIONS, *BLOCKS.values())
+    old, new = FUNCTIONS, (*FUNCTIONS, *BLOCKS.values())
+    codes = sys.modules[function_block.__module__].CODE
     for code, block in enumerate(new):
-        monkeypatch.setitem(functions.CODE, block.name, code)
+        monkeypatch.setitem(codes, block.name, code)
     for module in [*sys.modules.values()]:
         if getattr(module, "FUNCTIONS", None) is old:
             monkeypatch.setattr(module, "FUNCTIONS", new)
