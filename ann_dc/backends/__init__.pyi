@@ -17,7 +17,11 @@ from .ode import (
 )
 from .recorder import Recorder as Recorder
 from .run import Backend as Backend, Run as Run
-from .settling import Settling as Settling, last_exit as last_exit
+from .settling import (
+    Settling as Settling,
+    control_settling as control_settling,
+    last_exit as last_exit,
+)
 from .status import (
     OVERFLOW as OVERFLOW,
     UNMET as UNMET,

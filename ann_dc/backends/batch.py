@@ -6,11 +6,13 @@ is no number, costs itself alone and says so by its number.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ann_dc.backends.batch_recorder import BatchCurves
+from ann_dc.backends.integration.methods import Between
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
@@ -124,6 +126,18 @@ class BatchRun:
                 "curves=200, the number of states to keep of every sample"
             )
         return self.curves.trajectory(sample, self.network_of(sample))
+
+    def with_between(self, between: Callable[..., Between]) -> BatchRun:
+        """Return the same batch, whose curves are known at every time; see `Trajectory.at`.
+
+        Parameters
+        ----------
+        between : callable
+            As in `BatchCurves`.
+        """
+        if self.curves is None:
+            return self
+        return replace(self, curves=replace(self.curves, between=between))
 
     def message(self, sample: int) -> str:
         """How a sample ended, in a sentence."""

@@ -7,10 +7,12 @@ what it had, however long the others go on, and every sample keeps its end.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from ann_dc.backends.integration.methods import Between
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.network.network import Network
 
@@ -32,12 +34,15 @@ class BatchCurves:
         In network units.
     residuals : (S, 2) array
         Relative constraint and stationarity residuals.
+    between : callable or None
+        Gives states between the steps of a sample, from its ``network``; None of recurrent steps.
     """
 
     first: np.ndarray
     time: np.ndarray
     states: np.ndarray
     residuals: np.ndarray
+    between: Callable[..., Between] | None = None
 
     def trajectory(self, sample: int, network: Network) -> Trajectory:
         """The curve of a sample.
@@ -57,13 +62,14 @@ class BatchCurves:
         number = range(len(self.first) - 1)[sample]
         rows = slice(self.first[number], self.first[number + 1])
         time = self.time[rows]
-        return Trajectory(
+        found = Trajectory(
             network=network,
             time=time,
             states=self.states[rows],
             residual_time=time,
             residuals=self.residuals[rows],
         )
+        return found.with_between(self.between(network=network)) if self.between else found
 
 
 class BatchRecorder:

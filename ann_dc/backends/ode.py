@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from ann_dc.backends import status
 from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.integration.cells import Cells
+from ann_dc.backends.integration.drawing import CompiledAgain
 from ann_dc.backends.integration.integrator import Ends
 from ann_dc.backends.integration.methods import (
     BATCHES as BATCHES,
@@ -28,12 +30,7 @@ from ann_dc.backends.integration.methods import (
     RK45 as RK45,
     Method as Method,
 )
-from ann_dc.backends.integration.steppers import (
-    FIRST_STEP,
-    Beginning,
-    RightHandSide,
-    stepper_of,
-)
+from ann_dc.backends.integration.steppers import FIRST_STEP, Beginning, RightHandSide, stepper_of
 from ann_dc.backends.lane_batch import Thread, attempts_of, run_lanes
 from ann_dc.backends.lanes.continuous import Integration, LaneEnds, advance_lanes
 from ann_dc.backends.lanes.continuous_code import ROWS
@@ -186,7 +183,8 @@ class OdeBackend:
             )
 
         settings = {n: getattr(self, n) for n in ("curves", "threads", "progress")}
-        return run_lanes(network, inputs, x, begin, numbers=numbers, **settings)
+        batch = run_lanes(network, inputs, x, begin, numbers=numbers, **settings)
+        return batch.with_between(partial(CompiledAgain, method=method))
 
     def _lane_ends(self, network: Network, method: Method) -> LaneEnds:
         settling, fastest = self.settling, Beginning.of(network, fast_evaluator(network)).fastest
@@ -272,6 +270,7 @@ class _Integration:
             largest=self.largest,
             rtol=method.rtol,
             atol=method.atol,
+            tolerance=settling.tolerance,
         )
 
     def run(self) -> Run:
@@ -285,7 +284,8 @@ class _Integration:
                 except Stopped as end:
                     ended = ended or self._told(status.stopped, str(end))
         stepper, settling = self.stepper, self.backend.settling
-        return self.recorder.run(stepper.time, stepper.state, ended, settling, stepper.evaluations)
+        end = stepper.time, stepper.state, ended, settling, stepper.evaluations
+        return self.recorder.run(*end, between=stepper.between, exit=stepper.exit)
 
     def _line(self) -> str:
         worst = max(self.recorder.residuals[-1])

@@ -7,22 +7,14 @@ on, so that a run of any length has its shape in bounded memory.
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
 
+from ann_dc.backends.integration.methods import Between, Known
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import Settling, settling_time
 from ann_dc.backends.status import Status, with_growth
-from ann_dc.backends.trajectory import Trajectory
+from ann_dc.backends.trajectory import SAMPLES, Trajectory
 from ann_dc.network.network import Network
-
-SAMPLES = 2000
-"""States kept of a run; more are thinned to every second one."""
-
-
-Curve: TypeAlias = tuple[np.ndarray, np.ndarray]
-"""Network times (c,) and states (c, n)."""
 
 
 class Recorder:
@@ -45,7 +37,7 @@ class Recorder:
         self.network = network
         self.residual_times: list[float] = []
         self.residuals: list[tuple[float, float]] = []
-        self._curve: list[Curve] = []
+        self._curve: list[Known] = []
         self._kept, self._seen, self._stride = 0, 0, 1
 
     @property
@@ -69,9 +61,7 @@ class Recorder:
         self.residuals.append(residuals)
         self._keep(np.array([now]), np.array([x]))
 
-    def record_all(
-        self, times: np.ndarray, residuals: np.ndarray, curve: tuple[np.ndarray, np.ndarray]
-    ) -> None:
+    def record_all(self, times: np.ndarray, residuals: np.ndarray, states: np.ndarray) -> None:
         """Take down several steps.
 
         Parameters
@@ -79,12 +69,11 @@ class Recorder:
         times : (steps,) array
             Network times.
         residuals : (steps, 2) array
-        curve : (c,) array, (c, n) array
-            Network times and states, of the steps and in between.
+        states : (steps, n) array
         """
         self.residual_times.extend(times.tolist())
         self.residuals.extend(map(tuple, residuals.tolist()))
-        self._keep(*curve)
+        self._keep(times, states)
 
     def _keep(self, times: np.ndarray, states: np.ndarray) -> None:
         chosen = slice(-self._seen % self._stride, None, self._stride)
@@ -96,12 +85,20 @@ class Recorder:
             self._curve, self._stride = [(times[::2], states[::2])], 2 * self._stride
             self._kept = len(self._curve[0][0])
 
-    def _joined(self) -> Curve:
+    def _joined(self) -> Known:
         times, states = zip(*self._curve)
         return np.concatenate(times), np.concatenate(states)
 
     def run(
-        self, now: float, x: np.ndarray, status: Status, settling: Settling, evaluations: int
+        self,
+        now: float,
+        x: np.ndarray,
+        status: Status,
+        settling: Settling,
+        evaluations: int,
+        *,
+        between: Between | None = None,
+        exit: float | None = None,
     ) -> Run:
         """The whole run, with its last state.
 
@@ -117,6 +114,10 @@ class Recorder:
             Says which settling time is asked for; it is nan unless the status is settled.
         evaluations : int
             Right-hand sides.
+        between : Between, optional
+            States between steps.
+        exit : float, optional
+            Last exit of the residual, located inside its step.
         """
         times, states = self._joined()
         if now != times[-1]:
@@ -128,13 +129,15 @@ class Recorder:
             residual_time=np.array(self.residual_times),
             residuals=np.array(self.residuals),
         )
+        if between is not None:
+            trajectory = trajectory.with_between(between, with_middles=self._stride == 1)
         settled, unmet = status.settled, trajectory.residuals[len(self.residuals) // 2 :, 0]
         status = with_growth(status, self.network, (times, states), float(np.min(unmet)))
         return Run(
             trajectory=trajectory,
             status=status,
             tolerance=settling.tolerance,
-            settling_time=settling_time(trajectory, settling) if settled else float("nan"),
+            settling_time=settling_time(trajectory, settling, exit) if settled else float("nan"),
             verified="the residual stayed below tolerance and fell on to "
             f"{settling.confirm:g} of it"
             if settled

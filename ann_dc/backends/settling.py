@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.backends.trajectory import Trajectory
+from ann_dc.backends.integration.exits import LOOKS, last_exit as last_exit, located_exit
+from ann_dc.backends.trajectory import Trajectory, control_values
 from ann_dc.errors import require_positive
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import PositiveFinite
@@ -28,6 +29,8 @@ WINDOW = 2500
 """Steps of a window, at least: a twentieth of the longest run by default."""
 WINDOWS = 20
 """Windows in the longest run, at most."""
+SWING = 0.1
+"""Share of a band: where both ends of a step are inside that, controls stay in the band."""
 
 
 def window_of(limit: int) -> int:
@@ -83,7 +86,7 @@ class Settling:
         require_positive(tolerance=self.tolerance, confirm=self.confirm)
 
 
-def settling_time(trajectory: Trajectory, settling: Settling) -> float:
+def settling_time(trajectory: Trajectory, settling: Settling, exit: float | None = None) -> float:
     """The last exit of the residual, and of the controls where they are asked for.
 
     Parameters
@@ -92,20 +95,27 @@ def settling_time(trajectory: Trajectory, settling: Settling) -> float:
         Of a run that went on for long enough to tell.
     settling : Settling
         Tolerances on the residual and on the controls.
+    exit : float, optional
+        The last exit of the residual, located inside its step; by default it is interpolated
+        between steps.
 
     Returns
     -------
     float
         Network time; nan if the run ended outside.
     """
-    found = last_exit(trajectory.residual_time, trajectory.kkt, settling.tolerance)
+    if exit is None:
+        exit = last_exit(trajectory.residual_time, trajectory.kkt, settling.tolerance)
     if settling.controls is None:
-        return found
-    return max(found, control_settling(trajectory, settling.controls))
+        return exit
+    return max(exit, control_settling(trajectory, settling.controls))
 
 
 def control_settling(trajectory: Trajectory, share: float = 1e-3) -> float:
     """Network time after which every control stays within ``share`` of the largest final one.
+
+    It is located inside the step where states between steps are known, else interpolated between
+    rows.
 
     Parameters
     ----------
@@ -118,40 +128,21 @@ def control_settling(trajectory: Trajectory, share: float = 1e-3) -> float:
     float
         In units of network time.
     """
-    controls = trajectory.control_values
-    error = np.abs(controls - controls[-1]).max(axis=1)
-    return last_exit(trajectory.time, error / max(np.abs(controls[-1]).max(), 1e-300), share)
+    final = control_values(trajectory.network, trajectory.final)
+    scale = max(np.abs(final).max(), 1e-300)
 
+    def deviation(states: np.ndarray) -> np.ndarray:
+        return np.abs(control_values(trajectory.network, states) - final).max(axis=1) / scale
 
-def last_exit(time: np.ndarray, residual: np.ndarray, tolerance: float) -> float:
-    """The last time at which a residual was above tolerance; nan if it still is.
-
-    Between samples the logarithm is interpolated.
-
-    Parameters
-    ----------
-    time : (T,) array
-        Rising, in any unit.
-    residual : (T,) array
-        What is no number counts as above.
-    tolerance : float
-
-    Returns
-    -------
-    float
-        In the unit of ``time``; its first entry if the residual never was above.
-
-    Examples
-    --------
-    >>> round(last_exit(np.array([0.0, 1.0, 2.0]), np.array([1.0, 1e-2, 1e-4]), 1e-3), 3)
-    1.5
-    """
-    above = np.flatnonzero(~(residual < tolerance))
-    if above.size == 0:
+    time, states = trajectory.known
+    error = deviation(states)
+    above = np.flatnonzero(~(error < share))
+    first = int(above[-1]) if above.size else 0
+    if first == len(time) - 1 or not trajectory.is_dense:
+        return last_exit(time, error, share)
+    gaps = first + np.flatnonzero(np.maximum(error[first:-1], error[first + 1 :]) >= SWING * share)
+    if not gaps.size:
         return float(time[0])
-    i = int(above[-1])
-    if i == len(time) - 1:
-        return float("nan")
-    high, low = np.log(residual[i]), np.log(max(residual[i + 1], 1e-300))
-    share = (high - np.log(tolerance)) / (high - low) if np.isfinite(high) else 1.0
-    return float(time[i] + share * (time[i + 1] - time[i]))
+    grid = np.unique(np.linspace(time[gaps], time[gaps + 1], LOOKS + 1))
+    exit = located_exit(lambda times: deviation(trajectory.at(times)), grid, share)
+    return float(time[0]) if exit is None else exit

@@ -1,23 +1,32 @@
 """What happened in a run: states and residuals over network time, and the controls among them.
 
 States are thinned where there are many; residuals are those of every step, for the settling time.
+States between steps are those of the method's continuous extension, and computed when they are
+read: a run of which nobody reads a curve does not pay for one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from ann_dc.backends.curves import Curves, Tabulated
+from ann_dc.backends.integration.methods import Between, Known
+from ann_dc.errors import NetworkError
 from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
+from ann_dc.records import Record
+
+SAMPLES = 2000
+"""States kept of a run; more are thinned to every second one."""
 
 
 @such_as("solution.run.trajectory")
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Trajectory(Tabulated):
+class Trajectory(Record, Tabulated):
     """States over network time.
 
     Attributes
@@ -25,7 +34,8 @@ class Trajectory(Tabulated):
     network : Network
         Whose neurons the components are.
     time : (T,) array
-        Network time of the samples (every integration step, thinned where there are many).
+        Network time of the samples: every integration step and its middle; steps alone, thinned,
+        where there are many.
     states : (T, n) array
         State vectors, in network units.
     residual_time : (R,) array
@@ -42,6 +52,8 @@ class Trajectory(Tabulated):
     >>> trajectory = ann_dc.OdeBackend(verify=False).run(network).trajectory
     >>> trajectory["u.a"][-1].round().astype(int).tolist()  # the user's units
     [20, 10, 0, -10, -20]
+    >>> trajectory.at([0.0, 1.0]).shape == (2, network.size)  # whenever a step was
+    True
     """
 
     network: Network
@@ -51,10 +63,100 @@ class Trajectory(Tabulated):
     residuals: np.ndarray
     units: Mapping[str, str] = field(default_factory=dict)
 
+    def with_between(self, between: Between, *, with_middles: bool = False) -> Trajectory:
+        """Return the same trajectory, whose states are known at every time; see `at`.
+
+        Parameters
+        ----------
+        between : Between
+        with_middles : bool
+            Whether rows in the middle of steps are added when rows are first read.
+        """
+        made = object.__new__(type(self))
+        vars(made).update(vars(self), _between=between, _known=self.known)
+        if with_middles and 1 < len(self.time) <= SAMPLES // 2:
+            del vars(made)["time"], vars(made)["states"]
+            vars(made)["_rows"] = {}  # shared by copies that differ in units
+        return made
+
+    def measured_in(self, units: Mapping[str, str]) -> Trajectory:
+        """Return the same trajectory with units of measure.
+
+        Parameters
+        ----------
+        units : mapping of str to str
+        """
+        made = object.__new__(type(self))
+        vars(made).update(vars(self), units=units)
+        return made
+
+    def __getattr__(self, name: str) -> Any:
+        """Return rows of which the middles of steps have not been computed yet."""
+        if name not in ("time", "states") or "_rows" not in vars(self):
+            raise AttributeError(name)
+        rows = vars(self)["_rows"]
+        if not rows:
+            time, states = self.known
+            middles = 0.5 * (time[:-1] + time[1:])
+            order = np.argsort(np.concatenate([time, middles]), kind="stable")
+            between = vars(self)["_between"]((time, states), middles)
+            rows["time"] = np.concatenate([time, middles])[order]
+            rows["states"] = np.concatenate([states, between])[order]
+        return rows[name]
+
+    @property
+    def known(self) -> Known:
+        """Times and states that took no interpolation: those of steps where it was integrated."""
+        return vars(self).get("_known") or (self.time, self.states)
+
+    @property
+    def is_dense(self) -> bool:
+        """True if states are known at every time; see `at`."""
+        return "_between" in vars(self) and len(self.known[0]) > 1
+
+    def at(self, times: np.ndarray | list[float]) -> np.ndarray:
+        """Return the states at any times of the run, as good as those at its steps.
+
+        Gaps are integrated again by the method of the run, and states inside a step are those of
+        its continuous extension; no state is beyond a rail.
+
+        Parameters
+        ----------
+        times : (K,) array
+            Network time, from the start of the run to its end.
+
+        Returns
+        -------
+        (K, n) array
+            In network units.
+
+        Raises
+        ------
+        NetworkError
+            If a time is outside the run, or only rows are known: of a circuit, of recurrent steps,
+            of a trajectory that was copied or saved.
+        """
+        times, (known, states) = np.asarray(times, float), self.known
+        if not self.is_dense:
+            raise NetworkError(
+                "at: only rows are known of this trajectory (a circuit, recurrent steps, a copy or "
+                "a file); use its time and states, or run the network with OdeBackend"
+            )
+        if times.ndim != 1 or not ((times >= known[0]) & (times <= known[-1])).all():
+            raise NetworkError(
+                f"at: expected times (K,) from {known[0]:g} to {known[-1]:g}, got {times!r:.80}"
+            )
+        order = np.argsort(times, kind="stable")
+        found = np.empty((len(times), states.shape[1]))
+        if len(times):
+            found[order] = vars(self)["_between"]((known, states), times[order])
+        found[times == known[-1]] = states[-1]
+        return found
+
     @property
     def final(self) -> np.ndarray:
         """The last state vector (n,), in network units."""
-        return self.states[-1]
+        return self.known[1][-1]
 
     @property
     def kkt(self) -> np.ndarray:
@@ -127,5 +229,5 @@ def control_error(controls: np.ndarray, wanted: Trajectory) -> float:
     wanted : Trajectory
         The run whose last controls are right.
     """
-    end = wanted.control_values[-1]
+    end = control_values(wanted.network, wanted.final)
     return float(np.abs(controls - end).max() / max(np.abs(end).max(), 1e-300))

@@ -10,7 +10,6 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from ann_dc.analysis.spectra import Spectrum
-from ann_dc.backends.settling import last_exit
 from ann_dc.backends.status import Outcome
 from ann_dc.hints.checked import checked
 from ann_dc.plotting.spectrum import final_spectrum
@@ -115,7 +114,7 @@ def _residuals(axes: Axes, solution: Solution, radius: float) -> None:
     axes.semilogy(time, parts[:, 0], color=SKY, lw=1.2, label="constraint residual")
     axes.semilogy(time, parts[:, 1], color=ORANGE, lw=1.2, label="stationarity residual")
     axes.axhline(tolerance, color=GREY, lw=1.0, ls=":", label=f"tolerance {tolerance:g}")
-    settled = last_exit(time, trajectory.kkt, tolerance)
+    settled = radius * solution.run.settling_time
     if solution.status.settled and np.isfinite(settled):
         axes.plot(
             settled, tolerance, "D", color=VERMILION, ms=7, zorder=5,

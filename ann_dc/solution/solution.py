@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from types import MappingProxyType
 
@@ -82,7 +82,7 @@ class Solution(Record):
     @cached_property
     def trajectory(self) -> Trajectory:
         """Neurons over network time, with the problem's units of measure."""
-        return replace(self.run.trajectory, units=units_of(self.problem, self.network))
+        return self.run.trajectory.measured_in(units_of(self.problem, self.network))
 
     @property
     def objective(self) -> float:

@@ -1,9 +1,16 @@
 from .cells import Cells as Cells
+from .drawing import (
+    CompiledAgain as CompiledAgain,
+    Pieces as Pieces,
+    SolvedAgain as SolvedAgain,
+)
+from .exits import last_exit as last_exit, located_exit as located_exit
 from .integrator import (
     Course as Course,
     Ends as Ends,
     Log as Log,
     advance as advance,
+    draw as draw,
 )
 from .steppers import (
     CompiledStepper as CompiledStepper,

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ann_dc.backends.integration.between import Aside, extended, inside, last_exit
 from ann_dc.backends.integration.systems import combined, kept, residuals, slope, squares
 from ann_dc.backends.integration.tableaus import Rows
 from ann_dc.evaluation.formulas import compiled, inlined
@@ -26,6 +27,8 @@ SHRINK = 1e-3
 """Relative tolerance, at most, as a share of the residual."""
 FINEST = 3e-14
 """Relative tolerance that floating point can keep."""
+SWING = 0.5
+"""Share of the tolerance: where both ends of a step are below, the residual stays below inside."""
 SHORTEST = 1e-14
 """Step, over the time and over the step before, at which the integration is given up."""
 
@@ -41,13 +44,17 @@ class Course(NamedTuple):
     ahead: np.ndarray
     """A state that is tried."""
     slopes: np.ndarray
-    """(S + 1, ...), one after the other; the first is that of ``x``."""
+    """(S + 2 + E, ...), one after the other; the first is that of ``x``, that of ``ahead`` comes
+    after S of stages, and then those of `Aside`."""
     offsets: np.ndarray
     """(entries,): where the slope of every entry of ``rows`` begins."""
     scales: np.ndarray
     """(2,): what is handed to vector code."""
     clock: np.ndarray
-    """(6,): time, next step, whether one was refused, right-hand sides, residual, first step."""
+    """(7,): time, next step, whether one was refused, right-hand sides, residual, first step, and
+    the time since which the residual stays below the tolerance: nan while it does not."""
+    aside: Aside
+    """States inside a step."""
 
     @classmethod
     def at(cls, x: np.ndarray, length: int, rows: Rows, step: float) -> Course:
@@ -63,13 +70,17 @@ class Course(NamedTuple):
         step : float
             The first one to try.
         """
+        extra = len(rows.extension.starts) - 2
+        x, scales = x.copy(), np.zeros(2)
+        slopes = np.zeros((len(rows.starts) - 1 + extra, length))
         return cls(
-            x=x.copy(),
+            x=x,
             ahead=x.copy(),
-            slopes=np.zeros((len(rows.starts) - 2, length)),
+            slopes=slopes,
             offsets=rows.which * length,
-            scales=np.zeros(2),
-            clock=np.array([0.0, step, 0.0, 0.0, np.inf, step]),
+            scales=scales,
+            clock=np.array([0.0, step, 0.0, 0.0, np.inf, step, np.nan]),
+            aside=Aside.of(rows.extension, x, slopes, scales),
         )
 
 
@@ -80,16 +91,13 @@ class Log(NamedTuple):
     """(steps,)."""
     residuals: np.ndarray
     """(steps, 2): constraint and stationarity."""
-    curve_times: np.ndarray
-    """(steps, points): between the last step and this one, and here."""
-    curve: np.ndarray
-    """(steps, points, size): states then, without ghosts."""
+    states: np.ndarray
+    """(steps, size): without ghosts."""
 
     @classmethod
-    def of(cls, steps: int, size: int, points: int = 1) -> Log:
-        """Room for so many steps of a state of that size, with as many points a step."""
-        times, curve = np.empty((steps, points)), np.empty((steps, points, size))
-        return cls(np.empty(steps), np.empty((steps, 2)), times, curve)
+    def of(cls, steps: int, size: int) -> Log:
+        """Room for so many steps of a state of that size."""
+        return cls(np.empty(steps), np.empty((steps, 2)), np.empty((steps, size)))
 
 
 class Ends(NamedTuple):
@@ -105,6 +113,8 @@ class Ends(NamedTuple):
     """Relative tolerance a step, before it shrinks."""
     atol: float
     """Absolute tolerance, in network units, before it shrinks."""
+    tolerance: float = 0.0
+    """Residual whose last exit is looked for; zero: none."""
 
 
 @compiled
@@ -132,12 +142,13 @@ def next_step(h, size, exponent, refused):
 
 
 @inlined
-def _begin(system, course):
+def _begin(system, course, tolerance):
     """The slope and the residual at the start."""
     slope(system, course.x, course.slopes[0])
     course.clock[3] += 1.0
     constraint, stationarity, _ = residuals(system, course.x)
     course.clock[4] = max(constraint, stationarity)
+    course.clock[6] = 0.0 if course.clock[4] < tolerance else np.nan
 
 
 @inlined
@@ -190,27 +201,36 @@ def _step(system, rows, course, ends):
 
 
 @inlined
-def _drawn(course, first, began, log, step):
-    """The curve of a step that began at this time: a cubic through its ends and slopes."""
-    points, h = log.curve.shape[1], course.clock[0] - began
-    for point in range(points):
-        s = (point + 1.0) / points
-        log.curve_times[step, point] = began + s * h if point < points - 1 else course.clock[0]
-        after, before = s * s * (3.0 - 2.0 * s), (1.0 - s) * (1.0 - s) * (1.0 + 2.0 * s)
-        begun, done = s * (1.0 - s) * (1.0 - s) * h, s * s * (s - 1.0) * h
-        for i in range(log.curve.shape[2]):
-            slopes = begun * course.slopes[0, i] + done * course.slopes[-1, i]
-            x, ahead = course.x[first + i], course.ahead[first + i]
-            log.curve[step, point, i] = before * x + after * ahead + slopes
+def _watch(system, course, began, worst, tolerance):
+    """Since when the residual stays below the tolerance, after a step that began at this time."""
+    clock, before = course.clock, course.clock[4]
+    if not worst < tolerance:
+        clock[6] = np.nan
+    elif not max(before, worst) < SWING * tolerance:
+        h = clock[0] - began
+        theta, looks = last_exit(system, course.aside, h, (before, worst), tolerance)
+        clock[3] += looks
+        if theta >= 0.0:
+            clock[6] = began + theta * h
 
 
 @inlined
-def _accept(course):
-    x, slopes = course.x, course.slopes
+def _note(course, first, log, step, found):
+    """A step into the log, and its residual for the next one."""
+    for i in range(log.states.shape[1]):
+        log.states[step, i] = course.ahead[first + i]
+    log.times[step] = course.clock[0]
+    log.residuals[step, 0], log.residuals[step, 1] = found
+    course.clock[4] = max(found[0], found[1])
+
+
+@inlined
+def _accept(course, rows):
+    x, slopes, last = course.x, course.slopes, rows.starts.shape[0] - 3
     for i in range(x.shape[0]):
         x[i] = course.ahead[i]
     for i in range(slopes.shape[1]):
-        slopes[0, i] = slopes[-1, i]
+        slopes[0, i] = slopes[last, i]
 
 
 @compiled
@@ -235,19 +255,92 @@ def advance(system, rows, course, ends, log):
         `GOING_ON` where the log is full, else why.
     """
     if course.clock[3] == 0.0:
-        _begin(system, course)
+        _begin(system, course, ends.tolerance)
     for step in range(log.times.shape[0]):
         began = course.clock[0]
         ended = _step(system, rows, course, ends)
         if ended != GOING_ON:
             return step, ended
-        _drawn(course, system.ghost, began, log, step)
-        _accept(course)
-        constraint, stationarity, size = residuals(system, course.x)
-        course.clock[4] = max(constraint, stationarity)
-        log.times[step] = course.clock[0]
-        log.residuals[step, 0], log.residuals[step, 1] = constraint, stationarity
+        constraint, stationarity, size = residuals(system, course.ahead)
+        _watch(system, course, began, max(constraint, stationarity), ends.tolerance)
+        _note(course, system.ghost, log, step, (constraint, stationarity))
+        _accept(course, rows)
         ended = _ended(course, ends, size)
         if ended != GOING_ON:
             return step + 1, ended
     return log.times.shape[0], GOING_ON
+
+
+@compiled
+def draw(system, rows, course, ends, places, known, times):
+    """States at some times between known ones: every gap is integrated again.
+
+    The first step that is tried is the gap, so that a gap of one step is that step.
+
+    Parameters
+    ----------
+    system : Interpreted or Generated
+    rows : Rows
+    course : Course
+        Overwritten.
+    ends : Ends
+        Of which the tolerances of a step count.
+    places : (n,) array of int
+        Where a state vector lies in a state as the system has it.
+    known : (T,) array, (T, n) array
+        Times and states.
+    times : (K,) array
+        Rising, from the first known one to the last.
+
+    Returns
+    -------
+    (K, n) array
+        On a straight line across what is left of a gap where a step fails.
+    """
+    at, states = known
+    found = np.empty((times.shape[0], places.shape[0]))
+    gap, begin = 0, 0
+    while begin < times.shape[0]:
+        while gap < at.shape[0] - 2 and at[gap + 1] <= times[begin]:
+            gap += 1
+        end = begin + 1
+        while end < times.shape[0] and (times[end] < at[gap + 1] or gap == at.shape[0] - 2):
+            end += 1
+        length = at[gap + 1] - at[gap]
+        for i in range(places.shape[0]):
+            course.x[places[i]] = states[gap, i]
+        done = _bridged(
+            system, rows, course, Ends(length, -1.0, np.inf, ends.rtol, ends.atol, 0.0), places,
+            times[begin:end] - at[gap], found[begin:end],
+        )  # fmt: skip
+        for k in range(begin + done, end):
+            theta = (times[k] - at[gap]) / length
+            found[k] = (1.0 - theta) * states[gap] + theta * states[gap + 1]
+        begin = end
+    return found
+
+
+@inlined
+def _bridged(system, rows, course, ends, places, times, found):
+    """States at rising times from here to the end; how many of them there are."""
+    clock, done = course.clock, 0
+    clock[:] = 0.0
+    clock[1] = clock[5] = ends.until
+    _begin(system, course, 0.0)
+    while done < times.shape[0]:
+        began, is_new = clock[0], True
+        if _step(system, rows, course, ends) != GOING_ON:
+            return done
+        constraint, stationarity, _ = residuals(system, course.ahead)
+        h = clock[0] - began
+        while done < times.shape[0] and (times[done] <= clock[0] or clock[0] >= ends.until):
+            if is_new and not extended(system, course.aside, h):
+                return done
+            is_new = False
+            inside(system, course.aside, min((times[done] - began) / h, 1.0), h)
+            for i in range(places.shape[0]):
+                found[done, i] = course.aside.ahead[places[i]]
+            done += 1
+        _accept(course, rows)
+        clock[4] = max(constraint, stationarity)
+    return done

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
+
+import numpy as np
 
 from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, TSIT5_TABLEAU, Rows, Tableau
 from ann_dc.errors import ArgumentTypeError
@@ -13,6 +16,10 @@ from ann_dc.hints.words import given_words, such_as
 
 SciPys: TypeAlias = Literal["RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA"]
 """Solvers of `scipy.integrate`, by their names there: SciPy is loaded where one of them runs."""
+Known: TypeAlias = tuple[np.ndarray, np.ndarray]
+"""Times (T,) and states (T, n)."""
+Between: TypeAlias = Callable[[Known, np.ndarray], np.ndarray]
+"""Continuous extension of a run: states (K, n) at rising times (K,), between the known ones."""
 
 
 @such_as("ann_dc.ode.RK45")

@@ -17,7 +17,15 @@ from scipy import sparse
 
 from ann_dc.backends.integration import integrator
 from ann_dc.backends.integration.cells import Cells
-from ann_dc.backends.integration.methods import Method
+from ann_dc.backends.integration.drawing import (
+    PIECES,
+    CompiledAgain,
+    Pieces,
+    SolvedAgain,
+    within_rails,
+)
+from ann_dc.backends.integration.exits import LOOKS, located_exit
+from ann_dc.backends.integration.methods import Between, Method
 from ann_dc.backends.integration.systems import Integrand
 from ann_dc.backends.integration.tableaus import Rows
 from ann_dc.evaluation.domains import DomainGuard
@@ -25,9 +33,8 @@ from ann_dc.evaluation.generated.choice import FastEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.network import Network
 
-Steps: TypeAlias = tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]
-"""Network times (steps,), (constraint, stationarity) residuals (steps, 2), and the curve: times
-(c,) and states (c, n)."""
+Steps: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Network times (steps,), (constraint, stationarity) residuals (steps, 2), states (steps, n)."""
 RightHandSide: TypeAlias = Callable[[np.ndarray], np.ndarray]
 """dx/ds (n,) of a state vector (n,)."""
 
@@ -35,10 +42,6 @@ DENSE_JACOBIAN = 400
 """Largest network whose Jacobian is handed to an implicit solver as a dense matrix."""
 LOGGED = 200_000
 """Numbers of states that compiled code takes down before it hands over."""
-POINTS = 2
-"""Of the curve of a step, which may be long."""
-LARGEST_CURVE = 40_000
-"""Numbers of all points of a step beyond which only its end is kept."""
 FIRST_STEP = 0.05
 """First step to try, in fastest time constants."""
 
@@ -85,6 +88,9 @@ class Stepper(ABC):
         Whether the time that was asked for has passed.
     evaluations : int
         Right-hand sides so far.
+    exit : float
+        Network time of the residual's last exit from above the tolerance, located inside its step;
+        nan while it is above.
     """
 
     time: float
@@ -93,6 +99,12 @@ class Stepper(ABC):
     beyond: np.ndarray | None = None
     at_end: bool = False
     evaluations: int = 0
+    exit: float = float("nan")
+
+    @property
+    @abstractmethod
+    def between(self) -> Between | None:
+        """States between the steps so far; None if they are not known."""
 
     @abstractmethod
     def steps(self, most: int) -> Steps:
@@ -115,6 +127,7 @@ class CompiledStepper(Stepper):
     first : float
         First step to try.
     ends : integrator.Ends
+    between : Between
     """
 
     def __init__(
@@ -124,20 +137,24 @@ class CompiledStepper(Stepper):
         start: np.ndarray,
         first: float,
         ends: integrator.Ends,
+        between: Between,
     ) -> None:
-        self.rows, self.ends = rows, ends
+        self.rows, self.ends, self._between = rows, ends, between
         self.integrand = integrand  # whose memory generated code knows by address
         self.system, self._chosen = integrand.system, integrand.chosen
         x = integrand.state(start)
         self.course = integrator.Course.at(x, integrand.length, self.rows, first)
         self.time, self.state = 0.0, start
 
+    @property
+    def between(self) -> Between:
+        """Every gap integrated again."""
+        return self._between
+
     def steps(self, most: int) -> Steps:
         """As many as are asked for, or as the log has room for."""
         size, first = self.system.size, self.system.ghost
-        points = POINTS if size * POINTS < LARGEST_CURVE else 1
-        room = max(LOGGED // (points * max(size, 1)), 1)
-        log = integrator.Log.of(min(most, room), size, points)
+        log = integrator.Log.of(min(most, max(LOGGED // max(size, 1), 1)), size)
         count, ended = integrator.advance(self.system, self.rows, self.course, self.ends, log)
         self.at_end = ended == integrator.TIME_UP
         if ended == integrator.TOO_SHORT:
@@ -145,9 +162,9 @@ class CompiledStepper(Stepper):
         if ended == integrator.OUTSIDE:
             self.beyond = self.course.ahead[first : first + size][self._chosen]
         self.time, self.evaluations = float(self.course.clock[0]), int(self.course.clock[3])
+        self.exit = float(self.course.clock[6])
         self.state = self.course.x[first : first + size][self._chosen]
-        curve = log.curve[:count].reshape(count * points, size)[:, self._chosen]
-        return log.times[:count], log.residuals[:count], (log.curve_times[:count].ravel(), curve)
+        return log.times[:count], log.residuals[:count], log.states[:count][:, self._chosen]
 
     def go_on(self, until: float) -> None:
         """The end is later than was said."""
@@ -165,31 +182,67 @@ class SciPyStepper(Stepper):
     compiled : FastEvaluator
         Says what the residuals are.
     rhs : callable
+    method : Method
     solver : callable
         Makes the `scipy.integrate.OdeSolver`, from its right-hand side.
-    shrinks : bool
-        Whether the solver is explicit.
+    tolerance : float
+        Residual whose last exit is looked for.
     """
 
     def __init__(
         self,
         compiled: FastEvaluator,
         rhs: RightHandSide,
+        method: Method,
         solver: Callable[[Callable], Any],
-        *,
-        shrinks: bool,
+        tolerance: float,
     ) -> None:
-        self.compiled, self.rhs, self.shrinks = compiled, rhs, shrinks
+        self.compiled, self.rhs, self.method = compiled, rhs, method
         self.solver: Any = solver(self._counted)
         self.rtol, self.atol = getattr(self.solver, "rtol", 0.0), getattr(self.solver, "atol", 0.0)
         self.time, self.state = float(self.solver.t), self.solver.y
+        self.tolerance, self._worst = tolerance, max(compiled.residuals(self.state))
+        self.exit = 0.0 if self._worst < tolerance else float("nan")
+        self._pieces: list[Any] | None = [] if method.implicit else None
+
+    @property
+    def between(self) -> Between | None:
+        """Polynomials of an implicit solver; gaps integrated again by an explicit one."""
+        if self._pieces is not None:
+            return Pieces(pieces=self._pieces, compiled=self.compiled)
+        if self.method.implicit:
+            return None
+        return SolvedAgain(method=self.method, rhs=self.rhs, compiled=self.compiled)
+
+    def _keep_piece(self) -> None:
+        if self._pieces is None or self.solver.status == "failed":
+            return
+        self._pieces.append(self.solver.dense_output())
+        if 4 * len(self._pieces) * self.state.size > PIECES:
+            self._pieces = None
 
     def _keep_within_rails(self) -> None:
         """Where the solver is one that begins a step with a state and its slope alone."""
-        low, high = self.compiled.tape.limits[self.compiled.tape.places[:, 0]].T
-        within = np.clip(self.solver.y, low, high)
+        within = within_rails(self.compiled, self.solver.y)
         if hasattr(self.solver, "f") and not np.array_equal(within, self.solver.y):
             self.solver.y, self.solver.f = within, self._counted(0.0, within)
+
+    def _watch(self, began: float, worst: float) -> None:
+        """Since when the residual stays below the tolerance, after one more step."""
+        before, self._worst = self._worst, worst
+        if not worst < self.tolerance:
+            self.exit = float("nan")
+        elif not max(before, worst) < integrator.SWING * self.tolerance:
+            inside, grid = self.solver.dense_output(), np.linspace(began, self.time, LOOKS + 1)
+            exit = located_exit(
+                lambda times: self._worst_at(within_rails(self.compiled, inside(times).T)),
+                grid,
+                self.tolerance,
+            )
+            self.exit = self.exit if exit is None else exit
+
+    def _worst_at(self, states: np.ndarray) -> np.ndarray:
+        return np.array([max(self.compiled.residuals(x)) for x in states])
 
     def _counted(self, _, x: np.ndarray) -> np.ndarray:
         self.evaluations += 1
@@ -197,18 +250,26 @@ class SciPyStepper(Stepper):
 
     def steps(self, most: int) -> Steps:
         """One."""
-        message = self.solver.step()
-        self._keep_within_rails()
-        self.time, self.state = float(self.solver.t), self.solver.y
-        residuals = self.compiled.residuals(self.state)
-        if self.shrinks and self.rtol:
-            share = integrator.share_of_tolerance(max(residuals), self.rtol)
-            self.solver.rtol, self.solver.atol = self.rtol * share, self.atol * share
+        began, message = self.time, self.solver.step()
         if self.solver.status == "failed":
             self.failed = message or "the method failed"
+        self._keep_piece()
+        self.time = float(self.solver.t)
+        residuals = self._residuals_kept(began)
         self.at_end = self.solver.status == "finished"
-        times = np.array([self.time])
-        return times, np.array([residuals]), (times, np.array([self.state]))
+        return np.array([self.time]), np.array([residuals]), np.array([self.state])
+
+    def _residuals_kept(self, began: float) -> tuple[float, float]:
+        """Residuals after a step, whose exit and whose tolerance for the next one follow."""
+        self._keep_within_rails()
+        self.state = within_rails(self.compiled, self.solver.y)
+        residuals = self.compiled.residuals(self.state)
+        self._watch(began, max(residuals))
+        if self.method.implicit or not self.rtol:
+            return residuals
+        share = integrator.share_of_tolerance(max(residuals), self.rtol)
+        self.solver.rtol, self.solver.atol = self.rtol * share, self.atol * share
+        return residuals
 
     def go_on(self, until: float) -> None:
         """The end is later than was said."""
@@ -254,7 +315,8 @@ def stepper_of(
     if method.rows is not None:
         if rhs is None:
             integrand = cells.integrand(compiled, guard)
-            return CompiledStepper(integrand, method.rows, start, first, ends)
+            between = CompiledAgain(network=network, method=method, cells=cells)
+            return CompiledStepper(integrand, method.rows, start, first, ends, between)
         method = replace(method, solver="DOP853")
     options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol}
     if method.implicit and rhs is None:
@@ -263,8 +325,9 @@ def stepper_of(
     return SciPyStepper(
         compiled,
         rhs or compiled.rhs,
+        method,
         lambda counted: solver(counted, 0.0, start, ends.until, **options),
-        shrinks=not method.implicit,
+        ends.tolerance,
     )
 
 

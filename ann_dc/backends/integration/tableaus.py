@@ -25,6 +25,12 @@ class Tableau:
         That of order three which DOP853 weighs in; zero where there is none.
     exponent : float
         -1 over one more than the order of the estimate.
+    extra : (E, S + 1 + E) array
+        Extra stages of the continuous extension, after the new slope; E is zero where slopes of
+        the step suffice.
+    between : (D, S + 1 + E) array
+        The continuous extension: coefficients of theta, theta^2, ... of every slope's weight, so
+        that ``x + h sum_j b_j(theta) K_j`` is the state at a share theta of the step.
 
     References
     ----------
@@ -36,6 +42,8 @@ class Tableau:
     error: np.ndarray
     third: np.ndarray
     exponent: float
+    extra: np.ndarray
+    between: np.ndarray
 
     def __repr__(self) -> str:
         return f"<Tableau of {len(self.b)} stages>"
@@ -44,6 +52,26 @@ class Tableau:
     def rows(self) -> Rows:
         """The tableau as loops read it."""
         return Rows.of(self)
+
+
+class Extension(NamedTuple):
+    """A continuous extension without its zeros: a row an extra stage, and one for the state."""
+
+    starts: np.ndarray
+    """(E + 2,): where every row begins."""
+    which: np.ndarray
+    """(entries,): slope of every entry."""
+    weights: np.ndarray
+    """(entries,); the last row depends on where in the step the state is asked for."""
+    powers: np.ndarray
+    """(entries of the last row, D): coefficients of its weights."""
+
+    @classmethod
+    def of(cls, tableau: Tableau) -> Extension:
+        """The continuous extension of a tableau."""
+        used = np.abs(tableau.between).max(axis=0)
+        starts, which, weights = _without_zeros([*tableau.extra, used])
+        return cls(starts, which, weights, tableau.between[:, used > 0].T.copy())
 
 
 class Rows(NamedTuple):
@@ -60,18 +88,22 @@ class Rows(NamedTuple):
     """(entries,)."""
     exponent: float
     """That of the tableau."""
+    extension: Extension
+    """States between the ends of a step."""
 
     @classmethod
     def of(cls, tableau: Tableau) -> Rows:
         """The rows of a tableau."""
         table = [*tableau.a[1:], tableau.b, tableau.error, tableau.third]
-        which = [np.flatnonzero(row) for row in table]
-        return cls(
-            starts=np.cumsum([0, *map(len, which)]),
-            which=np.concatenate(which),
-            weights=np.concatenate([row[at] for row, at in zip(table, which)]),
-            exponent=tableau.exponent,
-        )
+        return cls(*_without_zeros(table), tableau.exponent, Extension.of(tableau))
+
+
+def _without_zeros(table: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Begins of rows, columns and values of all entries."""
+    which = [np.flatnonzero(row) for row in table]
+    starts = np.cumsum([0, *map(len, which)])
+    weights = np.concatenate([row[at] for row, at in zip(table, which)])
+    return starts, np.concatenate(which), weights
 
 
 def _below_the_diagonal(*rows: list[float]) -> np.ndarray:
@@ -81,6 +113,32 @@ def _below_the_diagonal(*rows: list[float]) -> np.ndarray:
         table[stage, :stage] = row
     return table
 
+
+def _alternating(b: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """(3 + R, S + 1 + E): the extension of DOP853 in powers of theta.
+
+    ``x + theta (F_0 + (1 - theta) (F_1 + theta (F_2 + (1 - theta) (F_3 + ...))))``, where F_0 is
+    the step, F_1 and F_2 match the slopes at its ends, and R rows of ``rest`` follow ([1]_, II.6).
+
+    References
+    ----------
+    .. [1] E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993.
+    """
+    step, first, last = np.zeros((3, rest.shape[1]))
+    step[: len(b)], first[0], last[len(b)] = b, 1.0, 1.0
+    terms = np.stack([step, first - step, 2 * step - last - first, *rest])
+    factor, found = np.array([0.0, 1.0]), np.zeros((len(terms) + 1, rest.shape[1]))
+    for number, term in enumerate(terms):
+        found[: len(factor)] += np.outer(factor, term)
+        factor = np.convolve(factor, [0.0, 1.0] if number % 2 else [1.0, -1.0])
+    return found[1:]
+
+
+_DOP853_B = np.array(
+    [0.054293734116568765, 0.0, 0.0, 0.0, 0.0, 4.450312892752409, 1.8915178993145003,
+     -5.801203960010585, 0.3111643669578199, -0.1521609496625161, 0.20136540080403034,
+     0.04471061572777259]
+)  # fmt: skip
 
 DOP853_TABLEAU = Tableau(
     a=_below_the_diagonal(
@@ -102,11 +160,7 @@ DOP853_TABLEAU = Tableau(
          27.94888452941996, -2.8589982771350235, -8.87285693353063, 12.360567175794303,
          0.6433927460157636],
     ),
-    b=np.array(
-        [0.054293734116568765, 0.0, 0.0, 0.0, 0.0, 4.450312892752409, 1.8915178993145003,
-         -5.801203960010585, 0.3111643669578199, -0.1521609496625161, 0.20136540080403034,
-         0.04471061572777259]
-    ),
+    b=_DOP853_B,
     error=np.array(
         [0.01312004499419488, 0.0, 0.0, 0.0, 0.0, -1.2251564463762044, -0.4957589496572502,
          1.6643771824549864, -0.35032884874997366, 0.3341791187130175, 0.08192320648511571,
@@ -118,8 +172,37 @@ DOP853_TABLEAU = Tableau(
          0.02265179219836082, 0.0]
     ),
     exponent=-1.0 / 8.0,
+    extra=np.array([
+        [0.056167502283047954, 0.0, 0.0, 0.0, 0.0, 0.0, 0.25350021021662483, -0.2462390374708025,
+         -0.12419142326381637, 0.15329179827876568, 0.00820105229563469, 0.007567897660545699,
+         -0.008298, 0.0, 0.0, 0.0],
+        [0.03183464816350214, 0.0, 0.0, 0.0, 0.0, 0.028300909672366776, 0.053541988307438566,
+         -0.05492374857139099, 0.0, 0.0, -0.00010834732869724932, 0.0003825710908356584,
+         -0.00034046500868740456, 0.1413124436746325, 0.0, 0.0],
+        [-0.42889630158379194, 0.0, 0.0, 0.0, 0.0, -4.697621415361164, 7.683421196062599,
+         4.06898981839711, 0.3567271874552811, 0.0, 0.0, 0.0, -0.0013990241651590145,
+         2.9475147891527724, -9.15095847217987, 0.0],
+    ]),
+    between=_alternating(_DOP853_B, np.array([
+        [-8.428938276109013, 0.0, 0.0, 0.0, 0.0, 0.5667149535193777, -3.0689499459498917,
+         2.38466765651207, 2.117034582445028, -0.871391583777973, 2.2404374302607883,
+         0.6315787787694688, -0.08899033645133331, 18.148505520854727, -9.194632392478356,
+         -4.436036387594894],
+        [10.427508642579134, 0.0, 0.0, 0.0, 0.0, 242.28349177525817, 165.20045171727028,
+         -374.5467547226902, -22.113666853125306, 7.733432668472264, -30.674084731089398,
+         -9.332130526430229, 15.697238121770845, -31.139403219565178, -9.35292435884448,
+         35.81684148639408],
+        [19.985053242002433, 0.0, 0.0, 0.0, 0.0, -387.0373087493518, -189.17813819516758,
+         527.8081592054236, -11.57390253995963, 6.8812326946963, -1.0006050966910838,
+         0.7777137798053443, -2.778205752353508, -60.19669523126412, 84.32040550667716,
+         11.99229113618279],
+        [-25.69393346270375, 0.0, 0.0, 0.0, 0.0, -154.18974869023643, -231.5293791760455,
+         357.6391179106141, 93.40532418362432, -37.45832313645163, 104.0996495089623,
+         29.8402934266605, -43.53345659001114, 96.32455395918828, -39.17726167561544,
+         -149.72683625798564],
+    ])),
 )  # fmt: skip
-"""Dormand and Prince, of order eight: the coefficients of DOP853 [1]_, as SciPy has them.
+"""Dormand and Prince, order 8, continuous extension of order 7: DOP853 [1]_, as in SciPy.
 
 References
 ----------
@@ -145,8 +228,20 @@ TSIT5_TABLEAU = Tableau(
     ),
     third=np.zeros(7),
     exponent=-1.0 / 5.0,
+    extra=np.zeros((0, 7)),
+    between=np.array([
+        [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [-2.763706197274826, 0.13169999999999998, 3.9302962368947516, -12.411077166933676,
+         37.50931341651104, -27.896526289197286, 1.5],
+        [2.9132554618219126, -0.2234, -5.941033872131505, 30.33818863028232, -88.1789048947664,
+         65.09189467479366, -4.0],
+        [-1.0530884977290216, 0.1017, 2.490627285651253, -16.548102889244902, 47.37952196281928,
+         -34.87065786149661, 2.5],
+    ]),
 )  # fmt: skip
 """Tsitouras, of order five: few slopes to keep, so that many networks fit a cache.
+
+The continuous extension has order 4 and takes no extra stage ([1]_, section 5).
 
 References
 ----------

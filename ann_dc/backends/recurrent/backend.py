@@ -14,7 +14,7 @@ import numpy as np
 
 from ann_dc.backends import status
 from ann_dc.backends.batch import BatchRun
-from ann_dc.backends.recorder import SAMPLES, Recorder
+from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.recurrent import in_code
 from ann_dc.backends.recurrent.rules.acceleration import Anderson
 from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, TWO_PHASE, Order, check_order
@@ -22,6 +22,7 @@ from ann_dc.backends.recurrent.rules.steps import AdaptiveStep, StepRule
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome, Status
+from ann_dc.backends.trajectory import SAMPLES
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.variants.numbers import Numbers
@@ -161,8 +162,7 @@ class RecurrentBackend:
         room = int(np.clip(LARGEST_CURVE // max(network.size, 1), 2, 2 * SAMPLES))
         batch = self._batch(network, {}, None, None, check=1, curves=room, progress=told)
         curve, recorder = batch.trajectory(0), Recorder(network)
-        taken = curve.time, curve.states
-        recorder.record_all(curve.residual_time, curve.residuals, taken)
+        recorder.record_all(curve.residual_time, curve.residuals, curve.states)
         now, steps = recorder.residual_times[-1], int(batch.steps[0])
         ended = _status(batch, now, "".join(why))
         run = recorder.run(now, batch.states[0], ended, self.settling, steps)

@@ -17,6 +17,7 @@ from ann_dc.backends.integration import (
     Log,
     Rows,
     advance,
+    draw,
     generated,
     interpreted,
 )
@@ -62,7 +63,7 @@ def integrated(network: Network, kind: str, pieces=(10_000,), tableau=DOP853_TAB
         log = Log.of(steps, size)
         count, ended = advance(system, rows, course, Ends(**(settings | changed)), log)
         times.append(log.times[:count])
-        states.append(log.curve[:count, 0, integrand.chosen])
+        states.append(log.states[:count, integrand.chosen])
     return np.concatenate(times), np.concatenate(states), ended
 
 
@@ -105,17 +106,34 @@ def test_its_order(kind, tableau, order, first):
 
 
 @of_every_kind
-def test_between_its_steps_the_curve_is_a_cubic(kind):
-    network = ring(0.5)
-    integrand, rows = integrand_of(network, kind), Rows.of(TSIT5_TABLEAU)
-    system = integrand.system
+@pytest.mark.parametrize(
+    ("tableau", "order", "first"), [(DOP853_TABLEAU, 7, 8), (TSIT5_TABLEAU, 4, 32)]
+)
+def test_states_inside_steps_have_the_order_of_the_extension(kind, tableau, order, first):
+    """Steps of one length from exact states: half of it, 2^(order + 1) less error."""
+    errors, theta = [], np.linspace(0.05, 0.95, 7)
+    for pieces in (first, 2 * first):
+        integrand, rows, network = integrand_of(ring(), kind), Rows.of(tableau), ring()
+        known = np.linspace(0.0, 8.0, pieces + 1)
+        times = np.sort((known[:-1, None] + 8.0 / pieces * theta).ravel())
+        course = Course.at(integrand.state(network.start_state), integrand.length, rows, 0.1)
+        places, ends = integrand.system.ghost + integrand.chosen, Ends(0.0, 0.0, 1e9, 1.0, 1e9)
+        states = exact(known, 0.0)
+        found = draw(integrand.system, rows, course, ends, places, (known, states), times)
+        errors.append(np.abs(found - exact(times, 0.0)).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order + 1, abs=0.7)
+
+
+@of_every_kind
+def test_gap_of_many_steps_is_bridged_by_the_steps_it_takes(kind):
+    network, rows = ring(), Rows.of(DOP853_TABLEAU)
+    integrand, times = integrand_of(network, kind), np.linspace(0.0, 40.0, 97)
     course = Course.at(integrand.state(network.start_state), integrand.length, rows, 0.1)
-    log = Log.of(10_000, system.size, points=4)
-    count, _ = advance(system, rows, course, Ends(10.0, 0.0, 1e9, 1e-6, 1e-9), log)
-    times, states = log.curve_times[:count].ravel(), log.curve[:count].reshape(4 * count, -1)
-    assert (np.diff(times) > 0).all()
-    np.testing.assert_array_equal(times[3::4], log.times[:count])
-    np.testing.assert_allclose(states[:, integrand.chosen], exact(times, 0.5), atol=1e-4)
+    places, ends = integrand.system.ghost + integrand.chosen, Ends(0.0, 0.0, 1e9, 1e-6, 1e-9)
+    known = np.array([0.0, 40.0])
+    gap = known, exact(known, 0.0)
+    found = draw(integrand.system, rows, course, ends, places, gap, times)
+    np.testing.assert_allclose(found, exact(times, 0.0), atol=1e-5)
 
 
 @of_every_kind

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ann_dc.backends import Trajectory
+from ann_dc.backends import OdeBackend, Trajectory
 from ann_dc.backends.measures import overshoot
-from ann_dc.network import Cell, Network, Neuron
+from ann_dc.network import ONE, Cell, Connection, Network, Neuron
 
 NETWORK = Network(cell=Cell(neurons=(Neuron(name="u.a"), Neuron(name="u.b"))), stages=1)
 
@@ -37,3 +37,15 @@ def test_it_is_the_largest_excursion_beyond_an_end(a, b, expected):
 def test_it_does_not_depend_on_the_size_of_controls():
     a, b = np.array([0.0, 3.0, 2.0]), np.array([0.0, 2.0, 4.0])
     assert overshoot(curve(1e-6 * a, 1e-6 * b)) == pytest.approx(0.25)
+
+
+def test_peak_between_steps_is_that_of_a_damped_oscillation():
+    """u'' = -4 u' - 100 (u - 1) goes beyond one by e^(-pi z / sqrt(1 - z^2)), z = 0.2."""
+    wires = [("v", "u.x", 1.0), ("u.x", "v", -100.0), ("v", "v", -4.0), (ONE, "v", 100.0)]
+    cell = Cell(
+        neurons=(Neuron(name="u.x"), Neuron(name="v")),
+        connections=tuple(Connection(source=a, target=b, weight=w) for a, b, w in wires),
+    )
+    run = OdeBackend(verify=False).run(Network(cell=cell, stages=1, start={"u.x": 0.0}))
+    expected = np.exp(-0.2 * np.pi / np.sqrt(1 - 0.2**2))
+    assert overshoot(run.trajectory) == pytest.approx(expected, rel=3e-3)

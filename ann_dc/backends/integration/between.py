@@ -1,0 +1,158 @@
+r"""States inside a step: the continuous extension of an explicit pair, in compiled code.
+
+.. math:: x(s + \theta h) = x + h \sum_j b_j(\theta) K_j,
+
+where the weights b_j are polynomials and a method of high order adds stages to those of the step.
+These stages are evaluated only in steps in which a state is asked for. States never leave the
+rails. In a step in which a neuron meets its rail, slopes are not smooth, and the extension is as
+good as the error estimate of that step, whatever its order.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ann_dc.backends.integration.systems import combined, kept, residuals, slope
+from ann_dc.backends.integration.tableaus import Extension
+from ann_dc.evaluation.formulas import compiled, inlined
+
+LOOKS = 4
+"""Parts of a step at whose ends a residual is looked at."""
+ROUNDS, CLOSE = 20, 1e-7
+"""Largest number of steps to a crossing; relative distance to the tolerance at its end."""
+
+
+class Aside(NamedTuple):
+    """The same integration as a course, at states inside its last step."""
+
+    starts: np.ndarray
+    """As in `Extension`."""
+    which: np.ndarray
+    """As in `Extension`."""
+    weights: np.ndarray
+    """As in `Extension`; the last row is overwritten by that of the state asked for."""
+    powers: np.ndarray
+    """As in `Extension`."""
+    x: np.ndarray
+    """Of the course: the state before the step."""
+    ahead: np.ndarray
+    """The state inside it."""
+    slopes: np.ndarray
+    """Of the course: those of the step, E of the extra stages, and one of the state inside."""
+    offsets: np.ndarray
+    """(entries,): where the slope of every entry begins."""
+    scales: np.ndarray
+    """Of the course."""
+
+    @classmethod
+    def of(
+        cls, extension: Extension, x: np.ndarray, slopes: np.ndarray, scales: np.ndarray
+    ) -> Aside:
+        """Of the arrays of a course."""
+        starts, which, weights, powers = extension
+        return cls(
+            starts=starts,
+            which=which,
+            weights=weights.copy(),
+            powers=powers,
+            x=x,
+            ahead=x.copy(),
+            slopes=slopes,
+            offsets=which * slopes.shape[1],
+            scales=scales,
+        )
+
+
+@inlined
+def extended(system, aside, h):
+    """The slopes of the extra stages; False where a function block left its domain."""
+    extra = aside.starts.shape[0] - 2
+    first = aside.slopes.shape[0] - 1 - extra
+    for stage in range(extra):
+        combined(system, aside, stage, aside, h)
+        if not slope(system, aside.ahead, aside.slopes[first + stage]):
+            return False
+    return True
+
+
+@inlined
+def inside(system, aside, theta, h):
+    """The state at a share theta of the step, into ``aside.ahead``."""
+    row = aside.starts.shape[0] - 2
+    for i in range(aside.powers.shape[0]):
+        weight = 0.0
+        for power in range(aside.powers.shape[1] - 1, -1, -1):
+            weight = (weight + aside.powers[i, power]) * theta
+        aside.weights[aside.starts[row] + i] = weight
+    combined(system, aside, row, aside, h)
+    kept(system, aside.ahead)
+
+
+@inlined
+def _worst(system, aside, theta, h):
+    """The larger residual inside the step; infinite where a function block left its domain."""
+    inside(system, aside, theta, h)
+    if not slope(system, aside.ahead, aside.slopes[-1]):
+        return np.inf
+    constraint, stationarity, _ = residuals(system, aside.ahead)
+    return max(constraint, stationarity)
+
+
+@compiled
+def last_exit(system, aside, h, ends, tolerance):
+    """Share of a step at which the residual last falls below a tolerance.
+
+    Parameters
+    ----------
+    system : Interpreted or Generated
+    aside : Aside
+        Overwritten.
+    h : float
+        Length of the step.
+    ends : (float, float)
+        Residuals at its ends; the second is below the tolerance.
+    tolerance : float
+
+    Returns
+    -------
+    theta : float
+        Negative where the residual stays below.
+    looks : int
+        Right-hand sides.
+    """
+    before, low = ends
+    looks = aside.starts.shape[0] - 2
+    if not extended(system, aside, h):
+        return (-1.0 if before < tolerance else 1.0), looks
+    high, a, b = before, 0.0, 1.0
+    for look in range(LOOKS - 1, 0, -1):
+        worst, at = _worst(system, aside, look / LOOKS, h), look / LOOKS
+        looks += 1
+        if not worst < tolerance:
+            high, a = worst, at
+            break
+        low, b = worst, at
+    if high < tolerance:
+        return -1.0, looks
+    theta, more = _crossing(system, aside, h, (a, b), (high, low), tolerance)
+    return theta, looks + more
+
+
+@inlined
+def _crossing(system, aside, h, between, ends, tolerance):
+    """Where the logarithm of the residual crosses that of the tolerance, by false position."""
+    (a, b), least = between, 1e-300
+    high, low = np.log(ends[0] / tolerance), np.log(max(ends[1], least) / tolerance)
+    theta = b
+    for count in range(ROUNDS):
+        theta = b - low * (b - a) / (low - high) if high < np.inf else 0.5 * (a + b)
+        found = np.log(max(_worst(system, aside, theta, h), least) / tolerance)
+        if abs(found) < CLOSE:
+            return theta, count + 1
+        if found < 0.0:
+            b, low, high = theta, found, 0.5 * high  # Illinois: an end that stays counts half
+        else:
+            a, high, low = theta, found, 0.5 * low
+    return theta, ROUNDS

@@ -1,0 +1,154 @@
+"""States of an integration between its steps, computed when they are asked for and not before.
+
+Every gap between two known states is integrated again, by the method and at the tolerances of the
+run, and states inside a step are those of the method's continuous extension. An implicit solver
+keeps its polynomials instead, since a multistep one cannot begin in the middle of a run.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ann_dc.backends.integration.cells import Cells
+from ann_dc.backends.integration.integrator import Course, Ends, draw, share_of_tolerance
+from ann_dc.backends.integration.methods import Known, Method
+from ann_dc.evaluation.contract import Evaluator
+from ann_dc.evaluation.generated.choice import fast_evaluator
+from ann_dc.network.network import Network
+
+PIECES = 20_000_000
+"""Numbers of all polynomials that an implicit run keeps; beyond, it keeps none."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CompiledAgain:
+    """Gaps integrated again in compiled code.
+
+    Attributes
+    ----------
+    network : Network
+    method : Method
+        With a tableau.
+    cells : Cells
+        How cells are evaluated.
+    """
+
+    network: Network
+    method: Method
+    cells: Cells = Cells.WHERE_POSSIBLE
+
+    def __call__(self, known: Known, times: np.ndarray) -> np.ndarray:
+        """States (K, n) at rising times, between known times and states."""
+        (at, states), method = known, self.method
+        compiled, rows = fast_evaluator(self.network), method.rows
+        assert rows is not None
+        integrand = self.cells.integrand(compiled, compiled.domain_guard(states[0]))
+        course = Course.at(integrand.state(states[0]), integrand.length, rows, 1.0)
+        ends = Ends(0.0, 0.0, np.inf, method.rtol, method.atol)
+        places = integrand.system.ghost + integrand.chosen
+        return draw(integrand.system, rows, course, ends, places, (at, states), times)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SolvedAgain:
+    """Gaps integrated again by an explicit solver of SciPy's.
+
+    Attributes
+    ----------
+    method : Method
+    rhs : callable
+        dx/ds (n,) of a state (n,).
+    compiled : Evaluator
+        Says what the residuals are.
+    """
+
+    method: Method
+    rhs: Callable[[np.ndarray], np.ndarray]
+    compiled: Evaluator
+
+    def __call__(self, known: Known, times: np.ndarray) -> np.ndarray:
+        """States (K, n) at rising times, between known times and states."""
+        at, states = known
+        gaps = np.clip(np.searchsorted(at, times, side="right") - 1, 0, len(at) - 2)
+        found = np.empty((len(times), states.shape[1]))
+        with np.errstate(all="ignore"):
+            for gap in np.unique(gaps):
+                chosen = np.flatnonzero(gaps == gap)
+                length = float(at[gap + 1] - at[gap])
+                pieces = self._pieces(states[gap], length)
+                found[chosen] = in_pieces(pieces, times[chosen] - at[gap])
+        return within_rails(self.compiled, found)
+
+    def _pieces(self, x: np.ndarray, length: float) -> list[Any]:
+        """The polynomials of all steps from a state on."""
+        method, pieces = self.method, []
+        solver = method.scipys(
+            lambda _, x: self.rhs(x), 0.0, x, length,
+            rtol=method.rtol, atol=method.atol, first_step=length,
+        )  # fmt: skip
+        while solver.status == "running":
+            share = share_of_tolerance(max(self.compiled.residuals(solver.y)), method.rtol)
+            solver.rtol, solver.atol = method.rtol * share, method.atol * share
+            solver.step()
+            if solver.status != "failed":
+                pieces.append(solver.dense_output())
+        return pieces
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Pieces:
+    """Polynomials that an implicit solver of SciPy's left behind, a step each.
+
+    Attributes
+    ----------
+    pieces : sequence of scipy.integrate.DenseOutput
+    compiled : Evaluator
+        Says where the rails are.
+    """
+
+    pieces: Sequence[Any]
+    compiled: Evaluator
+
+    def __call__(self, _: Known, times: np.ndarray) -> np.ndarray:
+        """States (K, n) at rising times."""
+        return within_rails(self.compiled, in_pieces(self.pieces, times))
+
+
+def in_pieces(pieces: Sequence[Any], times: np.ndarray) -> np.ndarray:
+    """States (K, n) at rising times, each from its polynomial.
+
+    Parameters
+    ----------
+    pieces : sequence of scipy.integrate.DenseOutput
+        One after the other.
+    times : (K,) array
+    """
+    return np.concatenate([piece(some).T for piece, some in _shared_out(pieces, times)])
+
+
+def _shared_out(pieces: Sequence[Any], times: np.ndarray) -> Iterator[tuple[Any, np.ndarray]]:
+    ends, begin = [piece.t for piece in pieces], 0
+    while begin < len(times):
+        number = min(bisect_left(ends, times[begin]), len(pieces) - 1)
+        is_last = number == len(pieces) - 1
+        end = len(times) if is_last else int(np.searchsorted(times, ends[number], side="right"))
+        yield pieces[number], times[begin:end]
+        begin = end
+
+
+def within_rails(compiled: Evaluator, x: np.ndarray) -> np.ndarray:
+    """States (..., n), none of which is beyond a rail.
+
+    Parameters
+    ----------
+    compiled : Evaluator
+        Of the network.
+    x : (..., n) array
+    """
+    low, high = compiled.tape.limits[compiled.tape.places[:, 0]].T
+    return np.clip(x, low, high)

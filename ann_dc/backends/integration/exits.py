@@ -1,0 +1,81 @@
+"""Last exits: when a deviation is above its tolerance for the last time, between samples, too."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+LOOKS, ROUNDS = 8, 4
+"""Parts of an interval at whose ends a deviation is looked at, and how often the last such part
+takes the place of the interval: a crossing is located to 1 / 8^4 of a step, then interpolated."""
+
+
+def last_exit(time: np.ndarray, residual: np.ndarray, tolerance: float) -> float:
+    """The last time at which a residual was above tolerance; nan if it still is.
+
+    Between samples the logarithm is interpolated.
+
+    Parameters
+    ----------
+    time : (T,) array
+        Rising, in any unit.
+    residual : (T,) array
+        What is no number counts as above.
+    tolerance : float
+
+    Returns
+    -------
+    float
+        In the unit of ``time``; its first entry if the residual never was above.
+
+    Examples
+    --------
+    >>> round(last_exit(np.array([0.0, 1.0, 2.0]), np.array([1.0, 1e-2, 1e-4]), 1e-3), 3)
+    1.5
+    """
+    above = np.flatnonzero(~(residual < tolerance))
+    if above.size == 0:
+        return float(time[0])
+    i = int(above[-1])
+    if i == len(time) - 1:
+        return float("nan")
+    high, low = np.log(residual[i]), np.log(max(residual[i + 1], 1e-300))
+    share = (high - np.log(tolerance)) / (high - low) if np.isfinite(high) else 1.0
+    return float(time[i] + share * (time[i + 1] - time[i]))
+
+
+def located_exit(
+    deviation: Callable[[np.ndarray], np.ndarray], grid: np.ndarray, tolerance: float
+) -> float | None:
+    """The last time at which a deviation exceeds a tolerance, by ever finer looks.
+
+    Parameters
+    ----------
+    deviation : callable
+        (K,) of rising times (K,).
+    grid : (K,) array
+        Where to look first; the last one is below the tolerance.
+    tolerance : float
+
+    Returns
+    -------
+    float or None
+        None if no look finds one.
+
+    Examples
+    --------
+    >>> round(located_exit(lambda s: np.cos(s) ** 2, np.linspace(0.0, 2.0, 9), 0.5), 6)
+    0.785398
+    """
+    for _ in range(ROUNDS):
+        found = deviation(grid)
+        above = np.flatnonzero(~(found < tolerance))
+        if not above.size:
+            return None
+        last = int(above[-1])
+        if last == len(grid) - 1:
+            return float(grid[-1])
+        pair, values = grid[last : last + 2], found[last : last + 2]
+        grid = np.linspace(*pair, LOOKS + 1)
+    return last_exit(pair, values, tolerance)
