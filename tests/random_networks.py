@@ -62,6 +62,15 @@ def random_network(seed: int, kind: Kind = Kind.TIME_CONSTANTS) -> Network:
     return replace(network, metric=random_metric(kind, network.row, rng))
 
 
+def far_wired(seed: int) -> Network:
+    """The same with sources beyond the neighbours: of those one is fed in front of the row."""
+    network = random_network(seed)
+    far = [Connection(source="t.a", target="q.b", weight=0.3, template=k) for k in (-2, 2, 9, -9)]
+    far += [Connection(source="one", target="q.b", weight=0.1, template=-2)]
+    cell = replace(network.cell, connections=(*network.cell.connections, *far))
+    return replace(network, cell=cell)
+
+
 def _blocks(rng, stages: int) -> tuple[list, list[Connection]]:
     """A sum, products, and function blocks on sums that stay near one half."""
     blocks, wires = [Sum(name="first")], []

@@ -48,7 +48,9 @@ Controls are the components whose names begin with 'u['.
     "nir": """\
 `nir.read("network.nir")` gives the graph. The columns of `input_weights` are the values of the
 first input at all stages, then those of the second, in the order of 'nir.json'; the components of
-`output` are its `states`. Time is the network's, that of the time constants and of the step of
+`output` are its `states`. Without inputs there is one column of zeros, since NIR asks for an input.
+`synapses` is a Linear where there is no bias, else an Affine: check that your reader copies its
+bias (nirtorch 2.6 does not). Time is the network's, that of the time constants and of the step of
 'reference_vector.json', which has the start as well: NIR has none.
 """,
     "conductances": f"""\

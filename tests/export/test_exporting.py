@@ -15,6 +15,7 @@ from designs import designed
 
 from ann_dc.errors import ExportError, FileFormatError, NetworkError, OutputError, UnknownNameError
 from ann_dc.export import FORMATS, export_network, inspect_export, settings_from
+from ann_dc.network import Cell, Connection, Network, Neuron
 from ann_dc.whole_files import Lock
 
 FORMAT = "conductances"
@@ -295,3 +296,18 @@ def test_fifty_killed_exports_leave_whole_files(network, tmp_path):
 def test_networks_only(tmp_path):
     with pytest.raises((NetworkError, TypeError), match="network"):
         export_network("car", FORMAT, tmp_path)
+
+
+def test_far_wires_end_no_export_of_the_others(tmp_path):
+    """A value from two cells away: most formats hold it, and the rest say why they do not."""
+    wires = [
+        Connection(source="x", target="x", weight=-1.0),
+        Connection(source="x", target="x", weight=0.3, template=2),
+        Connection(source="load", target="x"),
+    ]
+    cell = Cell(neurons=(Neuron(name="x"),), inputs=("load",), connections=tuple(wires))
+    network = Network(cell=cell, stages=4, inputs={"load": 0.5}, title="far")
+    names = ["weights", "csv", "conductances", "analog_computer", "diagram", "latex", "c99"]
+    done = {each.name: each for each in export_network(network, names, tmp_path)}
+    assert {name for name in names if done[name].why_not} == set()
+    assert all(found.good for found in inspect_export(tmp_path))

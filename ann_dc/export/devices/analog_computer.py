@@ -49,6 +49,9 @@ SCHEMA = 1
 CIRCUIT = "analog_computer.json"
 SAMPLES = 500
 """States of a run at which the ranges are read."""
+LEAST = 40
+"""Steps whose time is integrated at least: a step of one time constant settles at once, a flow in
+14 of them."""
 LONGER = 1.2
 """Time of the check over that of the vector's walk."""
 NEAR = 1e-3
@@ -161,7 +164,7 @@ def analog_computer_check(files: Mapping[str, bytes]) -> str:
     known = f"{len(machine.elements)} elements; {steps}"
     if not vector.settles:
         return known
-    off, peak = runner.settled(LONGER * vector.steps * vector.step * beta)
+    off, peak = runner.settled(LONGER * max(vector.steps, LEAST) * vector.step * beta)
     if not off <= NEAR:
         raise FileFormatError(f"{CIRCUIT}: integrated, it ends {off:.1e} from the vector's end")
     return f"{known}; integrated to within {off:.0e} of its end, {peak:.2f} machine units at most"

@@ -140,6 +140,8 @@ class CellReading:
         graph, row, stages = self.graph, self._values[connection.source], self.network.stages
         if connection.template == Template.SELF:
             return row
+        if abs(connection.template) > 1:
+            return self._far(connection, self._whole(row))
         row, end = self._whole(row), self._row_of_zeros()
         if connection.template == Template.NEXT:
             moved = graph.rows(row, 1, stages), end
@@ -148,6 +150,18 @@ class CellReading:
             end = end if left is None else graph.rows(self._inputs[left], 0, 1)
             moved = end, graph.rows(row, 0, stages - 1)
         return self._kept(graph.stacked(*moved) if stages > 1 else end, row)
+
+    def _far(self, connection: Connection, row: str) -> str:
+        """The same of a source beyond the neighbours: a matrix moves the rows."""
+        graph, offset, stages = self.graph, int(connection.template), self.network.stages
+        shift = graph.table(f"cells.{connection.name}", np.eye(stages, k=offset))
+        moved, left = graph.op("MatMul", shift, row), self.network.left.get(connection.source)
+        if left is not None:
+            first = (np.arange(stages) == -1 - offset).astype(float).reshape(-1, 1)
+            fed = graph.rows(self._inputs[left], 0, 1)
+            share = graph.table(f"left.{connection.name}", first)
+            moved = graph.op("Add", moved, graph.op("Mul", share, fed))
+        return self._kept(moved, row)
 
     def _kept(self, found: str, *of: str) -> str:
         """The tensor, known to be (N, B) where one that it was made of is."""

@@ -22,9 +22,10 @@ live = ~shared[:, None] | (np.arange(N) == N - 1)
 for e in m["pins"] + m["absent"]: live[names.index(e["neuron"]), e["stage"]] = False
 rates = live / np.array([a["tau/" + n] * np.ones(N) for n in names])
 low, high = a["rails"].T[:, :, None]
-wires, first = collections.defaultdict(list), {"previous": 0, "self": 1, "next": 2}
-for c, n in zip(m["connections"], (n for n in m["tensors"] if n.startswith("weight/"))):
-    wires[c["target"]].append((a[n], c["source"], first[c["template"]]))
+wires, near = collections.defaultdict(list), {"previous": -1, "self": 0, "next": 1}
+for c, n in zip(m["connections"], [n for n in m["tensors"] if n.startswith("weight/")]):
+    k = np.clip(N + 1 + near.get(c["template"], c["template"]), 0, 2 * N + 1)
+    wires[c["target"]].append((a[n], c["source"], k))
 M, at = np.diag(rates.ravel()), np.arange(len(names) * N).reshape(-1, N)
 for level in range(m["levels"]):  # pyramid: M += H S H' over the chains q_0, t_0, q_1, ...
     S, p = a[f"gain/{level}"], np.arange(2 * N)[:, None] / (2 * N - 1)
@@ -37,29 +38,28 @@ if "metric" in m:  # grid or tree: M = T^(1/2) S^-1 T^(1/2) over the live primal
     S[k[:-1], :, k[1:]] = a[m["metric"] + "/following"]
     S += S.transpose(2, 3, 0, 1)
     S[k, :, k] = a[m["metric"] + "/own"]
-    z, S = z[used], S.reshape(len(z), -1)[np.ix_(used, used)]
-    M[np.ix_(z, z)] = np.linalg.inv(S) * np.sqrt(np.outer(rates.ravel()[z], rates.ravel()[z]))
+    z, S = z[used], np.linalg.inv(S.reshape(len(z), -1)[np.ix_(used, used)])
+    M[np.ix_(z, z)] = S * np.sqrt(np.outer(rates.ravel()[z], rates.ravel()[z]))
 def state(x):  # (P, N) with pins and shared neurons filled in
     x = np.where(live, x, 0.0)
     for e in m["pins"]: x[names.index(e["neuron"]), e["stage"]] = inputs[e["input"]][e["stage"]]
-    x[shared] = x[shared, -1:]
-    return x
+    return np.where(shared[:, None], x[:, -1:], x)
 def held(x, move):  # 0 where it would push a neuron beyond the rail at which it is
     return np.where((x <= low) & (move < 0) | (x >= high) & (move > 0), 0, move)
 def moves(x):  # dx/ds (P, N)
-    value = {"one": np.ones(N + 2)}  # of every node: in the N cells, and beyond the two ends
+    value = {"one": np.ones(3 * N + 1)}  # of every node: in the N cells, and beyond the two ends
     def node(n, v):
-        value[n] = np.concatenate([inputs[m["left"][n]][:1] if n in m["left"] else [0], v, [0]])
+        left = inputs[m["left"][n]][:1] if n in m["left"] else [0]
+        value[n] = np.concatenate([np.zeros(N), left, v, np.zeros(N)])
     def arriving(n): return sum((w * value[s][k : k + N] for w, s, k in wires[n]), np.zeros(N))
     for n, v in [*inputs.items(), *zip(names, x)]: node(n, v)
     for b in m["blocks"]:
-        f, read = b.get("function", b["kind"]), [value[b[key]][1:-1] for key in "abx" if key in b]
-        own = {"product": np.multiply, "rectify": lambda x: np.maximum(x, 0)}
-        f = own.get(f) or getattr(np, f, None)  # the others have the names that NumPy has
-        node(b["name"], arriving(b["name"]) if b["kind"] == "sum" else f(*read))
-    drives = np.array([arriving(n) for n in names])
-    drives[shared, -1] = drives[shared].sum(1)
-    return held(x, (M @ held(x, np.where(live, drives, 0)).ravel()).reshape(x.shape) * live)
+        f, read = b.get("function", b["kind"]), [value[b[e]][N + 1 : -N] for e in "abx" if e in b]
+        own = {"product": np.multiply, "rectify": lambda x: np.maximum(x, 0), "sum": arriving}
+        node(b["name"], (own.get(f) or getattr(np, f))(*read or [b["name"]]))  # as NumPy calls f
+    d = np.array([arriving(n) for n in names])
+    d[shared, -1] = d[shared].sum(1)
+    return held(x, (M @ held(x, np.where(live, d, 0)).ravel()).reshape(x.shape) * live)
 v = json.load(open(folder + "/reference_vector.json"))
 expected = {int(k): x for k, x in v["early"].items()} | {v["steps"]: v["end"]}
 x = state([a.get("start/" + n, np.zeros(N)) for n in names])
@@ -80,6 +80,6 @@ def reader(file: str) -> str:
     return f"""\
 import collections, json, sys
 import numpy as np
-folder = sys.argv[1] if len(sys.argv) > 1 else "."
+folder = (sys.argv[1:] or ["."])[0]
 m = json.load(open(folder + "/manifest.json", encoding="utf-8"))
 {ARRAYS[file]}{NETWORK}"""

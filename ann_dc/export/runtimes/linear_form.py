@@ -104,8 +104,8 @@ class _Forms:
             return self.nodes[name]
         shift = sparse.diags_array(np.ones(stages), offsets=offset, shape=(stages, stages))
         moved = sparse.csr_array(shift @ self.nodes[name])
-        if offset == -1 and name in self.network.left:
-            moved = moved + self._form([(0, self._column(self.network.left[name], 0))])
+        if -stages <= offset < 0 and name in self.network.left:
+            moved = moved + self._form([(-1 - offset, self._column(self.network.left[name], 0))])
         return moved
 
     def _arriving(self, target: str) -> sparse.csr_array:

@@ -3,9 +3,11 @@ r"""A linear network as a graph of NIR, the neuromorphic intermediate representa
 .. math:: \dot v = r \odot (A v + B u + b)
 
 ==================  ===========  ==================================================================
-``input``           Input        u (I N,): the values of all inputs, in network units
+``input``           Input        u (I N,): the values of all inputs, in network units; one number
+                                 without effect where there are none, since every graph has an input
 ``input_weights``   Linear       B
-``synapses``        Affine       A, b: what neurons say to each other
+``synapses``        Affine       A, b: what neurons say to each other; Linear where b is zero, which
+                                 readers that know no bias take as well
 ``metric``          Linear       M, where it is more than time constants
 ``neurons``         I            v' = r i, with r = 1 / tau, or one behind a metric
 ``output``          Output       v (n,): the states
@@ -125,7 +127,7 @@ def nir_check(files: Mapping[str, bytes]) -> str:
         If there is no nir.
     """
     vector, _, places, inputs = read_beside(files, GRAPH, NOTES, FORMAT, SCHEMA)
-    given = inputs.ravel()
+    given = inputs.ravel() if inputs.size else np.zeros(1)
     check_file(GRAPH, files[GRAPH], len(places), len(given))
     graph = _read(files[GRAPH])
     _check_nodes(graph, len(places), len(given))
@@ -147,7 +149,9 @@ def nir_check(files: Mapping[str, bytes]) -> str:
 
 def _graph(network: Network, form) -> Any:
     nir, row, n = _nir(), network.row, network.size
-    nodes: dict[str, Any] = {"synapses": nir.Affine(weight=form.states.toarray(), bias=form.bias)}
+    linear = nir.Linear(weight=form.states.toarray())
+    biased = nir.Affine(weight=linear.weight, bias=form.bias) if form.bias.any() else linear
+    nodes: dict[str, Any] = {"synapses": biased}
     edges, last = [("neurons", "synapses")], "neurons"
     rates = row.state_rates
     if network.metric.kind is not Kind.TIME_CONSTANTS:
@@ -155,11 +159,10 @@ def _graph(network: Network, form) -> Any:
         nodes["metric"], rates, last = nir.Linear(weight=whole), np.ones(n), "metric"
         edges.append(("metric", "neurons"))
     edges.append(("synapses", last))
-    count = form.inputs.shape[1]
-    if count:
-        nodes["input"] = nir.Input({"input": np.array([count])})
-        nodes["input_weights"] = nir.Linear(weight=form.inputs.toarray())
-        edges += [("input", "input_weights"), ("input_weights", last)]
+    fed = form.inputs.toarray() if form.inputs.shape[1] else np.zeros((n, 1))
+    nodes["input"] = nir.Input({"input": np.array([fed.shape[1]])})
+    nodes["input_weights"] = nir.Linear(weight=fed)
+    edges += [("input", "input_weights"), ("input_weights", last)]
     nodes["neurons"] = nir.I(r=rates)
     nodes["output"] = nir.Output({"output": np.array([n])})
     edges.append(("neurons", "output"))
@@ -190,8 +193,8 @@ def _moves(graph: Any, v: np.ndarray, given: np.ndarray) -> np.ndarray:
     return graph.nodes["neurons"].r * hears("neurons")
 
 
-SHAPES = {"input_weights": "Linear", "synapses": "Affine", "metric": "Linear", "neurons": "I",
-          "input": "Input", "output": "Output"}  # fmt: skip
+TYPES = {"input_weights": {"Linear"}, "synapses": {"Affine", "Linear"}, "metric": {"Linear"},
+         "neurons": {"I"}, "input": {"Input"}, "output": {"Output"}}  # fmt: skip
 
 
 def _check_nodes(graph: Any, size: int, inputs: int) -> None:
@@ -203,12 +206,13 @@ def _check_nodes(graph: Any, size: int, inputs: int) -> None:
         ("neurons", "synapses"), ("neurons", "output"),
     }  # fmt: skip
     nodes = graph.nodes
-    fits = all(SHAPES.get(name) == type(node).__name__ for name, node in nodes.items())
+    fits = all(type(node).__name__ in TYPES.get(name, ()) for name, node in nodes.items())
     if not fits or not {"neurons", "synapses"} <= nodes.keys() or not {*graph.edges} <= allowed:
         raise FileFormatError(f"{GRAPH}: its nodes are not those of an exported network")
     shapes = {name: (size, columns[name]) for name in columns.keys() & nodes.keys()}
     wrong = [name for name, shape in shapes.items() if nodes[name].weight.shape != shape]
-    if wrong or nodes["neurons"].r.shape != (size,) or nodes["synapses"].bias.shape != (size,):
+    bias = getattr(nodes["synapses"], "bias", np.zeros(size))
+    if wrong or nodes["neurons"].r.shape != (size,) or bias.shape != (size,):
         raise FileFormatError(f"{GRAPH}: a matrix does not fit {size} neurons, {inputs} inputs")
 
 

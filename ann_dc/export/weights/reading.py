@@ -155,13 +155,22 @@ def _connections(table: Table, entries: Entries, stages: int) -> tuple[Connectio
     for row in table.rows("connections"):
         row.only("source target template")
         source, target = row.get("source", str), row.get("target", str)
-        template = row.choice("template", TEMPLATES)
+        is_far = type(row.given.get("template")) is int
+        template = _far(row) if is_far else row.choice("template", TEMPLATES)
         wires.append(Connection(source=source, target=target, template=template))
     weights = [entries.one_or_each(name, stages) for name in weight_names(wires)]
     return tuple(
         Connection(source=w.source, target=w.target, template=w.template, weight=weight)
         for w, weight in zip(wires, weights)
     )
+
+
+def _far(row: Table) -> int:
+    """Return the stages to a source beyond the neighbours, which have names instead."""
+    template = row.whole("template", -MAX_STAGES, MAX_STAGES)
+    if abs(template) <= 1:
+        raise FileFormatError(f"{row.place}.template: expected a name, got {template}")
+    return template
 
 
 def _pair(chain) -> tuple[str, str]:

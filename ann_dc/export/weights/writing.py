@@ -7,7 +7,6 @@ from dataclasses import asdict
 
 import numpy as np
 
-from ann_dc.errors import NetworkError
 from ann_dc.export.weights.manifest import FORMAT, SCHEMA, weight_names
 from ann_dc.network.cell import Connection, Template
 from ann_dc.network.metrics.contract import Kind, Metric
@@ -22,20 +21,20 @@ ABOUT = (
     "N equal cells in a row (stages 0 to N - 1): dx/ds = M d(x). The drive d of a neuron, and the "
     "value of a sum, is the sum of weight * value of the source over the connections that end "
     "there; `tensors` lists the weights in the order of `connections`. The template says in which "
-    "cell the source is: the one before (previous), the same (self), the next one (next). `one` is "
-    "the constant 1, beyond the ends of the row too; every other source is 0 there, except that in "
-    "front of stage 0 a node of `left` has the value of that input at stage 0. A product "
-    "multiplies a and b, a function is that of x (log to base e; rectify is max(0, x)); blocks are "
-    "listed in the order of evaluation, each in all cells before the next one. Value of an input = "
-    "(given - offset) / factor with `input_scale` (without it: as given). A pinned neuron has the "
-    "value of its input at that stage, an absent one is 0; a shared one is a single neuron, in the "
-    "last cell: all cells read it, and its drive is the sum of those of all cells. "
-    "Rails: d is 0 where x <= low and d < 0, or x >= high and d > 0; then M d likewise; after a "
-    "step of finite length x is clipped to its rails. M acts on live neurons: d of pinned, absent "
-    "and other cells' shared ones is 0, and they do not move. States are in network units: user's "
-    "value = zero + unit * state (zero 0 without the array). Connections compute multipliers too, "
-    "and `duals`, `diodes` and `objectives` name them only: m = mu + rho c of a PI dual with "
-    "residual c, m = max(0, z + w g) of a diode neuron z of a row g <= 0. "
+    "cell the source is: the one before (previous), the same (self), the next one (next), or one so"
+    " many stages away (a whole number). `one` is the constant 1, beyond the ends of the row too; "
+    "every other source is 0 there, except that in front of stage 0 a node of `left` has the value "
+    "of that input at stage 0. A product multiplies a and b, a function is that of x (log to base "
+    "e; rectify is max(0, x)); blocks are listed in the order of evaluation, each in all cells "
+    "before the next one. Value of an input = (given - offset) / factor with `input_scale` (without"
+    " it: as given). A pinned neuron has the value of its input at that stage, an absent one is 0; "
+    "a shared one is a single neuron, in the last cell: all cells read it, and its drive is the sum"
+    " of those of all cells. Rails: d is 0 where x <= low and d < 0, or x >= high and d > 0; then M"
+    " d likewise; after a step of finite length x is clipped to its rails. M acts on live neurons: "
+    "d of pinned, absent and other cells' shared ones is 0, and they do not move. States are in "
+    "network units: user's value = zero + unit * state (zero 0 without the array). Connections "
+    "compute multipliers too, and `duals`, `diodes` and `objectives` name them only: m = mu + rho c"
+    " of a PI dual with residual c, m = max(0, z + w g) of a diode neuron z of a row g <= 0. "
 )
 """The equation, in the words of a manifest; `METRICS` goes on with M."""
 
@@ -179,12 +178,10 @@ def is_shifted(network: Network) -> bool:
     return offsets or any(scale != Scale() for scale in network.input_scales.values())
 
 
-def _template(connection: Connection) -> str:
+def _template(connection: Connection) -> str | int:
+    """Return the name of a neighbour's cell, or the number of stages to one further away."""
     if abs(connection.template) > 1:
-        raise NetworkError(
-            f"{connection.name}: weight files have wires between neighbours only; save the network "
-            "that was designed, not the emulation of its circuit"
-        )
+        return int(connection.template)
     return Template(connection.template).name.lower()
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from onnx_runs import OnnxNetwork, Walk
-from random_networks import random_network
+from random_networks import far_wired, random_network
 
 from ann_dc.network import Network
 from ann_dc.network.metrics import Kind
@@ -50,6 +50,15 @@ def test_float32_is_close(seed):
         np.testing.assert_allclose(
             single[0][..., sample] / scale, double[0][..., sample] / scale, rtol=0, atol=1e-4
         )
+
+
+def test_sources_beyond_the_neighbours_are_read():
+    network = far_wired(3)
+    x = network.start_state
+    found, _ = OnnxNetwork(network).step(network.unpack(x)[..., None], STEP)
+    walk = Walk(network, x, STEP)
+    walk.advance()
+    np.testing.assert_allclose(found[..., 0], walk.states, rtol=0, atol=1e-12)
 
 
 def test_nothing_is_read_where_there_is_no_neuron():

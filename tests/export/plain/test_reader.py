@@ -12,7 +12,7 @@ import sympy as sp
 from constrained import CONSTRAINED, integrator
 from designs import coordinated, designed, wired_with
 from minimax import CASES, car
-from random_networks import random_network
+from random_networks import far_wired, random_network
 
 import ann_dc
 from ann_dc.export.plain import reader, weights_files
@@ -37,6 +37,7 @@ def scaled_inputs():
 
 
 NETWORKS = {
+    "far wires": lambda: far_wired(3),
     **{f"arm, {kind.value}": lambda kind=kind: wired_with("two_link_arm", kind) for kind in Kind},
     **{f"random, {kind.value}": lambda kind=kind: random_network(7, kind) for kind in Kind},
     **{f"random {seed}": lambda seed=seed: random_network(seed) for seed in range(4)},

@@ -31,14 +31,17 @@ CASES = {
     ),
     "fed from the left": lambda: chain(),
     "one for all": lambda: chain(shared=True),
+    "from two cells away": lambda: chain(offset=-2),
+    "no input": lambda: oscillator(),
+    "no input, a bias": lambda: oscillator(rest=0.5),
 }
 
 
-def chain(shared: bool = False) -> Network:
+def chain(shared: bool = False, offset: int = -1) -> Network:
     """Leaky integrators in a row through a sum, with a bus that adds them up where ``shared``."""
     wires = [
         Connection(source="x", target="x", weight=np.array([-1.0, -2.0, -3.0])),
-        Connection(source="y", target="x", weight=0.5, template=-1),
+        Connection(source="y", target="x", weight=0.5, template=offset),
         Connection(source="x", target="y", weight=2.0, template=1),
         Connection(source="one", target="y", weight=0.25),
         Connection(source="drive", target="x", weight=0.1),
@@ -61,6 +64,22 @@ def chain(shared: bool = False) -> Network:
     )  # fmt: skip
 
 
+def oscillator(rest: float = 0.0) -> Network:
+    """x'' = -4 x' - 100 (x - rest): nothing comes from outside."""
+    wires = [
+        Connection(source="v", target="x"),
+        Connection(source="x", target="v", weight=-100.0),
+        Connection(source="v", target="v", weight=-4.0),
+    ]
+    wires += [Connection(source="one", target="v", weight=100 * rest)] if rest else []
+    cell = Cell(neurons=(Neuron(name="x"), Neuron(name="v")), connections=tuple(wires))
+    return Network(cell=cell, stages=1, start={"x": 0.8}, title="oscillator")
+
+
+def bias_of(nodes):
+    return getattr(nodes["synapses"], "bias", np.zeros(len(nodes["synapses"].weight)))
+
+
 def graph_of(files, folder):
     path = folder / "network.nir"
     path.write_bytes(files["network.nir"])
@@ -73,8 +92,10 @@ def test_the_graph_that_is_read_has_the_trajectory_of_the_network(case, tmp_path
     network = CASES[case]()
     files = nir_files(network, reference_vector(network))
     nodes = graph_of(files, tmp_path).nodes
-    inputs = np.concatenate([network.input_values[name] for name in network.cell.inputs])
-    matrix, bias = nodes["synapses"].weight, nodes["synapses"].bias
+    given = [network.input_values[name] for name in network.cell.inputs]
+    inputs = np.concatenate(given or [np.zeros(1)])
+    matrix, bias = nodes["synapses"].weight, bias_of(nodes)
+    assert type(nodes["synapses"]) is (nir.Affine if bias.any() else nir.Linear)
     fed = nodes["input_weights"].weight @ inputs + bias
     metric = nodes["metric"].weight if "metric" in nodes else np.eye(len(bias))
     rates = nodes["neurons"].r[:, None]
@@ -127,10 +148,10 @@ def test_inputs_stay_inputs(tmp_path):
     graphs = [graph_of(nir_files(n, reference_vector(n)), tmp_path).nodes for n in (network, moved)]
     for name in ("synapses", "input_weights", "metric"):
         np.testing.assert_array_equal(graphs[0][name].weight, graphs[1][name].weight)
-    np.testing.assert_array_equal(graphs[0]["synapses"].bias, graphs[1]["synapses"].bias)
+    np.testing.assert_array_equal(*map(bias_of, graphs))
     values = np.concatenate([moved.input_values[name] for name in moved.cell.inputs])
     x = moved.start_state
-    drive = graphs[0]["synapses"].weight @ x + graphs[0]["synapses"].bias
+    drive = graphs[0]["synapses"].weight @ x + bias_of(graphs[0])
     drive += graphs[0]["input_weights"].weight @ values
     np.testing.assert_allclose(drive, moved.pack(evaluator(moved).drives(x)), atol=1e-12)
 

@@ -48,7 +48,14 @@ def round_trip(network: Network, path) -> Network:
     return load(path)
 
 
+def far_wired() -> Network:
+    car = small("car")
+    far = (Connection(source="q.x", target="t.y", weight=0.1, template=k) for k in (-2, 3))
+    return replace(car, cell=replace(car.cell, connections=(*car.cell.connections, *far)))
+
+
 NETWORKS = {
+    "far wires": lambda: far_wired(),
     "car": lambda: small("car"),
     "designed car": lambda: designed("car").network,
     "coordinated arm": lambda: coordinated("two_link_arm"),
