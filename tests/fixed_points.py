@@ -46,13 +46,13 @@ def in_integers(name: str, bits: int = 0) -> FixedPoint:
 
 
 def walk(model: FixedPoint, steps: int) -> list[int]:  # noqa: C901 - one branch an operation
-    """The states after so many steps, computed in another way."""
+    """The words of the neurons after so many steps, computed in another way."""
     machine = model.machine
-    top = 2 ** (machine.bits - 1) - 1
+    bits, guard = machine.bits, machine.guard
+    top = 2 ** (bits + guard - 1) - 1
     words, edges = machine.words.tolist(), machine.edges.tolist()
     tables, entries = machine.tables.tolist(), machine.entries.tolist()
     neurons = machine.neurons.tolist()
-    states = [neuron[1] for neuron in neurons]
 
     def rounded(a: int, shift: int) -> int:
         return (2 * a + 2**shift) // 2 ** (shift + 1) if shift > 0 else a * 2**-shift
@@ -65,30 +65,28 @@ def walk(model: FixedPoint, steps: int) -> list[int]:  # noqa: C901 - one branch
 
     def computed(kind: int, a: int, b: int, shift: int) -> int:
         if kind == 1:
-            return rounded(words[a] * words[b], shift)
+            return rounded(rounded(words[a], guard) * rounded(words[b], guard), shift)
         if kind == 2:
-            return looked_up(tables[a], words[b])
+            return looked_up(tables[a], rounded(words[b], guard))
         if kind == 3:
             return rounded(max(words[b], 0), shift)
-        return rounded(sum(weight * words[word] for word, weight in edges[a:b]), shift)
+        return rounded(sum(w * 2**exponent * words[at] for at, w, exponent in edges[a:b]), shift)
 
     for _ in range(steps):
         for kind, target, a, b, shift, neuron in machine.operations.tolist():
             value, place = computed(kind, a, b, shift), target
             assert abs(value) < 2**62, "no 64 bits hold it"
+            least, most = -top - 1, top
             if kind == 5:
-                place, _, low, high, _ = neurons[neuron]
-                states[neuron] = min(max(states[neuron] + value, low), high)
-                value = rounded(states[neuron], machine.guard)
-            value = min(max(value, -top - 1), top)
+                place, _, least, most, *_ = neurons[neuron]
+                value += words[place]
+            value = min(max(value, least), most)
             if kind == 4:
-                _, _, low, high, _ = neurons[neuron]
-                out = (states[neuron] <= low and value < 0) or (
-                    states[neuron] >= high and value > 0
-                )
+                own, _, low, high, *_ = neurons[neuron]
+                out = (words[own] <= low and value < 0) or (words[own] >= high and value > 0)
                 value = 0 if out else value
             words[place] = value
-    return states
+    return [words[place] for place, *_ in neurons]
 
 
 def written(files: dict[str, bytes], folder: Path) -> Path:

@@ -6,12 +6,12 @@ it: a straight line from q_0 to q_d stays one when its ends move.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.errors import NetworkError, ProblemError, UnknownNameError
 from ann_dc.network.network import Network
 
 
@@ -154,3 +154,43 @@ def moved_starts(network: Network, inputs: Mapping[str, np.ndarray]) -> np.ndarr
             moved = np.flatnonzero(move.weight)
             states[:, moved] += (now - own)[:, None] * move.weight[moved]
     return states
+
+
+def ranges_of(words: Sequence[str], option: str) -> dict[str, tuple[float, float]]:
+    """Read ranges of inputs from words.
+
+    Parameters
+    ----------
+    words : sequence of str
+        Each ``INPUT=LOW:HIGH``.
+    option : str
+        Name of the option that they were given by, for errors.
+
+    Returns
+    -------
+    dict of str to (float, float)
+
+    Raises
+    ------
+    ProblemError
+        If a word is no range, or names an input for the second time.
+
+    Examples
+    --------
+    >>> ranges_of(["q_d.x=3:7", "q_0.phi=-0.5:0.5"], "over")
+    {'q_d.x': (3.0, 7.0), 'q_0.phi': (-0.5, 0.5)}
+    """
+    ranges: dict[str, tuple[float, float]] = {}
+    for word in words:
+        name, _, ends = word.partition("=")
+        low, _, high = ends.partition(":")
+        try:
+            found = float(low), float(high)
+        except ValueError as error:
+            raise ProblemError(
+                f"{option}: expected INPUT=LOW:HIGH, for instance q_d.x=3:7, got {word!r}"
+            ) from error
+        if name.strip() in ranges:
+            raise ProblemError(f"{option}: {name.strip()} is given twice")
+        ranges[name.strip()] = found
+    return ranges

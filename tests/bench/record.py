@@ -45,6 +45,7 @@ BENCHES = (
     "silicon_circuits",
     "store",
     "exports",
+    "integers",
 )
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ann_dc.errors import ProblemError
+from ann_dc.network.inputs import ranges_of as network_ranges_of
 
 OverOption = Annotated[
     list[str] | None,
@@ -53,17 +53,4 @@ def ranges_of(words: Sequence[str]) -> dict[str, tuple[float, float]]:
     >>> ranges_of(["q_d.x=3:7", "q_0.phi=-0.5:0.5"])
     {'q_d.x': (3.0, 7.0), 'q_0.phi': (-0.5, 0.5)}
     """
-    ranges: dict[str, tuple[float, float]] = {}
-    for word in words:
-        name, _, ends = word.partition("=")
-        low, _, high = ends.partition(":")
-        try:
-            found = float(low), float(high)
-        except ValueError as error:
-            raise ProblemError(
-                f"--over: expected INPUT=LOW:HIGH, for instance q_d.x=3:7, got {word!r}"
-            ) from error
-        if name.strip() in ranges:
-            raise ProblemError(f"--over: {name.strip()} is given twice")
-        ranges[name.strip()] = found
-    return ranges
+    return network_ranges_of(words, "--over")

@@ -8,12 +8,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from itertools import chain, count
+from typing import Any
 
 import numpy as np
 
-from ann_dc.export.fixed_point.c99_text import HEADER, MAKEFILE, README, SELFTEST, SOURCE
-from ann_dc.export.fixed_point.golden import Bits, FixedPoint, Port, fixed_point
+from ann_dc.export.fixed_point.arithmetic.machine import WORD
+from ann_dc.export.fixed_point.c99_text import HEADER, MAKEFILE, SELFTEST, SOURCE
+from ann_dc.export.fixed_point.golden import PREFIX, WRONG, FixedPoint, Port
 from ann_dc.export.fixed_point.manifest import NAME, VECTOR, as_json, check
+from ann_dc.export.fixed_point.readme_text import C99
+from ann_dc.export.fixed_point.widths import Bits, fixed_point
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import PositiveFinite
@@ -25,7 +29,13 @@ WIDTH = 96
 
 @checked
 def c99_files(
-    network: Network, vector: ReferenceVector, *, bits: Bits = 0, accuracy: PositiveFinite = 1e-3
+    network: Network,
+    vector: ReferenceVector,
+    *,
+    bits: Bits = 0,
+    accuracy: PositiveFinite = 1e-3,
+    over: str = "",
+    prefix: str = PREFIX,
 ) -> dict[str, bytes]:
     """A network as C99 without floating point.
 
@@ -35,9 +45,14 @@ def c99_files(
     vector : ReferenceVector
         Of the network.
     bits : int
-        Of a word, 4 to 32; 0 is as many as the accuracy takes.
+        Of a number, 4 to 32; 0 is as many as the accuracy takes.
     accuracy : float
         Largest error of a control over the largest control.
+    over : str
+        Ranges of inputs that words are chosen for, ``q_d.x=3:7,q_d.y=3:7``; by default those that
+        the network was designed for.
+    prefix : str
+        Beginning of all names of files and of C.
 
     Returns
     -------
@@ -47,7 +62,8 @@ def c99_files(
     Raises
     ------
     ExportError
-        If words of so many bits cannot carry the network, or not as accurately.
+        If words of so many bits cannot carry the network, or not as accurately, or the prefix is no
+        identifier.
 
     Examples
     --------
@@ -57,8 +73,8 @@ def c99_files(
     >>> sorted(c99_files(network, reference_vector(network), bits=16))[:3]
     ['Makefile', 'README.md', 'ann_dc_network.c']
     """
-    found = fixed_point(network, vector, bits=bits, accuracy=accuracy)
-    return {**_written(found), VECTOR: vector.as_json()}
+    found = fixed_point(network, vector, bits=bits, accuracy=accuracy, over=over)
+    return {**_written(found.named(prefix)), VECTOR: vector.as_json()}
 
 
 @checked
@@ -86,36 +102,72 @@ def _written(network: FixedPoint) -> dict[str, bytes]:
     """All files but the reference vector."""
     machine = network.machine
     numbers = {
-        "bits": network.bits,
-        "guard": machine.guard,
-        "period": machine.period,
+        **facts(network),
         "words": len(machine.words),
         "neurons": len(machine.neurons),
         "operations": len(machine.operations),
         "inputs": len(network.inputs),
         "controls": len(network.controls),
         "stages": max((len(port.words) for port in network.inputs), default=1),
-        "steps": network.steps,
-        "error": f"{network.error:.1e}",
-        "title": plain(network.title),
-        "wiring": plain(network.wiring),
-        "content": plain(network.content),
     }
     header = HEADER.format(
         **numbers,
         input_names=_names("INPUT", network.inputs),
         control_names=_names("CONTROL", network.controls),
     )
-    readme = README.format(**numbers, input_rows=port_rows(network, network.inputs),
-                           control_rows=port_rows(network, network.controls))  # fmt: skip
     texts = {
         "ann_dc_network.h": header,
         "ann_dc_network.c": SOURCE.format(**numbers, **_tables(network)),
         "selftest.c": SELFTEST.format(**numbers, **_expected(network)),
         "Makefile": MAKEFILE,
-        "README.md": readme,
+        "README.md": C99.format(**numbers),
     }
-    return {**{name: text.encode() for name, text in texts.items()}, NAME: as_json(network)}
+    return {**prefixed(texts, network.prefix), NAME: as_json(network)}
+
+
+def prefixed(texts: Mapping[str, str], prefix: str) -> dict[str, bytes]:
+    """Return files whose names, and the names in them, begin with a prefix.
+
+    Parameters
+    ----------
+    texts : mapping of file name to str
+    prefix : str
+    """
+
+    def own(text: str) -> str:
+        named = re.sub(r"\bann_dc_", f"{prefix}_", text)
+        return re.sub(r"\bANN_DC_", f"{prefix.upper()}_", named)
+
+    return {own(name): own(text).encode() for name, text in texts.items()}
+
+
+def facts(network: FixedPoint) -> dict[str, Any]:
+    """Return what the texts of both languages say of a network.
+
+    Parameters
+    ----------
+    network : FixedPoint
+    """
+    machine = network.machine
+    own = "Inputs without a range were held at the values that the network was exported with."
+    return {
+        "title": plain(network.title),
+        "wiring": plain(network.wiring),
+        "content": plain(network.content),
+        "covers": plain(network.covers),
+        "worth": plain(network.worth.removeprefix("words chosen for "), "%;"),
+        "own": own if network.ranges else "Give ranges with `over=`, or design with `--over`.",
+        "wrong": WRONG * network.accuracy,
+        "bits": machine.bits,
+        "guard": machine.guard,
+        "wide": machine.wide,
+        "period": machine.period,
+        "steps": network.steps,
+        "limit": network.limit,
+        "error": f"{network.error:.1e}",
+        "input_rows": _port_rows(network, network.inputs),
+        "control_rows": _port_rows(network, network.controls),
+    }
 
 
 def _tables(network: FixedPoint) -> dict[str, str]:
@@ -127,7 +179,7 @@ def _tables(network: FixedPoint) -> dict[str, str]:
         "table": ("int32_t", machine.tables),
         "entry": ("int32_t", machine.entries),
         "start": ("int32_t", machine.words),
-        "neuron": ("int64_t", machine.neurons),
+        "neuron": ("int32_t", machine.neurons),
         "input": ("int32_t", inputs),
         "control": ("int32_t", [int(port.words[0]) for port in network.controls]),
     }
@@ -142,7 +194,8 @@ def _expected(network: FixedPoint) -> dict[str, str]:
     states = np.array([network.vectors[count] for count in counts])
     return {
         "counts": _array("uint32_t", "counts", np.array(counts)),
-        "expected": _array("int64_t", "expected", states),
+        "places": _array("int32_t", "places", network.machine.neurons[:, WORD]),
+        "expected": _array("int32_t", "expected", states),
         "vectors": str(len(counts)),
     }
 
@@ -201,24 +254,20 @@ def identifiers(names: Iterable[str]) -> list[str]:
     return found
 
 
-def plain(text: str) -> str:
+def plain(text: str, more: str = "") -> str:
     """Text that ends no comment: letters, digits and a few marks.
 
     Parameters
     ----------
     text : str
+    more : str
+        Further marks that are kept.
     """
-    return re.sub(r"[^A-Za-z0-9_.,:()\[\] =+-]", " ", text)
+    return re.sub(rf"[^A-Za-z0-9_.,:()\[\] =+{more}-]", " ", text)
 
 
-def port_rows(network: FixedPoint, ports: tuple[Port, ...]) -> str:
-    """Rows of a Markdown table: number, name, fraction bits, factor and offset of every port.
-
-    Parameters
-    ----------
-    network : FixedPoint
-    ports : tuple of Port
-    """
+def _port_rows(network: FixedPoint, ports: tuple[Port, ...]) -> str:
+    """Rows of a Markdown table: number, name, fraction bits, factor and offset of every port."""
     return "\n".join(
         f"| {index} | {plain(port.name)} | {network.fraction[port.words[0]]} "
         f"| {port.scale.factor!r} | {port.scale.offset!r} |"

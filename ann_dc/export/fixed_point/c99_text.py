@@ -2,25 +2,39 @@
 
 HEADER = """\
 /* {title}: a network in integers of {bits} bits, without floating point.
-   Written by ann_dc; wiring {wiring}, content {content}. */
+   Written by ann_dc; wiring {wiring}, content {content}.
+   Word ranges were chosen for {covers}. */
 #ifndef ANN_DC_NETWORK_H
 #define ANN_DC_NETWORK_H
 
 #include <stdint.h>
 
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
 enum {{
-    ANN_DC_BITS = {bits},         /* of a word */
-    ANN_DC_GUARD = {guard},        /* fraction bits of a state beyond its word's */
+    ANN_DC_BITS = {bits},         /* of an input and of a control */
+    ANN_DC_GUARD = {guard},        /* fraction bits of a word beyond theirs */
     ANN_DC_PERIOD = {period},       /* steps between two looks at whether words still move */
     ANN_DC_STAGES = {stages},
     ANN_DC_INPUTS = {inputs},
     ANN_DC_CONTROLS = {controls},
     ANN_DC_NEURONS = {neurons},
     ANN_DC_WORDS = {words},
-    ANN_DC_STEPS = {steps}         /* until it settles, as it was exported */
+    ANN_DC_STEPS = {steps},        /* until it settles, as it was exported */
+    ANN_DC_LIMIT = {limit}         /* steps after which a run that has not settled will not */
 }};
 
-/* Inputs: words with fraction bits as in README.md. */
+/* Status. Controls are an answer in ANN_DC_SETTLED alone. */
+enum {{
+    ANN_DC_RUNNING = 0,
+    ANN_DC_SETTLED = 1,      /* still, residual small, nothing cut off */
+    ANN_DC_SATURATED = 2,    /* a number did not fit since the start: inputs out of range */
+    ANN_DC_LIMITED = 3       /* ann_dc_settle took as many steps as it may */
+}};
+
+/* Inputs: numbers with fraction bits as in README.md. */
 {input_names}
 
 /* Controls, stage by stage. */
@@ -29,27 +43,36 @@ enum {{
 typedef struct {{
     int32_t words[ANN_DC_WORDS];
     int32_t marks[ANN_DC_NEURONS];
-    int64_t states[ANN_DC_NEURONS];
     uint32_t steps;
+    int saturated;           /* stays set until ann_dc_start */
+    int status;
 }} ann_dc_network;
 
 /* The start, with the inputs that the network was exported with. */
 void ann_dc_start(ann_dc_network *network);
 
-/* A word of an input at a stage; 0 where there is no such place. What does not fit is cut off. */
-int ann_dc_load(ann_dc_network *network, int input, int stage, int32_t word);
+/* A number into an input at a stage; 0 if there is no such place. What does not fit is cut off, and
+   saturates. */
+int ann_dc_load(ann_dc_network *network, int input, int stage, int32_t number);
 
-/* A word of an input at all stages. */
-int ann_dc_load_all(ann_dc_network *network, int input, int32_t word);
+/* A number into an input at all stages. */
+int ann_dc_load_all(ann_dc_network *network, int input, int32_t number);
 
-/* One step; 1 where the network is settled after it. */
+/* One step; 1 if the network is settled after it. */
 int ann_dc_step(ann_dc_network *network);
 
 /* Steps until it is settled, at most so many; how many were taken. */
 uint32_t ann_dc_settle(ann_dc_network *network, uint32_t limit);
 
-/* The word of a control; 0 where there is none. */
+/* ANN_DC_RUNNING, ANN_DC_SETTLED, ANN_DC_SATURATED or ANN_DC_LIMITED. */
+int ann_dc_status(const ann_dc_network *network);
+
+/* The number of a control; 0 if there is none. */
 int32_t ann_dc_control(const ann_dc_network *network, int control);
+
+#ifdef __cplusplus
+}}
+#endif
 
 #endif
 """
@@ -62,11 +85,11 @@ enum {{ OPERATIONS = {operations} }};
 enum {{ KIND, TARGET, FIRST, LAST, SHIFT, NEURON }};             /* of an operation */
 enum {{ SUM, PRODUCT, FUNCTION, RECTIFY, DRIVE, UPDATE }};       /* kinds */
 enum {{ LOWEST, HIGHEST, SPACING, ENTRY }};                      /* of a table */
-enum {{ WORD, AT_START, LOW, HIGH, THRESHOLD }};                 /* of a neuron */
+enum {{ WORD, AT_START, LOW, HIGH, STILL, DRIVEN, SMALL }};      /* of a neuron */
 
 {operation_table}
 
-/* Word, coefficient. */
+/* Word, coefficient, exponent of its power of two. */
 {edge_table}
 
 {table_table}
@@ -82,6 +105,7 @@ enum {{ WORD, AT_START, LOW, HIGH, THRESHOLD }};                 /* of a neuron 
 {control_table}
 
 static const int64_t TOP = ((int64_t)1 << (ANN_DC_BITS - 1)) - 1;
+static const int64_t WIDE = ((int64_t)1 << (ANN_DC_BITS + ANN_DC_GUARD - 1)) - 1;
 
 static int64_t clipped(int64_t value, int64_t low, int64_t high)
 {{
@@ -103,66 +127,85 @@ static int64_t rounded(int64_t a, int32_t shift)
     return a * ((int64_t)1 << -shift);
 }}
 
-static int64_t looked_up(const int32_t *table, int64_t x)
+/* A word as it is multiplied by another, or looks up a table. */
+static int64_t factor(int32_t word)
+{{
+    return rounded(word, ANN_DC_GUARD);
+}}
+
+static int64_t looked_up(ann_dc_network *network, const int32_t *table, int64_t x)
 {{
     int32_t shift = table[SPACING];
-    int64_t place = clipped(x, table[LOWEST], table[HIGHEST]) - table[LOWEST];
+    int64_t inside = clipped(x, table[LOWEST], table[HIGHEST]);
+    int64_t place = inside - table[LOWEST];
     const int32_t *entry = entry_table + table[ENTRY] + (place >> shift);
     int64_t share = place - ((place >> shift) << shift);
+    if (inside != x)
+        network->saturated = 1;
     return entry[0] + rounded(((int64_t)entry[1] - entry[0]) * share, shift);
 }}
 
-static int64_t computed(const int32_t *words, const int32_t *operation)
+static int64_t computed(ann_dc_network *network, const int32_t *operation)
 {{
     const int32_t first = operation[FIRST], last = operation[LAST];
+    const int32_t *words = network->words;
     int64_t total = 0;
     int32_t e;
     switch (operation[KIND]) {{
     case PRODUCT:
-        return rounded((int64_t)words[first] * words[last], operation[SHIFT]);
+        return rounded(factor(words[first]) * factor(words[last]), operation[SHIFT]);
     case FUNCTION:
-        return looked_up(table_table[first], words[last]);
+        return looked_up(network, table_table[first], factor(words[last]));
     case RECTIFY:
         return rounded(words[last] > 0 ? words[last] : 0, operation[SHIFT]);
     default:
         for (e = first; e < last; ++e)
-            total += (int64_t)edge_table[e][1] * words[edge_table[e][0]];
+            total += (int64_t)edge_table[e][1] * ((int64_t)1 << edge_table[e][2])
+                * words[edge_table[e][0]];
         return rounded(total, operation[SHIFT]);
     }}
 }}
 
 static void operate(ann_dc_network *network, const int32_t *operation)
 {{
-    int64_t value = computed(network->words, operation);
+    int64_t value = computed(network, operation), low = -WIDE - 1, high = WIDE, kept;
     int32_t target = operation[TARGET];
     if (operation[KIND] == UPDATE) {{
-        const int64_t *neuron = neuron_table[operation[NEURON]];
-        int64_t *state = network->states + operation[NEURON];
-        *state = clipped(*state + value, neuron[LOW], neuron[HIGH]);
-        value = rounded(*state, ANN_DC_GUARD);
-        target = (int32_t)neuron[WORD];
+        const int32_t *neuron = neuron_table[operation[NEURON]];
+        target = neuron[WORD];
+        low = neuron[LOW];
+        high = neuron[HIGH];
+        value += network->words[target];
     }}
-    value = clipped(value, -TOP - 1, TOP);
+    kept = clipped(value, low, high);
+    if (kept != value && (kept == WIDE || kept == -WIDE - 1))
+        network->saturated = 1;
     if (operation[KIND] == DRIVE) {{
-        const int64_t *neuron = neuron_table[operation[NEURON]];
-        int64_t state = network->states[operation[NEURON]];
-        if ((state <= neuron[LOW] && value < 0) || (state >= neuron[HIGH] && value > 0))
-            value = 0;
+        const int32_t *neuron = neuron_table[operation[NEURON]];
+        int32_t state = network->words[neuron[WORD]];
+        if ((state <= neuron[LOW] && kept < 0) || (state >= neuron[HIGH] && kept > 0))
+            kept = 0;
     }}
-    network->words[target] = (int32_t)value;
+    network->words[target] = (int32_t)kept;
+}}
+
+static int beyond(int64_t value, int32_t threshold)
+{{
+    return value > threshold || -value > threshold;
 }}
 
 static int settled(ann_dc_network *network)
 {{
     int n, still = 1;
     for (n = 0; n < ANN_DC_NEURONS; ++n) {{
-        int32_t word = network->words[neuron_table[n][WORD]];
-        int64_t moved = (int64_t)word - network->marks[n];
-        if (moved > neuron_table[n][THRESHOLD] || -moved > neuron_table[n][THRESHOLD])
+        const int32_t *neuron = neuron_table[n];
+        int32_t word = network->words[neuron[WORD]];
+        if (beyond((int64_t)word - network->marks[n], neuron[STILL])
+            || beyond(network->words[neuron[DRIVEN]], neuron[SMALL]))
             still = 0;
         network->marks[n] = word;
     }}
-    return still;
+    return still && !network->saturated;
 }}
 
 void ann_dc_start(ann_dc_network *network)
@@ -170,36 +213,44 @@ void ann_dc_start(ann_dc_network *network)
     int n;
     for (n = 0; n < ANN_DC_WORDS; ++n)
         network->words[n] = start_table[n];
-    for (n = 0; n < ANN_DC_NEURONS; ++n) {{
-        network->states[n] = neuron_table[n][AT_START];
-        network->marks[n] = network->words[neuron_table[n][WORD]];
-    }}
+    for (n = 0; n < ANN_DC_NEURONS; ++n)
+        network->marks[n] = neuron_table[n][AT_START];
     network->steps = 0;
+    network->saturated = 0;
+    network->status = ANN_DC_RUNNING;
 }}
 
-int ann_dc_load(ann_dc_network *network, int input, int stage, int32_t word)
+int ann_dc_load(ann_dc_network *network, int input, int stage, int32_t number)
 {{
+    int64_t fit = clipped(number, -TOP - 1, TOP);
     if (input < 0 || input >= ANN_DC_INPUTS || stage < 0 || stage >= ANN_DC_STAGES)
         return 0;
-    network->words[input_table[input][stage]] = (int32_t)clipped(word, -TOP - 1, TOP);
+    if (fit != number) {{
+        network->saturated = 1;
+        network->status = ANN_DC_SATURATED;
+    }}
+    network->words[input_table[input][stage]] = (int32_t)(fit * ((int64_t)1 << ANN_DC_GUARD));
     return 1;
 }}
 
-int ann_dc_load_all(ann_dc_network *network, int input, int32_t word)
+int ann_dc_load_all(ann_dc_network *network, int input, int32_t number)
 {{
     int stage, loaded = 1;
     for (stage = 0; stage < ANN_DC_STAGES; ++stage)
-        loaded &= ann_dc_load(network, input, stage, word);
+        loaded &= ann_dc_load(network, input, stage, number);
     return loaded;
 }}
 
 int ann_dc_step(ann_dc_network *network)
 {{
-    int k;
+    int k, rests;
     for (k = 0; k < OPERATIONS; ++k)
         operate(network, operation_table[k]);
     network->steps += 1;
-    return network->steps % ANN_DC_PERIOD == 0 && settled(network);
+    rests = network->steps % ANN_DC_PERIOD == 0 && settled(network);
+    network->status = network->saturated ? ANN_DC_SATURATED
+                    : rests ? ANN_DC_SETTLED : ANN_DC_RUNNING;
+    return rests;
 }}
 
 uint32_t ann_dc_settle(ann_dc_network *network, uint32_t limit)
@@ -208,21 +259,28 @@ uint32_t ann_dc_settle(ann_dc_network *network, uint32_t limit)
     while (steps < limit) {{
         steps += 1;
         if (ann_dc_step(network))
-            break;
+            return steps;
     }}
+    if (!network->saturated)
+        network->status = ANN_DC_LIMITED;
     return steps;
+}}
+
+int ann_dc_status(const ann_dc_network *network)
+{{
+    return network->status;
 }}
 
 int32_t ann_dc_control(const ann_dc_network *network, int control)
 {{
     if (control < 0 || control >= ANN_DC_CONTROLS)
         return 0;
-    return network->words[control_table[control]];
+    return (int32_t)clipped(factor(network->words[control_table[control]]), -TOP - 1, TOP);
 }}
 """
 
 SELFTEST = """\
-/* Walks from the start, and compares the states with those of the golden model. */
+/* Walks from the start, and compares the words of the neurons with those of the golden model. */
 #include "ann_dc_network.h"
 
 #include <stdio.h>
@@ -230,6 +288,8 @@ SELFTEST = """\
 enum {{ VECTORS = {vectors} }};
 
 {counts}
+
+{places}
 
 {expected}
 
@@ -244,11 +304,11 @@ int main(void)
         while (network.steps < counts[v])
             (void)ann_dc_step(&network);
         for (n = 0; n < ANN_DC_NEURONS; ++n)
-            differ += network.states[n] != expected[v][n];
+            differ += network.words[places[n]] != expected[v][n];
     }}
     ann_dc_start(&network);
     taken = ann_dc_settle(&network, 2 * counts[VECTORS - 1]);
-    differ += taken != counts[VECTORS - 1];
+    differ += taken != counts[VECTORS - 1] || ann_dc_status(&network) != ANN_DC_SETTLED;
     printf("%s: %d differences in %d vectors, settled after %lu steps\\n",
            differ ? "FAIL" : "PASS", differ, (int)VECTORS, (unsigned long)taken);
     return differ != 0;
@@ -270,43 +330,3 @@ clean:
 
 .PHONY: check clean
 """
-
-FORMATS = """\
-Words are signed integers of {bits} bits. A word w with f fraction bits stands for the user's value
-offset + factor * w / 2^f.
-
-| input | name | f | factor | offset |
-|---|---|---|---|---|
-{input_rows}
-
-| control | name | f | factor | offset |
-|---|---|---|---|---|
-{control_rows}
-
-A sum multiplies words by integer coefficients, adds exactly and is rounded once, to the nearest
-integer with halves upward; so is a product, and a line between two entries of a table. What does
-not fit into a word becomes the nearest that does. States have {guard} more fraction bits. After
-every {period} steps the network is settled where no word of a neuron is further from where it was
-{period} steps before than its threshold.
-
-Settled after {steps} steps, the controls are within {error} of the largest control of the same
-network in float64 (`reference_vector.json`). `fixed_point.json` has all integers.
-
-Wiring {wiring}, content {content}.
-"""
-
-README = (
-    """\
-# {title}: C99 without floating point
-
-`make check` compiles `selftest.c` and compares with the golden model, bit for bit.
-
-    ann_dc_network network;
-    ann_dc_start(&network);
-    ann_dc_load_all(&network, 0, word);      /* other inputs: see below */
-    ann_dc_settle(&network, 4 * ANN_DC_STEPS);
-    word = ann_dc_control(&network, 0);
-
-"""
-    + FORMATS
-)

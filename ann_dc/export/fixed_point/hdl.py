@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import accumulate
 
 import numpy as np
 
 from ann_dc.export.fixed_point.arithmetic.machine import Machine
 from ann_dc.export.fixed_point.arithmetic.program import DRIVE, FUNCTION, PRODUCT, SUM, UPDATE
-from ann_dc.export.fixed_point.c99 import plain, port_rows
-from ann_dc.export.fixed_point.golden import Bits, FixedPoint, Port, fixed_point
+from ann_dc.export.fixed_point.c99 import facts, plain, prefixed
+from ann_dc.export.fixed_point.golden import PREFIX, FixedPoint, Port
 from ann_dc.export.fixed_point.hdl_bench_text import BENCH, MAKEFILE, README
 from ann_dc.export.fixed_point.hdl_text import DESIGN, MACHINE
 from ann_dc.export.fixed_point.manifest import NAME, VECTOR, as_json, check
+from ann_dc.export.fixed_point.widths import Bits, fixed_point
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import PositiveFinite
@@ -30,7 +32,13 @@ Field = tuple[np.ndarray, int]
 
 @checked
 def hdl_files(
-    network: Network, vector: ReferenceVector, *, bits: Bits = 0, accuracy: PositiveFinite = 1e-3
+    network: Network,
+    vector: ReferenceVector,
+    *,
+    bits: Bits = 0,
+    accuracy: PositiveFinite = 1e-3,
+    over: str = "",
+    prefix: str = PREFIX,
 ) -> dict[str, bytes]:
     """A network as synthesizable SystemVerilog, with a testbench.
 
@@ -40,9 +48,14 @@ def hdl_files(
     vector : ReferenceVector
         Of the network.
     bits : int
-        Of a word, 4 to 32; 0 is as many as the accuracy takes.
+        Of a number, 4 to 32; 0 is as many as the accuracy takes.
     accuracy : float
         Largest error of a control over the largest control.
+    over : str
+        Ranges of inputs that words are chosen for, ``q_d.x=3:7,q_d.y=3:7``; by default those that
+        the network was designed for.
+    prefix : str
+        Beginning of the names of the design's file and module.
 
     Returns
     -------
@@ -52,7 +65,8 @@ def hdl_files(
     Raises
     ------
     ExportError
-        If words of so many bits cannot carry the network, or not as accurately.
+        If words of so many bits cannot carry the network, or not as accurately, or the prefix is no
+        identifier.
 
     Examples
     --------
@@ -63,8 +77,8 @@ def hdl_files(
     >>> [name for name in sorted(files) if name.endswith(".sv")]
     ['ann_dc_network.sv', 'testbench.sv']
     """
-    found = fixed_point(network, vector, bits=bits, accuracy=accuracy)
-    return {**_written(found), VECTOR: vector.as_json()}
+    found = fixed_point(network, vector, bits=bits, accuracy=accuracy, over=over)
+    return {**_written(found.named(prefix)), VECTOR: vector.as_json()}
 
 
 @checked
@@ -98,7 +112,7 @@ def _written(network: FixedPoint) -> dict[str, bytes]:
         "README.md": _readme(network),
         **_memories(network, words),
     }
-    return {**{name: text.encode() for name, text in texts.items()}, NAME: as_json(network)}
+    return {**prefixed(texts, network.prefix), NAME: as_json(network)}
 
 
 def _words(network: FixedPoint) -> dict[str, int | str]:
@@ -122,7 +136,9 @@ def _words(network: FixedPoint) -> dict[str, int | str]:
         "BITS": machine.bits,
         "GUARD": machine.guard,
         "PERIOD": machine.period,
-        "STATE": machine.bits + machine.guard,
+        "WORD": machine.wide,
+        "LIMIT": network.limit,
+        "COVERS": plain(network.covers),
         "WIDE": _accumulator(machine),
         "VECTORS": len(network.vectors),
         "TITLE": plain(network.title),
@@ -133,13 +149,14 @@ def _words(network: FixedPoint) -> dict[str, int | str]:
 
 def _accumulator(machine: Machine) -> int:
     """Bits of the widest number that any operation can come to."""
-    top = 1 << (machine.bits - 1)
-    largest = top << (machine.guard + 1)
-    coefficients = np.concatenate([[0], np.cumsum(np.abs(machine.edges[:, 1]))])
+    narrow, top = 1 << (machine.bits - 1), 1 << (machine.wide - 1)
+    largest = 2 * top
+    sizes = np.abs(machine.edges[:, 1]) << machine.edges[:, 2]
+    coefficients = [0, *accumulate(sizes.tolist())]
     for kind, _, a, b, shift, _ in machine.operations.tolist():
-        number = top * top
+        number = max(narrow * narrow, top)
         if kind in (SUM, DRIVE, UPDATE):
-            number = int(coefficients[b] - coefficients[a]) * top
+            number = (coefficients[b] - coefficients[a]) * top
         elif kind == FUNCTION:
             number = 2 * top << int(machine.tables[a, 2])
         largest = max(largest, (number << max(-shift, 0)) + (1 << max(shift, 0)))
@@ -150,24 +167,28 @@ def _memories(network: FixedPoint, words: Mapping[str, int | str]) -> dict[str, 
     """The memories as hexadecimal numbers, one a line."""
     machine = network.machine
     sizes = {name: value for name, value in words.items() if isinstance(value, int)}
-    bits, state, at = sizes["BITS"], sizes["STATE"], sizes["WORD_AT"]
+    bits, wide, at = sizes["BITS"], sizes["WORD"], sizes["WORD_AT"]
     kind, target, a, b, shift, neuron = machine.operations.T
-    source, coefficient = _padded(machine.edges).T
+    source, coefficient, exponent = _padded(machine.edges).T
     low, high, spacing, entry = _padded(machine.tables).T
-    word, start, least, most, threshold = machine.neurons.T
+    word, start, least, most, still, driven, small = machine.neurons.T
     counts = sorted(network.vectors)
     states = np.concatenate([network.vectors[count] for count in counts])
     operation = [(kind, 3), (shift, 7), (np.maximum(neuron, 0), sizes["NEURON_AT"])]
     operation += [(part, sizes["ANY_AT"]) for part in (target, a, b)]
     memories: dict[str, list[Field]] = {
         "operations": operation,
-        "edges": [(coefficient, bits), (source, at)],
+        "edges": [(coefficient, bits), (exponent, 6), (source, at)],
         "tables": [(low, bits), (high, bits), (spacing, 5), (entry, sizes["ENTRY_AT"])],
-        "entries": [(_padded(machine.entries), bits)],
-        "start": [(machine.words, bits)],
-        "neurons": [(word, at), (start, state), (least, state), (most, state), (threshold, bits)],
+        "entries": [(_padded(machine.entries), wide)],
+        "start": [(machine.words, wide)],
+        "neurons": [
+            *((word, at), (start, wide), (least, wide), (most, wide)),
+            *((still, wide), (driven, at), (small, wide)),
+        ],
         "counts": [(np.array(counts), 32)],
-        "expected": [(states, state)],
+        "places": [(word, at)],
+        "expected": [(states, wide)],
     }
     return {f"{name}.hex": _hexadecimal(fields) for name, fields in memories.items()}
 
@@ -199,19 +220,10 @@ def _readme(network: FixedPoint) -> str:
     machine = network.machine
     kinds = machine.operations[:, 0].tolist()
     return README.format(
-        title=plain(network.title),
-        wiring=plain(network.wiring),
-        content=plain(network.content),
+        **facts(network),
         clocks=sum(CLOCKS.get(kind, OTHERS) for kind in kinds) + len(machine.edges),
         input_words=_places(network.inputs),
         control_words=_places(network.controls),
-        input_rows=port_rows(network, network.inputs),
-        control_rows=port_rows(network, network.controls),
-        bits=machine.bits,
-        guard=machine.guard,
-        period=machine.period,
-        steps=network.steps,
-        error=f"{network.error:.1e}",
     )
 
 

@@ -1,30 +1,32 @@
 """The text of what stands beside a SystemVerilog design: testbench, Makefile, README."""
 
-from ann_dc.export.fixed_point.c99_text import FORMATS
+from ann_dc.export.fixed_point.readme_text import FORMATS
 
 BENCH = """\
-// Walks from the start, and compares the states with those of the golden model.
+// Walks from the start, and compares the words of the neurons with those of the golden model.
 // +vectors=1 compares the first of them only.
 
 /* verilator lint_off WIDTH */
 /* verilator lint_off UNUSEDSIGNAL */
 module testbench;
-    localparam int VECTORS = @VECTORS@, NEURONS = @NEURONS@, STATE = @STATE@;
+    localparam int VECTORS = @VECTORS@, NEURONS = @NEURONS@, WORD = @WORD@;
 
-    logic clock = 0, reset = 1, restart = 0, run = 0, until_settled = 0, busy, settled;
+    logic clock = 0, reset = 1, restart = 0, run = 0, until_settled = 0, busy, settled, saturated;
     logic [31:0] limit = 0, steps;
-    logic signed [STATE-1:0] state;
-    logic [@NEURON_AT@-1:0] neuron = 0;
+    logic [1:0] status;
+    logic signed [WORD-1:0] fine;
     logic [@WORD_AT@-1:0] address = 0;
     logic signed [@BITS@-1:0] word, data = 0;
     logic [31:0] counts [0:VECTORS-1];
-    logic [STATE-1:0] expected [0:VECTORS*NEURONS-1];
+    logic [@WORD_AT@-1:0] places [0:NEURONS-1];
+    logic [WORD-1:0] expected [0:VECTORS*NEURONS-1];
     int vectors, differ, v, n;
 
     ann_dc_network network (
         .clock(clock), .reset(reset), .restart(restart), .run(run), .limit(limit),
-        .until_settled(until_settled), .busy(busy), .settled(settled), .steps(steps),
-        .load(1'b0), .address(address), .data(data), .word(word), .neuron(neuron), .state(state)
+        .until_settled(until_settled), .busy(busy), .settled(settled),
+        .saturated(saturated), .status(status), .steps(steps),
+        .load(1'b0), .address(address), .data(data), .word(word), .fine(fine)
     );
 
     always #5 clock = !clock;
@@ -47,6 +49,7 @@ module testbench;
 
     initial begin
         $readmemh("counts.hex", counts);
+        $readmemh("places.hex", places);
         $readmemh("expected.hex", expected);
         if (!$value$plusargs("vectors=%d", vectors)) vectors = VECTORS;
         differ = 0;
@@ -55,14 +58,14 @@ module testbench;
         for (v = 0; v < vectors; v = v + 1) begin
             walk(counts[v], 0);
             for (n = 0; n < NEURONS; n = n + 1) begin
-                neuron = n;
+                address = places[n];
                 @(negedge clock);
-                if (state !== $signed(expected[v*NEURONS+n])) differ = differ + 1;
+                if (fine !== $signed(expected[v*NEURONS+n])) differ = differ + 1;
             end
         end
         if (vectors == VECTORS) begin
             walk(2 * counts[VECTORS-1], 1);
-            if (steps !== counts[VECTORS-1] || !settled) differ = differ + 1;
+            if (steps !== counts[VECTORS-1] || status !== 1) differ = differ + 1;
         end
         $display("%s: %0d differences in %0d vectors, the last after %0d steps",
             differ == 0 ? "PASS" : "FAIL", differ, vectors, steps);
@@ -98,7 +101,9 @@ simulation says PASS or FAIL. A step takes about {clocks} clocks. The memories a
 `.hex` files; put them where the tool that synthesises looks for them.
 
 While `busy` is low: `restart` brings the start back, `load` writes `data` into the word at
-`address`, `run` takes steps. The word of an input at a stage and of a control are in the tables.
+`address`, `run` takes steps, `limit` at most ({limit} if it is 0). The word of an input at a stage
+and of a control are in the tables. `status` is 0 running, 1 settled, 2 saturated, 3 limit; controls
+are an answer in 1 alone. A number for `data` that does not fit is to be refused outside.
 
 | input | words, stage by stage |
 |---|---|

@@ -3,9 +3,11 @@
 DESIGN = """\
 // @TITLE@: a network in integers of @BITS@ bits.
 // Written by ann_dc; wiring @WIRING@, content @CONTENT@.
+// Word ranges were chosen for @COVERS@.
 //
-// A machine with one multiplier: it takes the operations of a step one after the other from a
-// program memory, and of a sum one edge a clock. All memories are read through registers.
+// A machine with one multiplier of @BITS@+1 by @WORD@+1 bits: it takes the operations of a step one
+// after the other from a program memory, and of a sum one edge a clock. Memories are read through
+// registers.
 
 /* verilator lint_off WIDTH */
 /* verilator lint_off UNUSEDSIGNAL */
@@ -14,19 +16,20 @@ module ann_dc_network (
     input  logic                      reset,
     input  logic                      restart,        // to the start, with the inputs of the export
     input  logic                      run,            // take steps ...
-    input  logic [31:0]               limit,          // ... so many at most ...
+    input  logic [31:0]               limit,          // ... so many at most, LIMIT if it is 0 ...
     input  logic                      until_settled,  // ... or until the network is settled
     output logic                      busy,
     output logic                      settled,
+    output logic                      saturated,      // a number was cut off since the restart
+    output logic [1:0]                status,         // RUNNING, SETTLED, SATURATED or LIMITED
     output logic [31:0]               steps,          // since the last restart
-    input  logic                      load,           // while not busy: data into a word
+    input  logic                      load,           // while not busy: data into an input
     input  logic [@WORD_AT@-1:0]      address,
     input  logic signed [@BITS@-1:0]  data,
     output logic signed [@BITS@-1:0]  word,           // what is there, a clock after its address
-    input  logic [@NEURON_AT@-1:0]    neuron,
-    output logic signed [@STATE@-1:0] state           // of a neuron, a clock after its number
+    output logic signed [@WORD@-1:0]  fine            // the same with its guard bits
 );
-    localparam int BITS = @BITS@, STATE = @STATE@, WIDE = @WIDE@, PERIOD = @PERIOD@;
+    localparam int BITS = @BITS@, WORD = @WORD@, WIDE = @WIDE@, PERIOD = @PERIOD@, LIMIT = @LIMIT@;
     localparam int WORDS = @WORDS@, NEURONS = @NEURONS@, OPERATIONS = @OPERATIONS@;
     localparam int EDGES = @EDGES@, TABLES = @TABLES@, ENTRIES = @ENTRIES@;
     localparam int WORD_AT = @WORD_AT@, NEURON_AT = @NEURON_AT@, ANY_AT = @ANY_AT@;
@@ -37,21 +40,22 @@ module ann_dc_network (
     localparam logic [2:0] SUM = 0, PRODUCT = 1, FUNCTION = 2, RECTIFY = 3, DRIVE = 4, UPDATE = 5;
     localparam logic [4:0] IDLE = 0, COPY = 1, STORE = 2, FETCH = 3, DECODE = 4, ADD = 5, READ = 6,
         AGAIN = 7, PLACE = 8, LEFT = 9, RIGHT = 10, SLOPE = 11, MULTIPLY = 12, ROUND = 13,
-        WRITE = 14, COUNT = 15, LOOK = 16, MARK = 17, COMPARE = 18, DONE = 19;
+        WRITE = 14, COUNT = 15, LOOK = 16, MARK = 17, STILL = 18, SMALL = 19, DONE = 20;
+    localparam logic [1:0] RUNNING = 0, SETTLED = 1, SATURATED = 2, LIMITED = 3;
     localparam logic signed [WIDE-1:0] ONE = 1;
-    localparam logic signed [WIDE-1:0] TOP = (ONE <<< (BITS - 1)) - ONE;
+    localparam logic signed [WIDE-1:0] TOP = (ONE <<< (WORD - 1)) - ONE;
+    localparam logic signed [WIDE-1:0] NARROW_TOP = (ONE <<< (BITS - 1)) - ONE;
 
     // ---- memories --------------------------------------------------------------------
 
     logic [10+NEURON_AT+3*ANY_AT-1:0] program_memory [0:OPERATIONS-1];
-    logic [BITS+WORD_AT-1:0]          edge_memory    [0:EDGES-1];
+    logic [BITS+6+WORD_AT-1:0]        edge_memory    [0:EDGES-1];
     logic [2*BITS+5+ENTRY_AT-1:0]     table_memory   [0:TABLES-1];
-    logic [BITS-1:0]                  entry_memory   [0:ENTRIES-1];
-    logic [BITS-1:0]                  start_memory   [0:WORDS-1];
-    logic [WORD_AT+3*STATE+BITS-1:0]  neuron_memory  [0:NEURONS-1];
-    logic [BITS-1:0]                  words          [0:WORDS-1];
-    logic [BITS-1:0]                  marks          [0:NEURONS-1];
-    logic [STATE-1:0]                 states         [0:NEURONS-1];
+    logic [WORD-1:0]                  entry_memory   [0:ENTRIES-1];
+    logic [WORD-1:0]                  start_memory   [0:WORDS-1];
+    logic [2*WORD_AT+5*WORD-1:0]      neuron_memory  [0:NEURONS-1];
+    logic [WORD-1:0]                  words          [0:WORDS-1];
+    logic [WORD-1:0]                  marks          [0:NEURONS-1];
 
     initial begin
         $readmemh("operations.hex", program_memory);
@@ -64,11 +68,10 @@ module ann_dc_network (
 
     // What they gave at the last clock.
     logic [10+NEURON_AT+3*ANY_AT-1:0] operation;
-    logic [BITS+WORD_AT-1:0]          edge_read;
+    logic [BITS+6+WORD_AT-1:0]        edge_read;
     logic [2*BITS+5+ENTRY_AT-1:0]     table_read;
-    logic [WORD_AT+3*STATE+BITS-1:0]  neuron_read;
-    logic signed [BITS-1:0]           entry_read, start_read, word_read, mark_read;
-    logic signed [STATE-1:0]          state_read;
+    logic [2*WORD_AT+5*WORD-1:0]      neuron_read;
+    logic signed [WORD-1:0]           entry_read, start_read, word_read, mark_read;
 
     logic [2:0]              kind;
     logic signed [6:0]       shift;
@@ -77,18 +80,19 @@ module ann_dc_network (
     assign {kind, shift, owner, target, first, last} = operation;
 
     logic signed [BITS-1:0]  coefficient;
+    logic [5:0]              exponent;
     logic [WORD_AT-1:0]      source;
-    assign {coefficient, source} = edge_read;
+    assign {coefficient, exponent, source} = edge_read;
 
     logic signed [BITS-1:0]  lowest, highest;
     logic [4:0]              spacing;
     logic [ENTRY_AT-1:0]     entry_first;
     assign {lowest, highest, spacing, entry_first} = table_read;
 
-    logic [WORD_AT-1:0]      own_word;
-    logic signed [STATE-1:0] at_start, low, high;
-    logic [BITS-1:0]         threshold;
-    assign {own_word, at_start, low, high, threshold} = neuron_read;
+    logic [WORD_AT-1:0]      own_word, driven;
+    logic signed [WORD-1:0]  at_start, low, high;
+    logic [WORD-1:0]         still_most, small_most;
+    assign {own_word, at_start, low, high, still_most, driven, small_most} = neuron_read;
 
     // ---- registers --------------------------------------------------------------------------
 
@@ -97,16 +101,19 @@ module ann_dc_network (
     logic [WORD_AT-1:0]      place;                   // of words copied, of neurons marked
     logic [EDGE_AT-1:0]      edge_at;
     logic                    edge_there, word_there;  // in the stages of a sum
-    logic                    still, stop;
+    logic                    still, stop, limited;
+    logic [5:0]              lift;                    // exponent of the coefficient on the left
     logic [31:0]             taken, most, since_mark;
-    logic signed [BITS:0]    left, right;             // of the multiplier
-    logic signed [BITS-1:0]  base;                    // table entry to the left
+    logic signed [BITS:0]    left;                    // of the multiplier
+    logic signed [WORD:0]    right;
+    logic signed [WORD-1:0]  base;                    // table entry to the left
     logic [ENTRY_AT-1:0]     entry_at;
     logic signed [WIDE-1:0]  total, value;
 
-    assign word = word_read;
-    assign state = state_read;
+    assign fine = word_read;
+    assign word = clipped(narrow, -NARROW_TOP - ONE, NARROW_TOP);
     assign busy = phase != IDLE;
+    assign status = saturated ? SATURATED : settled ? SETTLED : limited ? LIMITED : RUNNING;
 
     logic [WORD_AT-1:0]   word_at;
     logic [NEURON_AT-1:0] neuron_at;
@@ -116,12 +123,12 @@ module ann_dc_network (
             ADD:         word_at = source;
             READ:        word_at = kind == PRODUCT ? first : last;
             AGAIN:       word_at = last;
-            MARK:        word_at = own_word;
+            ROUND, MARK: word_at = own_word;
+            STILL:       word_at = driven;
             default:     word_at = address;
         endcase
         case (phase)
-            IDLE:        neuron_at = neuron;
-            COPY, LOOK, MARK: neuron_at = place;
+            COPY, LOOK, MARK, STILL: neuron_at = place;
             default:     neuron_at = owner;
         endcase
     end
@@ -134,7 +141,6 @@ module ann_dc_network (
         start_read <= start_memory[place];
         neuron_read <= neuron_memory[neuron_at];
         word_read <= words[word_at];
-        state_read <= states[neuron_at];
         mark_read <= marks[neuron_at];
     end
 """
@@ -163,41 +169,40 @@ MACHINE = """
     endfunction
 
     logic signed [6:0]       spaced;
-    logic signed [BITS:0]    factor, argument, share;
-    logic signed [WIDE-1:0]  product, moved, result, begun;
-    logic signed [BITS+1:0]  drifted, allowed;
-    logic                    outward;
+    logic signed [WORD:0]    factor;
+    logic signed [BITS:0]    argument, share;
+    logic signed [WIDE-1:0]  narrow, product, whole, kept, result;
+    logic signed [WORD+1:0]  distance, allowed;
+    logic                    outward, beyond, far;
 
     always_comb begin
         spaced = {2'b00, spacing};
-        factor = kind == FUNCTION ? right : word_read;
+        narrow = rounded(word_read, GUARD);
+        factor = kind == FUNCTION ? right : (kind == PRODUCT ? narrow : word_read);
         product = left * factor;
-        argument = clipped(word_read, lowest, highest) - lowest;
+        argument = clipped(narrow, lowest, highest) - lowest;
+        beyond = narrow < lowest || narrow > highest;
         share = argument - ((argument >> spacing) << spacing);
-        moved = clipped(state_read + value, low, high);
-        result = clipped(kind == UPDATE ? rounded(moved, GUARD) : value, -TOP - ONE, TOP);
-        outward = (state_read <= low && result < 0) || (state_read >= high && result > 0);
-        if (kind == DRIVE && outward) result = 0;
-        begun = clipped(rounded(at_start, GUARD), -TOP - ONE, TOP);
-        drifted = word_read - mark_read;
-        allowed = {2'b00, threshold};
+        whole = kind == UPDATE ? word_read + value : value;
+        kept = kind == UPDATE ? clipped(whole, low, high) : clipped(whole, -TOP - ONE, TOP);
+        outward = (word_read <= low && kept < 0) || (word_read >= high && kept > 0);
+        result = kind == DRIVE && outward ? 0 : kept;
+        distance = phase == STILL ? word_read - mark_read : word_read;
+        allowed = {2'b00, phase == STILL ? still_most : small_most};
+        far = distance > allowed || -distance > allowed;
     end
 
     // ---- writes ----------------------------------------------------------------------
 
     always_ff @(posedge clock) begin
         case (phase)
-            IDLE: if (load) words[address] <= data;
+            IDLE: if (load) words[address] <= {data, {@GUARD@{1'b0}}};
             STORE: words[place] <= start_read;
-            WRITE: words[kind == UPDATE ? own_word : target[WORD_AT-1:0]] <= result[BITS-1:0];
+            WRITE: words[kind == UPDATE ? own_word : target[WORD_AT-1:0]] <= result[WORD-1:0];
             default: ;
         endcase
-        if (phase == STORE && place < NEURONS) begin
-            states[place[NEURON_AT-1:0]] <= at_start;
-            marks[place[NEURON_AT-1:0]] <= begun[BITS-1:0];
-        end
-        if (phase == WRITE && kind == UPDATE) states[owner] <= moved[STATE-1:0];
-        if (phase == COMPARE) marks[place[NEURON_AT-1:0]] <= word_read;
+        if (phase == STORE && place < NEURONS) marks[place[NEURON_AT-1:0]] <= at_start;
+        if (phase == STILL) marks[place[NEURON_AT-1:0]] <= word_read;
     end
 
     // ---- the order of things ----------------------------------------------------------------
@@ -209,15 +214,18 @@ MACHINE = """
                 edge_at <= 0;
                 place <= 0;
                 taken <= 0;
-                most <= limit;
+                most <= limit == 0 ? LIMIT : limit;
                 stop <= until_settled;
                 if (restart) begin
                     steps <= 0;
                     since_mark <= 0;
                     settled <= 0;
+                    limited <= 0;
+                    saturated <= 0;
                     phase <= COPY;
-                end else if (run && limit != 0) begin
+                end else if (run) begin
                     settled <= 0;
+                    limited <= 0;
                     phase <= FETCH;
                 end
             end
@@ -237,18 +245,20 @@ MACHINE = """
                 edge_there <= edge_at != last[EDGE_AT-1:0];
                 word_there <= edge_there;
                 left <= coefficient;
+                lift <= exponent;
                 if (edge_at != last[EDGE_AT-1:0]) edge_at <= edge_at + 1;
                 else if (!edge_there && !word_there) phase <= ROUND;
-                if (word_there) total <= total + product;
+                if (word_there) total <= total + (product <<< lift);
             end
             READ: phase <= kind == PRODUCT ? AGAIN : (kind == FUNCTION ? PLACE : MULTIPLY);
             AGAIN: begin
-                left <= word_read;
+                left <= narrow;
                 phase <= MULTIPLY;
             end
             PLACE: begin
                 entry_at <= entry_first + (argument >> spacing);
-                right <= share;
+                left <= share;
+                if (beyond) saturated <= 1;
                 phase <= LEFT;
             end
             LEFT: begin
@@ -260,7 +270,7 @@ MACHINE = """
                 phase <= SLOPE;
             end
             SLOPE: begin
-                left <= entry_read - base;
+                right <= entry_read - base;
                 phase <= MULTIPLY;
             end
             MULTIPLY: begin
@@ -273,6 +283,7 @@ MACHINE = """
                 phase <= WRITE;
             end
             WRITE: begin
+                if (kept != whole && (kept == TOP || kept == -TOP - ONE)) saturated <= 1;
                 counter <= counter + 1;
                 phase <= counter == OPERATIONS - 1 ? COUNT : FETCH;
             end
@@ -285,18 +296,26 @@ MACHINE = """
                 taken <= taken + 1;
                 since_mark <= since_mark == PERIOD - 1 ? 0 : since_mark + 1;
                 if (since_mark == PERIOD - 1) phase <= LOOK;
-                else phase <= taken + 1 == most ? IDLE : FETCH;
+                else begin
+                    phase <= taken + 1 == most ? IDLE : FETCH;
+                    limited <= stop && taken + 1 == most;
+                end
             end
             LOOK: phase <= MARK;
-            MARK: phase <= COMPARE;
-            COMPARE: begin
-                if (drifted > allowed || -drifted > allowed) still <= 0;
+            MARK: phase <= STILL;
+            STILL: begin
+                if (far) still <= 0;
+                phase <= SMALL;
+            end
+            SMALL: begin
+                if (far) still <= 0;
                 place <= place + 1;
                 phase <= place == NEURONS - 1 ? DONE : LOOK;
             end
             DONE: begin
-                settled <= still;
-                phase <= (still && stop) || taken == most ? IDLE : FETCH;
+                settled <= still && !saturated;
+                limited <= stop && !(still && !saturated) && taken == most;
+                phase <= (still && !saturated && stop) || taken == most ? IDLE : FETCH;
             end
             default: phase <= IDLE;
         endcase

@@ -4,11 +4,12 @@ import re
 from pathlib import Path
 from time import process_time
 
+import numpy as np
 import pytest
 from fixed_points import PROBLEMS, in_integers, needs, said, walked, written
 
 import ann_dc
-from ann_dc.export.fixed_point import Integers, c99_check, c99_files
+from ann_dc.export.fixed_point import FixedPoint, Integers, Port, c99_check, c99_files
 from ann_dc.export.reference import reference_vector
 from ann_dc.network import Cell, Connection, Network, Neuron
 
@@ -20,6 +21,7 @@ WALK = """
 #include <stdio.h>
 #include <stdlib.h>
 static ann_dc_network network;
+static const int at[] = { AT };
 int main(int count, char **words) {
     int n;
     ann_dc_start(&network);
@@ -28,7 +30,7 @@ int main(int count, char **words) {
     for (n = atoi(words[1]); n > 0; --n)
         (void)ann_dc_step(&network);
     for (n = 0; n < ANN_DC_NEURONS; ++n)
-        printf("%lld\\n", (long long)network.states[n]);
+        printf("%ld\\n", (long)network.words[at[n]]);
     for (n = 0; n < ANN_DC_CONTROLS; ++n)
         printf("%ld\\n", (long)ann_dc_control(&network, n));
     return 0;
@@ -38,6 +40,16 @@ int main(int count, char **words) {
 
 def exported(name: str, folder: Path, bits: int = 0) -> Path:
     return written(c99_files(*walked(name), bits=bits), folder)
+
+
+def places_of(model: FixedPoint) -> str:
+    return ", ".join(map(str, model.machine.neurons[:, 0].tolist()))
+
+
+def number_of(machine: Integers, port: Port) -> int:
+    """A word without its guard bits, to the nearest."""
+    guard = machine.machine.guard
+    return (2 * int(machine.words[port.words[0]]) + 2**guard) // 2 ** (guard + 1)
 
 
 def compiled(folder: Path, compiler: str, source: str) -> Path:
@@ -88,13 +100,13 @@ def test_inputs_are_loaded_as_the_golden_model_has_them(tmp_path):
     index = next(i for i, port in enumerate(model.inputs) if port.name == "q_d.x")
     target = model.inputs[index]
     word = round(target.scale.network(0.5) * 2 ** int(model.fraction[target.words[0]]))
-    (tmp_path / "walk.c").write_text(WALK)
+    (tmp_path / "walk.c").write_text(WALK.replace("AT", places_of(model)))
     program = compiled(tmp_path, "gcc", "walk.c")
     code, log = said(tmp_path, str(program), "300", str(index), str(word))
     machine = Integers(model.machine)
-    machine.words[target.words] = word
+    machine.load(target.words, np.array([word] * len(target.words)))
     machine.run(300)
-    controls = [int(machine.words[port.words[0]]) for port in model.controls]
+    controls = [number_of(machine, port) for port in model.controls]
     assert code == 0
     assert [int(line) for line in log.split()] == [*machine.states.tolist(), *controls]
 
@@ -105,9 +117,9 @@ def test_inputs_are_loaded_as_the_golden_model_has_them(tmp_path):
 def test_it_walks_2000_steps_like_the_golden_model(compiler, name, tmp_path):
     needs(compiler)
     exported(name, tmp_path)
-    (tmp_path / "walk.c").write_text(WALK)
-    code, log = said(tmp_path, str(compiled(tmp_path, compiler, "walk.c")), "2000")
     model = in_integers(name)
+    (tmp_path / "walk.c").write_text(WALK.replace("AT", places_of(model)))
+    code, log = said(tmp_path, str(compiled(tmp_path, compiler, "walk.c")), "2000")
     machine = Integers(model.machine)
     machine.run(2000)
     assert code == 0

@@ -25,7 +25,7 @@ def simulated(folder: Path, *options: str) -> str:
 
 def expecting(folder: Path, model: FixedPoint, count: int) -> None:
     """Every vector is that of the golden model after another number of steps."""
-    width = model.bits + model.machine.guard
+    width = model.machine.wide
     states = [f"{state % 2**width:x}\n" for state in model.states_after(count).tolist()]
     (folder / "counts.hex").write_text(f"{count:x}\n" * len(model.vectors))
     (folder / "expected.hex").write_text("".join(states * len(model.vectors)))

@@ -62,7 +62,7 @@ def test_c_and_hardware_are_not_mixed_up(files):
 
 def test_a_changed_coefficient_walks_elsewhere(files):
     edges = json.loads(files[NAME])["edges"]
-    edges = [[word, coefficient // 2] for word, coefficient in edges]
+    edges = [[word, coefficient // 2, exponent] for word, coefficient, exponent in edges]
     with pytest.raises(FileFormatError, match="walk to other states"):
         c99_check(changed(files, edges=edges))
 
@@ -75,8 +75,10 @@ def test_an_error_that_is_too_good_is_refused(files):
 @pytest.mark.parametrize(
     ("entries", "named"),
     [
-        ({"edges": [[10**9, 1]]}, "edges"),
-        ({"edges": [[0.5, 1]]}, "edges"),
+        ({"edges": [[10**9, 1, 0]]}, "edges"),
+        ({"edges": [[0.5, 1, 0]]}, "edges"),
+        ({"edges": [[0, 1, 60]]}, "edges"),
+        ({"edges": [[0, 2**20, 0]]}, "edges"),
         ({"edges": 3}, "edges"),
         ({"operations": [[9, 0, 0, 0, 0, -1]]}, "operations"),
         ({"operations": [[0, 0, 0, 5, 0, -1]]}, "operations"),
@@ -95,7 +97,12 @@ def test_an_error_that_is_too_good_is_refused(files):
         ({"places": [[0, 10**6]]}, "neurons|place"),
         ({"controls": [{"name": "u", "words": [0], "factor": 1.0, "offset": 0.0}]}, "neuron"),
         ({"title": 3}, "title"),
-        ({"schema": 2}, "schema"),
+        ({"schema": 3}, "schema"),
+        ({"prefix": "1; evil"}, "prefix"),
+        ({"ranges": {"q_d.x": [0.0]}}, "ranges"),
+        ({"ranges": {"nix": [0.0, 1.0]}}, "ranges"),
+        ({"measured": {}}, "measured"),
+        ({"limit": 0}, "limit"),
         ({"more": 1}, "fixed_point.json"),
     ],
 )

@@ -1,9 +1,10 @@
 r"""A program in integers: how many fraction bits every row of words has, and every coefficient.
 
-A word of b bits with f fraction bits holds numbers up to 2^{b-1-f}. Rows get as many as what a walk
-has seen of them leaves room for, times `HEADROOM`. A sum of w_e s_e, s_e with f_e fraction bits,
-has coefficients W_e = w_e 2^{F - f_e} with one F, as large as coefficients of b bits allow, so
-that it adds up exactly and is rounded once, from F to the fraction bits of its own word.
+A number of b bits with f fraction bits lies within 2^{b-1-f}. Rows get as many as the largest
+number that walks have seen of them leaves room for, times `HEADROOM`; a word has guard more. A sum
+of w_e s_e, s_e with f_e fraction bits, has coefficients W_e = w_e 2^{F - f_e} with one F, as large
+as 64 bits allow, so that it adds up exactly and is rounded once, from F to the fraction bits of its
+own word. A W_e that is longer than b bits keeps its first b, and an exponent.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ POPULATION = 1 / 16
 """Least range of a neuron's row over that of the widest of its population."""
 NOISE = 16
 """Least range of a row over the rounding that reaches it."""
-GUARD = 12
-"""Fraction bits that states have beyond those of their words, where 64 bits leave room."""
+GUARD, WIDEST = 12, 32
+"""Fraction bits that words have beyond those of their factors, and bits of a word at most."""
 ACCUMULATOR = 62
 """Bits that a sum may have, without its sign."""
 STEEPEST = 1 / 64
@@ -62,8 +63,8 @@ def fractions(program: Program, ranges: Ranges, bits: int) -> np.ndarray:
     if not np.isfinite(largest).all():
         name = program.names[int(np.argmin(np.isfinite(largest)))]
         raise ExportError(
-            f"{name}: it overflows on the way of the reference vector, so that no word holds it; "
-            "start nearer to the end, or design the network again"
+            f"{name}: it overflows on the walks that word ranges are read from, so that no word "
+            "holds it; start nearer to the end, or design the network again"
         )
     _widen_states(program, largest)
     least = 2.0 ** (2 - bits)  # of a word's range, twice its last bit
@@ -128,26 +129,25 @@ class _Writer:
 
     def __init__(self, program: Program, ranges: Ranges, bits: int) -> None:
         self.program, self.ranges, self.bits = program, ranges, bits
-        self.guard = min(GUARD, 2 * (34 - bits))
+        self.guard = min(GUARD, WIDEST - bits)
         self.fraction = fractions(program, ranges, bits)[program.rows]
         self.operations: list[tuple[int, ...]] = []
-        self.edges: list[tuple[int, int]] = []
+        self.edges: list[tuple[int, int, int]] = []
         self.tables: dict[tuple[int, int, int], Table] = {}
 
     def operate(self, kind: int, target: int, a: int, b: int, neuron: int) -> None:
         """One operation more."""
         word = int(self.program.states[target]) if kind == UPDATE else target
-        own = int(self.fraction[word])
+        own = int(self.fraction[word]) + self.guard
         if kind in SUMS:
-            own += self.guard if kind == UPDATE else 0
             first, shift = len(self.edges), self.sum(a, b, own, word)
             a, b = first, len(self.edges)
         elif kind == PRODUCT:
             shift = int(self.fraction[a] + self.fraction[b]) - own
             self.check(shift, 2 * self.bits - 2, word)
         elif kind == RECTIFY:
-            a, shift = 0, int(self.fraction[b]) - own
-            self.check(shift, self.bits - 1, word)
+            a, shift = 0, int(self.fraction[b]) + self.guard - own
+            self.check(shift, self.bits + self.guard - 1, word)
         else:
             a, shift = self.table(a, b, word), 0
         self.operations.append((kind, target, a, b, shift, neuron))
@@ -157,27 +157,30 @@ class _Writer:
         sources, weights = self.program.sources[first:last], self.program.weights[first:last]
         if not len(sources):
             return 0
-        width = min(self.bits, ACCUMULATOR - self.bits)
-        room = width - 1 - np.log2(np.abs(weights)) + self.fraction[sources]
+        room = ACCUMULATOR - self.bits - self.guard - np.log2(np.abs(weights))
+        room += self.fraction[sources] + self.guard
         scale = min(int(np.floor(room.min())), own + ACCUMULATOR - 1)
-        coefficients = self.coefficients(sources, weights, scale)
-        while np.abs(coefficients).max() >= 2 ** (width - 1) or self.bound(
-            coefficients
-        ) >= 2**ACCUMULATOR // 2 ** max(own - scale, 0):
+        coefficients, exponents = self.coefficients(sources, weights, scale)
+        while self.bound(coefficients << exponents) >= 2**ACCUMULATOR // 2 ** max(own - scale, 0):
             scale -= 1
-            coefficients = self.coefficients(sources, weights, scale)
+            coefficients, exponents = self.coefficients(sources, weights, scale)
             if not coefficients.any():
                 raise ExportError(self.refusal(word, "its sum does not fit into 64 bits"))
-        self.edges += zip(sources.tolist(), coefficients.tolist())
+        self.edges += zip(sources.tolist(), coefficients.tolist(), exponents.tolist())
         return scale - own
 
-    def coefficients(self, sources: np.ndarray, weights: np.ndarray, scale: int) -> np.ndarray:
-        """Weights of words as integers with ``scale`` fraction bits in their sum."""
-        return np.rint(np.ldexp(weights, scale - self.fraction[sources])).astype(np.int64)
+    def coefficients(
+        self, sources: np.ndarray, weights: np.ndarray, scale: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Weights of words with ``scale`` fraction bits in their sum: integers and exponents."""
+        exact = np.ldexp(weights, scale - self.fraction[sources] - self.guard)
+        exponents = np.maximum(np.frexp(exact)[1] - (self.bits - 1), 0)
+        exponents += np.abs(np.rint(np.ldexp(exact, -exponents))) >= 2 ** (self.bits - 1)
+        return np.rint(np.ldexp(exact, -exponents)).astype(np.int64), exponents.astype(np.int64)
 
     def bound(self, coefficients: np.ndarray) -> int:
         """What a sum cannot be above, whatever the words are."""
-        return sum(map(abs, coefficients.tolist())) << (self.bits - 1)
+        return sum(map(abs, coefficients.tolist())) << (self.bits + self.guard - 1)
 
     def check(self, shift: int, width: int, word: int) -> None:
         """Refuse a rounding that takes a number of a width out of 64 bits."""
@@ -197,7 +200,7 @@ class _Writer:
         formats = int(self.fraction[argument]), int(self.fraction[word])
         key = int(self.program.rows[word]), *formats
         if key not in self.tables:
-            found = made_table(code, self.seen(word), formats, self.bits)
+            found = made_table(code, self.seen(word), formats, self.bits, self.guard)
             self.tables[key] = self.checked(found, word)
         return list(self.tables).index(key)
 
@@ -219,23 +222,23 @@ class _Writer:
         """All of it, from the start of the program."""
         program, tables, top = self.program, list(self.tables.values()), 2 ** (self.bits - 1)
         first = np.cumsum([0, *(len(found.entries) for found in tables)]).tolist()
-        held = np.clip(np.rint(np.ldexp(program.words, self.fraction)), -top, top - 1)
-        words, fine = held.astype(np.int64), self.fraction[program.states] + self.guard
-        ends = np.array([-top, top - 1]) * 2.0**self.guard
-        limits = np.clip(np.rint(np.ldexp(program.limits, fine[:, None])), *ends).astype(np.int64)
+        words = np.clip(np.rint(np.ldexp(program.words, self.fraction)), -top, top - 1)
+        words = words.astype(np.int64) << self.guard
+        top, fine = top << self.guard, self.fraction[program.states] + self.guard
+        limits = np.clip(np.rint(np.ldexp(program.limits, fine[:, None])), -top, top - 1)
+        limits = limits.astype(np.int64)
         start = np.rint(np.ldexp(program.start, fine)).astype(np.int64)
-        start = np.clip(start, limits[:, 0], limits[:, 1])
-        half = 2 ** (self.guard - 1)
-        words[program.states] = np.minimum((start + half) >> self.guard, top - 1)
+        words[program.states] = start = np.clip(start, limits[:, 0], limits[:, 1])
         rows = [(*found.domain, found.shift, at) for found, at in zip(tables, first)]
+        none = np.zeros_like(start)
         return Machine(
             bits=self.bits,
             guard=self.guard,
             period=1,
             operations=np.array(self.operations, np.int64).reshape(-1, 6),
-            edges=np.array(self.edges, np.int64).reshape(-1, 2),
+            edges=np.array(self.edges, np.int64).reshape(-1, 3),
             tables=np.array(rows, np.int64).reshape(-1, 4),
             entries=np.concatenate([np.zeros(0, np.int64), *(found.entries for found in tables)]),
             words=words,
-            neurons=np.column_stack([program.states, start, limits, np.zeros_like(start)]),
+            neurons=np.column_stack([program.states, start, limits, none, program.drives, none]),
         )

@@ -64,6 +64,12 @@ class Program:
     limits: np.ndarray
     inputs: dict[str, np.ndarray]
 
+    @property
+    def drives(self) -> np.ndarray:
+        """(n,) array of int: words of the drives, in the order of the state vector."""
+        found = self.operations[self.operations[:, 0] == DRIVE]
+        return found[np.argsort(found[:, 4]), 1]
+
 
 class Listing:
     """Words and operations, as they are needed.

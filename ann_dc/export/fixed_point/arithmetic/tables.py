@@ -24,12 +24,14 @@ class Table(NamedTuple):
     entries: np.ndarray
     """(V,) int64; the last argument too has one to its right."""
     error: float
-    """Largest error of a line between two entries, over one last bit of the value."""
+    """Largest error of a line between two entries, over one last bit of a value of ``bits``."""
     jump: float
     """Largest change of the value from one argument to the next, over the largest value."""
 
 
-def made_table(code: int, seen: tuple[float, float], formats: tuple[int, int], bits: int) -> Table:
+def made_table(
+    code: int, seen: tuple[float, float], formats: tuple[int, int], bits: int, guard: int = 0
+) -> Table:
     """The table of a function block: the fewest entries whose lines are as near as the last bit.
 
     Parameters
@@ -41,7 +43,9 @@ def made_table(code: int, seen: tuple[float, float], formats: tuple[int, int], b
     formats : (int, int)
         Fraction bits of arguments and of values.
     bits : int
-        Of a word.
+        Bits of an argument and of a value.
+    guard : int
+        Fraction bits that entries have beyond those of a value.
 
     Returns
     -------
@@ -51,12 +55,33 @@ def made_table(code: int, seen: tuple[float, float], formats: tuple[int, int], b
     ends = np.ldexp(reach(code, *seen), formats[0])
     first, last = np.clip(np.rint(ends), -top, top - 1).astype(np.int64).tolist()
     last = max(last, first + 1)
+    first, last = _fitting(code, (first, last), formats, top)
     shift = max((last - first) // FEWEST, 1).bit_length() - 1
-    found = _table(code, (first, last), shift, formats, top)
+    found = _table(code, (first, last), shift, formats, (top, guard))
     while found.error > 1.0 and shift > 0 and (last - first) >> (shift - 1) <= MOST:
         shift -= 1
-        found = _table(code, (first, last), shift, formats, top)
+        found = _table(code, (first, last), shift, formats, (top, guard))
     return found
+
+
+def _fitting(
+    code: int, domain: tuple[int, int], formats: tuple[int, int], top: int
+) -> tuple[int, int]:
+    """The part of a domain around its middle where values fit into words: no entry is cut off."""
+    at = np.unique(np.linspace(*domain, MOST).astype(np.int64))
+    outside = ~(np.abs(_values(code, at, formats)) < top - 1)
+    middle = len(at) // 2
+    below, above = np.flatnonzero(outside[:middle]), np.flatnonzero(outside[middle:])
+    first = at[below[-1] + 1] if len(below) else at[0]
+    last = at[middle + above[0] - 1] if len(above) else at[-1]
+    return int(first), max(int(last), int(first) + 1)
+
+
+def _values(code: int, arguments: np.ndarray, formats: tuple[int, int]) -> np.ndarray:
+    """Values of a function block at arguments, both as integers with fraction bits."""
+    x, y = formats
+    with np.errstate(all="ignore"):
+        return np.ldexp(FUNCTIONS[code].value(np.ldexp(arguments.astype(float), -x)), y)
 
 
 def reach(code: int, low: float, high: float) -> tuple[float, float]:
@@ -80,20 +105,20 @@ def reach(code: int, low: float, high: float) -> tuple[float, float]:
 
 
 def _table(
-    code: int, domain: tuple[int, int], shift: int, formats: tuple[int, int], top: int
+    code: int,
+    domain: tuple[int, int],
+    shift: int,
+    formats: tuple[int, int],
+    size: tuple[int, int],
 ) -> Table:
-    (x, y), (first, last) = formats, domain
-
-    def value(argument: np.ndarray) -> np.ndarray:
-        with np.errstate(all="ignore"):
-            return np.ldexp(FUNCTIONS[code].value(np.ldexp(argument.astype(float), -x)), y)
-
+    (first, last), (top, guard) = domain, size
     at = first + (np.arange(((last - first) >> shift) + 2) << shift)
-    values = value(np.minimum(at, last))
+    values = _values(code, np.minimum(at, last), formats)
     inside = max(last - at[-2], 1)  # the last line ends beyond the domain, and is right within it
     values[-1] = values[-2] + (values[-1] - values[-2]) * (1 << shift) / inside
-    entries = np.clip(np.rint(np.nan_to_num(values)), -top, top - 1).astype(np.int64)
-    middle = value((at[:-1] + at[1:])[:-1] / 2)
+    fine = np.rint(np.ldexp(np.nan_to_num(values), guard))
+    entries = np.clip(fine, -top << guard, (top << guard) - 1).astype(np.int64)
+    middle = _values(code, (at[:-1] + at[1:])[:-1] / 2, formats)
     lines = (values[:-1] + values[1:])[:-1] / 2
     error = np.abs(middle - lines)[np.abs(middle) < top].max(initial=0.0)
     steepest = np.abs(np.diff(values)).max() / (1 << shift)

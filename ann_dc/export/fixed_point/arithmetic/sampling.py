@@ -1,0 +1,210 @@
+"""Samples of inputs for a network in integers, and its walks in floating point with each of them.
+
+Word ranges are read from the walks of one sample: the network's own inputs, the corners of the
+ranges, and a Sobol sequence. What the integers are worth is measured on another one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from ann_dc.errors import ExportError, UnknownNameError
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.rules import RoleRows, residuals
+from ann_dc.export.fixed_point.arithmetic.program import Program
+from ann_dc.export.fixed_point.arithmetic.walk import Ranges, Walks
+from ann_dc.export.fixed_point.arithmetic.writing import program_of
+from ann_dc.export.reference.vector import LIMIT, LOST, ReferenceVector
+from ann_dc.network.inputs import ranges_of
+from ann_dc.network.network import Network
+
+InputRanges = Mapping[str, tuple[float, float]]
+"""Lowest and highest value of inputs, in the user's units."""
+LEARNT, HELD_OUT = 96, 256
+"""Inputs that words are chosen by, corners aside, and inputs that they are measured on."""
+LEARNT_SEED, HELD_OUT_SEED = 1, 2
+MOST_CORNERS = 5
+"""Inputs with ranges up to which all corners are walked from."""
+HALVINGS = 3
+"""How often the step is halved where more inputs settle with shorter steps."""
+SLOWEST = 20
+"""Steps of a walk over those of the reference vector, before it counts as not settled."""
+LOOKS = 8
+"""Looks at the residual in the steps of the reference vector."""
+
+
+def covered(network: Network, over: str) -> dict[str, tuple[float, float]]:
+    """Return the ranges of inputs that words are chosen for.
+
+    Parameters
+    ----------
+    network : Network
+        Its ranges are those that it was designed for.
+    over : str
+        Other ranges, ``q_d.x=3:7,q_d.y=3:7``; empty for the network's.
+
+    Raises
+    ------
+    ExportError
+        If a range is empty or not finite.
+    UnknownNameError
+        If the network has no such input.
+    """
+    if not over:
+        return {name: _closed(network, name, ends) for name, ends in network.ranges.items()}
+    found = ranges_of(over.split(","), "over")
+    for name, (low, high) in found.items():
+        if name not in network.cell.inputs:
+            raise UnknownNameError.of("over: input", name, network.cell.inputs)
+        if not (np.isfinite([low, high]).all() and low < high):
+            raise ExportError(f"over: expected {name}=LOW:HIGH with LOW < HIGH, got {low}:{high}")
+    return found
+
+
+def _closed(network: Network, name: str, ends: tuple[float, float]) -> tuple[float, float]:
+    """A range with the network's own value for an end that is open."""
+    own = network.input_scale(name).user(network.input_values[name])
+    low, high = ends
+    return (
+        float(low if np.isfinite(low) else min(own.min(), high)),
+        float(high if np.isfinite(high) else max(own.max(), low)),
+    )
+
+
+def _drawn(network: Network, ranges: InputRanges, count: int, seed: int) -> np.ndarray:
+    """(inputs, B) values in the ranges."""
+    from scipy.stats import qmc  # loads slowly, and few need it
+
+    low, high = np.transpose(list(ranges.values()))
+    points = qmc.Sobol(len(ranges), rng=seed).random_base2(max(count - 1, 0).bit_length())[:count]
+    return (low + (high - low) * points).T
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Walks of a network from its start with some inputs, one a lane.
+
+    Attributes
+    ----------
+    program : Program
+    step : float
+        h, in units of network time.
+    loaded : mapping of str to (N, B) array
+        Values of the inputs that have ranges, in network units.
+    walks : Walks
+    steps : (B,) array of int
+        Steps until the walk was seen at rest; -1 where it did not settle.
+    """
+
+    program: Program
+    step: float
+    loaded: Mapping[str, np.ndarray]
+    walks: Walks
+    steps: np.ndarray
+
+    @property
+    def settled(self) -> np.ndarray:
+        """(B,) bool."""
+        return self.steps >= 0
+
+    @property
+    def ends(self) -> np.ndarray:
+        """(n, B): the states at the end, in network units."""
+        return self.walks.words[self.program.states]
+
+    @property
+    def ranges(self) -> Ranges:
+        """Ranges of all words on the walks that settled."""
+        return self.walks.ranges(np.flatnonzero(self.settled))
+
+
+def learnt(network: Network, vector: ReferenceVector, ranges: InputRanges) -> Sample:
+    """Walk with the network's own inputs, the corners of the ranges and inputs between them.
+
+    The step is that of the reference vector, or half of it, or less, if more walks settle then.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+        Of the network; it settles.
+    ranges : mapping of str to (float, float)
+    """
+    loaded: dict[str, np.ndarray] = {}
+    if ranges:
+        values = _drawn(network, ranges, LEARNT, LEARNT_SEED)
+        if len(ranges) <= MOST_CORNERS:
+            values = np.column_stack([np.transpose(list(product(*ranges.values()))), values])
+        loaded = _loaded(network, ranges, values)
+        loaded = {
+            name: np.column_stack([network.input_values[name], values])
+            for name, values in loaded.items()
+        }
+    best = _walked(network, vector, loaded, vector.step)
+    for halving in range(1, HALVINGS + 1):
+        if best.settled.all():
+            break
+        found = _walked(network, vector, loaded, vector.step / 2**halving)
+        if found.settled.sum() <= best.settled.sum():
+            break
+        best = found
+    return best
+
+
+def held_out(network: Network, vector: ReferenceVector, ranges: InputRanges, step: float) -> Sample:
+    """Walk with inputs of the ranges that no choice has seen.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+    ranges : mapping of str to (float, float)
+        One at least.
+    step : float
+    """
+    values = _drawn(network, ranges, HELD_OUT, HELD_OUT_SEED)
+    return _walked(network, vector, _loaded(network, ranges, values), step)
+
+
+def _loaded(network: Network, ranges: InputRanges, values: np.ndarray) -> dict[str, np.ndarray]:
+    """(N, B) values of every input, in network units."""
+    ones = np.ones((network.stages, 1))
+    return {
+        name: ones * network.input_scale(name).network(row) for name, row in zip(ranges, values)
+    }
+
+
+def _walked(
+    network: Network, vector: ReferenceVector, loaded: Mapping[str, np.ndarray], step: float
+) -> Sample:
+    """Walk until every lane rests, is lost, or has taken too long."""
+    program = program_of(network, step)
+    walks = Walks(program, loaded)
+    count = max(round(vector.steps * vector.step / step), 1)
+    every = max(count // LOOKS, 1)
+    limit = max(2 * count, min(SLOWEST * count, LIMIT))
+    steps = np.full(walks.words.shape[1], -1)
+    moving = np.arange(len(steps))
+    for taken in range(every, limit + 1, every):
+        walks.run(every, moving)
+        residual = _residuals(network, walks, moving)
+        steps[moving[residual < vector.tolerance]] = taken
+        moving = moving[(residual >= vector.tolerance) & (residual < LOST)]
+        if not len(moving):
+            break
+    return Sample(program, step, loaded, walks, steps)
+
+
+def _residuals(network: Network, walks: Walks, lanes: np.ndarray) -> np.ndarray:
+    """The relative residuals of lanes, those of `ann_dc.evaluation.rules.residuals`."""
+    rows = RoleRows.of(evaluator(network).tape.roles)
+    drives, states = np.zeros((2, *network.live.shape, len(lanes)))
+    rows_of, stages = network.places.T
+    drives[rows_of, stages] = walks.words[walks.program.drives][:, lanes]
+    states[rows_of, stages] = walks.words[walks.program.states][:, lanes]
+    with np.errstate(all="ignore"):
+        return residuals(np, rows, drives, states).max(0)

@@ -1,0 +1,78 @@
+"""Entries of integers in a file that is read with distrust."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ann_dc.errors import FileFormatError
+from ann_dc.export.weights.manifest import Table
+
+NAME = "fixed_point.json"
+
+
+def require(holds: bool, place: str, why: str) -> None:
+    """Refuse an entry for which something does not hold.
+
+    Parameters
+    ----------
+    holds : bool
+    place, why : str
+        Of the entry, and of the refusal.
+
+    Raises
+    ------
+    FileFormatError
+        If it does not hold.
+    """
+    if not holds:
+        raise FileFormatError(f"{place}: {why}")
+
+
+def within(place: str, indices: np.ndarray, count: int) -> None:
+    """Refuse indices outside 0 to count - 1.
+
+    Parameters
+    ----------
+    place : str
+        For messages.
+    indices : array of int
+    count : int
+
+    Raises
+    ------
+    FileFormatError
+        If one is outside.
+    """
+    inside = bool(((indices >= 0) & (indices < count)).all())
+    require(inside, place, f"an index is not in 0 .. {count - 1}")
+
+
+def integers(table: Table, key: str, width: int, span: tuple[int, int]) -> np.ndarray:
+    """Read rows of integers.
+
+    Parameters
+    ----------
+    table : Table
+    key : str
+    width : int
+        Of a row; 0 for a plain list.
+    span : (int, int)
+        Lowest and highest.
+
+    Returns
+    -------
+    (..., width) array of int64
+
+    Raises
+    ------
+    FileFormatError
+        If they are something else.
+    """
+    given, place = table.get(key, list), f"{NAME}: {key}"
+    if width:
+        fit = all(isinstance(row, list) and len(row) == width for row in given)
+        require(fit, place, f"expected rows of {width} integers")
+    flat = [value for row in given for value in row] if width else given
+    whole = all(type(value) is int and span[0] <= value <= span[1] for value in flat)
+    require(whole, place, f"expected integers from {span[0]} to {span[1]}")
+    return np.array(flat, np.int64).reshape((-1, width) if width else -1)

@@ -1,0 +1,60 @@
+"""The text of the README of both languages."""
+
+FORMATS = """\
+## Inputs that the words are for
+
+Word ranges were chosen for {worth}. {own} An answer is right if its
+controls are within {wrong:g} of the largest control of the same network in float64.
+
+## Numbers
+
+A number w with f fraction bits, an integer of {bits} bits, stands for the user's value
+offset + factor * w / 2^f.
+
+| input | name | f | factor | offset |
+|---|---|---|---|---|
+{input_rows}
+
+| control | name | f | factor | offset |
+|---|---|---|---|---|
+{control_rows}
+
+Words have {guard} more fraction bits, {wide} bits in all. A coefficient of a sum is an integer of
+{bits} bits times a power of two. A sum reads whole words, adds exactly and is rounded once, to the
+nearest integer with halves upward; so is a product, and a line between two entries of a table. What
+is multiplied by another word, or looks up a table, is rounded to {bits} bits before.
+
+## Status
+
+- saturated: a result did not fit into its word, or an argument into its table, since the start. It
+  became the nearest that does, and no answer follows: these inputs are outside the ranges.
+- settled: not saturated, and after a multiple of {period} steps no word of a neuron is further from
+  where it was {period} steps before than its threshold, and no drive (net input of a neuron, the
+  residual) is larger than another threshold.
+- limit: neither, within as many steps as were allowed; {limit} are four times those of the
+  slowest input that was tried.
+
+Settled after {steps} steps, the controls are within {error} of the largest control of the same
+network in float64 (`reference_vector.json`). `fixed_point.json` has all integers.
+
+Wiring {wiring}, content {content}.
+"""
+
+C99 = (
+    """\
+# {title}: C99 without floating point
+
+`make check` compiles `selftest.c` and compares with the golden model, bit for bit.
+
+    ann_dc_network network;
+    ann_dc_start(&network);
+    ann_dc_load_all(&network, 0, number);      /* other inputs: see below */
+    ann_dc_settle(&network, ANN_DC_LIMIT);
+    if (ann_dc_status(&network) == ANN_DC_SETTLED)
+        number = ann_dc_control(&network, 0);
+
+Two networks in one program take two prefixes: export with `prefix=`.
+
+"""
+    + FORMATS
+)

@@ -1,0 +1,282 @@
+"""The word width that a wanted accuracy takes: not predicted but measured, on the golden model.
+
+The integers walk with a sample of inputs until they rest. The jitter of their words and drives at
+rest sets the thresholds of the settle test, as loose as the controls at settling allow. A width is
+enough if the network's own inputs settle as accurately as asked, and no input of the sample, nor
+of a held-out one, settles at wrong controls.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated, TypeAlias
+
+import numpy as np
+
+from ann_dc.errors import ExportError
+from ann_dc.export.fixed_point.arithmetic.formats import quantised
+from ann_dc.export.fixed_point.arithmetic.machine import SMALL, STILL, Machine
+from ann_dc.export.fixed_point.arithmetic.sampling import Sample, covered, held_out, learnt
+from ann_dc.export.fixed_point.golden import FEWEST, MOST, WRONG, FixedPoint, Measured, Port
+from ann_dc.export.reference.vector import EARLY, ReferenceVector
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import PositiveFinite, Range
+from ann_dc.network.network import Network
+
+WIDTHS = (8, 12, 16, 20, 24, 28, 32)
+"""Those that are tried where none is given."""
+QUIET = (2, 1)
+"""Thresholds of the settle test over the jitter at rest; the first that is near enough counts."""
+SAFE = 0.25
+"""Largest error of an input of the sample where it settles, over that of a wrong answer."""
+FINEST = 20
+"""Thresholds are one last bit of a number of so many bits at least, or of the words' own."""
+LONGER = 2
+"""Steps of the integers over those of the slowest walk, until they rest."""
+PATIENCE = 4
+"""Limit over the steps that the slowest input of the sample takes to settle."""
+PERIODS = 8
+"""Of the settle test, in the steps of the slowest walk."""
+SHORTEST, LONGEST = 8, 1024
+"""Steps of a period."""
+WATCHED = 4
+"""Periods for which words at rest are watched."""
+CONTROLS = "u"
+"""The population of the controls."""
+
+Bits: TypeAlias = Annotated[int, Range(words=f"0 or {FEWEST} to {MOST} bits", low=0, high=MOST)]
+
+
+@checked
+def fixed_point(
+    network: Network,
+    vector: ReferenceVector,
+    *,
+    bits: Bits = 0,
+    accuracy: PositiveFinite = 1e-3,
+    over: str = "",
+) -> FixedPoint:
+    """A network in integers with as many bits as a wanted accuracy takes.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+        Of the network; the controls are its.
+    bits : int
+        Of a number, 4 to 32; 0 is the fewest of `WIDTHS` that are accurate enough.
+    accuracy : float
+        Largest error of a control over the largest control, with the network's own inputs. Ten
+        times as much is a wrong answer, of which there is none on a sample of the ranges.
+    over : str
+        Ranges of inputs that words are chosen for, ``q_d.x=3:7,q_d.y=3:7``; by default those that
+        the network was designed for, and its own inputs alone if there are none.
+
+    Returns
+    -------
+    FixedPoint
+
+    Raises
+    ------
+    ExportError
+        If the vector is no walk that settles, a node does not fit into the words, or they are too
+        short for the accuracy; the message says what they reach, and which ones would do.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.export.reference import reference_vector
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    >>> found = fixed_point(network, reference_vector(network), bits=16, over="q_d.x=0.5:2")
+    >>> found.error < 1e-3, found.measured.right, found.measured.wrong
+    (True, 256, 0)
+    """
+    if 0 < bits < FEWEST:
+        raise ExportError(f"bits: expected {FEWEST} to {MOST}, or 0 for a choice, got {bits}")
+    ranges = covered(network, over)
+    sample = learnt(network, vector, ranges) if vector.settles else None
+    if sample is None or not sample.settled[0]:
+        raise ExportError(
+            "vector: this walk does not settle, so that nothing says what its integers should come "
+            "to; design the network for its inputs first"
+        )
+    trial = _Trial(network, vector, ranges, sample, accuracy)
+    return trial.of_width(bits) if bits else trial.fewest()
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """What words of several widths reach."""
+
+    network: Network
+    vector: ReferenceVector
+    ranges: dict[str, tuple[float, float]]
+    sample: Sample
+    accuracy: float
+
+    @cached_property
+    def unseen(self) -> Sample:
+        """Walks with held-out inputs."""
+        return held_out(self.network, self.vector, self.ranges, self.sample.step)
+
+    def good(self, found: FixedPoint | ExportError) -> bool:
+        """True if words are accurate enough, and no answer is wrong."""
+        return (
+            isinstance(found, FixedPoint)
+            and found.error <= self.accuracy
+            and not found.measured.wrong
+        )
+
+    def fewest(self) -> FixedPoint:
+        """The shortest words that are accurate enough."""
+        found = []
+        for bits in WIDTHS:
+            found.append(self.carried(bits))
+            if self.good(found[-1]):
+                return found[-1]
+        if isinstance(found[-1], ExportError):
+            raise found[-1]
+        best = min((f for f in found if isinstance(f, FixedPoint)), key=lambda f: f.error)
+        raise ExportError(
+            f"accuracy: no word of up to {MOST} bits brings the controls within {self.accuracy:g} "
+            f"of the largest; {best.bits} bits {self.reached(best)}"
+        )
+
+    def of_width(self, bits: int) -> FixedPoint:
+        """Words of a width, if they are accurate enough."""
+        found = self.carried(bits)
+        if isinstance(found, FixedPoint) and self.good(found):
+            return found
+        wider = (self.carried(more) for more in WIDTHS if more > bits)
+        first = next((f for f in wider if isinstance(f, FixedPoint) and self.good(f)), None)
+        advice = "no width up to 32 is accurate enough"
+        if first is not None:
+            advice = f"take bits={first.bits} ({first.error:.1e})"
+        if isinstance(found, ExportError):
+            raise ExportError(f"{found}; {advice}")
+        raise ExportError(
+            f"bits: words of {bits} bits {self.reached(found)}, wanted is {self.accuracy:g}: "
+            f"{advice}, or allow as much by accuracy="
+        )
+
+    def reached(self, found: FixedPoint) -> str:
+        """What words reach, as a clause."""
+        text = f"bring the controls within {found.error:.1e} of the largest"
+        if self.ranges and found.measured.wrong:
+            text += (
+                f", and more than {SAFE * WRONG * self.accuracy:g} off for {found.measured.wrong} "
+                f"of {found.measured.inputs} inputs of the ranges"
+            )
+        return text
+
+    def carried(self, bits: int) -> FixedPoint | ExportError:
+        """The network in words of a width, or why they cannot carry it."""
+        try:
+            machine, fraction = quantised(self.sample.program, self.sample.ranges, bits)
+        except ExportError as error:
+            return error
+        found = self.record(machine._replace(period=self.period), fraction)
+        model = found.model(self.sample.loaded)
+        model.run(self.longest)
+        model.run(WATCHED * self.period)
+        if model.saturated[0]:
+            return ExportError(
+                f"bits: words of {bits} bits cannot hold the walk of the reference vector: one is "
+                "cut off"
+            )
+        found = replace(found, error=found.control_error(model.states, self.vector))
+        whole = self.sample.settled & ~model.saturated
+        jitter = [self.of_rows(part[:, whole].max(1)) for part in (model.drift, model.drive)]
+        for factor in QUIET:
+            tried = self.settled(found, factor, *jitter)
+            if tried.error <= self.accuracy and not tried.measured.wrong:
+                break
+        if tried.error <= self.accuracy and not tried.measured.wrong and self.ranges:
+            return tried.measured_on(self.unseen)
+        return tried
+
+    def settled(
+        self, found: FixedPoint, factor: int, drift: np.ndarray, drive: np.ndarray
+    ) -> FixedPoint:
+        """A network with thresholds (n,), and where it settles by them; judged on the sample."""
+        machine = found.machine
+        least = factor << max(machine.guard, machine.wide - FINEST) >> 2
+        neurons = machine.neurons.copy()
+        for column, jitter in ((STILL, drift), (SMALL, drive)):
+            allowed = np.maximum(factor * jitter, least) + 1
+            neurons[:, column] = np.minimum(allowed, 2 ** (machine.wide - 1) - 1)
+        found = replace(found, machine=machine._replace(neurons=neurons))
+        run = found.model(self.sample.loaded).settle(self.longest + WATCHED * self.period)
+        errors = found.errors(run.states, self.sample.ends)
+        far = errors > SAFE * WRONG * self.accuracy
+        judged = run.settled & self.sample.settled
+        steps = int(run.steps[0])
+        counts = sorted({*(count for count in EARLY if count < steps), steps})
+        return replace(
+            found,
+            error=max(found.error, found.control_error(run.states[:, 0], self.vector)),
+            measured=Measured(inputs=len(far), wrong=int((judged & far).sum())),
+            limit=PATIENCE * int(run.steps[judged].max(initial=steps)),
+            vectors={count: found.states_after(count) for count in counts},
+        )
+
+    @property
+    def slowest(self) -> int:
+        """Steps of the slowest walk."""
+        return int(self.sample.steps.max())
+
+    @property
+    def longest(self) -> int:
+        """Steps after which the integers rest."""
+        return LONGER * self.slowest + self.period
+
+    @property
+    def period(self) -> int:
+        """Steps from one mark to the next: a power of two."""
+        steps = max(self.slowest // PERIODS, SHORTEST)
+        return min(1 << (steps.bit_length() - 1), LONGEST)
+
+    def of_rows(self, jitter: np.ndarray) -> np.ndarray:
+        """The largest jitter (n,) of a neuron at all stages."""
+        rows = self.network.places[:, 0]
+        largest = np.zeros(len(self.network.cell.neurons), np.int64)
+        np.maximum.at(largest, rows, jitter)
+        return largest[rows]
+
+    def record(self, machine: Machine, fraction: np.ndarray) -> FixedPoint:
+        """The record of a machine, before it has walked."""
+        network, program = self.network, self.sample.program
+        read = np.flatnonzero(network.of_population(CONTROLS))
+        read = read if len(read) else np.arange(network.size)
+        scales = [neuron.scale for neuron in network.cell.neurons]
+        return FixedPoint(
+            title=network.title,
+            wiring=self.vector.wiring,
+            content=self.vector.content,
+            vector=hashlib.sha256(self.vector.as_json()).hexdigest(),
+            step=self.sample.step,
+            machine=machine,
+            fraction=fraction,
+            labels=tuple(network.label(i) for i in range(network.size)),
+            places=network.places,
+            inputs=tuple(
+                Port(name=name, words=words, scale=network.input_scale(name))
+                for name, words in program.inputs.items()
+            ),
+            controls=tuple(
+                Port(
+                    name=network.label(int(i)),
+                    words=program.states[i : i + 1],
+                    scale=scales[network.places[i, 0]],
+                )
+                for i in read
+            ),
+            ranges=self.ranges,
+            measured=Measured(),
+            accuracy=self.accuracy,
+            error=np.inf,
+            limit=0,
+            vectors={},
+        )

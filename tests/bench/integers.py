@@ -1,0 +1,177 @@
+"""Networks in integers over a family: 10,000 inputs in compiled C code, at 16 and at 32 bits.
+
+An answer that the code calls settled is wrong if a control is more than 1 % of the largest away
+from where the network settles in float64, in continuous time and from the straight line of each
+input, as families are certified; or if its controls alone, simulated, miss a fixed component of
+q_d by more than 1 cm (0.01 in the problem's units) further than those of float64 do. No answer may
+be wrong, and at most 2 of 100 inputs may settle in float64 alone. A pendulum has mirrored optima:
+the start decides which one is met, so that its answers differ without being wrong.
+"""
+
+import argparse
+import json
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from bench.families import FAMILIES as RANGES
+from bench.figure import Figure, show
+
+import ann_dc
+from ann_dc.export.fixed_point import c99_files
+from ann_dc.export.reference import reference_vector
+
+INPUTS, SEED = 10_000, 11
+WIDTHS = (16, 32)
+OFF, MISSED, SHARE = 0.01, 0.01, 0.02
+"""Largest error over the largest control, and in the simulated end; missing share of settled."""
+FAMILIES = {
+    "unicycle": (lambda: ann_dc.plants.unicycle(N=10), {"q_d.x": (0.5, 2), "q_d.y": (-1.5, 1.5)}),
+    "car": (ann_dc.plants.car, {"q_d.x": (3, 7), "q_d.y": (3, 7)}),
+    "van_der_pol": (ann_dc.plants.van_der_pol, RANGES["van_der_pol"]),
+    "two_link_arm": (ann_dc.plants.two_link_arm, RANGES["two_link_arm"]),
+    "pendulum": (ann_dc.plants.pendulum, RANGES["pendulum"]),
+    "double_integrator": (ann_dc.plants.double_integrator, {"q_d.x": (0.5, 2)}),
+}
+"""Problems and ranges; the first four are the bar."""
+BULK = """
+#include "ann_dc_network.h"
+#include <stdio.h>
+#include <stdlib.h>
+static ann_dc_network network;
+/* Lines of COUNT numbers, one an input of LOADED; status, steps and controls of each. */
+int main(void) {
+    static const int loaded[] = { LOADED };
+    int i;
+    long number;
+    for (;;) {
+        ann_dc_start(&network);
+        for (i = 0; i < COUNT; ++i) {
+            if (scanf("%ld", &number) != 1)
+                return 0;
+            ann_dc_load_all(&network, loaded[i], (int32_t)number);
+        }
+        (void)ann_dc_settle(&network, ANN_DC_LIMIT);
+        printf("%d %lu", ann_dc_status(&network), (unsigned long)network.steps);
+        for (i = 0; i < ANN_DC_CONTROLS; ++i)
+            printf(" %ld", (long)ann_dc_control(&network, i));
+        puts("");
+    }
+}
+"""
+
+
+def in_c(files: dict[str, bytes], values: dict[str, np.ndarray]) -> np.ndarray:
+    """(B, 2 + controls): status, steps and controls in the user's units, from compiled code."""
+    table = json.loads(files["fixed_point.json"])
+    ports = {port["name"]: (index, port) for index, port in enumerate(table["inputs"])}
+    numbers, places = [], []
+    for name, given in values.items():
+        index, port = ports[name]
+        network = (given - port["offset"]) / port["factor"]
+        numbers.append(np.rint(network * 2.0 ** table["fraction"][port["words"][0]]).astype(int))
+        places.append(str(index))
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in files.items():
+            (Path(folder) / name).write_bytes(content)
+        source = BULK.replace("LOADED };", ", ".join(places) + " };")
+        source = source.replace("COUNT;", f"{len(values)};")
+        (Path(folder) / "bulk.c").write_text(source)
+        command = ["cc", "-O3", "-o", "bulk", "bulk.c", "ann_dc_network.c"]
+        subprocess.run(command, cwd=folder, check=True)
+        text = "\n".join(" ".join(map(str, row)) for row in np.transpose(numbers))
+        said = subprocess.run(
+            [Path(folder) / "bulk"], input=text, capture_output=True, text=True, check=True
+        ).stdout
+    found = np.array([line.split() for line in said.splitlines()], float)
+    for column, port in enumerate(table["controls"], start=2):
+        fraction = table["fraction"][port["words"][0]]
+        found[:, column] = port["offset"] + port["factor"] * found[:, column] / 2.0**fraction
+    return found
+
+
+def missed(
+    problem: ann_dc.OptimalControlProblem, values: dict[str, np.ndarray], u: np.ndarray
+) -> np.ndarray:
+    """(B,): how far controls (B, m, N) alone end from the fixed components of q_d."""
+    names = [str(state) for state in problem.states]
+    ends = []
+    for end, own in (("q_0", problem.q_0), ("q_d", problem.q_d)):
+        rows = [np.full(len(u), np.nan if value is None else float(value)) for value in own or ()]
+        for name, given in values.items():
+            if name.startswith(f"{end}."):
+                rows[names.index(name.partition(".")[2])] = given
+        ends.append(np.array(rows))
+    q, last = ends
+    for k in range(u.shape[2]):
+        q = problem.functions.map(q, u[:, :, k].T)
+    return np.nan_to_num(np.abs(q - last), nan=0.0).max(0)
+
+
+def of_family(
+    name: str, problem: ann_dc.OptimalControlProblem, network: ann_dc.Network, count: int
+) -> Iterator[Figure]:
+    """Two a width."""
+    rng = np.random.default_rng(SEED)
+    values = {key: rng.uniform(*ends, count) for key, ends in network.ranges.items()}
+    vector = reference_vector(network)
+    floats = ann_dc.OdeBackend().run_batch(network, values)
+    rows = network.of_population("u")
+    wanted = network.user_units(floats.states)[:, rows]
+    u_shape = (count, -1, network.stages)
+    order = np.lexsort(network.places[rows].T[::-1])
+    end = missed(problem, values, wanted[:, order].reshape(u_shape))
+    for bits in WIDTHS:
+        began = time.process_time()
+        files = c99_files(network, vector, bits=bits)
+        took = time.process_time() - began
+        found = in_c(files, values)
+        settled = found[:, 0] == 1
+        off = np.abs(found[:, 2:] - wanted).max(1) / np.abs(wanted).max(1)
+        miss = missed(problem, values, found[:, 2:][:, order].reshape(u_shape)) - end
+        both = settled & floats.settled
+        wrong = int((both & ((off > OFF) | (miss > MISSED))).sum())
+        alone = int((settled & ~floats.settled).sum())
+        yield Figure(
+            name=f"{name}, {bits} bits: wrong among settled",
+            value=f"{wrong} of {settled.sum()}",
+            remark=f"largest error {off[both].max():.1e}, simulated end {miss[both].max():.1e} "
+            f"further; {alone} settle in integers alone; written in {took:.1f} s of CPU time",
+            good=wrong == 0,
+        )
+        yield Figure(
+            name=f"{name}, {bits} bits: settled",
+            value=f"{settled.mean():.2%}",
+            remark=f"float64 {floats.settled.mean():.2%}; saturated {(found[:, 0] == 2).sum()}, "
+            f"limit {(found[:, 0] == 3).sum()}; median {np.median(found[settled, 1]):.0f} steps",
+            good=settled.mean() >= floats.settled.mean() - SHARE,
+        )
+
+
+def figures(
+    names: Sequence[str] = tuple(FAMILIES)[:4], count: int = INPUTS, networks: str = ""
+) -> Iterator[Figure]:
+    """Four a family; networks are designed, or loaded from a folder."""
+    for name in names:
+        declared, ranges = FAMILIES[name]
+        problem = declared()
+        saved = Path(networks) / f"{name}.npz"
+        network = ann_dc.load(saved) if networks else ann_dc.design(problem, over=ranges).network
+        yield from of_family(name, problem, network, count)
+
+
+def main() -> int:
+    """Print the table; exit code 1 if a bar is missed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", default=list(FAMILIES)[:4], help="four by default")
+    parser.add_argument("--inputs", type=int, default=INPUTS)
+    parser.add_argument("--networks", default="", help="folder with NAME.npz; designed by default")
+    options = parser.parse_args()
+    return show(figures(options.names, options.inputs, options.networks))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
