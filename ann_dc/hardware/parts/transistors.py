@@ -99,7 +99,7 @@ def transistor_sheet(area: float) -> Datasheet:
     slower = 1 + 0.34 * (root - 1) + 0.0635 * (area - 1)
     return Datasheet(
         a0=22.2e3,
-        gbw=24e6,
+        gbw=26.6e6,
         slew=25e6,
         rails=2.4,
         stage_resistance=56e3,
