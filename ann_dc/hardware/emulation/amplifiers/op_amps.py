@@ -16,6 +16,11 @@ h is the voltage across the capacitor; with rails, what the output is where the 
 rest, which stops at them: e = x - h + o - x / A0. What lies at a virtual ground besides is in
 `grounds`, what rails add in `clamps`. A second pole is y' = omega_2 (x - y), y the output;
 behind an output resistance r that drives a conductance G, A0 and Omega are 1 + r G times smaller.
+In a PI cell the resistor R_f drives the capacitor, whose voltage moves:
+
+.. math:: \Big(1 + r G + \frac{r}{R_f}\Big) \dot x
+          = \Omega\,(o - e - x / A_0) + \frac{r}{R_f} \dot h .
+
 
 A diode neuron is a PI cell whose op amp stands at y + D / 2; behind a diode of drop D / 2 its
 output is x = max(0, y). By min(0, y + D) through another diode it holds its virtual ground, at the
@@ -129,7 +134,8 @@ def _pi_cell(assembly: Assembly, part: PICell) -> None:
     add_bias(assembly, nodes, nodes.summed, ohms)
     gamma = assembly.conductance(part, rho * factor)
     add_ground(assembly, nodes, nodes.ground, 1 + gamma + farads_over(assembly, part), ohms)
-    _amplifier(assembly, nodes, {nodes.ground: 1.0})
+    back = _returned(assembly, part, ohms)
+    _amplifier(assembly, nodes, {nodes.ground: 1.0 - back * gamma, nodes.summed: -back})
     add_capacitor(assembly, part, {nodes.summed: 1.0, nodes.ground: gamma}, part.tau * factor)
     assembly.leave_out_unpinned(nodes.output, part.present)
     assembly.leave_out_inside(nodes, np.flatnonzero(~part.present).tolist())
@@ -168,6 +174,12 @@ def _diode_cell(assembly: Assembly, part: PICell) -> None:
     assembly.leave_out(op_amp.output, gone)
     assembly.leave_out_inside(op_amp, gone)
     assembly.leave_out_inside(nodes, gone)
+
+
+def _returned(assembly: Assembly, part: PICell, ohms: np.ndarray) -> np.ndarray:
+    """Return r / (R_f Omega tau): what the moves of a PI cell's capacitor do behind its op amp."""
+    tau = np.where(part.present, part.tau, 1.0) * ohms / assembly.circuit.feedback[part.name]
+    return assembly.datasheet.rout / (ohms * assembly.omega * tau)
 
 
 def _adder(assembly: Assembly, part: Adder) -> None:

@@ -1,5 +1,7 @@
 """One op amp with finite gain and bandwidth is what Kirchhoff's laws say of it, by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -209,3 +211,30 @@ def test_adders_and_inverters_obey_kirchhoffs_laws(off):
     s = np.dot(g, [volts(turned), volts(inverter(turned))]) / np.sum(g)
     wanted = rate(s, inverter(turned), f"vos_n_{turned}")
     assert volts(inverter(turned), rates) == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize(("share", "times"), [(1 / 3, 1.0), (0.1, 1.5)])
+def test_pi_cell_with_output_resistance_responds_as_kirchhoffs_laws_say(share, times):
+    """At ``times`` the rate of its capacitor: the current of R_f crosses r, too."""
+    circuit = built(dual())
+    rf, c = circuit.feedback["m"], float(circuit.capacitors["m"][0])
+    r, s = share * rf, 1j * times / (rf * c)
+    gamma = rf * float((1 / circuit.resistors["m"][:, 0]).sum())
+    # unknowns x, h, e, y for an input that adds 1 to x where the virtual ground is at zero
+    laws = np.array([
+        [1 + r / rf, -r / rf, -r / rf, -1],  # x = y - r (x - e - h) / R_f
+        [1, -1, -(1 + gamma), 0],  # e (1 + Gamma) = x - h - A
+        [-1, 1 + s * rf * c, 1, 0],  # C h' = (x - e - h) / R_f
+        [0, 0, OMEGA, s + OMEGA / A0],  # y' = -Omega (e + y / A0)
+    ])  # fmt: skip
+    wanted = np.linalg.solve(laws, [0, 1, 0, 0])[0]
+    level = op_amps(Datasheet(a0=A0, gbw=GBW, rout=r))
+    network = emulate(circuit, level).network
+    more = replace(network, inputs={"error": 1.3})
+    zero = np.zeros(network.size)
+    drive = evaluator(more).rhs(zero) - evaluator(network).rhs(zero)
+    system = s * circuit.scaling.time * np.eye(network.size) - evaluator(network).jacobian(zero)
+    row = network.neuron_index["m"]
+    found = np.linalg.solve(system, drive)[row]
+    assert abs(found / (0.7 * 0.8) / wanted) == pytest.approx(1, rel=8e-3)
+    assert np.angle(found / wanted) == pytest.approx(0, abs=1e-2)
