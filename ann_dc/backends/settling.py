@@ -10,7 +10,9 @@ be below that of the window before.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -111,7 +113,11 @@ def settling_time(trajectory: Trajectory, settling: Settling, exit: float | None
     return max(exit, control_settling(trajectory, settling.controls))
 
 
-def control_settling(trajectory: Trajectory, share: float = 1e-3) -> float:
+def control_settling(
+    trajectory: Trajectory,
+    share: float = 1e-3,
+    controls: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> float:
     """Network time after which every control stays within ``share`` of the largest final one.
 
     It is located inside the step where states between steps are known, else interpolated between
@@ -122,17 +128,20 @@ def control_settling(trajectory: Trajectory, share: float = 1e-3) -> float:
     trajectory : Trajectory
         Whose last controls count as final.
     share : float
+    controls : callable, optional
+        Gives the controls (T, m) of states (T, n); by default those of its network.
 
     Returns
     -------
     float
         In units of network time.
     """
-    final = control_values(trajectory.network, trajectory.final)
+    of_states = controls or partial(control_values, trajectory.network)
+    final = of_states(trajectory.final)
     scale = max(np.abs(final).max(), 1e-300)
 
     def deviation(states: np.ndarray) -> np.ndarray:
-        return np.abs(control_values(trajectory.network, states) - final).max(axis=1) / scale
+        return np.abs(of_states(states) - final).max(axis=1) / scale
 
     time, states = trajectory.known
     error = deviation(states)

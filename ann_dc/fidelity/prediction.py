@@ -14,12 +14,11 @@ import numpy as np
 
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.backends.run import Run
-from ann_dc.backends.settling import control_settling
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.fidelity.specimen import Specimen, transient_of
+from ann_dc.fidelity.specimen import Specimen, settling_of, transient_of
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
@@ -206,8 +205,7 @@ def _timed(told: Prediction, specimen: Specimen, run: Run) -> Prediction | Unpre
     if not run.status.settled:
         open_end = f"its transient {run.status}"
         return replace(told, astray=open_end, unknown=open_end)
-    seconds = specimen.circuit.scaling.time * control_settling(run.trajectory)
-    return replace(told, settling_time=seconds)
+    return replace(told, settling_time=settling_of(specimen, run))
 
 
 def astray_of(specimen: Specimen, run: Run) -> str:

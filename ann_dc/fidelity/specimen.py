@@ -17,6 +17,7 @@ from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.backends.ode import BDF, RADAU, OdeBackend
 from ann_dc.backends.run import Run
+from ann_dc.backends.settling import control_settling
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError
@@ -170,6 +171,24 @@ def transient_of(
     run = explicit.run(network)
     late = run.status.outcome is Outcome.NOT_SETTLED and _stiff(specimen)
     return implicit.run(network) if late else run
+
+
+def settling_of(specimen: Specimen, run: Run) -> float:
+    """Return the seconds until every control of a transient stays within 0.1 %.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    run : Run
+        Of what it is on its way, `transient_of`.
+
+    Returns
+    -------
+    float
+        Op amps inside the circuit do not count.
+    """
+    found = control_settling(run.trajectory, controls=specimen.moving.controls)
+    return specimen.circuit.scaling.time * found
 
 
 def _stiff(specimen: Specimen) -> bool:

@@ -22,14 +22,13 @@ import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.sensitivity import input_sensitivity
-from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.trajectory import Trajectory, control_error, control_values
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.monte_carlo import settled_error, specimens, undrawn
 from ann_dc.fidelity.noise_run import control_noise
 from ann_dc.fidelity.prediction import CLOCKED, astray_of, not_emulated
-from ann_dc.fidelity.specimen import Specimen, transient_of
+from ann_dc.fidelity.specimen import Specimen, settling_of, transient_of
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import NotNegative, Range
@@ -255,4 +254,4 @@ def _settling(built: Specimen, start: np.ndarray | None) -> tuple[float, str]:
     astray = astray_of(built, run)
     if astray or not run.status.settled:
         return math.nan, astray
-    return built.circuit.scaling.time * control_settling(run.trajectory), ""
+    return settling_of(built, run), ""
