@@ -2,13 +2,16 @@
 
 Each is made as `ann-dc circuit` makes it. What the emulation calls stable has to settle in ngspice,
 with its error and its settling time within `CLOSE`; what does not work has to be refused before it
-runs, with what would. Then `DRAWN` boards of each preset, whose parts are off by their tolerances:
-all of them emulated; the best, the middle one and the worst in ngspice, too. An hour in all.
+runs, with what would. The largest control of a regulator rests `BELOW` its bound. Then `DRAWN`
+boards of each preset, whose parts are off by their tolerances: all of them emulated; the best, the
+middle one and the worst in ngspice, too. An hour in all.
 """
 
+import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+import sympy as sp
 from bench.figure import Figure, show
 from by_hand import BY_HAND, wired_by_hand
 from constrained import CONSTRAINED, cart, two_tanks
@@ -23,7 +26,8 @@ from ann_dc.hardware.parts import presets
 from ann_dc.hardware.schematic import with_rails
 from ann_dc.network import Network
 from ann_dc.network.metrics import Kind
-from ann_dc.solver import synthesize
+from ann_dc.problem import OptimalControlProblem
+from ann_dc.solver import solve, synthesize
 
 PLANTS = {
     "double_integrator": 5,
@@ -44,6 +48,9 @@ BOUNDED = {
 }
 """Plants whose controls have bounds, which clamps keep, and a metric with which they settle."""
 
+BELOW = (5e-4, 1e-3, 1e-2, 5e-2)
+"""Shares of its bound by which a control rests below it."""
+
 DRAWN_PLANTS = ("double_integrator", "pendulum", "car", "two_tanks")
 DRAWN = 50
 SPOTS = 3
@@ -63,6 +70,23 @@ def network_of(plant: str) -> Network:
         build, kind = BOUNDED[plant]
         return design(synthesize(build()), kinds=(kind,)).network
     return wired_by_hand(plant) if plant in BY_HAND else neighbour_wired(plant, PLANTS[plant])
+
+
+def regulator(bound: float | None = None) -> OptimalControlProblem:
+    """A position and a speed to rest in four steps; the second control is the largest one."""
+    x, v, a = sp.symbols("x v a")
+    return OptimalControlProblem(
+        states=(x, v), controls=(a,), map=(x + v + a / 2, v + a), horizon=4, q_0=(5, -2), q_d=None,
+        cost=x**2 / 2 + v**2 / 2 + a**2 / 20, terminal_cost=x**2 / 2 + v**2 / 2,
+        bounds={} if bound is None else {a: (-bound, bound)},
+    )  # fmt: skip
+
+
+def below(share: float) -> Network:
+    """Return the regulator's network with a bound of which the largest control misses a share."""
+    free = solve(regulator())
+    largest = np.abs(free.populations["u"]).max() / (1 - share)
+    return design(synthesize(regulator(largest)), kinds=(Kind.TIME_CONSTANTS,)).network
 
 
 def board_of(preset: str, network: Network) -> SpiceBackend:
@@ -102,9 +126,9 @@ def names_a_cure(refusal: str) -> bool:
     return any(cure in refusal for cure in ("take ", "raise ", "give it ", "design "))
 
 
-def made(plant: str, preset: str) -> Figure:
+def made(plant: str, preset: str, network: Network) -> Figure:
     """One board, with the parts of its drawings."""
-    name, network = f"{plant}, {preset}", network_of(plant)
+    name = f"{plant}, {preset}"
     backend = board_of(preset, network)
     try:
         circuit, probe = backend.prepare(network)
@@ -157,7 +181,9 @@ def figures() -> Iterator[Figure]:
     """Every figure."""
     for plant in (*PLANTS, *BY_HAND, *BOUNDED):
         for preset in presets.names():
-            yield made(plant, preset)
+            yield made(plant, preset, network_of(plant))
+    for share, preset in itertools.product(BELOW, presets.names()):
+        yield made(f"control {share:.2%} below its bound", preset, below(share))
     for plant in DRAWN_PLANTS:
         for preset in presets.names():
             yield drawn(plant, preset)

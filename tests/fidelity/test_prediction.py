@@ -11,7 +11,8 @@ from simulator import needs_ngspice
 
 from ann_dc.analysis import stability_limit
 from ann_dc.backends import OdeBackend
-from ann_dc.backends.spice import SpiceBackend, simulate
+from ann_dc.backends.spice import SpiceBackend, refined, simulate
+from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity import (
     Prediction,
@@ -350,3 +351,50 @@ def test_a_circuit_that_gets_lost_on_its_way_is_told():
 def test_a_circuit_that_settles_is_not_said_to_be_lost():
     circuit, probe = prepared("car")
     assert predict(circuit, macro(), probe).astray == ""
+
+
+def saddle_flow() -> Network:
+    """x' = -(x + lam), lam' = x - 1: rests at 1 and -1."""
+    wires = [("x", "x", -1.0), ("lam", "x", -1.0), ("x", "lam", 1.0), (ONE, "lam", -1.0)]
+    return hand_wired(("x", "lam"), wires)
+
+
+def spring(stiffness: float) -> Network:
+    """x'' = -4 x' - stiffness (x - 1/2), from 0.8."""
+    wires = [("v", "x", 1.0), ("x", "v", -stiffness), ("v", "v", -4.0), (ONE, "v", stiffness / 2)]
+    network = hand_wired(("x", "v"), wires)
+    return replace(network, start={"x": 0.8})
+
+
+def hand_wired(names: tuple[str, ...], wires: list[tuple[str, str, float]]) -> Network:
+    cell = Cell(
+        neurons=tuple(Neuron(name=name) for name in names),
+        connections=tuple(Connection(source=s, target=t, weight=w) for s, t, w in wires),
+    )
+    return Network(cell=cell, stages=1)
+
+
+@needs_ngspice
+@pytest.mark.parametrize(
+    "network", [saddle_flow(), spring(4.0), spring(100.0)], ids=["saddle", "spring", "stiff"]
+)
+def test_hand_wired_network_of_transistors_settles_as_predicted(network):
+    """With the gain times frequency of op amps that drive 10 kohm they settled 14 % sooner."""
+    backend = SpiceBackend(level=TRANSISTOR, simulator=Ngspice())
+    run = refined(backend.run(network), backend.simulator, TRANSISTOR.datasheet)
+    said = predict(run.circuit, TRANSISTOR, run.probe)
+    assert run.settling_time() == pytest.approx(said.settling_time, rel=0.04)
+
+
+@needs_ngspice
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["opa192_ad734", "zero_drift_trimmed"])
+def test_double_integrator_of_op_amps_with_an_output_resistance_settles_as_predicted(name):
+    """A swing ends at the edge of the band: 5 % of it decide between 11.1 and 13.8 us."""
+    level = presets.get(name)
+    network = design(synthesize(plants.double_integrator(N=3)), kinds=(TIMES,)).network
+    backend = SpiceBackend(level=level, simulator=Ngspice())
+    run = refined(backend.run(network), backend.simulator, level.datasheet)
+    said = predict(run.circuit, level, run.probe)
+    assert run.control_error == pytest.approx(said.control_error, rel=0.02)
+    assert run.settling_time() == pytest.approx(said.settling_time, rel=0.02)

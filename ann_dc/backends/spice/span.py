@@ -1,7 +1,8 @@
 """How long a circuit is simulated: as long as its slowest pole takes, and longer than the probe.
 
 The probe run says how long the ideal network takes. Op amps can add modes that are slower than any
-of its own; the slowest pole of the pole model tells, and up to a bound the run waits for it.
+of its own, and so do clamps beside an output that rests near a rail; the slowest pole of the pole
+model tells, and up to a bound the run waits for it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.emulation.amplifiers.idle_clamps import beside_rails
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.levels import Level
@@ -85,5 +87,6 @@ def _slowest(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     """The slowest time constant of the pole model; 0 where there is none, or a pole grows."""
     if not level.emulated:
         return 0.0
-    abscissa = pole_spectrum(emulate(circuit, level), probe.final).abscissa
+    built = beside_rails(emulate(circuit, level), level.datasheet, probe.final)
+    abscissa = pole_spectrum(built, probe.final).abscissa
     return -1 / abscissa if abscissa < 0 else 0.0

@@ -153,7 +153,7 @@ def _of_rails(circuit: Circuit, part: Integrator, level: Level, series: Series) 
         for cell in np.flatnonzero(part.present & np.isfinite(volts)).tolist():
             owner, farads = f"rail of {part.name}", float(whole[cell])
             yield cell, f"x_{rail}_{alias}", 1, "", "", "op amp", "", owner
-            yield cell, f"d_{rail}_{alias}", 2, "", "", "diode", "", owner
+            yield cell, f"d_{rail}_{alias}", 3, "", "", "diode", "", owner
             yield cell, f"v_{rail}_{alias}", 1, f"{volts:.6g}", "V", "reference, shared", "", owner
             held = _bought(Kind.RESISTOR, CLAMP_REFERENCE / level.datasheet.gbw, series)
             yield cell, f"rr_{rail}_{alias}", 1, *held, owner

@@ -54,8 +54,9 @@ CLAMP_LAG, CLAMP_REFERENCE = 50.0, 20e9
 """Of a clamp of op amps: the resistor of its diode times the integrator's capacitor and 2 pi GBW,
 and the one before its reference times GBW; as ``circuits/models/macro/clamp.lib`` has them."""
 
-CLAMP_DROP, CLAMP_SATURATION = 0.6, 1e-14
-"""Volts across the diode of one that conducts, and the saturation current of its diodes."""
+CLAMP_DROP, CLAMP_SATURATION, CLAMP_RESTING = 0.6, 1e-14, 2
+"""Volts across the diode of one that conducts, the saturation current of its diodes, and how many
+of them it rests beside the output while it is off."""
 
 
 @such_as("ann_dc.SpiceBackend().prepare(network)[0]")

@@ -8,7 +8,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
 from ann_dc.hardware.emulation.amplifiers.capacitors import released
-from ann_dc.hardware.emulation.amplifiers.clamps import rest_idle
+from ann_dc.hardware.emulation.amplifiers.idle_clamps import rest_idle
 from ann_dc.hardware.emulation.amplifiers.op_amps import add_grid_node, add_inverter, add_op_amp
 from ann_dc.hardware.emulation.amplifiers.transconductors import add_transconductors
 from ann_dc.hardware.emulation.assembly import Assembly

@@ -19,15 +19,15 @@ lower rail l, d_2 at the upper one u, the capacitor holds another h, and all els
 
 .. math:: x = h + \frac{d_1 (u - h) + d_2 (h - l)}{u - l} , \qquad d = -I R_1 - v_{os} .
 
-On its way a clamp is in between, for a while: its op amp has to move, and the drop of the idle
-diode grows as x comes near the rail, which makes C larger, 1 + s V_T / (u - x) times. There the
-clamp of an upper rail is what it is made of, with y the end of C_1:
+On its way a clamp is in between, for a while: its op amp has to move, and the drop of its two
+idle diodes falls as x comes near the rail. This makes C larger, 1 + s V_D / (u - x) times, with
+V_D = 2 V_T. There the clamp of an upper rail is what it is made of, with y the end of C_1:
 
 .. math::
     (1 + \kappa)\, e &= (1 - n s)\, x + s \textstyle\sum y - h, \qquad
         \Big(\frac{1}{2 \pi\, GBW} + r C_1\Big) \dot y = o - y \\
     \Big(1 + \frac{r}{R_1}\Big) \dot o &= 2 \pi\, GBW\, \Big(x - d - v - \frac{o}{A_0}\Big) , \quad
-        v = u - V_T\, \omega\!\Big(\frac{u - o}{V_T} + \ln \frac{R_1 I_s}{V_T}\Big) \\
+        v = u - V_D\, \omega\!\Big(\frac{u - o}{V_D} + \ln \frac{R_1 I_s}{V_D}\Big) \\
     C\, \dot h &= i - \frac{V_T}{R_2 + r}\,
         \omega\!\Big(\frac{o}{V_T} + \ln \frac{(R_2 + r) I_s}{V_T}\Big) , \qquad
         \omega + \ln \omega = z ,
@@ -51,25 +51,16 @@ from ann_dc.hardware.circuit.circuit import (
     CLAMP_REFERENCE,
     CLAMP_SATURATION,
     CLAMP_SHARE,
-    Circuit,
 )
 from ann_dc.hardware.circuit.parameters import CLAMP_OFFSETS
 from ann_dc.hardware.emulation.amplifiers.grounds import farads_over
+from ann_dc.hardware.emulation.amplifiers.idle_clamps import THERMAL, Clamp, clamps_of
 from ann_dc.hardware.emulation.assembly import Assembly
 from ann_dc.hardware.emulation.knee import bent_rectifier
-from ann_dc.hardware.emulation.nodes import AmplifierNodes, ClampNodes, Origin
+from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.hardware.parts.board_models import op_amp_rails
-from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.schematic.elements import UNLIMITED, Integrator
 from ann_dc.network.cell import ONE, Function, Limiter
-from ann_dc.network.network import Network
-
-THERMAL = 0.02585
-"""kT / q in volts, where diodes are those of netlists."""
-
-BESIDE = 1e-4
-"""Volts from a rail at which reset leaves an output that starts there: currents of its inputs, and
-a closed switch of an ohm."""
 
 
 @dataclass(frozen=True)
@@ -188,63 +179,6 @@ def _reference(assembly: Assembly) -> float:
     return sheet.parasitics.bias_current * CLAMP_REFERENCE / sheet.gbw
 
 
-@dataclass(frozen=True)
-class Clamp:
-    """One clamp of an integrator, in network units of its output.
-
-    Attributes
-    ----------
-    nodes : ClampNodes
-    side : float
-        1 at its largest value, -1 at its smallest one.
-    rail : float
-    thermal : float
-        V_T.
-    seeping : float
-        R_1 I_s.
-    """
-
-    nodes: ClampNodes
-    side: float
-    rail: float
-    thermal: float
-    seeping: float
-
-    def idle(self, x: np.ndarray) -> np.ndarray:
-        """Where its op amp rests while the integrator's output is between the rails."""
-        apart = np.maximum(self.side * (self.rail - x), self.thermal * BESIDE / THERMAL)
-        return x - self.side * self.thermal * np.log1p(apart / self.seeping)
-
-
-def clamps_of(circuit: Circuit, sheet: Datasheet, part: Integrator) -> tuple[Clamp, ...]:
-    """The clamps of an integrator that move.
-
-    Parameters
-    ----------
-    circuit : Circuit
-    sheet : Datasheet
-        Of their op amps.
-    part : Integrator
-
-    Returns
-    -------
-    tuple of Clamp
-        One for every rail that it has, the lower one first.
-    """
-    built, value = circuit.limiter(part), circuit.value_of(part.name)
-    return tuple(
-        Clamp(
-            nodes=ClampNodes(part.name, upper=side * value > 0),
-            side=side,
-            rail=rail,
-            thermal=THERMAL * abs(value),
-            seeping=CLAMP_REFERENCE / sheet.gbw * CLAMP_SATURATION * abs(value),
-        )
-        for side, rail in ((-1.0, built.low), (1.0, built.high))
-        if math.isfinite(rail)
-    )
-
-
 def _add_clamp(assembly: Assembly, part: Integrator, clamp: Clamp) -> str:
     """Add a clamp that moves: op amp, diodes, and its share of the capacitor; what that is called.
 
@@ -264,7 +198,7 @@ def _add_clamp(assembly: Assembly, part: Integrator, clamp: Clamp) -> str:
 
 def _add_comparator(assembly: Assembly, part: Integrator, clamp: Clamp) -> None:
     """Add the op amp of a clamp, and the diode by which it follows while it is off."""
-    nodes, sheet, thermal = clamp.nodes, assembly.datasheet, clamp.thermal
+    nodes, sheet, thermal = clamp.nodes, assembly.datasheet, clamp.idling
     value = assembly.circuit.value_of(part.name)
     rails = op_amp_rails(sheet, assembly.scaling.full_scale) * abs(value)
     lag = (1 + sheet.rout * sheet.gbw / CLAMP_REFERENCE) / assembly.omega
@@ -314,33 +248,3 @@ def _add_omega(
     assembly.function(inverse, "reciprocal", below)
     assembly.product(times, near, above)
     assembly.product(name, times, inverse)
-
-
-def rest_idle(network: Network, circuit: Circuit, sheet: Datasheet, x: np.ndarray) -> np.ndarray:
-    """A state of an emulation with clamps that move, in which all of them are off.
-
-    Parameters
-    ----------
-    network : Network
-        Of the emulation.
-    circuit : Circuit
-    sheet : Datasheet
-    x : (n,) array
-        State with outputs inside their rails.
-
-    Returns
-    -------
-    (n,) array
-    """
-    full = network.unpack(x).copy()
-    for part in circuit.schematic.parts:
-        if isinstance(part, Integrator) and part.railed:
-            output = full[network.neuron_index[part.name]]
-            beside = np.zeros_like(output)
-            for clamp in clamps_of(circuit, sheet, part):
-                rest = clamp.idle(output)
-                beside += CLAMP_SHARE * (rest - output)
-                for name in (clamp.nodes.op_amp, clamp.nodes.share):
-                    full[network.neuron_index[name]] = rest
-            full[network.neuron_index[AmplifierNodes(part.name).held]] = output + beside
-    return network.pack(full)

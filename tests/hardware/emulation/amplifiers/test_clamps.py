@@ -10,9 +10,10 @@ from simulator import needs_ngspice
 
 from ann_dc import OdeBackend
 from ann_dc.analysis import spectrum
-from ann_dc.backends.spice import CircuitRun, SpiceBackend
-from ann_dc.fidelity import Specimen
-from ann_dc.hardware.circuit import CLAMP_SATURATION
+from ann_dc.backends.spice import CircuitRun, SpiceBackend, refined, span_of
+from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.fidelity import Specimen, predict
+from ann_dc.hardware.circuit.circuit import CLAMP_RESTING, CLAMP_SATURATION
 from ann_dc.hardware.emulation import Emulation, emulate_clamps
 from ann_dc.hardware.parts import TYPICAL, Parasitics, macro, presets
 from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
@@ -123,13 +124,14 @@ def driven(
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("apart", [0.05, 6e-3, 1.5e-3])
 def test_what_rests_beside_a_rail_is_slower_by_the_diode_of_the_idle_clamp(apart, side):
-    """1 + s V_T / d times, to first order, as the drop is V_T ln d."""
+    """1 + 2 s V_T / d times, to first order, as the drop of two diodes is 2 V_T ln d."""
     level = macro(gbw=1e9)
     circuit, _ = SpiceBackend(level=level, margin=1000).prepare(beside(apart, side))
     moving = emulate_clamps(circuit, level).network
     x = OdeBackend(verify=False, limit=1e6).run(moving).trajectory.final
     thermal = k * (zero_Celsius + 27) / e
-    later = 1 + thermal / 5 * abs(circuit.value_of("x")) / apart
+    apart += 0.5 - side * moving.unpack(x)[moving.neuron_index["x"], 0]
+    later = 1 + CLAMP_RESTING * thermal / 5 * abs(circuit.value_of("x")) / apart
     assert spectrum(moving, x).abscissa == pytest.approx(-1 / later, rel=0.02)
 
 
@@ -195,9 +197,40 @@ def test_without_rails_nothing_moves():
     assert found.moving is found.emulation
 
 
+@needs_ngspice
+@pytest.mark.parametrize("gbw", [1e5, 1e7])
+@pytest.mark.parametrize("below", [5e-4, 1e-2])
+@pytest.mark.parametrize("side", [1, -1])
+def test_neuron_that_rests_below_its_rail_is_off_and_settles_as_predicted(below, gbw, side):
+    """One diode beside the output leaked 3 nA at 10 MHz, 1e-4 of full scale and more below it."""
+    rail = 0.5 / (1 - below)
+    rails = (-np.inf, rail) if side > 0 else (-rail, np.inf)
+    level = macro(gbw=gbw, a0=1e5, slew=2 * gbw)
+    backend = SpiceBackend(level=level, simulator=Ngspice())
+    run = backend.run(driven(("one", "x", side / 2), rails=rails, tau=0.1))
+    said = predict(run.circuit, level, run.probe)
+    assert run.control_error == pytest.approx(said.control_error, rel=0.05)
+    run = refined(run, backend.simulator, level.datasheet)
+    assert run.settling_time() == pytest.approx(said.settling_time, rel=0.05)
+
+
+@pytest.mark.parametrize("apart", [0.05, 1.5e-3])
+def test_run_is_as_long_as_idle_clamps_ask_for(apart):
+    """Its slowest time constant, 1, is 1 + 2 s V_T / d times as long."""
+    level, network = macro(gbw=1e9), beside(apart, 1)
+    circuit, probe = SpiceBackend(level=level, margin=1000).prepare(network)
+    thermal = CLAMP_RESTING * k * (zero_Celsius + 27) / e
+    later = 1 + thermal / 5 * abs(circuit.value_of("x")) / apart
+    assert span_of(circuit, level, probe).wanted == pytest.approx(14 * later, rel=0.02)
+
+
 def test_diodes_are_those_of_the_netlist():
     model = (circuits_path() / "models" / "macro" / "clamp.lib").read_text(encoding="utf-8")
     (card,) = re.findall(r"^\.model clamp_diode d\((.*)\)", model, re.M)
     given = dict(word.split("=") for word in card.split())
     assert float(given.pop("is")) == CLAMP_SATURATION
     assert given == {"cjo": "0.1p"}  # and an emission coefficient of one
+    for clamp in model.split(".subckt")[1:]:
+        assert (
+            len(re.findall(r"^D\d", clamp, re.M)) == CLAMP_RESTING + 1
+        )  # and the one that carries

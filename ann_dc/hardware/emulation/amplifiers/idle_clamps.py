@@ -1,0 +1,166 @@
+r"""Clamps that are off: where their op amps rest, and what that adds to a capacitor.
+
+The op amp of the clamp of an upper rail u follows the output x, two diodes below it. With one,
+the diode that is to carry what presses would leak near the rail, where the idle ones carry little:
+
+.. math:: o = x - V_D \ln\Big(1 + \frac{u - x}{R_1 I_s}\Big) , \qquad
+    \frac{do}{dx} = 1 + \frac{V_D}{u - x + R_1 I_s} , \quad V_D = 2 V_T .
+
+A share s of the integrator's capacitor is charged with o: near a rail it is that much larger.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ann_dc.hardware.circuit.circuit import (
+    CLAMP_REFERENCE,
+    CLAMP_RESTING,
+    CLAMP_SATURATION,
+    CLAMP_SHARE,
+    Circuit,
+)
+from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.nodes import AmplifierNodes, ClampNodes
+from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.schematic.elements import Integrator
+from ann_dc.network.network import Network
+
+THERMAL = 0.02585
+"""kT / q in volts, where diodes are those of netlists."""
+
+BESIDE = 1e-4
+"""Volts from a rail at which reset leaves an output that starts there: currents of its inputs, and
+a closed switch of an ohm."""
+
+
+@dataclass(frozen=True)
+class Clamp:
+    """One clamp of an integrator, in network units of its output.
+
+    Attributes
+    ----------
+    nodes : ClampNodes
+    side : float
+        1 at its largest value, -1 at its smallest one.
+    rail : float
+    thermal : float
+        V_T.
+    idling : float
+        V_D of the diodes by which it follows while it is off.
+    seeping : float
+        R_1 I_s.
+    """
+
+    nodes: ClampNodes
+    side: float
+    rail: float
+    thermal: float
+    idling: float
+    seeping: float
+
+    def idle(self, x: np.ndarray) -> np.ndarray:
+        """Where its op amp rests while the integrator's output is between the rails."""
+        apart = np.maximum(self.side * (self.rail - x), self.thermal * BESIDE / THERMAL)
+        return x - self.side * self.idling * np.log1p(apart / self.seeping)
+
+    def added(self, x: np.ndarray) -> np.ndarray:
+        """Return what it adds to the capacitor, over the capacitor; 0 if it conducts."""
+        apart = self.side * (self.rail - x)
+        off = apart > self.thermal * BESIDE / THERMAL
+        return CLAMP_SHARE * self.idling / (np.where(off, apart, np.inf) + self.seeping)
+
+
+def clamps_of(circuit: Circuit, sheet: Datasheet, part: Integrator) -> tuple[Clamp, ...]:
+    """The clamps of an integrator that move.
+
+    Parameters
+    ----------
+    circuit : Circuit
+    sheet : Datasheet
+        Of their op amps.
+    part : Integrator
+
+    Returns
+    -------
+    tuple of Clamp
+        One for every rail that it has, the lower one first.
+    """
+    built, value = circuit.limiter(part), circuit.value_of(part.name)
+    return tuple(
+        Clamp(
+            nodes=ClampNodes(part.name, upper=side * value > 0),
+            side=side,
+            rail=rail,
+            thermal=THERMAL * abs(value),
+            idling=CLAMP_RESTING * THERMAL * abs(value),
+            seeping=CLAMP_REFERENCE / sheet.gbw * CLAMP_SATURATION * abs(value),
+        )
+        for side, rail in ((-1.0, built.low), (1.0, built.high))
+        if math.isfinite(rail)
+    )
+
+
+def rest_idle(network: Network, circuit: Circuit, sheet: Datasheet, x: np.ndarray) -> np.ndarray:
+    """A state of an emulation with clamps that move, in which all of them are off.
+
+    Parameters
+    ----------
+    network : Network
+        Of the emulation.
+    circuit : Circuit
+    sheet : Datasheet
+    x : (n,) array
+        State with outputs inside their rails.
+
+    Returns
+    -------
+    (n,) array
+    """
+    full = network.unpack(x).copy()
+    for part in circuit.schematic.parts:
+        if isinstance(part, Integrator) and part.railed:
+            output = full[network.neuron_index[part.name]]
+            beside = np.zeros_like(output)
+            for clamp in clamps_of(circuit, sheet, part):
+                rest = clamp.idle(output)
+                beside += CLAMP_SHARE * (rest - output)
+                for name in (clamp.nodes.op_amp, clamp.nodes.share):
+                    full[network.neuron_index[name]] = rest
+            full[network.neuron_index[AmplifierNodes(part.name).held]] = output + beside
+    return network.pack(full)
+
+
+def beside_rails(emulation: Emulation, sheet: Datasheet, x: np.ndarray) -> Emulation:
+    """Return an emulation with capacitors as large as idle clamps make them at a state.
+
+    Parameters
+    ----------
+    emulation : Emulation
+        With clamps that are walls.
+    sheet : Datasheet
+        Of the op amps.
+    x : (n,) array
+        State vector of the ideal network.
+
+    Returns
+    -------
+    Emulation
+        The given one if the circuit has no clamps.
+    """
+    circuit, network = emulation.circuit, emulation.network
+    ideal, larger = circuit.schematic.network, dict[str, np.ndarray]()
+    values = ideal.unpack(x)
+    for part in circuit.schematic.parts:
+        if isinstance(part, Integrator) and part.railed:
+            output = values[ideal.neuron_index[part.name]]
+            added = sum(clamp.added(output) for clamp in clamps_of(circuit, sheet, part))
+            larger[AmplifierNodes(part.name).held] = 1 + added
+    if not larger:
+        return emulation
+    neurons = tuple(replace(n, tau=n.tau * larger.get(n.name, 1.0)) for n in network.cell.neurons)
+    cell = replace(network.cell, neurons=neurons)
+    return replace(emulation, network=replace(network, cell=cell))
