@@ -140,6 +140,98 @@ def test_a_level_is_chosen_by_its_folder(ngspice, level, tmp_path):
     assert ngspice(deck)["root"] == pytest.approx(0.824132, abs=1e-3)
 
 
+SADDLE = """
+Vrst rst 0 PWL(0 5 9u 5 9.01u 0)
+Vone one 0 1
+R1 x s1 {ohms}
+R2 lam s1 {ohms}
+X1 s1 x rst integ c=1n
+X2 x xm inv
+R3 xm s2 {ohms}
+R4 one s2 {ohms}
+X3 s2 lam rst integ c=1n
+.tran 50n {end} 0 50n
+.meas tran x_end FIND v(x) AT={end}
+.meas tran lam_end FIND v(lam) AT={end}
+"""
+
+
+@pytest.mark.parametrize(("ohms", "end"), [("10k", "300u"), ("100k", "2m")])
+@pytest.mark.parametrize("level", [*LEVELS, *VARIANTS])
+def test_an_inverter_with_its_default_resistors_drives_a_saddle_flow(
+    ngspice, level, ohms, end, tmp_path
+):
+    """x' = -(x + lam), lam' = x - 1 rests at x = 1, lam = -1."""
+    deck = tmp_path / "deck.cir"
+    included = "\n".join(f".include {file}" for file in files_of(level))
+    flow = SADDLE.format(ohms=ohms, end=end)
+    deck.write_text(f"* saddle flow\n{MACRO}\n{BOARD}\n{included}{flow}.end\n")
+    found = ngspice(deck)
+    assert (found["x_end"], found["lam_end"]) == pytest.approx((1.0, -1.0), abs=3e-3)
+
+
+DEFAULTS = {
+    "sum": "R1 one s1 30k\nX1 s1 v sum",
+    "pi_cell": "R1 one s1 30k\nX1 s1 v rst pi_cell c=1n",
+    "pi_diode": "R1 one s1 30k\nX1 s1 v rst pi_diode c=1n",
+}
+"""Cells with a resistor of their own, from 1 V through 30 kohm; in reset they are inverters."""
+
+
+@pytest.mark.parametrize("cell", DEFAULTS)
+@pytest.mark.parametrize("level", [*LEVELS, *VARIANTS])
+def test_a_cell_with_its_default_resistor_gives_full_scale(ngspice, level, cell, tmp_path):
+    deck = tmp_path / "deck.cir"
+    included = "\n".join(f".include {file}" for file in files_of(level))
+    deck.write_text(
+        f"* a cell in reset\n{MACRO}\n{BOARD}\n{included}\nVrst rst 0 5\nVone one 0 1\n"
+        f"{DEFAULTS[cell]}\n.tran 1u 50u\n.meas tran v FIND v(v) AT=50u\n.end\n"
+    )
+    assert ngspice(deck)["v"] == pytest.approx(-1.0, abs=5e-3)
+
+
+BOARD_CELLS = """
+Vrst rst 0 PWL(0 5 0.9u 5 1.1u 0)
+V1 a 0 0.1
+V2 b 0 -0.1
+V3 h 0 0.5
+R1 a s1 10k
+X1 s1 integ rst integ c=1n
+R2 a s2 10k
+X2 s2 pi_cell rst pi_cell rf=10k c=1n
+R3 a s3 10k
+X3 s3 pi_diode rst pi_diode rf=10k c=1n
+R4 a s4 10k
+R5 b s5 10k
+X4 s4 s5 integ_fd f1 rst integ_fd c=1n
+R6 a s6 10k
+R7 b s7 10k
+X5 s6 s7 pi_cell_fd f2 rst pi_cell_fd rf=10k c=1n
+X6 h 0 h 0 0 mul4q mul4q
+X7 h 0 h 0 mul4q_fd f3 mul4q_fd
+X8 a inv inv r=10k
+.tran 20n 10u 0 20n
+"""
+"""Every cell of ``models/board``: 10 uA into 1 nF for 9 us, products of 0.5 V and 0.5 V."""
+
+BOARD_VALUES = {
+    **{"inv": -0.1, "integ": -0.09, "integ_fd": -0.09, "mul4q": 0.25, "mul4q_fd": 0.25},
+    **{"pi_cell": -0.19, "pi_cell_fd": -0.19, "pi_diode": -0.19},
+}
+
+
+@pytest.mark.parametrize("preset", PRESETS, ids=lambda file: file.stem)
+def test_a_preset_completes_every_model_and_cell_of_a_board(ngspice, preset, tmp_path):
+    deck, files = tmp_path / "deck.cir", files_of("board")
+    included = "\n".join(f".include {file}" for file in [preset, *files])
+    measured = "\n".join(f".meas tran v_{name} FIND v({name}) AT=10u" for name in BOARD_VALUES)
+    deck.write_text(f"* all cells of a board\n{included}{BOARD_CELLS}{measured}\n.end\n")
+    found = ngspice(deck)
+    assert {n: found[f"v_{n}"] for n in BOARD_VALUES} == pytest.approx(BOARD_VALUES, rel=0.02)
+    parts = {each.name for each in LIBRARY if each.level == "board"}
+    assert parts - {"opamp", "opamp_fd"} <= set(INSTANCE.findall(BOARD_CELLS))
+
+
 # ---- what is written -------------------------------------------------------------------------
 
 

@@ -51,7 +51,7 @@ module pi_cell(s, out, rst);
   inout s, out, rst;
   electrical s, out, rst;
   branch (s) into;
-  parameter real rf = 1e4;
+  parameter real rf = 3e4;
   parameter real c = 1e-10;
   parameter real v0 = 0;
   parameter real vos = 0;
@@ -67,11 +67,11 @@ module pi_diode(s, out, rst);
   inout s, out, rst;
   electrical s, out, rst, held;
   branch (s) into;
-  parameter real rf = 1e4;
+  parameter real rf = 3e4;
   parameter real c = 1e-10;
   parameter real v0 = 0;
   parameter real vos = 0;
-  parameter real rp = 1e3;
+  parameter real rp = 3e3;
   analog begin
     V(into) <+ vos;
     V(held) <+ idt(V(held) + rf * I(into) > 0 ? I(into) : -V(held) / (rf + rp), {RESET}) / c - v0;
@@ -85,7 +85,7 @@ module sum(s, out);
   inout s, out;
   electrical s, out;
   branch (s) into;
-  parameter real rf = 1e4;
+  parameter real rf = 3e4;
   parameter real vos = 0;
   analog begin
     V(into) <+ vos;
@@ -98,7 +98,7 @@ endmodule
 module inv(in, out);
   inout in, out;
   electrical in, out;
-  parameter real r = 1e4;
+  parameter real r = 3e4;
   parameter real vos = 0;
   parameter real e = 0;
   analog begin
