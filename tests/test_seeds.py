@@ -1,7 +1,9 @@
 """Property tests: the same examples in every process, others in `make fuzz`."""
 
+import ast
 import importlib.util
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -63,3 +65,22 @@ def test_seeds_of_fuzz_begin_at_the_printed_one(monkeypatch):
     monkeypatch.setattr(seeds, "SEED", 900)
     monkeypatch.setattr(seeds, "TIMES", 2)
     assert chosen() == [(900,), (901,), (902,), (903,)]
+
+
+SEEDED = ("default_rng", "Random")
+TORCH = ("torch.rand", "torch.randn", "torch.randint", "torch.randperm")
+
+
+def test_tests_draw_from_seeds():
+    """Generators have a seed, and torch's functions a generator; modules' own have neither."""
+    ambient = []
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call):
+                name = ast.unparse(node.func)
+                given = [*node.args, *node.keywords]
+                bare = name.rpartition(".")[2] in SEEDED and not given
+                torch = name in TORCH and "generator" not in [k.arg for k in node.keywords]
+                if bare or torch or name.startswith(("random.r", "random.s", "np.random.r")):
+                    ambient.append(f"{path.name}:{node.lineno} {name}")
+    assert ambient == []
