@@ -6,11 +6,21 @@ import numpy as np
 import pytest
 import sympy as sp
 from other_units import Units, written_in
+from simulator import needs_ngspice
 
-from ann_dc import Kind, OdeBackend, OptimalControlProblem, RecurrentBackend, design
+from ann_dc import (
+    Kind,
+    OdeBackend,
+    OptimalControlProblem,
+    RecurrentBackend,
+    SpiceBackend,
+    design,
+    levels,
+)
 from ann_dc.backends import ode
 from ann_dc.evaluation import evaluator
-from ann_dc.network import Network
+from ann_dc.fidelity import Specimen, budget, control_noise, predict, prediction_of, sensitivity
+from ann_dc.network import Cell, Connection, Network, Neuron
 
 A, B = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.5], [1.0]])
 STAGES, PRICE = 10, 0.1
@@ -105,3 +115,73 @@ def test_control_that_is_off_by_a_millionth_of_its_scale_has_not_settled():
     assert max(evaluator(there).residuals(x)) < 1e-8
     off = np.where(there.of_population("u"), 1e-6, 0.0)
     assert max(evaluator(there).residuals(x + off)) > 1e-3
+
+
+# ---- circuits ------------------------------------------------------------------------------------
+
+LEVEL = levels.macro(a0=1e6)
+
+
+def oscillator(start: float = 0.8, rest: float = 0.0) -> Network:
+    """x'' = -4 x' - 100 (x - rest), wired by hand: it swings to |v| = 6 and settles at ``rest``."""
+    weights = [("v", "x", 1.0), ("x", "v", -100.0), ("v", "v", -4.0), ("one", "v", 100.0 * rest)]
+    wires = [Connection(source=s, target=t, weight=w) for s, t, w in weights if w]
+    cell = Cell(neurons=(Neuron(name="x"), Neuron(name="v")), connections=tuple(wires))
+    return Network(cell=cell, stages=1, start={"x": start}, title="oscillator")
+
+
+@cache
+def specimen(start: float = 0.8) -> Specimen:
+    circuit, probe = SpiceBackend(level=LEVEL).prepare(oscillator(start))
+    return Specimen(circuit=circuit, level=LEVEL, probe=probe)
+
+
+@pytest.mark.parametrize("start", [0.8, -8.0])
+def test_circuit_that_rests_at_zero_is_predicted_to_be_right(start):
+    found = prediction_of(specimen(start))
+    assert found.astray == ""
+    assert found.control_error < 1e-3
+    assert 1e-6 < found.settling_time < 1e-3
+
+
+def test_prediction_at_rest_does_not_depend_on_the_size_of_the_swing():
+    small, large = prediction_of(specimen(0.8)), prediction_of(specimen(8.0))
+    assert small.control_error == pytest.approx(large.control_error, abs=1e-6)
+    assert small.settling_time == pytest.approx(large.settling_time, rel=0.02)
+
+
+@pytest.mark.parametrize(("volts", "right"), [(1e-6, True), (1e-3, False)])
+def test_offset_at_rest_is_told_over_full_scale(volts, right):
+    """1 mV at the input of an integrator moves a circuit of 1 V by 1e-3: 10 % of 1 % of it."""
+    built = specimen()
+    offset = next(p.name for p in built.circuit.parameters if p.name.startswith("vos"))
+    found = predict(built.circuit, LEVEL, built.probe, {offset: np.array([volts])})
+    assert (found.control_error < 0.01) == right
+
+
+def test_figures_of_a_circuit_at_rest_are_finite():
+    built = specimen()
+    items = budget(sensitivity(built.emulation, built.settled))
+    assert 0 < max(item.error for item in items) < 10
+    assert 0 < control_noise(built) < 1
+
+
+def test_rest_away_from_zero_is_related_to_itself():
+    """At 0.8 of a swing of 6 the largest value counts, as it always did."""
+    _, probe = SpiceBackend(level=LEVEL).prepare(oscillator(start=0.0, rest=0.8))
+    assert probe.control_size == pytest.approx(0.8, rel=1e-6)
+
+
+@needs_ngspice
+def test_ngspice_finds_a_circuit_at_rest_right():
+    run = SpiceBackend(level=LEVEL).run(oscillator())
+    assert run.settled()
+    assert run.control_error < 1e-3
+    assert "full scale" in str(run)
+
+
+@needs_ngspice
+def test_circuit_of_a_controller_that_has_arrived_runs():
+    run = SpiceBackend(level=LEVEL).run(started(0.0))
+    assert run.settled()
+    assert run.control_error < 5e-3

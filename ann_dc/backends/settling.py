@@ -19,6 +19,7 @@ import numpy as np
 from ann_dc.backends.integration.exits import LOOKS, last_exit as last_exit, located_exit
 from ann_dc.backends.trajectory import Trajectory, control_values
 from ann_dc.errors import require_positive
+from ann_dc.evaluation.rules import size_of
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import PositiveFinite
 from ann_dc.hints.words import such_as
@@ -59,7 +60,8 @@ class Settling:
     confirm : float
         The run goes on until the residual is below this share of the tolerance.
     controls : float or None
-        Additionally, every control must stay within this share of the largest final control.
+        Additionally, every control must stay within this share of the largest final control; of
+        1 % of the largest on the way, where all end below that.
 
     Raises
     ------
@@ -118,7 +120,7 @@ def control_settling(
     share: float = 1e-3,
     controls: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> float:
-    """Network time after which every control stays within ``share`` of the largest final one.
+    """Network time after which every control stays within ``share`` of the final ones' size.
 
     It is located inside the step where states between steps are known, else interpolated between
     rows.
@@ -138,12 +140,12 @@ def control_settling(
     """
     of_states = controls or partial(control_values, trajectory.network)
     final = of_states(trajectory.final)
-    scale = max(np.abs(final).max(), 1e-300)
+    time, states = trajectory.known
+    scale = size_of(final, np.abs(of_states(states)).max(initial=0.0))
 
     def deviation(states: np.ndarray) -> np.ndarray:
         return np.abs(of_states(states) - final).max(axis=1) / scale
 
-    time, states = trajectory.known
     error = deviation(states)
     above = np.flatnonzero(~(error < share))
     first = int(above[-1]) if above.size else 0

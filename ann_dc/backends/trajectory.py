@@ -16,6 +16,7 @@ import numpy as np
 from ann_dc.backends.curves import Curves, Tabulated
 from ann_dc.backends.integration.methods import Between, Known
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.rules import RESTING, size_of
 from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
 from ann_dc.records import Record
@@ -174,6 +175,24 @@ class Trajectory(Record, Tabulated):
         return control_values(self.network, self.states)
 
     @property
+    def control_reach(self) -> float:
+        """Largest magnitude of a control on its way, in network units."""
+        return float(np.abs(control_values(self.network, self.known[1])).max(initial=0.0))
+
+    @property
+    def control_size(self) -> float:
+        """Size to which errors of the last controls are related; see `size_of`."""
+        return size_of(control_values(self.network, self.final), self.control_reach)
+
+    @property
+    def size_in_words(self) -> str:
+        """The size to which errors of the last controls are related, in words."""
+        end = control_values(self.network, self.final)
+        if self.control_size > np.abs(end).max(initial=0.0):
+            return f"{RESTING:.0%} of full scale, since all controls rest near zero"
+        return "the largest one"
+
+    @property
     def curves(self) -> Curves:
         """Every neuron over network time, in the user's units."""
         names = self.network.neuron_index
@@ -220,7 +239,7 @@ def _controls(network: Network) -> np.ndarray | slice:
 
 
 def control_error(controls: np.ndarray, wanted: Trajectory) -> float:
-    """Largest error of controls against the end of a run, over the largest one.
+    """Largest error of controls against the end of a run, over the size of those; see `size_of`.
 
     Parameters
     ----------
@@ -230,4 +249,4 @@ def control_error(controls: np.ndarray, wanted: Trajectory) -> float:
         The run whose last controls are right.
     """
     end = control_values(wanted.network, wanted.final)
-    return float(np.abs(controls - end).max() / max(np.abs(end).max(), 1e-300))
+    return float(np.abs(controls - end).max() / wanted.control_size)

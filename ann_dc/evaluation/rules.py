@@ -30,6 +30,34 @@ leaves a gradient of 1e-14 there."""
 SMALLEST_POSITION = 0.1
 """Smallest size of positions to which a residual is related: in their own scales states lie near
 one, and a problem whose states stay where they are has none at all."""
+RESTING = 0.01
+"""Smallest size of values to which an error is related, over how far they went on their way: what
+ends below it rests at zero, where a share of the value itself says nothing."""
+
+
+def size_of(end: np.ndarray, reach: float) -> float:
+    """Return the size to which errors of settled values are related.
+
+    Parameters
+    ----------
+    end : array
+        Settled values.
+    reach : float
+        Largest magnitude on their way: full scale of a machine, but for its headroom. If it is
+        zero, one stands for it, as for full scale of a node that never moves.
+
+    Returns
+    -------
+    float
+        The largest magnitude at the end, at least `RESTING` of the reach.
+
+    Examples
+    --------
+    >>> size_of(np.array([2.0, -3.0]), 10.0), size_of(np.array([1e-9]), 6.0)
+    (3.0, 0.06)
+    """
+    largest = float(np.abs(end).max(initial=0.0))
+    return max(largest, RESTING * (float(reach) or 1.0))
 
 
 def pushes_out(state, move, low, high):

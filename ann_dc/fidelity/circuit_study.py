@@ -132,13 +132,11 @@ class CircuitStudy:
                 f"an error of {error:.2g}; together above {NEAR:.0%}: take smaller resistors, "
                 f"{louder}or the mean of many readings"
             )
+        size = "the largest one" if self.run is None else self.run.probe.size_in_words
         means = f"take better parts, {louder}or a slower network"
         if (off := self.snapping.get("resistor", 0.0)) > NEAR / 10:
             means = f"its resistors are off by up to {off:.1%}: take pairs, or exact ones"
-        return (
-            f"the error of its controls {verb} {error:.1%} of the largest one, above {NEAR:.0%}: "
-            f"{means}"
-        )
+        return f"the error of its controls {verb} {error:.1%} of {size}, above {NEAR:.0%}: {means}"
 
 
 @checked

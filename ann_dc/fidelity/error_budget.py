@@ -15,6 +15,7 @@ import numpy as np
 
 from ann_dc.analysis.sensitivity import weight_sensitivity
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.rules import size_of
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.circuit.parameters import Parameter
 from ann_dc.hardware.emulation.emulation import Emulation
@@ -133,7 +134,9 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
             "sensitivity: known for op amps with resistors; take a macro level or parts by name"
         )
     controls = emulation.outputs
-    share = 1.0 / np.abs(x[controls]).max()
+    peaks = emulation.circuit.scaling.peaks
+    reach = max((peaks[name].value for name in emulation.output_names), default=0.0)
+    share = 1.0 / size_of(x[controls], reach)
     by_weight = weight_sensitivity(network, x, controls)
     slopes = {
         name: np.sum([share * by_weight[wire] * slope for wire, slope in wires], axis=0)

@@ -218,7 +218,8 @@ def _cpu_rung(timing: SolverTiming) -> Measured:
 
 def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
     """Of the controls at a state from the equilibrium's, over the largest one."""
-    settled = replace(probe, states=equilibrium(network, probe.final)[None])
+    rest = equilibrium(network, probe.final)
+    settled = replace(probe, states=np.vstack([probe.states, rest]))
     return control_error(control_values(network, x), settled)
 
 

@@ -21,6 +21,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.rules import size_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
@@ -112,7 +113,8 @@ def control_noise(specimen: Specimen) -> float:
     parasitics, kelvin = level.datasheet.parasitics, level.conditions.kelvin
     noise = Noise.of_parts(parasitics, step=1.0, temperature=kelvin)  # no samples are drawn
     rms = emulation.controls(settled_noise(emulation, x, noise))
-    return float(np.abs(rms).max() / np.abs(emulation.controls(x)).max())
+    size = size_of(emulation.controls(x), specimen.probe.control_reach)
+    return float(np.abs(rms).max() / size)
 
 
 def noisy(error, noise: float):

@@ -18,6 +18,7 @@ from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.rules import size_of
 from ann_dc.fidelity.specimen import Specimen, settling_of, transient_of
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
@@ -231,9 +232,10 @@ def astray_of(specimen: Specimen, run: Run) -> str:
         return f"its transient {run.status}"
     wanted = specimen.emulation.controls(specimen.settled)
     found = specimen.moving.controls(run.trajectory.final)
-    off = np.abs(found - wanted).max() / np.abs(wanted).max()
+    off = np.abs(found - wanted).max() / size_of(wanted, specimen.probe.control_reach)
     if run.status.settled and off > ELSEWHERE:
-        return f"its transient settles elsewhere, a control off by {off:.2g} of the largest one"
+        size = specimen.probe.size_in_words
+        return f"its transient settles elsewhere, a control off by {off:.2g} of {size}"
     return ""
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.evaluation.domains import Bounds
 from ann_dc.evaluation.generated.choice import FastEvaluator
-from ann_dc.evaluation.rules import RAN, SETTLED
+from ann_dc.evaluation.rules import RAN, SETTLED, SMALLEST_POSITION
 from ann_dc.gain_design.freeze import LONG_ROW, Candidate
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.phases import phase
@@ -154,10 +154,13 @@ def run_with_constants(
 
 
 def distance(settled: SettledPoint, x: np.ndarray) -> float:
-    """Of a state (n,) from the settled point: over the primal neurons, relative to the largest."""
+    """Of a state (n,) from the settled point: over the primal neurons, relative to the largest.
+
+    Or to `SMALLEST_POSITION`, where all of them rest.
+    """
     primal = settled.linear.primal[settled.network.places[:, 0]]
     aim = settled.state[primal]
-    return float(np.abs(x[primal] - aim).max() / max(np.abs(aim).max(), 1e-300))
+    return float(np.abs(x[primal] - aim).max() / max(np.abs(aim).max(), SMALLEST_POSITION))
 
 
 @phase("rehearsals")

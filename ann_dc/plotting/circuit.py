@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.evaluation.rules import size_of
 from ann_dc.hardware.schematic.elements import PICell
 from ann_dc.hints.checked import checked
 from ann_dc.plotting.style import (
@@ -46,7 +47,7 @@ def circuit(run: CircuitRun, problem: OptimalControlProblem) -> Figure:
     end = min(2 * settled if np.isfinite(settled) else np.inf, float(seconds[-1]))
     _voltages(volts, run, seconds)
     controls = run.trajectory.controls
-    scale = max(float(np.abs(controls[-1]).max()), 1e-300)
+    scale = size_of(controls[-1], np.abs(controls).max())
     distance = np.abs(controls - controls[-1]).max(axis=1) / scale
     error.semilogy(
         seconds[:-1], np.maximum(distance, LOWEST)[:-1], color=VERMILION, label="from its own end"

@@ -152,7 +152,8 @@ class CircuitReport:
                 not run.unsettled,
                 run.unsettled or f"controls within 0.1 % after {measured(*micros)} us",
             ),
-            "error of controls": f"{run.control_error:.2e} of the largest one, against the ODE",
+            "error of controls": f"{run.control_error:.2e} of {run.probe.size_in_words}, "
+            "against the ODE",
             "trajectory": f"normalised mean square error {run.mean_square_error:.1e}, against "
             "the ODE",
             "predicted": self._predicted(),

@@ -1,5 +1,7 @@
 """States over network time: the users' units, the controls among them, errors against an end."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -73,3 +75,21 @@ def test_an_error_is_told_over_the_largest_control(share):
     wanted = decaying(BOTH)
     found = control_error((1 + share) * wanted.control_values[-1], wanted)
     assert found == pytest.approx(abs(share))
+
+
+@pytest.mark.parametrize("rest", [0.0, 1e-12, 1e-3])
+def test_control_error_of_controls_that_rest_at_zero_is_a_share_of_their_reach(rest):
+    """They come from 2 and end at or near zero: 1 % of 2 is what an error is related to."""
+    moved = decaying(BOTH)
+    vanished = replace(moved, states=np.vstack([moved.states[:-1], 0 * moved.final + rest]))
+    assert vanished.control_size == pytest.approx(0.02)
+    assert "1% of full scale" in vanished.size_in_words
+    off = vanished.control_values[-1] + [0.0, 1e-5]
+    assert control_error(off, vanished) == pytest.approx(5e-4)
+    assert moved.size_in_words == "the largest one"
+
+
+def test_control_error_of_controls_that_never_move_is_a_share_of_their_scale():
+    moved = decaying(BOTH)
+    still = replace(moved, states=0 * moved.states)
+    assert control_error(np.array([1e-5, 0.0]), still) == pytest.approx(1e-3)

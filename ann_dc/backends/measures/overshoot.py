@@ -14,7 +14,7 @@ STAYS = 1e-6
 
 @checked
 def overshoot(trajectory: Trajectory) -> float:
-    """Largest excursion of a control beyond its final value, over the largest final control.
+    """Largest excursion of a control beyond its final value, over the size of the final ones.
 
     Beyond is the side of the final value on which the control does not start; of one that ends
     where it starts, either side. Controls count in network units, in which all count alike.
@@ -41,7 +41,7 @@ def overshoot(trajectory: Trajectory) -> float:
     side = np.where(np.abs(way) > STAYS * np.abs(final).max(initial=0.0), np.sign(way), 0.0)
     apart = controls - final
     beyond = np.where(side == 0, np.abs(apart), side * apart)
-    return float(beyond.max(initial=0.0) / max(np.abs(final).max(initial=0.0), 1e-300))
+    return float(beyond.max(initial=0.0) / trajectory.control_size)
 
 
 def _finely(trajectory: Trajectory) -> np.ndarray:

@@ -118,7 +118,8 @@ class CircuitRun(Tabulated):
     def __str__(self) -> str:
         when = f"controls within 0.1 % after {self.settling_time() * 1e6:.4g} us"
         return (
-            f"{self.unsettled or when}, {self.control_error:.2e} of the largest one off the ODE's; "
+            f"{self.unsettled or when}, {self.control_error:.2e} of "
+            f"{self.probe.size_in_words} off the ODE's; "
             f"overload: {'; '.join(map(str, self.overloads[:3])) or 'none'}"
         )
 
@@ -137,7 +138,7 @@ class CircuitRun(Tabulated):
 
     @property
     def control_error(self) -> float:
-        """Largest error of a control at the end, over the largest control of the probe's end."""
+        """Largest error of a control at the end, over the size of the probe's; see `size_of`."""
         return control_error(self.trajectory.control_values[-1], self.probe)
 
     @property
@@ -166,7 +167,7 @@ class CircuitRun(Tabulated):
         return self.settling_time(share) < 2 / 3 * end
 
     def settling_time(self, share: float = 1e-3) -> float:
-        """Seconds after which every control stays within ``share`` of the largest final one."""
+        """Seconds after which every control stays within ``share`` of the final ones' size."""
         return control_settling(self.trajectory, share) * self.deck.timing.unit
 
 

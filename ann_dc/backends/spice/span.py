@@ -3,10 +3,12 @@
 The probe run says how long the ideal network takes. Op amps can add modes that are slower than any
 of its own, and so do clamps beside an output that rests near a rail; the slowest pole of the pole
 model tells, and up to a bound the run waits for it.
+Controls that end far below where they have been take longer to settle, and the run with them.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +27,11 @@ LONGEST = 20.0
 """The same, at most."""
 
 LIFETIMES = 14.0
-"""Duration of a circuit run in time constants of its slowest pole."""
+"""Duration of a circuit run in time constants of its slowest pole, at least."""
+
+SMALL, LATER = 0.1, 3.0
+"""Share of their reach below which controls end small; time constants that a run is longer for each
+factor of e that they end below it: one to fall by that, and the rest that has to be seen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,9 +84,15 @@ def span_of(circuit: Circuit, level: Level, probe: Trajectory) -> Span:
     Span
     """
     ideal = float(probe.time[-1])
-    wanted = LIFETIMES * _slowest(circuit, level, probe)
+    wanted = _lifetimes(probe) * _slowest(circuit, level, probe)
     duration = float(np.clip(wanted, LONGER * ideal, LONGEST * ideal))
     return Span(duration=duration, wanted=wanted)
+
+
+def _lifetimes(probe: Trajectory) -> float:
+    """Return the time constants after which controls that went far have settled near their end."""
+    fall = SMALL * probe.control_reach / probe.control_size
+    return LIFETIMES + LATER * math.log(max(fall, 1.0))
 
 
 def _slowest(circuit: Circuit, level: Level, probe: Trajectory) -> float:

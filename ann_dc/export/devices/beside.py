@@ -15,6 +15,7 @@ import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.errors import ArgumentError, ExportError, FileFormatError, NetworkError
+from ann_dc.evaluation.rules import size_of
 from ann_dc.export.reference.beside import check_vector, file_of, text_of, vector_of
 from ann_dc.export.reference.vector import VECTOR, EulerWalk, ReferenceVector
 from ann_dc.export.weights.hashes import content_hash
@@ -187,8 +188,9 @@ def control_error(
     Returns
     -------
     float or None
-        Largest difference over the largest control, in the user's units; of all neurons where
-        there are no controls. None where one of the two does not settle from the vector's end.
+        Largest difference over the size of the controls (`size_of`), in the user's units; of all
+        neurons where there are no controls. None where one of the two does not settle from the
+        vector's end.
     """
     start = network.pack(vector.end)
     steps, end, _ = EulerWalk(changed, step or vector.step).settled(start, vector.tolerance)
@@ -200,5 +202,8 @@ def control_error(
         return None
     controls = network.of_population("u")
     rows = controls if controls.any() else slice(None)
-    exact, found = network.user_units(exact)[rows], network.user_units(found)[rows]
-    return float(np.abs(found - exact).max() / (np.abs(exact).max() or 1.0))
+    first, exact, found = (
+        network.user_units(x)[rows] for x in (network.pack(vector.start), exact, found)
+    )
+    reach = max(np.abs(first).max(), np.abs(exact).max())
+    return float(np.abs(found - exact).max() / size_of(exact, reach))

@@ -179,7 +179,7 @@ def interface_cost(
     controls = _controls(network.with_inputs(rounded), probe)
     grain = _control_steps(circuit, interface.adc_bits)
     read = _rounded(controls, grain, interface.adc_bits)
-    largest = np.abs(probe.control_values[-1]).max()
+    size = probe.control_size
     backend.progress("transient, as switches hold it")
     held, _ = _settling(built, None)
     backend.progress("transient from empty capacitors")
@@ -189,8 +189,8 @@ def interface_cost(
         interface=interface,
         rounded=rounded,
         input_error=control_error(controls, probe),
-        worst_input_error=float(_moved(network, probe, steps).max(initial=0.0) / largest),
-        output_error=float(grain.max(initial=0.0) / 2 / largest),
+        worst_input_error=float(_moved(network, probe, steps).max(initial=0.0) / size),
+        output_error=float(grain.max(initial=0.0) / 2 / size),
         error=control_error(read, probe),
         circuit_error=settled_error(built),
         noise=control_noise(built),

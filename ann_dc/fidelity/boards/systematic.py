@@ -10,6 +10,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
+from ann_dc.evaluation.rules import size_of
 from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.parts.parasitics import NONE, Parasitics
 from ann_dc.hints.checked import checked
@@ -51,12 +52,13 @@ def systematic(specimen: Specimen) -> dict[str, float]:
     """
     parasitics = specimen.level.datasheet.parasitics
     plain = _controls(specimen, NONE)
+    size = size_of(plain, specimen.probe.control_reach)
     moves = {}
     for field in fields(Parasitics):
         value = getattr(parasitics, field.name)
         if field.name not in STILL and value != getattr(NONE, field.name):
             alone = _controls(specimen, replace(NONE, **{field.name: value}))
-            moves[field.name] = float(np.abs(alone - plain).max() / np.abs(plain).max())
+            moves[field.name] = float(np.abs(alone - plain).max() / size)
     return dict(sorted(moves.items(), key=lambda move: -move[1]))
 
 

@@ -94,7 +94,7 @@ class _Drawn:
 
     def __init__(self, slopes: Sensitivity, nominal: Specimen) -> None:
         right = nominal.probe.control_values[-1]
-        lost = (nominal.emulation.controls(nominal.settled) - right) / np.abs(right).max()
+        lost = (nominal.emulation.controls(nominal.settled) - right) / nominal.probe.control_size
         listed, sizes = nominal.circuit.parameters, nominal.level.tolerances
         each = [draw(listed, sizes, seed) for seed in range(DRAWN)]
         self.slopes = slopes.slopes

@@ -62,6 +62,12 @@ class Emulation:
         rows = [self.network.neuron_index[ideal.cell.neurons[neuron].name] for neuron, _ in places]
         return self.network.state_index[rows, places[:, 1]]
 
+    @property
+    def output_names(self) -> list[str]:
+        """Names of the neurons of ``outputs``, one for each of them."""
+        rows = self.network.places[self.outputs, 0]
+        return [self.network.cell.neurons[row].name for row in rows]
+
     @cached_property
     def clips(self) -> np.ndarray:
         """(n,) booleans: whose rails are those of a part, and not those of the ideal network."""

@@ -150,8 +150,8 @@ def theta_rising(sample: Sample) -> float:
 
 def control_error(sample: Sample) -> float:
     """Largest error of a control at the end against the ideal network's, over the largest one."""
-    right = sample.right_controls
-    return float(np.abs(sample.controls - right).max() / max(np.abs(right).max(), 1e-300))
+    right, size = sample.right_controls
+    return float(np.abs(sample.controls - right).max() / size)
 
 
 def accuracy_floor(sample: Sample) -> float:

@@ -156,18 +156,18 @@ class Sample(ABC):
         return self.network.start_state
 
     @cached_property
-    def right_controls(self) -> np.ndarray:
-        """(c,): what the ideal network settles to for the same inputs.
+    def right_controls(self) -> tuple[np.ndarray, float]:
+        """(c,): what the ideal network settles to for the same inputs; and the size of these.
 
         Raises
         ------
         StudyError
             If a printed form has other live controls.
         """
-        right = self.made.right_controls(self.setting)
+        right, size = self.made.right_controls(self.setting)
         if self.controls.shape != right.shape:
             raise StudyError("the form has other live controls than the corrected one")
-        return right
+        return right, size
 
     @cached_property
     def built(self) -> Built:

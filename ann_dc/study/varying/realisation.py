@@ -16,7 +16,7 @@ import numpy as np
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.backends.trajectory import Trajectory, control_values
+from ann_dc.backends.trajectory import Trajectory
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES, Form
 from ann_dc.errors import StudyError
@@ -235,7 +235,7 @@ class Realisation:
     def _rest(self, setting: Mapping[str, Value]) -> np.ndarray:
         return EXACT.run(self.nominal(setting)).trajectory.final
 
-    def right_controls(self, setting: Mapping[str, Value]) -> np.ndarray:
+    def right_controls(self, setting: Mapping[str, Value]) -> tuple[np.ndarray, float]:
         """Controls (c,) to which the nominal network of a setting settles, in network units.
 
         Of a printed form, those of the corrected one: what is right does not depend on a slip.
@@ -246,8 +246,10 @@ class Realisation:
 
         Returns
         -------
-        (c,) array
+        controls : (c,) array
             nan where it does not settle.
+        size : float
+            Size to which their errors are related; see `size_of`.
         """
         given = chosen(setting, "problem", "input")
         if "design.kind" in setting:
@@ -255,11 +257,10 @@ class Realisation:
         if is_built(setting):  # whose design it shares
             given["circuit.level"] = "macro"
 
-        def settle() -> np.ndarray:
-            network = self.nominal(given)
-            run = EXACT.run(network)
-            found = control_values(network, run.trajectory.final)
-            return found if run.status.settled else np.full(found.shape, np.nan)
+        def settle() -> tuple[np.ndarray, float]:
+            run = EXACT.run(self.nominal(given))
+            found, size = run.trajectory.control_values[-1], run.trajectory.control_size
+            return found if run.status.settled else np.full(found.shape, np.nan), size
 
         return self._kept("right controls", given, settle)
 
