@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.analysis.spectra import DENSE_LIMIT
-from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck
-from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity
 from ann_dc.fidelity.loops.loop_gains import LoopGain, loop_gains, why_no_loops
@@ -268,7 +267,7 @@ def _run(backend: SpiceBackend, built: Specimen, deck: Deck) -> CircuitRun:
         backend.check_stable(built.emulation, built.probe)
     run = backend.measure(built.circuit, deck, built.probe)
     backend.progress("ngspice, finer steps up to where it settles")
-    return refined(run, ngspice_of(backend), backend.level.datasheet)
+    return run.timed
 
 
 def _loops(backend: SpiceBackend, built: Specimen) -> tuple[LoopGain, ...]:

@@ -17,10 +17,9 @@ import numpy as np
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.settling import control_settling
-from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of, simulate
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
-from ann_dc.backends.spice.refinement import refined
 from ann_dc.backends.trajectory import Trajectory, control_error, control_values
 from ann_dc.errors import NetworkError, SpiceError
 from ann_dc.fidelity.fitting import fitting_intervals
@@ -309,8 +308,7 @@ def _simulated(
     assert done.circuit is not None
     began = clock.monotonic()
     try:
-        run = simulate(backend, done.circuit, probe, deviations)
-        run = refined(run, ngspice_of(backend), backend.level.datasheet)
+        run = simulate(backend, done.circuit, probe, deviations).timed
     except (SpiceError, NetworkError) as error:
         return replace(done, why=str(error).splitlines()[0])
     return replace(

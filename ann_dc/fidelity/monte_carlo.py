@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of
-from ann_dc.backends.spice.circuit_run import CircuitRun, read_back
+from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
@@ -235,8 +235,7 @@ def measured_runs(
     """
     end = decks[0].end if decks else None
     results = ngspice_of(backend).run_many([deck.text for deck in decks], end_time=end)
-    datasheet = backend.level.datasheet
     return [
-        read_back(circuit, deck, raw, probe, datasheet) if isinstance(raw, Raw) else None
+        backend.read(circuit, deck, raw, probe) if isinstance(raw, Raw) else None
         for deck, raw in zip(decks, results)
     ]

@@ -41,6 +41,7 @@ def circuit(run: CircuitRun, problem: OptimalControlProblem) -> Figure:
     problem : OptimalControlProblem
         What it solves, for the title.
     """
+    run = run.timed
     figure = new_figure(7.6, 5.6)
     volts, error = figure.subplots(2, 1, sharex=True)
     seconds, settled = run.trajectory.time * run.deck.timing.unit * 1e6, run.settling_time() * 1e6

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -19,8 +20,10 @@ from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.backends.spice.circuit_run import CircuitRun, check_full_scale, read_back
 from ann_dc.backends.spice.netlist.deck import Deck, deck_of
 from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
+from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.pdk.files import PACKAGE
+from ann_dc.backends.spice.refinement import refined
 from ann_dc.backends.spice.span import span_of
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
@@ -47,7 +50,6 @@ from ann_dc.progress import Progress, silent
 
 NODE_LAG = 1e-3
 """Of a grid's nodes, in the network's fastest time constants."""
-
 Headroom: TypeAlias = Annotated[float, Range(words="a number, 1 or more", low=1.0)]
 
 PROBE = OdeBackend(method=DOP853, verify=False)
@@ -82,8 +84,7 @@ class SpiceBackend:
     node_lag : float
         Of a grid's nodes, capacitance over conductance, in the network's fastest time constants.
     require_stable : bool
-        Refuse a circuit whose pole model oscillates: ngspice would take for ever to show it. Set
-        it to False to watch one ring.
+        Refuse a circuit whose pole model oscillates; set it to False to watch one ring.
     progress : Progress
         Told one line at a time what is going on.
 
@@ -192,8 +193,7 @@ class SpiceBackend:
         if self.seed is None:
             return off
         sizes = self.level.tolerances
-        if self.level.models == PACKAGE:
-            sizes = passive(sizes)
+        sizes = passive(sizes) if self.level.models == PACKAGE else sizes
         return combined(circuit.parameters, off, draw(circuit.parameters, sizes, self.seed))
 
     @checked
@@ -277,7 +277,13 @@ class SpiceBackend:
         """
         self.progress(f"ngspice, {self.level.name} level")
         raw = ngspice_of(self).run(deck.text, end_time=deck.end)
-        return read_back(circuit, deck, raw, probe, self.level.datasheet)
+        return self.read(circuit, deck, raw, probe)
+
+    def read(self, circuit: Circuit, deck: Deck, raw: Raw, probe: Trajectory) -> CircuitRun:
+        """Read back what ngspice answered to a circuit's netlist; see `read_back`."""
+        sheet = self.level.datasheet
+        finer = partial(refined, simulator=ngspice_of(self), datasheet=sheet)
+        return replace(read_back(circuit, deck, raw, probe, sheet), finer=finer)
 
     def _probe(self, network: Network) -> Trajectory:
         self.progress("probe run")

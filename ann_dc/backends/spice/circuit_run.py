@@ -8,7 +8,9 @@ at its output. Volts beyond what a part can do are kept as overloads.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -95,8 +97,9 @@ class CircuitRun(Tabulated):
     circuit : Circuit
         What the netlist was written for.
     settling_error : float
-        Seconds by which finer steps moved its settling time; nan where none were taken. Without
-        them it is good to some percent: see `refined`.
+        Seconds by which finer steps moved its settling time; nan of a run without them.
+    finer : function of the run, optional
+        Makes the runs with finer steps that `timed` asks for; a run without it is its own.
 
     Examples
     --------
@@ -114,6 +117,7 @@ class CircuitRun(Tabulated):
     probe: Trajectory
     circuit: Circuit
     settling_error: float = float("nan")
+    finer: Callable[[CircuitRun], CircuitRun] | None = None
 
     def __str__(self) -> str:
         when = f"controls within 0.1 % after {self.settling_time() * 1e6:.4g} us"
@@ -127,6 +131,19 @@ class CircuitRun(Tabulated):
     def scaling(self) -> Scaling:
         """Volts and seconds of the circuit."""
         return self.circuit.scaling
+
+    @cached_property
+    def timed(self) -> CircuitRun:
+        """The run with steps fine enough for its settling time.
+
+        Errors do not need it: the first time that it is asked for, ngspice runs once or twice more.
+
+        Raises
+        ------
+        NgspiceMissing
+            If ngspice is not there any more.
+        """
+        return self if self.finer is None else self.finer(self)
 
     @property
     def curves(self) -> Curves:
@@ -163,12 +180,14 @@ class CircuitRun(Tabulated):
 
         They may, and move on later, where the run was cut short: `unsettled` says so, too.
         """
-        end = self.deck.timing.unit * float(self.trajectory.time[-1])
-        return self.settling_time(share) < 2 / 3 * end
+        return control_settling(self.trajectory, share) < 2 / 3 * float(self.trajectory.time[-1])
 
     def settling_time(self, share: float = 1e-3) -> float:
-        """Seconds after which every control stays within ``share`` of the final ones' size."""
-        return control_settling(self.trajectory, share) * self.deck.timing.unit
+        """Seconds after which every control stays within ``share`` of the final ones' size.
+
+        By the steps of `timed`: those of a run that ends long after are some percent off.
+        """
+        return control_settling(self.timed.trajectory, share) * self.deck.timing.unit
 
 
 @checked

@@ -60,9 +60,10 @@ def refined(
     """
     samples = run.deck.timing.samples
     if samples is not None:
-        return replace(run, settling_error=float(samples[-1] - samples[-2]))
+        return replace(run, settling_error=float(samples[-1] - samples[-2]), finer=None)
     if not run.settled():
         return run
+    run = replace(run, finer=None)
     for count in range(1, RUNS + 1):
         before = run.settling_time()
         deck = _finer(run.deck, before, finer**count)

@@ -16,7 +16,6 @@ import numpy as np
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
-from ann_dc.backends.spice.refinement import refined
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NotFiniteError, SpiceTimeoutError, UnknownNameError
 from ann_dc.fidelity.boards.passives import PASSIVES
@@ -284,7 +283,6 @@ def _simulated(row: Found, circuit: Circuit, probe: Trajectory, patience: float)
     if run.unsettled:
         rings = False if _rings(run) else None
         return replace(row, measured_stable=rings, measured_why=run.unsettled)
-    run = refined(run, simulator, row.effect.level.datasheet)
     return replace(
         row,
         measured_error=run.control_error,

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.ngspice.process import find_ngspice
-from ann_dc.backends.spice.refinement import refined
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.boards.spec import Spec
@@ -230,8 +229,7 @@ def _spots(
     for seed, run in zip(seeds, measured_runs(backend, circuit, probe, decks)):
         error, time, done = np.nan, np.nan, np.inf
         if run is not None and not run.unsettled:
-            run = refined(run, ngspice_of(backend), backend.level.datasheet) if timed else run
-            error, time = run.control_error, run.settling_time()
+            error, time = run.control_error, run.settling_time() if timed else np.nan
             done = spec.excess(noisy(error, noise), time)
         said = spec.excess(noisy(errors[seed], noise), times[seed])
         spot = Spot(

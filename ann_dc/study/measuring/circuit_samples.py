@@ -164,7 +164,7 @@ class CircuitSample(Sample):
     @property
     def settling_time(self) -> float:
         """Unit time constants to the last exit."""
-        return control_settling(self.run.trajectory)
+        return control_settling(self.trajectory)
 
     @property
     def seconds(self) -> float:
@@ -174,7 +174,7 @@ class CircuitSample(Sample):
     @property
     def trajectory(self) -> Trajectory:
         """What it did over time."""
-        return self.run.trajectory
+        return self.run.timed.trajectory
 
     @property
     def ideal(self) -> tuple[Network, np.ndarray]:

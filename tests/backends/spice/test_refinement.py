@@ -8,9 +8,12 @@ import pytest
 import sympy as sp
 from simulator import needs_ngspice
 
-from ann_dc.backends.spice import SpiceBackend, refined
+from ann_dc import Study
+from ann_dc.backends.settling import control_settling
+from ann_dc.backends.spice import CircuitRun, SpiceBackend, refined
 from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.fidelity import predict
+from ann_dc.fidelity.monte_carlo import measured_runs
 from ann_dc.gain_design import design
 from ann_dc.hardware.parts import macro, switched_capacitor
 from ann_dc.network.metrics import Kind
@@ -123,6 +126,50 @@ def test_a_run_that_is_cut_short_is_not_settled_however_quiet():
     assert not coarse.unsettled
     assert cut.settled()
     assert cut.unsettled == "its run is too short to tell: its slowest pole asks for more"
+
+
+@needs_ngspice
+def test_settling_time_by_the_python_line_is_that_of_finer_steps():
+    """`run` takes the steps of errors; its settling time takes finer ones, once."""
+    coarse, found = fine("double_integrator")
+    network = coarse.trajectory.network
+    run = SpiceBackend(level=BACKEND.level).run(network)
+    assert run.settling_time() == found.settling_time() != control_settling(coarse.trajectory)
+    assert run.timed is run.timed
+    assert run.timed.settling_error == found.settling_error
+    assert run.control_error == run.timed.control_error
+
+
+@needs_ngspice
+def test_errors_and_settled_take_no_finer_steps():
+    coarse, _ = fine("double_integrator")
+
+    def refuse(run: CircuitRun) -> CircuitRun:
+        raise AssertionError("finer steps")
+
+    lazy = replace(coarse, finer=refuse)
+    assert lazy.settled()
+    assert lazy.control_error == coarse.control_error
+    with pytest.raises(AssertionError, match="finer steps"):
+        lazy.settling_time()
+
+
+@needs_ngspice
+def test_sampled_circuits_and_studies_are_timed_by_finer_steps():
+    circuit, probe = prepared("double_integrator")
+    expected = fine("double_integrator")[1].settling_time()
+    backend = SpiceBackend(level=BACKEND.level)
+    (run,) = measured_runs(backend, circuit, probe, [backend.deck(circuit, probe, {})])
+    assert run is not None
+    assert run.settling_time() == expected
+    study = Study(
+        subject=PROBLEMS["double_integrator"](),
+        over={"run.backend": ["emulation", "spice"]},
+        fixed={"circuit.level": "macro", "design.kind": "time-constants"},
+        metrics=["seconds", "control_settling_time"],
+    )
+    emulated, simulated = study.run(workers=0)["seconds"]
+    assert simulated == pytest.approx(emulated, rel=0.01)
 
 
 def _ramp(run) -> np.ndarray:
