@@ -18,6 +18,7 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome
 from ann_dc.evaluation.generated.choice import fast_evaluator
+from ann_dc.hardware.circuit.scaling import time_unit
 from ann_dc.navigation.half_planes import Ahead, Margin, discs, half_planes
 from ann_dc.navigation.planner import Plan, Situation
 from ann_dc.network.cell import Function, Product
@@ -102,10 +103,10 @@ class NetworkPlanner:
     def hardware_time(self, bandwidth: float) -> float:
         """Seconds that a period's budget takes with op amps of a bandwidth (GBW, in Hz).
 
-        A network that is scaled to its op amps has a fastest time constant of about one over their
-        bandwidth: 0.1 us at 10 MHz.
+        A circuit is scaled so that a fastest time constant is k / (2 pi GBW), with a margin k of
+        10: 0.159 us at 10 MHz.
         """
-        return self.budget / bandwidth
+        return self.budget * time_unit(1.0, bandwidth)
 
     def __str__(self) -> str:
         cell, stages = self.network.cell, self.network.stages
@@ -114,11 +115,12 @@ class NetworkPlanner:
             for kind, name in ((Product, "multipliers"), (Function, "rectifiers"))
         ]
         taken, megahertz = self.hardware_time(BANDWIDTH), BANDWIDTH / 1e6
+        needed = BANDWIDTH * taken / (SHARE * 1e-3)
         return (
             f"{self.network.size} neurons in {stages} cells, {', '.join(counts)}; "
             f"{self.budget:g} fastest time constants a period: {1e6 * taken:.3g} us with op amps "
             f"of {megahertz:g} MHz, {taken / self.dt:.2%} of the control period; a period of "
-            f"1 ms needs {self.budget / (SHARE * 1e-3) / 1e6:.3g} MHz"
+            f"1 ms needs {needed / 1e6:.3g} MHz"
         )
 
 

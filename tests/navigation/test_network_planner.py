@@ -7,6 +7,7 @@ import pytest
 from reference import ipopt
 
 from ann_dc.errors import DesignError
+from ann_dc.hardware.circuit import ProbeRun, ScalingRules, scale
 from ann_dc.navigation import (
     Margin,
     Situation,
@@ -79,11 +80,20 @@ def test_less_time_leaves_more_residual(planner):
 
 def test_its_size_and_its_time_in_hardware_are_told(planner):
     planner = replace(planner, budget=500.0)
-    assert planner.hardware_time(10e6) == pytest.approx(50e-6)
+    assert planner.hardware_time(10e6) == pytest.approx(500 * 10 / (2 * np.pi * 10e6))
     words = str(planner)
     assert words.startswith(f"{planner.network.size} neurons in 10 cells, ")
-    assert "50 us with op amps of 10 MHz, 0.03% of the control period" in words
-    assert "a period of 1 ms needs 1 MHz" in words
+    assert "79.6 us with op amps of 10 MHz, 0.05% of the control period" in words
+    assert "a period of 1 ms needs 1.59 MHz" in words
+
+
+def test_its_time_in_hardware_is_that_of_a_circuit_of_its_network(planner):
+    probe = ProbeRun(
+        states=planner.network.start_state[None], times=np.zeros(1), radius=planner.radius
+    )
+    built = scale(planner.network, probe, ScalingRules(gbw=3e6)).time
+    budget = planner.budget / planner.radius  # units of network time
+    assert planner.hardware_time(3e6) == pytest.approx(budget * built)
 
 
 def test_a_price_has_to_be_finite():

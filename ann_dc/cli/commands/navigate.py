@@ -44,8 +44,8 @@ def navigate(
     The network gets constant gains once (a minute), read off contacts with
     obstacles in other worlds. Then every control period its neurons shift by
     a stage, run for a stated number of fastest time constants, and the first
-    control is applied. With 10 MHz op amps a fastest time constant is some
-    0.1 us: 1000 of them are 0.1 ms.
+    control is applied. With op amps of 10 MHz and a margin of 10 a fastest
+    time constant is 0.16 us: 1000 of them are 0.16 ms.
 
     --planner waypoint is the paper's section IV.C: where an obstacle appears
     on the way, a waypoint beside it, the leg to it and one on to the goal;

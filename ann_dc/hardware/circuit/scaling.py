@@ -242,10 +242,23 @@ def scale(network: Network, probe: ProbeRun, rules: ScalingRules | None = None) 
         network=network,
         full_scale=rules.full_scale,
         unit=_units(network, peaks, rules.headroom),
-        time=rules.margin * probe.radius / (2 * math.pi * rules.gbw),
+        time=time_unit(probe.radius, rules.gbw, rules.margin),
         margin=rules.margin,
         peaks={name: peak for name, peak in peaks.items() if name != ONE},
     )
+
+
+def time_unit(radius: float, gbw: float, margin: float = MARGIN) -> float:
+    """Return T = k radius / (2 pi GBW), the seconds that stand for a unit of network time.
+
+    Of a fastest time constant with a ``radius`` of 1; the margin is k, GBW in Hz.
+
+    Examples
+    --------
+    >>> f"{time_unit(1.0, 10e6):.3g} s"
+    '1.59e-07 s'
+    """
+    return margin * radius / (2 * math.pi * gbw)
 
 
 def _check_above(low: float, **given: float) -> None:

@@ -9,11 +9,9 @@ import sympy as sp
 from simulator import needs_ngspice
 
 from ann_dc import Study
-from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice import CircuitRun, SpiceBackend, refined
 from ann_dc.backends.spice.ngspice import Ngspice
-from ann_dc.fidelity import predict
-from ann_dc.fidelity.monte_carlo import measured_runs
+from ann_dc.fidelity import measured_runs, predict
 from ann_dc.gain_design import design
 from ann_dc.hardware.parts import macro, switched_capacitor
 from ann_dc.network.metrics import Kind
@@ -132,9 +130,10 @@ def test_a_run_that_is_cut_short_is_not_settled_however_quiet():
 def test_settling_time_by_the_python_line_is_that_of_finer_steps():
     """`run` takes the steps of errors; its settling time takes finer ones, once."""
     coarse, found = fine("double_integrator")
+    once = replace(coarse, finer=None)
     network = coarse.trajectory.network
     run = SpiceBackend(level=BACKEND.level).run(network)
-    assert run.settling_time() == found.settling_time() != control_settling(coarse.trajectory)
+    assert run.settling_time() == found.settling_time() != once.settling_time()
     assert run.timed is run.timed
     assert run.timed.settling_error == found.settling_error
     assert run.control_error == run.timed.control_error
