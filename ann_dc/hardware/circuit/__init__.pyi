@@ -1,6 +1,7 @@
 from .bill import COLUMNS as COLUMNS, bill_of as bill_of
 from .circuit import (
     CLAMP_REFERENCE as CLAMP_REFERENCE,
+    CLAMP_RESTING as CLAMP_RESTING,
     CLAMP_SATURATION as CLAMP_SATURATION,
     Circuit as Circuit,
     circuit_of as circuit_of,

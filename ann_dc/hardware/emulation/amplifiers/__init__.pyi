@@ -1,5 +1,5 @@
 from .capacitors import released as released
-from .clamps import rest_idle as rest_idle
+from .idle_clamps import beside_rails as beside_rails, rest_idle as rest_idle
 from .op_amps import (
     add_grid_node as add_grid_node,
     add_inverter as add_inverter,

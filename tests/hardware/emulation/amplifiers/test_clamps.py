@@ -13,7 +13,7 @@ from ann_dc.analysis import spectrum
 from ann_dc.backends.spice import CircuitRun, SpiceBackend, refined, span_of
 from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.fidelity import Specimen, predict
-from ann_dc.hardware.circuit.circuit import CLAMP_RESTING, CLAMP_SATURATION
+from ann_dc.hardware.circuit import CLAMP_RESTING, CLAMP_SATURATION
 from ann_dc.hardware.emulation import Emulation, emulate_clamps
 from ann_dc.hardware.parts import TYPICAL, Parasitics, macro, presets
 from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
