@@ -33,6 +33,8 @@ class Scratch(NamedTuple):
     """Of all lanes, as code reads them."""
     kept: np.ndarray
     """Those of the state that a step begins with."""
+    before: np.ndarray
+    """Moves of the step before."""
     one: np.ndarray
     """(1,): the weight of a single slope."""
     none: np.ndarray
@@ -51,6 +53,7 @@ class Scratch(NamedTuple):
             railed=np.array(lanes.plan.railed, np.int64),
             drives=lanes.tables["drives"],
             kept=lined_up(np.zeros(lanes.spare)),
+            before=lined_up(np.zeros(lanes.spare)),
             one=np.ones(1),
             none=np.zeros(1, np.int64),
             reach=lanes.plan.phases,

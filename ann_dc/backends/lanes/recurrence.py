@@ -33,6 +33,7 @@ from ann_dc.backends.lanes.memory import (
 )
 from ann_dc.backends.lanes.orders import SIMULTANEOUS, Scratch, keep_within_rails, reorder
 from ann_dc.backends.lanes.recurrence_code import (
+    FLOOR,
     LONGEST,
     LOWEST,
     MARK,
@@ -69,11 +70,13 @@ class StepLengths(NamedTuple):
     """Share of the lowest energy that a window has to get below."""
     least: float
     """Shortest step over the longest."""
+    turn: float
+    """Sum of sin(angle / 2) between successive moves in which a swing has its peak."""
 
     @classmethod
     def always(cls, step: float) -> StepLengths:
         """The same step, in units of network time: nothing causes a cut, and no factor is other."""
-        return cls(step, step, np.inf, 1.0, 1.0, np.inf, 1.0, 1.0, 1.0)
+        return cls(step, step, np.inf, 1.0, 1.0, np.inf, 1.0, 1.0, 1.0, 0.0)
 
     @property
     def is_fixed(self) -> bool:
@@ -125,6 +128,8 @@ class Pointers(NamedTuple):
     """Of all neurons."""
     drives: int
     """Those of the states that a step begins with."""
+    before: int
+    """Moves of the step before."""
     memory: int
     """Of `backends.lanes.memory`."""
     found: int
@@ -179,6 +184,7 @@ class Recurrence(NamedTuple):
             x=x + group.x.itemsize * entry.ghost,
             moves=group.slopes.ctypes.data,
             drives=(scratch.kept if is_kept else scratch.drives).ctypes.data,
+            before=scratch.before.ctypes.data,
             memory=group.memory.ctypes.data,
             found=entry.found.ctypes.data,
             numbers=numbers.ctypes.data,
@@ -230,7 +236,7 @@ def _fill(group, recurrence, samples, queue):
             begin(group, lane, recurrence.looks.overflow, recurrence.looks.window)
             memory[STEP, lane] = min(lengths.first, lengths.longest)
             memory[LONGEST, lane], memory[WINDOW, lane] = lengths.longest, lengths.window
-            memory[LOWEST, lane] = memory[MARK, lane] = np.inf
+            memory[LOWEST, lane] = memory[MARK, lane] = memory[FLOOR, lane] = np.inf
             queue[0] += 1
         running = running or group.who[lane] != NOBODY
     return running
@@ -306,7 +312,7 @@ def recur_lanes(group, recurrence, samples, found, queue, attempts):
             _look(group, recurrence, found, due, outside)
         if order != SIMULTANEOUS:
             reorder(group, recurrence.scratch, order)
-        terms = (at.x, at.drives, at.moves, at.memory, at.numbers)
+        terms = (at.x, at.drives, at.moves, at.before, at.memory, at.numbers)
         call(at.go_on, terms, (at.padded, outside))
         if at.has_rails:
             keep_within_rails(group, recurrence.scratch, group.x)

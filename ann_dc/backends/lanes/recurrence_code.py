@@ -11,14 +11,16 @@ from ann_dc.evaluation.vector_code.code import code, key_of
 from ann_dc.evaluation.vector_code.step_code import UNROLLED
 from ann_dc.evaluation.vector_code.writer import Function, Module
 
-LONGEST, LOWEST, LIMITED, AGE, MARK, WINDOW, STRAYED, SIZE = range(OWN, OWN + 8)
+ROWS = OWN + 12
+(LONGEST, LOWEST, LIMITED, AGE, MARK, WINDOW, STRAYED, SIZE, ENERGY, TURNED, PEAK,
+ FLOOR) = range(OWN, ROWS)  # fmt: skip
 """Longest step; lowest energy since the last cut; whether there was one; steps into the window, its
 lowest energy at the beginning, and its length; whether a domain was left; largest state at the last
-question for headway."""
-ROWS = OWN + 8
+question for headway; energy of the step before; how far moves have turned since the last turn was
+full, and the highest energy since; lowest of these peaks since the last cut."""
 NAMES = "look", "go_on"
 NUMBERS = (
-    "tolerance", "settled", "limit", "growth", "cut", "rise", "earned", "progress", "least",
+    "tolerance", "settled", "limit", "growth", "cut", "rise", "earned", "progress", "least", "turn",
 )  # fmt: skip
 """Constants that the code reads, in this order: see `Looks` and `StepLengths`."""
 
@@ -29,8 +31,9 @@ def recurrence_code(lanes: int) -> dict[str, int]:
 
     ``look(memory, found, numbers; due, outside)`` enters the residuals of the lanes that are due
     and gives those that need a closer look, as bits.
-    ``go_on(x, drives, moves, memory, numbers; n, outside)`` is ``x += h m`` with the step of every
-    lane, and then ``h`` for the next one by the energy sqrt(sum \|d m\|): see `AdaptiveStep`.
+    ``go_on(x, drives, moves, before, memory, numbers; n, outside)`` is ``x += h m`` with the step
+    of every lane, and then ``h`` for the next one by the energy sqrt(sum \|d m\|) and the angle to
+    the moves before, which are replaced: see `AdaptiveStep`.
 
     Parameters
     ----------
@@ -79,46 +82,72 @@ def _holds(f: Function, number: str) -> str:
 
 
 def _go_on(module: Module, lanes: int) -> None:
-    names = "x", "drives", "moves", "memory", "numbers", "n", "outside"
+    names = "x", "drives", "moves", "before", "memory", "numbers", "n", "outside"
     f = Function(module, "go_on", names, width=lanes, numbers=names[-2:])
     memory, count = Memory(f), UNROLLED // lanes
-    step, sums = memory[STEP], [f.slot() for _ in range(2 * count)]
+    step, sums = memory[STEP], [(f.slot(), f.slot()) for _ in range(2 * count)]
     with f.loop(f.integer("sdiv", "%n", 2 * UNROLLED)) as block:
         _some_steps(f, step, f.integer("mul", block, 2 * UNROLLED), sums)
     with f.loop(f.integer("srem", f.integer("sdiv", "%n", UNROLLED), 2)) as _:
         _some_steps(f, step, f.integer("sub", "%n", UNROLLED), sums[:count])
-    total = f.constant(0.0)
-    for one in sums:
-        total = f.op("fadd", total, f.load(one))
+    total = along = f.constant(0.0)
+    for power, product in sums:
+        total = f.op("fadd", total, f.load(power))
+        along = f.op("fadd", along, f.load(product))
     strayed, most = f.mask("%outside"), f.constant(math.inf)
     memory.enter(STRAYED, strayed, f.constant(1.0))
     energy = f.call("sqrt", f.select(strayed, most, total))
     energy = f.select(f.compare("olt", energy, most), energy, most)
     memory[TIME] = f.op("fadd", memory[TIME], step)
     memory[DONE] = f.op("fadd", memory[DONE], f.constant(1.0))
-    _update(f, memory, _numbers(f), energy)
+    turned = f.op("fadd", memory[TURNED], _turn(f, along, f.op("fmul", energy, memory[ENERGY])))
+    memory[ENERGY] = energy
+    _update(f, memory, _numbers(f), energy, turned)
     f.done()
 
 
-def _some_steps(f: Function, step: str, first: str, sums: list[str]) -> None:
-    """As many vectors as there are sums; every other one has a sum of its own, which waits less."""
-    for i, total in enumerate(sums):
+def _turn(f: Function, along: str, energies: str) -> str:
+    """Sin(angle / 2) between two moves, as `layers.steps.turn_of` has it."""
+    cosine = f.op("fdiv", along, energies)
+    known = f.compare("olt", f.call("fabs", cosine), f.constant(math.inf))
+    half = f.op("fmul", f.op("fsub", f.constant(1.0), cosine), f.constant(0.5))
+    return f.select(known, f.call("sqrt", f.larger(half, f.constant(0.0))), f.constant(0.0))
+
+
+def _note_peak(
+    f: Function, memory: Memory, energy: str, turned: str, ends: tuple[str, str]
+) -> None:
+    """The highest energy of a turn, and the lowest of these; a cut or a full turn ends it."""
+    cut, full = ends
+    peak, none = f.larger(energy, memory[PEAK]), f.constant(0.0)
+    floor = f.select(full, f.smaller(peak, memory[FLOOR]), memory[FLOOR])
+    memory[FLOOR] = f.select(cut, f.constant(math.inf), floor)
+    over = f.logical("or", cut, full)
+    memory[PEAK], memory[TURNED] = f.select(over, none, peak), f.select(over, none, turned)
+
+
+def _some_steps(f: Function, step: str, first: str, sums: list[tuple[str, str]]) -> None:
+    """As many vectors as there are sums; every other one has sums of its own, which wait less."""
+    for i, (total, along) in enumerate(sums):
         at = f.integer("add", first, i * f.width)
         drive, move = f.load(f.address("%drives", at)), f.load(f.address("%moves", at))
         x = f.address("%x", at)
         f.store(f.fma(step, move, f.load(x)), x)
         power = f.call("fabs", f.op("fmul", drive, move))
         f.store(f.op("fadd", f.load(total), power), total)
+        before = f.address("%before", at)
+        f.store(f.fma(drive, f.load(before), f.load(along)), along)
+        f.store(move, before)
 
 
-def _update(f: Function, memory: Memory, numbers: dict[str, str], energy: str) -> None:
+def _update(f: Function, memory: Memory, numbers: dict[str, str], energy: str, turned: str) -> None:
     """The next step of every lane, as `StepState.next` has it."""
     lowest, limited = memory[LOWEST], _holds(f, memory[LIMITED])
     age = f.op("fadd", memory[AGE], f.constant(1.0))
     over = f.compare("oge", age, memory[WINDOW])
     earned = f.op("fmul", numbers["progress"], memory[MARK])
     idle = f.logical("and", over, f.compare("ogt", lowest, earned))
-    rises = f.compare("ogt", energy, f.op("fmul", numbers["rise"], lowest))
+    rises = f.compare("ogt", energy, f.op("fmul", numbers["rise"], memory[FLOOR]))
     cut = f.logical("or", idle, rises)
     better = f.logical("and", f.compare("olt", energy, lowest), f.negated(cut))
     deserves = f.logical("and", better, limited)
@@ -132,6 +161,7 @@ def _update(f: Function, memory: Memory, numbers: dict[str, str], energy: str) -
     (growth,) = f.either(f.any_of(deserves), by_progress, [numbers["growth"]])
     factor = f.select(cut, numbers["cut"], f.select(better, growth, f.constant(1.0)))
     known = memory.enter(LOWEST, f.logical("or", cut, better), energy)
+    _note_peak(f, memory, energy, turned, (cut, f.compare("oge", turned, numbers["turn"])))
     step = f.op("fmul", memory[STEP], factor)
     step = f.larger(step, f.op("fmul", numbers["least"], memory[LONGEST]))
     memory[STEP] = f.smaller(step, memory[LONGEST])

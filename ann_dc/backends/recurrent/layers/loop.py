@@ -15,7 +15,7 @@ from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.backends.recurrent.layers.memory import Memory
 from ann_dc.backends.recurrent.layers.moves import move_of
 from ann_dc.backends.recurrent.layers.proposal import Proposal
-from ann_dc.backends.recurrent.layers.steps import StepState, lengths_of
+from ann_dc.backends.recurrent.layers.steps import StepState, lengths_of, turn_of
 from ann_dc.backends.recurrent.rules.acceleration import Anderson
 from ann_dc.backends.recurrent.rules.orders import Order
 from ann_dc.backends.recurrent.rules.steps import StepRule
@@ -66,6 +66,7 @@ class Loop:
         self.time = torch.zeros_like(self.step_state.step)
         self.strayed = torch.zeros_like(self.step_state.limited)
         self.first = state, self.step_state
+        self.before = torch.zeros_like(state.detach()), torch.zeros_like(self.time)
         self.done = 0
         self._proposal: Proposal | None = None
 
@@ -88,7 +89,11 @@ class Loop:
     def advance(self) -> None:
         """One step of every sample."""
         proposal = self.proposal
-        following, cut = self.step_state.next(self.lengths, proposal.energy)
+        move, energy = self.before
+        along = total((proposal.reading.drives * move).detach().flatten(0, 1))
+        turn = turn_of(along, proposal.energy * energy)
+        self.before = proposal.move.detach(), proposal.energy
+        following, cut = self.step_state.next(self.lengths, proposal.energy, turn)
         if self.memory is None:
             state = proposal.following
         else:
@@ -145,6 +150,8 @@ class Loop:
         self.strayed = self.strayed[samples]
         state, step_state = self.first
         self.first = state[..., samples], step_state.select(samples)
+        move, energy = self.before
+        self.before = move[..., samples], energy[samples]
         self.step_state = self.step_state.select(samples)
         self.memory = self.memory and self.memory.select(samples)
         self.signs = [s if s.shape[-1] == 1 else s[..., samples] for s in self.signs]

@@ -33,6 +33,12 @@ class StepState(NamedTuple):
     """Lowest energy when the window began."""
     window: torch.Tensor
     """Length of the window."""
+    turned: torch.Tensor
+    """How far moves have turned since the last turn was full: the sum of `turn_of`."""
+    peak: torch.Tensor
+    """Highest energy since then."""
+    floor: torch.Tensor
+    """Lowest of these peaks since the last cut."""
 
     @classmethod
     def of(cls, lengths: StepLengths, like: torch.Tensor) -> StepState:
@@ -56,9 +62,14 @@ class StepState(NamedTuple):
             age=full(0.0),
             mark=full(torch.inf),
             window=full(lengths.window),
+            turned=full(0.0),
+            peak=full(0.0),
+            floor=full(torch.inf),
         )
 
-    def next(self, lengths: StepLengths, energy: torch.Tensor) -> tuple[StepState, torch.Tensor]:
+    def next(
+        self, lengths: StepLengths, energy: torch.Tensor, turn: torch.Tensor
+    ) -> tuple[StepState, torch.Tensor]:
         """After a step: longer after progress, shorter after a rise or an idle window.
 
         Parameters
@@ -66,6 +77,8 @@ class StepState(NamedTuple):
         lengths : StepLengths
         energy : (B,) tensor
             sqrt(sum |d m|) that the step read; infinite outside a domain.
+        turn : (B,) tensor
+            Since the step before, see `turn_of`.
 
         Returns
         -------
@@ -76,7 +89,9 @@ class StepState(NamedTuple):
         age = self.age + 1
         over = age >= self.window
         idle = over & (self.best > lengths.progress * self.mark)
-        cut = idle | (energy > lengths.rise * self.best)
+        turned, peak = self.turned + turn, torch.maximum(self.peak, energy)
+        full, lowest = turned >= lengths.turn, torch.minimum(self.floor, peak)
+        cut = idle | (energy > lengths.rise * self.floor)
         better = ~cut & (energy < self.best)
         # a power by its logarithm: torch's own differs in the last digit along a vector
         earned = torch.exp(lengths.earned * torch.log(self.best / energy))
@@ -91,6 +106,9 @@ class StepState(NamedTuple):
             age=torch.where(over | cut, 0.0, age),
             mark=torch.where(over | cut, best, self.mark),
             window=torch.where(idle, 1.5 * self.window, self.window),
+            turned=torch.where(cut | full, 0.0, turned),
+            peak=torch.where(cut | full, 0.0, peak),
+            floor=torch.where(cut, torch.inf, torch.where(full, lowest, self.floor)),
         ), cut
 
     def select(self, samples: torch.Tensor) -> StepState:
@@ -100,6 +118,26 @@ class StepState(NamedTuple):
     def where(self, samples: torch.Tensor, other: StepState) -> StepState:
         """This state for ``samples``, (B,) booleans, the other one for the rest."""
         return StepState(*(torch.where(samples, mine, its) for mine, its in zip(self, other)))
+
+
+def turn_of(along: torch.Tensor, energies: torch.Tensor) -> torch.Tensor:
+    """Sin(angle / 2) between two moves: 1 if they are opposite; 0 if it is unknown.
+
+    Parameters
+    ----------
+    along : (B,) tensor
+        sum d m, of the drives at a step and the moves of the step before.
+    energies : (B,) tensor
+        Product of the energies at both.
+
+    Examples
+    --------
+    >>> turn_of(torch.tensor([4.0, 0.0, -4.0]), torch.tensor([4.0, 4.0, 4.0]))
+    tensor([0.0000, 0.7071, 1.0000])
+    """
+    cosine = along / energies
+    half = (0.5 * (1.0 - cosine)).clamp(min=0.0)
+    return torch.where(cosine.isfinite(), half.sqrt(), 0.0)
 
 
 def lengths_of(rule: StepRule, flow: Flow) -> StepLengths:

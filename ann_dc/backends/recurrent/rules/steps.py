@@ -11,6 +11,12 @@ step of `AdaptiveStep` is a share of min rho tau. Strong curvature can ask for l
 the energy: a step that doubles it, or a window without progress, cuts h; after that h grows only
 with the progress made, h ~ e^{-earned}, so that every excursion to the stability limit is paid for
 beforehand.
+
+The energy of an underdamped mode swings while the mode decays: with a frequency omega it may be
+omega times as high at one end of a swing as at the other. What falls from swing to swing are its
+peaks, one every half turn of the moves. So a rise is measured from the lowest peak of a turn. Where
+a step is too long for a real mode, moves alternate and a turn is two steps; for a complex pair it
+is half a swing.
 """
 
 from __future__ import annotations
@@ -122,7 +128,7 @@ class AdaptiveStep(StepRule):
     cut : float
         Factor when the energy rises or a window brings nothing.
     rise : float
-        Rise of the energy over its best that causes a cut.
+        Rise of the energy, over the lowest peak of a turn since the last cut, that causes a cut.
     earned : float
         After the first cut, h grows by this power of the progress made.
     window : int
@@ -131,6 +137,9 @@ class AdaptiveStep(StepRule):
         A window is idle when its lowest energy is above this share of the one before.
     least : float
         Shortest step as a share of the longest: a flow that grows at this step diverges.
+    turn : float
+        Length of a turn: the sum of sin(angle / 2) between successive moves, pi/2 for half a turn
+        in many steps, 1 for a step that the next one takes back.
 
     Raises
     ------
@@ -158,6 +167,7 @@ class AdaptiveStep(StepRule):
     window: int = 200
     progress: float = 0.9
     least: float = 1e-3
+    turn: float = 2.0
 
     def __post_init__(self) -> None:
         require_positive(**vars(self))
@@ -174,4 +184,5 @@ class AdaptiveStep(StepRule):
             earned=self.earned,
             progress=self.progress,
             least=self.least,
+            turn=self.turn,
         )

@@ -68,6 +68,34 @@ def oscillator(a: float, b: float) -> Network:
     return Network(cell=cell, stages=1, start={"x": 1.0})
 
 
+def spring(stiffness: float, ratio: float) -> Network:
+    """x' = v, v' = -stiffness x - damping v: a pair with a damping ratio, far from normal."""
+    damping = 2 * ratio * np.sqrt(stiffness)
+    wires = wire("v", "x", 1.0), wire("x", "v", -stiffness), wire("v", "v", -damping)
+    cell = Cell(neurons=(Neuron(name="x"), Neuron(name="v")), connections=wires)
+    return Network(cell=cell, stages=1, start={"x": 0.8}, title="spring")
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 100.0, 1e4])
+@pytest.mark.parametrize("ratio", [0.1, 0.2, 0.4, 0.7])
+def test_adaptive_steps_of_an_underdamped_mode_settle(stiffness, ratio):
+    """At half the stability limit, the best, a mode falls by sqrt(1 - ratio^2) a step."""
+    network, best = spring(stiffness, ratio), np.log(1e-8) / np.log(np.sqrt(1 - ratio**2))
+    run = RecurrentBackend().run(network)
+    assert run.status.settled
+    assert run.steps < 10 * best + 500
+    np.testing.assert_allclose(run.trajectory.final, 0.0, atol=1e-7)
+
+
+def test_layers_take_the_adaptive_steps_of_generated_code_when_a_mode_swings():
+    network = spring(100.0, 0.4)
+    end, run = RecurrentLayer(network).settle(), RecurrentBackend().run(network)
+    assert (int(end.steps), int(end.settling_steps)) == (run.steps, run.settling_steps)
+    np.testing.assert_allclose(end.states[0], run.trajectory.final, rtol=1e-6)
+    rest = RecurrentLayer(network).equilibrium({}).detach()
+    np.testing.assert_allclose(rest, [[0.0, 0.0]], atol=1e-9)
+
+
 @pytest.mark.parametrize("k", [0.5, 1.0, 40.0])
 @pytest.mark.parametrize("share", [0.1, 0.9])
 def test_below_its_limit_a_leak_settles_as_a_power(k, share):
@@ -145,7 +173,7 @@ LONGEST = 4.0
 """Limit of the network that the invented energies pretend to come from."""
 
 
-def paces(rule: StepRule, energies) -> list[tuple[StepState, torch.Tensor]]:
+def paces(rule: StepRule, energies, turn=1.0) -> list[tuple[StepState, torch.Tensor]]:
     """Paces and cuts after each of the energies (steps, B) on a network of limit `LONGEST`."""
     energies = torch.as_tensor(np.array(energies, float))
     energies = energies[:, None] if energies.ndim == 1 else energies
@@ -153,7 +181,7 @@ def paces(rule: StepRule, energies) -> list[tuple[StepState, torch.Tensor]]:
     pace = StepState.of(lengths, energies)
     meaning = []
     for energy in energies:
-        pace, cut = pace.next(lengths, energy)
+        pace, cut = pace.next(lengths, energy, torch.full_like(energy, turn))
         meaning.append((pace, cut))
     return meaning
 
@@ -171,7 +199,7 @@ def test_steps_grow_while_the_energy_falls():
 
 
 def test_a_step_that_doubles_the_energy_is_the_last_of_its_length():
-    rule = AdaptiveStep()
+    rule = AdaptiveStep(turn=1.0)
     lengths = step_lengths(rule, [1.0, 1.9, 2.1, 2.1])
     assert lengths[1] == lengths[0]  # a rise, but no doubling
     np.testing.assert_allclose(lengths[2], rule.cut * lengths[1], rtol=1e-12)
@@ -184,10 +212,20 @@ def test_a_step_that_doubles_the_energy_is_the_last_of_its_length():
     ]
 
 
+@pytest.mark.parametrize(("angle", "turn"), [(np.pi, 2), (np.pi / 8, 11)])
+def test_rise_is_measured_from_the_lowest_peak_of_a_turn(angle, turn):
+    """Energies that fall by half each turn but rise fivefold in between, then peaks that grow."""
+    swing = np.concatenate([[5.0], np.ones(turn - 1)])
+    energies = np.concatenate([0.5**k * swing for k in range(4)] + [0.5**3 * 11.0 * swing])
+    found = [bool(cut) for _, cut in paces(AdaptiveStep(), energies, np.sin(angle / 2))]
+    assert found.index(True) == 4 * turn
+    assert not any(cut for _, cut in paces(AdaptiveStep(), energies, 0.0))  # moves straight on
+
+
 @given(st.lists(st.floats(0.01, 0.999), min_size=1, max_size=30))
 def test_after_a_cut_length_is_earned(shares):
     """However the energy falls from e_0 to e_1, the step gains (e_0 / e_1)^earned by it."""
-    rule = AdaptiveStep(share=1e6)
+    rule = AdaptiveStep(share=1e6, turn=1.0)
     energies = np.concatenate([[1.0, 3.0], 3.0 * np.cumprod(shares)])
     lengths = step_lengths(rule, energies)
     gained = (energies[1] / energies[-1]) ** rule.earned
