@@ -20,6 +20,8 @@ from ann_dc.progress import Progress, silent
 
 SHIELD = Shield()
 """That of every journey which is not told otherwise."""
+HELD = 2.0
+"""Seconds at the end of a journey in which a robot that is held comes no nearer to the goal."""
 SETTLED = 1e-3
 """Residual of a plan that counts as settled in what is said of a journey."""
 
@@ -68,13 +70,26 @@ class Journey:
         return bool((self.clearance < 0.0).any())
 
     @property
+    def held(self) -> bool:
+        """True if it gave up while the shield kept it from moving on.
+
+        In its last seconds (`HELD`) it came nearer to the goal by its own diameter at most, and the
+        shield stepped in at half of the periods or more.
+        """
+        late = max(round(HELD / self.dt), 1)
+        far = np.linalg.norm(self.q[:2, -1 - late :].T - self.world.goal, axis=1)
+        stuck = bool(far[0] - far[-1] <= 2 * self.world.robot.radius)
+        return not self.arrived and stuck and bool(self.shielded[-late:].mean() >= 0.5)
+
+    @property
     def length(self) -> float:
         """Of its way."""
         return float(np.linalg.norm(np.diff(self.q[:2], axis=1), axis=0).sum())
 
     def __str__(self) -> str:
         periods, after = len(self.clearance), self.dt * len(self.clearance)
-        end = "collided" if self.collided else "reached the goal" if self.arrived else "gave up"
+        gave_up = "gave up, held by the safety filter" if self.held else "gave up"
+        end = "collided" if self.collided else "reached the goal" if self.arrived else gave_up
         rows = [
             f"{self.world.name}: {end} after {after:.1f} s, least room {self.clearance.min():.3g}"
         ]

@@ -1,4 +1,4 @@
-"""The shield: what a robot does instead of a plan that would collide, or that is none."""
+"""The shield, a safety filter: controls instead of a plan that would collide, or that is none."""
 
 from __future__ import annotations
 
@@ -12,15 +12,23 @@ from ann_dc.hints.values import Count, NotNegative, Positive
 from ann_dc.hints.words import such_as
 from ann_dc.navigation.planner import Plan, Situation
 
+STILL = 1e-6
+"""Largest change of a state in a period of a plan that leads nowhere."""
+
 
 @such_as("ann_dc.navigation.Shield()")
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Shield:
-    """Stands still, or takes the way out with the most room, where a plan leaves too little.
+    """Safety filter: overrules a plan that leaves too little room, or that is none.
 
-    Ways out are constant controls, each at one of its limits or at zero, rolled out a few steps. A
-    digital circuit looks at some ten of them each period; a better plan is never overruled.
+    Ways out are constant controls, each at one of its limits or at zero, rolled out a few steps,
+    and the one with the most room is taken. A digital circuit looks at some ten of them each
+    period; a better plan is never overruled.
+
+    A robot that stands changes nothing, and so would stand for good. Where standing still is the
+    best way out, the first control of the plan is applied after all if a way out remains behind it
+    with twice the room.
 
     Attributes
     ----------
@@ -52,18 +60,33 @@ class Shield:
         best = -np.inf if doubtful else self._room(situation, plan.q[:, 1 : self.steps + 1], dt)
         if best >= self.room:
             return None
-        instead = None
-        robot = situation.world.robot
-        step = robot.steps(dt)
-        ends = [dict.fromkeys((0.0, low, high)) for low, high in robot.limits]
-        for u in map(np.array, itertools.product(*ends)):
-            way = [situation.q[:, None]]
-            for _ in range(self.steps):
-                way.append(step.map(way[-1], u[:, None]))
-            room = self._room(situation, np.hstack(way[1:]), dt)
-            if room > best:
-                best, instead = room, u
-        return instead
+        controls, ways, rooms = self._ways_out(situation, situation.q[:, None], dt)
+        chosen = int(rooms.argmax())
+        if not rooms[chosen] > best:
+            return None
+        stands = np.array_equal(ways[chosen, :2, -1], situation.q[:2])
+        if stands and not doubtful and self._leaves_a_way_out(situation, plan, dt):
+            return None
+        return controls[:, chosen]
+
+    def _leaves_a_way_out(self, situation: Situation, plan: Plan, dt: float) -> bool:
+        """True if a robot that moves by a plan's first control can still keep twice the room."""
+        first = np.clip(plan.u[:, :1].T, *situation.world.robot.limits.T).T
+        before = _rolled(situation, situation.q[:, None], first, 1, dt)[0]
+        moves = not np.allclose(before[:, 1], situation.q, rtol=0.0, atol=STILL)
+        return moves and self._ways_out(situation, before, dt)[2].max() >= 2 * self.room
+
+    def _ways_out(
+        self, situation: Situation, before: np.ndarray, dt: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Controls (m, W), states (W, n, K) beyond those before, and the least room (W,)."""
+        ends = [dict.fromkeys((0.0, low, high)) for low, high in situation.world.robot.limits]
+        controls = np.array(list(itertools.product(*ends))).T
+        start = np.repeat(before[:, -1:], controls.shape[1], axis=1)
+        steps = self.steps + 1 - before.shape[1]
+        ways = _rolled(situation, start, controls, steps, dt)[..., 1:]
+        rooms = [self._room(situation, np.hstack([before[:, 1:], way]), dt) for way in ways]
+        return controls, ways, np.array(rooms)
 
     def _room(self, situation: Situation, q: np.ndarray, dt: float) -> float:
         """Least room along states (n, K), as far as obstacles are in sight."""
@@ -71,3 +94,14 @@ class Shield:
         seen = world.sensed(situation.q[:2], situation.time)
         gaps = [world.obstacles[i].near(q[:2].T, time).distance.min() for i in seen]
         return min(gaps) - world.robot.radius
+
+
+def _rolled(
+    situation: Situation, q: np.ndarray, u: np.ndarray, steps: int, dt: float
+) -> np.ndarray:
+    """States (W, n, K+1) of W ways from states (n, W) with constant controls (m, W)."""
+    step, limits = situation.world.robot.steps(dt), situation.world.robot.state_limits.T[..., None]
+    way = [q]
+    for _ in range(steps):
+        way.append(np.clip(step.map(way[-1], u), *limits))
+    return np.array(way).transpose(2, 1, 0)

@@ -1,9 +1,10 @@
 """The shield: good plans pass, others are replaced by what leaves more room."""
 
 import numpy as np
+import pytest
 
 from ann_dc.navigation import Plan, Shield, Situation, World, disc
-from ann_dc.problem.robots import unicycle_robot
+from ann_dc.problem.robots import car_robot, unicycle_robot
 
 ROBOT = unicycle_robot(reverse=1.0, radius=0.2)
 
@@ -43,3 +44,35 @@ def test_a_plan_that_is_none_is_not_trusted():
     here = situation(disc((3, 1), 0.5))
     assert Shield().instead(here, plan(1.0, residual=0.5), 0.1) is not None
     assert Shield(trusted=1.0).instead(here, plan(1.0, residual=0.5), 0.1) is None
+
+
+def test_robot_that_would_stand_takes_the_first_step_of_a_plan_with_a_way_out_behind_it():
+    """A plan that ends in a disc 1.5 ahead: no way out is better than standing, none is needed."""
+    robot = unicycle_robot(radius=0.2)  # it cannot reverse
+    here = World(
+        robot=robot, start=np.zeros(3), goal=np.array([5.0, 0.0]), obstacles=(disc((1.5, 0), 0.5),)
+    )
+    u = np.tile([[2.0], [0.0]], 10)
+    plan = Plan(q=robot.steps(0.1).rollout(here.start, u), u=u, residual=0.0)
+    assert Shield().instead(Situation(here, 0, here.start, 0.0), plan, 0.1) is None
+    near = Situation(here, 0, np.array([0.55, 0.0, 0.0]), 0.0)  # 0.25 of room, 0.05 after a period
+    held = Shield().instead(near, plan, 0.1)
+    assert held is not None
+    assert held[0] == 0.0
+    doubtful = Plan(q=plan.q, u=u, residual=0.5)
+    assert Shield().instead(Situation(here, 0, here.start, 0.0), doubtful, 0.1) is not None
+
+
+@pytest.mark.parametrize("eta", [-3.0, 3.0])
+def test_ways_out_of_a_car_turn_as_far_as_its_steering_allows(eta):
+    """With steering beyond its limit, a car would circle within less room than it needs."""
+    robot = car_robot(steering=0.3)
+    here = World(
+        robot=robot,
+        start=np.array([0.0, 0.0, 0.0, 0.3 * np.sign(eta)]),
+        goal=np.array([5.0, 0.0]),
+        obstacles=(disc((2.0, 0.0), 0.5),),
+    )
+    situation = Situation(here, 0, here.start, 0.0)
+    _, ways, _ = Shield()._ways_out(situation, here.start[:, None], 0.1)
+    assert np.abs(ways[:, 3]).max() == pytest.approx(0.3)
