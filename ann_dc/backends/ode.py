@@ -245,7 +245,7 @@ class _Integration:
         method: Method,
         rhs: RightHandSide | None,
     ) -> None:
-        self.network, self.backend = network, backend
+        self.network, self.backend, self.method = network, backend, method
         self.compiled = fast_evaluator(network)
         self.rhs = rhs or self.compiled.rhs
         start, self.guard, residuals, self.fastest = Beginning.of(network, self.compiled)
@@ -314,25 +314,30 @@ class _Integration:
             return status.left_domain(self.network, block, stage, now)
         if why := self._time_is_up(x, now):
             return self._told(status.not_settled, why)
-        return self._told(status.stalled, why) if (why := self._no_headway(now)) else None
+        return (how := self._no_headway(now)) and self._told(status.stalled, *how)
 
-    def _told(self, how: Callable[..., Status], why: str) -> Status:
-        return how(self.recorder.residuals[-1], self.stepper.time, why)
+    def _told(self, how: Callable[..., Status], *why: str) -> Status:
+        return how(self.recorder.residuals[-1], self.stepper.time, *why)
 
-    def _no_headway(self, now: float) -> str | None:
-        """Looked at once a window."""
+    def _no_headway(self, now: float) -> tuple[str, str] | None:
+        """Looked at once a window: how that was seen, and advice."""
+        advice = status.elsewhere(self.network)
         recorder, window = self.recorder, window_of(self.backend.most_steps)
         steps = recorder.steps
         if steps % CRAWL == 0 and now - recorder.residual_times[-1 - CRAWL] < self.fastest:
             moves = np.abs(self.rhs(self.stepper.state))
             neuron = self.network.label(int(moves.argmax()))
-            return f"its steps have become very short where neuron {neuron} moves fast"
+            why = f"its steps have become very short where neuron {neuron} moves fast"
+            return why, advice if self.method.implicit else status.LONGER_STEPS
         if steps % window or steps < 3 * window:
             return None
         worst = np.array(recorder.residuals[-2 * window :]).max(axis=1)
         if np.nanmin(worst[window:]) < HEADWAY * np.nanmin(worst[:window]):
             return None
-        return f"the last {window} steps made it no smaller"
+        stiff = f"if the network is stiff, {status.LONGER_STEPS}; else " * (
+            not self.method.implicit
+        )
+        return f"the last {window} steps made it no smaller", stiff + advice
 
     def _time_is_up(self, x: np.ndarray, now: float) -> str | None:
         """Which bound ended the run; the fastest rate at the start may not be that of the rest."""

@@ -19,6 +19,8 @@ STEADY = 0.1
 """How far the growth of a multiplier in two quarters of a run may differ, as a share of it."""
 LEAST_GROWTH = 0.02
 """Growth in a quarter of a run, over the largest multiplier, from which on it is told."""
+LONGER_STEPS = "take an implicit method: method=ann_dc.ode.RADAU or --method Radau"
+"""Advice where the fastest modes limit the steps of an explicit method."""
 NAMED = 4
 """Multipliers that a sentence names: those of inequalities first."""
 
@@ -125,15 +127,33 @@ def left_domain(network: Network, block: int, stage: int, now: float) -> Status:
         Network time.
     """
     name = network.cell.blocks[block].name
+    penalty = ", or with more penalty" if network.cell.duals else ""
     message = (
         f"left the domain of {name} in cell {stage} after {now:.4g} unit time constants; start "
-        "closer to the solution, or with more penalty"
+        f"closer to the solution{penalty}"
     )
     where = f"{name} [{stage}]"
     return Status(outcome=Outcome.LEFT_DOMAIN, message=message, neuron=where, time=now)
 
 
-def stalled(residuals: tuple[float, float], now: float, why: str) -> Status:
+def elsewhere(network: Network) -> str:
+    """Return advice for a network that gets no further, whatever runs it.
+
+    Parameters
+    ----------
+    network : Network
+        Only one with PI duals can be designed.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> elsewhere(ann_dc.synthesize(ann_dc.plants.car()))
+    'start elsewhere, or design a network for these inputs'
+    """
+    return "start elsewhere" + ", or design a network for these inputs" * bool(network.cell.duals)
+
+
+def stalled(residuals: tuple[float, float], now: float, why: str, advice: str) -> Status:
     """A run that gets no further.
 
     Parameters
@@ -144,11 +164,10 @@ def stalled(residuals: tuple[float, float], now: float, why: str) -> Status:
         Network time.
     why : str
         How that was seen.
+    advice : str
+        What the user can do about it.
     """
-    message = (
-        f"stalled {_reached(residuals, now)}, and {why}; start elsewhere, or design a network for "
-        "these inputs"
-    )
+    message = f"stalled {_reached(residuals, now)}, and {why}; {advice}"
     return Status(outcome=Outcome.STALLED, message=message, neuron=None, time=now)
 
 

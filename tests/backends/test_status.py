@@ -36,7 +36,7 @@ ENDS = {
     Outcome.NOT_SETTLED: not_settled((1e-9, 1e-2), 7.0, "time was up"),
     Outcome.DIVERGED: diverged(ROW, np.ones(4), 7.0),
     Outcome.LEFT_DOMAIN: left_domain(ROW, 0, 1, 7.0),
-    Outcome.STALLED: stalled((1e-9, 1e-2), 7.0, "nothing moves"),
+    Outcome.STALLED: stalled((1e-9, 1e-2), 7.0, "nothing moves", "start elsewhere"),
     Outcome.STOPPED: stopped((1e-9, 1e-2), 7.0, "someone pressed Ctrl-C"),
     Outcome.INFEASIBLE: infeasible("no controls reach q_d.x", 7.0),
     Outcome.UNBOUNDED: unbounded("the cost has no minimum", 7.0),

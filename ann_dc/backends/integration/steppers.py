@@ -25,6 +25,7 @@ from ann_dc.backends.integration.drawing import (
     within_rails,
 )
 from ann_dc.backends.integration.exits import LOOKS, located_exit
+from ann_dc.backends.integration.limits import LimitedSolver
 from ann_dc.backends.integration.methods import Between, Method
 from ann_dc.backends.integration.systems import Integrand
 from ann_dc.backends.integration.tableaus import Rows
@@ -319,16 +320,22 @@ def stepper_of(
             return CompiledStepper(integrand, method.rows, start, first, ends, between)
         method = replace(method, solver="DOP853")
     options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol}
-    if method.implicit and rhs is None:
-        options["jac"] = lambda _, x: _jacobian(compiled, x, method)
     solver = method.scipys
-    return SciPyStepper(
-        compiled,
-        rhs or compiled.rhs,
-        method,
-        lambda counted: solver(counted, 0.0, start, ends.until, **options),
-        ends.tolerance,
-    )
+    solve = lambda counted: solver(counted, 0.0, start, ends.until, **options)  # noqa: E731
+    if method.implicit and rhs is None:
+        solve = lambda counted: _limited(compiled, method, counted, ends.until)  # noqa: E731
+    return SciPyStepper(compiled, rhs or compiled.rhs, method, solve, ends.tolerance)
+
+
+def _limited(compiled: FastEvaluator, method: Method, rhs: Callable, until: float) -> LimitedSolver:
+    """An implicit solver of SciPy's, from a network's start on."""
+    scipys, tolerances = method.scipys, {"rtol": method.rtol, "atol": method.atol}
+
+    def solver(slope: Callable, jac: Callable, time: float, x: np.ndarray, end: float) -> Any:
+        return scipys(slope, time, x, end, jac=jac, **tolerances)
+
+    by_state = lambda _, x: _jacobian(compiled, x, method)  # noqa: E731
+    return LimitedSolver(compiled, solver, rhs, by_state, compiled.network.start_state, until)
 
 
 def _jacobian(compiled: FastEvaluator, x: np.ndarray, method: Method) -> Any:

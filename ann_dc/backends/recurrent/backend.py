@@ -267,7 +267,8 @@ def _status(batch: BatchRun, now: float, why: str) -> Status:
     if outcome is Outcome.LEFT_DOMAIN:
         return _left_domain(network, x, now)
     if outcome is Outcome.STALLED:
-        return status.stalled(residuals, now, f"{steps} steps made it no smaller in the end")
+        why = f"{steps} steps made it no smaller in the end"
+        return status.stalled(residuals, now, why, status.elsewhere(network))
     if outcome is Outcome.STOPPED:
         return status.stopped(residuals, now, why)
     return status.not_settled(residuals, now, f"{steps} steps were done (limit)")

@@ -289,7 +289,7 @@ class SpiceBackend:
         self.progress("probe run")
         run = replace(PROBE, progress=self.progress).run(network)
         if not run.status.settled:
-            alone = network.metric.kind is Kind.TIME_CONSTANTS
+            alone = network.metric.kind is Kind.TIME_CONSTANTS and bool(network.cell.duals)
             means = "; another metric may settle: Kind.PYRAMID (ann-dc circuit --metric pyramid)"
             raise NetworkError(
                 f"circuit: the network has to settle to be scaled; {run.status}" + means * alone

@@ -1,0 +1,162 @@
+"""Implicit integration between limits: a neuron that reaches one is held there until it leaves.
+
+At a limit the slope of a neuron jumps to zero, so that the equations of an implicit step have no
+solution however short it is. Between two such instants they are smooth: a held neuron has slope
+zero, every other one moves as if it had no limit. A step that passes an instant ends right before
+it, located on the solver's own polynomial, and the solver begins anew right behind it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from ann_dc.evaluation.generated.choice import FastEvaluator
+
+INSIDE = 1e-12
+"""Distance from a limit at which a neuron that is not held is evaluated, relative to the limit."""
+HALVINGS = 50
+"""Of a step, by which an instant is located."""
+
+
+class Piece(NamedTuple):
+    """States within a step that ends at a time t."""
+
+    t: float
+    states: Callable[[Any], np.ndarray]
+
+    def __call__(self, times: Any) -> np.ndarray:
+        """(n,) at a time, (n, K) at K of them."""
+        return self.states(times)
+
+
+class LimitedSolver:
+    """One of SciPy's implicit solvers, restarted wherever a neuron reaches or leaves a limit.
+
+    Parameters
+    ----------
+    compiled : FastEvaluator
+        Of the network.
+    solver : callable
+        Makes the `scipy.integrate.OdeSolver` from a right-hand side, its Jacobian, a time, a state
+        and the time at which to end.
+    rhs, jacobian : callable (time, state)
+        Of the network.
+    start : (n,) array
+    until : float
+        Network time at which to end; may be put off.
+    """
+
+    def __init__(
+        self,
+        compiled: FastEvaluator,
+        solver: Callable[..., Any],
+        rhs: Callable[[float, np.ndarray], np.ndarray],
+        jacobian: Callable[[float, np.ndarray], Any],
+        start: np.ndarray,
+        until: float,
+    ) -> None:
+        self._low, self._high = compiled.tape.limits[compiled.tape.places[:, 0]].T
+        self._solver, self._rhs, self._jacobian = solver, rhs, jacobian
+        self._held = np.zeros(len(start), bool)
+        self._instant: tuple[float, np.ndarray] | None = None
+        self._until = until
+        self._begin(0.0, start)
+
+    def __getattr__(self, name: str) -> Any:
+        """Tolerances: those of the solver."""
+        return getattr(self.__dict__["_inner"], name)
+
+    @property
+    def status(self) -> str:
+        """Running, finished or failed, as SciPy has it."""
+        return "running" if self._instant is not None else self._inner.status
+
+    @status.setter
+    def status(self, status: str) -> None:
+        self._inner.status = status
+
+    @property
+    def t_bound(self) -> float:
+        """Network time at which to end."""
+        return self._until
+
+    @t_bound.setter
+    def t_bound(self, until: float) -> None:
+        self._until = self._inner.t_bound = until
+
+    def step(self) -> str | None:
+        """One step, or up to the first instant within it, or past one."""
+        if self._instant is not None:
+            self._begin(*self._instant)
+            return None
+        inner = self._inner
+        began, message = inner.t, inner.step()
+        self.t, self.y = float(inner.t), inner.y
+        if inner.status != "failed":
+            self._polynomial = Piece(self.t, inner.dense_output())
+            if self._changes(self.y):
+                self._stop_before_the_first_change(began)
+        return message
+
+    def dense_output(self) -> Piece:
+        """States within the last step."""
+        return self._polynomial
+
+    def _begin(self, time: float, x: np.ndarray) -> None:
+        x = np.clip(x, self._low, self._high)
+        held = self._outward(x)
+        self._held = held
+        free = sparse.diags_array((~held).astype(float))
+
+        def slope(t: float, x: np.ndarray) -> np.ndarray:
+            return np.where(held, 0.0, self._rhs(t, self._within(x)))
+
+        def slope_by_state(t: float, x: np.ndarray) -> Any:
+            jacobian = self._jacobian(t, self._within(x))
+            if sparse.issparse(jacobian):
+                return sparse.csc_matrix(free @ jacobian)
+            return np.where(held[:, None], 0.0, jacobian)
+
+        self._inner, self._instant = self._solver(slope, slope_by_state, time, x, self._until), None
+        before, self.t, self.y = getattr(self, "y", x), time, x
+        self._polynomial = Piece(time, lambda times: _jump(times, time, before, x))
+
+    def _within(self, x: np.ndarray) -> np.ndarray:
+        """A state whose held neurons are at their limits, and no other one."""
+        room = [INSIDE * np.maximum(np.abs(end), 1.0) for end in (self._low, self._high)]
+        low, high = (np.where(np.isfinite(r), r, 0.0) for r in room)
+        inside = np.clip(x, self._low + low, self._high - high)
+        return np.where(self._held, np.clip(x, self._low, self._high), inside)
+
+    def _outward(self, x: np.ndarray) -> np.ndarray:
+        """(n,) booleans: neurons at a limit or beyond, whose slope leads out."""
+        held, self._held = self._held, np.zeros(len(x), bool)
+        slope = self._rhs(0.0, self._within(x))
+        self._held = held
+        return ((x >= self._high) & (slope > 0)) | ((x <= self._low) & (slope < 0))
+
+    def _changes(self, x: np.ndarray) -> bool:
+        if not (self._held | (x >= self._high) | (x <= self._low)).any():
+            return False
+        return not np.array_equal(self._outward(x), self._held)
+
+    def _stop_before_the_first_change(self, before: float) -> None:
+        after, states = self.t, self._polynomial.states
+        for _ in range(HALVINGS):
+            middle = 0.5 * (before + after)
+            if self._changes(states(middle)):
+                after = middle
+            else:
+                before = middle
+        self.t, self.y, self._instant = before, states(before), (after, states(after))
+        self._polynomial = Piece(before, states)
+
+
+def _jump(times: Any, instant: float, before: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """A state (n,) or states (n, K) at times on either side of an instant."""
+    late = np.asarray(times) >= instant
+    return np.where(late, *(state.reshape(-1, *(1,) * late.ndim) for state in (x, before)))
