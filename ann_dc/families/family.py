@@ -65,6 +65,16 @@ class Family:
         """
         return _drawn(self.network, self.over, count, seed)
 
+    def held_out(self, count: int, *, seed: int) -> list[Sample]:
+        """Samples drawn independently, so that a share of them has an interval; or the list itself.
+
+        Parameters
+        ----------
+        count : int
+        seed : int
+        """
+        return _drawn(self.network, self.over, count, seed, independent=True)
+
     @property
     def is_listed(self) -> bool:
         """Whether there are no other samples than those declared."""
@@ -168,12 +178,17 @@ def _checked_range(network: Network, name: str, given: Any) -> tuple[float, floa
     return low, high
 
 
-def _drawn(network: Network, over: Over, count: int, seed: int) -> list[Sample]:
+def _drawn(
+    network: Network, over: Over, count: int, seed: int, *, independent: bool = False
+) -> list[Sample]:
     if isinstance(over, Mapping):
-        from scipy.stats import qmc  # loads slowly, and few need it
-
         low, high = np.transpose(list(over.values()))
-        points = qmc.Sobol(len(over), rng=seed).random_base2(max(count - 1, 0).bit_length())
+        if independent:
+            points = np.random.default_rng(seed).random((count, len(over)))
+        else:
+            from scipy.stats import qmc  # loads slowly, and few need it
+
+            points = qmc.Sobol(len(over), rng=seed).random_base2(max(count - 1, 0).bit_length())
         values = (low + (high - low) * points)[:count]
         ones = np.ones(network.stages)
         return [{name: value * ones for name, value in zip(over, row)} for row in values]

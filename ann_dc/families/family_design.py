@@ -155,7 +155,7 @@ def design_family(
     winner = _winner(points, boost, networks, tuple(kinds), progress)
     network = replace(apply_gains(family.network, winner.gains), ranges=dict(family.ranges))
     frozen = replace(family, network=network)
-    seen = family.samples(held_out, seed=seed + 2)
+    seen = family.held_out(held_out, seed=seed + 2)
     judged = replace(frozen, network=replace(network, ranges={}))  # a sampler may go beyond
     return FamilyDesign(
         network=network,

@@ -59,6 +59,8 @@ class Validation:
         In the user's units; nan where it did not settle.
     failures : dict of int to Failure
         Why, for every sample that is not certified.
+    drawn : bool
+        True if the samples are independent draws, False if they are the whole family.
     """
 
     samples: list[Sample]
@@ -66,9 +68,15 @@ class Validation:
     certified: np.ndarray
     objectives: np.ndarray
     failures: dict[int, Failure]
+    drawn: bool = True
 
     def __len__(self) -> int:
         return len(self.samples)
+
+    @property
+    def inputs(self) -> str:
+        """Name of the samples in reports."""
+        return "held-out inputs" if self.drawn else "listed inputs"
 
     @property
     def share(self) -> float:
@@ -77,13 +85,15 @@ class Validation:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Clopper-Pearson interval of the share, at 95 %.
+        """Clopper-Pearson interval of the share, at 95 %; the share itself of a whole family.
 
         References
         ----------
         .. [1] C. J. Clopper, E. S. Pearson, The use of confidence or fiducial limits illustrated in
            the case of the binomial, Biometrika 26, 1934, 404-413.
         """
+        if not self.drawn:
+            return self.share, self.share
         from scipy import stats  # loads slowly, and few need it
 
         low, high = stats.binomtest(int(self.certified.sum()), len(self)).proportion_ci(
@@ -98,9 +108,10 @@ class Validation:
 
     def __str__(self) -> str:
         low, high = self.interval
+        sure = f"{low:.1%} to {high:.1%}, 95 % confidence" if self.drawn else "the whole list"
         lines = [
-            f"held-out inputs        {self.certified.sum()} of {len(self)} settle to a certified "
-            f"optimum: {self.share:.1%} ({low:.1%} to {high:.1%}, 95 % confidence)",
+            f"{self.inputs:23}{self.certified.sum()} of {len(self)} settle to a certified "
+            f"optimum: {self.share:.1%} ({sure})",
             f"settling               median {self.settling_quantile(0.5):.0f}, 99 of 100 within "
             f"{self.settling_quantile(0.99):.0f}, all within {self.settling_quantile(1.0):.0f} "
             "fastest time constants",
@@ -161,6 +172,7 @@ def validated(
         certified=certified,
         objectives=objectives,
         failures=failures,
+        drawn=not family.is_listed,
     )
 
 

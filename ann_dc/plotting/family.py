@@ -55,10 +55,11 @@ def family(designed: FamilyDesign) -> Figure:
         bar.set_label("settling (fastest time constants)", size=9)
         bar.ax.tick_params(labelsize=8, color=GREY)
     low, high = found.interval
+    sure = f" ({low:.1%} to {high:.1%})" if found.drawn else ""
     headline(
         figure,
         f"{caption(problem)}\n{designed.winner.recipe.kind.value}: {found.share:.1%} of "
-        f"{len(found)} held-out inputs settle to a certified optimum ({low:.1%} to {high:.1%})",
+        f"{len(found)} {found.inputs} settle to a certified optimum{sure}",
     )
     return figure
 

@@ -197,7 +197,7 @@ def family_dict(designed: FamilyDesign) -> dict[str, Any]:
         "held_out": len(found),
         "certified": int(found.certified.sum()),
         "share": found.share,
-        "interval": list(low_high),
+        "interval": list(low_high) if found.drawn else None,
         "settling": {
             "median": found.settling_quantile(0.5),
             "99 of 100": found.settling_quantile(0.99),

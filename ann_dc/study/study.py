@@ -24,20 +24,22 @@ from ann_dc.study.execution.attempts import Task, attempted
 from ann_dc.study.execution.execution import execute
 from ann_dc.study.execution.here import Here
 from ann_dc.study.execution.script import stop_script
-from ann_dc.study.keeping.rows import HEAD, TAIL, VERSIONS, Point, Row, Value, without_result
+from ann_dc.study.keeping.rows import HEAD, SEED, TAIL, VERSIONS, Point, Row, Value, without_result
 from ann_dc.study.keeping.store import Store
-from ann_dc.study.measuring.metrics import DEFAULT, metrics_of
+from ann_dc.study.measuring.metrics import DEFAULT, METRICS, metrics_of
 from ann_dc.study.measuring.yields import ends_of
 from ann_dc.study.planning import tasks
 from ann_dc.study.sampling import Plan, Sampling, plan_of
 from ann_dc.study.table import Table
 from ann_dc.study.varying.settings import (
+    DRAWN,
     WORDS,
     backend_of,
     check_name,
     check_together,
     check_value,
     family_of,
+    is_drawn,
 )
 from ann_dc.study.varying.subject import Subject, plain, subject_of
 from ann_dc.study.work import Work, versions
@@ -65,7 +67,8 @@ class Study(Record):
     fixed : mapping of str to Value
         Settings that are the same everywhere.
     samples : int
-        At every combination of listed values: with ranges, places in them; always, seeds.
+        At every combination of listed values: with ranges, places in them; always, seeds. More than
+        one needs something that is drawn: a range, a random defect, tolerance or start.
     sampling : Sampling
         How samples fill the ranges.
     seed : int
@@ -81,7 +84,8 @@ class Study(Record):
     Raises
     ------
     StudyError
-        If there is nothing of such a name to vary or to measure, or nothing to do.
+        If there is nothing of such a name to vary or to measure, or nothing to do, or all samples
+        would be the same.
 
     Examples
     --------
@@ -115,6 +119,7 @@ class Study(Record):
         object.__setattr__(self, "metrics", metrics_of(self.metrics))
         object.__setattr__(self, "title", self.title or f"Study of {subject.name}")
         self._check_settings(subject)
+        self._check_samples()
         known = [metric.name for metric in self.metrics]
         taken = sorted({*known} & {*HEAD, *TAIL, *self.settings})
         if taken:
@@ -125,6 +130,21 @@ class Study(Record):
                     f"spec: {name!r} is not measured; the metrics are {', '.join(known)}"
                 )
             ends_of(limit)
+
+    def _check_samples(self) -> None:
+        """Refuse samples that would all be the same, unless a user's metric may draw."""
+        plan, known = self.plan, {metric.value for metric in METRICS.values()}
+        own = any(metric.value not in known for metric in self.metrics)
+        if self.samples <= 1 or plan.spans or own:
+            return
+        each = [{name: value} for name, values in plan.listed.items() for value in values]
+        if SEED in plan.listed or not any(is_drawn({**self.fixed, **one}) for one in [{}, *each]):
+            what = "seed is listed" if SEED in plan.listed else "nothing in this study is random"
+            raise StudyError(
+                f"samples: {what}, so {self.samples} samples would be {self.samples} equal rows; "
+                "leave samples out, or add what is drawn: a range (low, high) of a setting, "
+                f"{', '.join(DRAWN)}, tolerance.* or start.kind = 'random'"
+            )
 
     def _check_settings(self, subject: Subject) -> None:
         for name in self.over:

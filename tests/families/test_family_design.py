@@ -10,9 +10,9 @@ import pytest
 import sympy as sp
 from reference import ipopt
 
-from ann_dc import STEPS, OdeBackend, Recipe, design, plants
+from ann_dc import STEPS, OdeBackend, Recipe, design, plants, synthesize
 from ann_dc.errors import DesignError, RangeWarning
-from ann_dc.families import Failure, FamilyDesign, design_family, why
+from ann_dc.families import Failure, FamilyDesign, design_family, family_of, why
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import OptimalControlProblem
 from ann_dc.solution import certificate_of
@@ -138,6 +138,22 @@ def test_two_passes_in_two_processes_give_the_same_bytes():
     assert len(told[0].strip()) == 64
 
 
+def test_held_out_inputs_are_independent_and_those_of_a_list_have_no_interval():
+    """Of 64 of Sobol's points every quarter of a range holds 16."""
+    problem = plants.double_integrator(N=3)
+    family = family_of(problem, synthesize(problem), {"q_d.x": (0.0, 4.0)})
+    counts = [
+        np.bincount([int(sample["q_d.x"][0]) for sample in drawn(64, seed=3)], minlength=4)
+        for drawn in (family.samples, family.held_out)
+    ]
+    assert counts[0].tolist() == [16] * 4
+    assert counts[1].tolist() != [16] * 4
+    found = design_family(problem, [{"q_d.x": 0.5}, {"q_d.x": 1.5}]).validation
+    assert found.interval == (found.share, found.share)
+    assert str(found).startswith("listed inputs          2 of 2")
+    assert "confidence" not in str(found)
+
+
 @pytest.mark.slow
 def test_a_sampler_may_go_beyond_what_was_met():
     """Its ranges are those of a thousand samples; no warning comes from others."""
@@ -148,6 +164,6 @@ def test_a_sampler_may_go_beyond_what_was_met():
     problem = plants.double_integrator(N=3)
     designed = design_family(problem, far, kinds=[Kind.TIME_CONSTANTS], held_out=2000, seed=8)
     _, high = designed.network.ranges["q_d.x"]
-    held_out = designed.family.samples(2000, seed=10)
+    held_out = designed.family.held_out(2000, seed=10)
     assert max(sample["q_d.x"].max() for sample in held_out) > high
     assert designed.validation.share == 1.0

@@ -14,7 +14,8 @@ from ann_dc.study.execution import Task
 from ann_dc.study.keeping import CIRCUMSTANCES, Store
 
 METRICS = ["settling_time", "control_error"]
-CHIPS = {"defect.mismatch": [0.0, 0.02]}
+MISMATCH = "defect.mismatch"
+CHIPS = {MISMATCH: [0.0, 0.02]}
 
 
 def chips(**given) -> Study:
@@ -137,3 +138,36 @@ def test_what_travels_is_the_study(table):
     assert said(again.run(workers=0)) == said(table)
     declared = chips(subject=ann_dc.plants.double_integrator(N=5))
     assert pickle.loads(pickle.dumps(declared)).identity() == declared.identity()
+
+
+KINDS = {"design.kind": ["pyramid", "time-constants"]}
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"over": KINDS},
+        {"over": {"gains.rho": [0.3, 1]}},
+        {"over": {MISMATCH: [0.0]}},
+        {"over": KINDS, "fixed": {"start.kind": "line"}},
+        {"over": {"seed": [1, 2], MISMATCH: [0.1]}},
+    ],
+)
+def test_samples_that_would_all_be_the_same_are_refused(given):
+    with pytest.raises(StudyError, match=r"samples: .* 5 equal rows; leave samples out, or .*tol"):
+        Study(subject="double_integrator", samples=5, **given)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"over": {MISMATCH: [0.0, 0.1]}},
+        {"over": KINDS, "fixed": {"start.spread": 0.1}},
+        {"over": {"start.kind": ["line", "random"]}},
+        {"over": {"tolerance.resistor": [0.01]}},
+        {"over": {"gains.rho": (0.3, 3.0)}},
+        {"over": KINDS, "metrics": [Metric(name="drawn", value=lambda sample: sample.point.seed)]},
+    ],
+)
+def test_samples_of_something_that_is_drawn_are_taken(given):
+    assert len(Study(subject="double_integrator", samples=5, **given)) >= 5

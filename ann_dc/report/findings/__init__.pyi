@@ -1,8 +1,11 @@
 from .bands import (
     Band as Band,
+    Combination as Combination,
     band as band,
     boxes as boxes,
+    combinations as combinations,
     groups as groups,
+    is_clustered as is_clustered,
     strength as strength,
 )
 from .causes import Cause as Cause, causes as causes, slowest as slowest, worst as worst

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -45,6 +45,16 @@ class Column:
     def label(self) -> str:
         """Name with unit, as an axis has it."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+    def at(self, rows: np.ndarray) -> Column:
+        """The same column of some rows.
+
+        Parameters
+        ----------
+        rows : array of int
+        """
+        numbers, codes = (None if a is None else a[rows] for a in (self.numbers, self.codes))
+        return replace(self, numbers=numbers, codes=codes)
 
     @cached_property
     def finite(self) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from ann_dc.report.findings.columns import Column
 from ann_dc.report.findings.findings import Findings
 from ann_dc.study.keeping.rows import OUTCOME
-from ann_dc.study.measuring.yields import SETTLED, Yield, ends_of
+from ann_dc.study.measuring.yields import SETTLED, Yield, draws_of, ends_of
 
 
 class Limit(NamedTuple):
@@ -90,11 +90,17 @@ def within(findings: Findings) -> np.ndarray:
     return np.logical_and.reduce([settled(findings), *(limit.met for limit in limits(findings))])
 
 
-def yield_of(rows: np.ndarray) -> Yield:
-    """How many of these rows, with the interval of that share.
+def yield_of(findings: Findings, good: np.ndarray, among: np.ndarray | None = None) -> Yield:
+    """How many rows are good, with the interval of that share.
 
     Parameters
     ----------
-    rows : array of bool
+    findings : Findings
+    good : array (rows,) of bool
+    among : array of int, optional
+        Rows that count; all by default.
     """
-    return Yield(passed=int(rows.sum()), count=len(rows))
+    frame = findings.frame if among is None else findings.frame.iloc[among]
+    good = good if among is None else good[among]
+    draws = draws_of({name: frame[name].to_numpy() for name in frame.columns})
+    return Yield(passed=int(good.sum()), count=len(good), draws=draws)

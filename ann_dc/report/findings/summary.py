@@ -40,7 +40,10 @@ def summary(study: Study, found: Table) -> list[Shown | str]:
     for metric in study.metrics:
         values = found[metric.name]
         finite = values[np.isfinite(values)]
-        told = [f"{v:.4g}" for v in np.percentile(finite, QUANTILES)] if finite.size else 3 * ["-"]
+        told = 3 * ["-"]
+        if finite.size:  # values that occur: no median between two clusters
+            ends = np.percentile(finite, QUANTILES, method="inverted_cdf")
+            told = [f"{value:.4g}" for value in ends]
         measured.add_row(metric.name, metric.unit, *told, str(len(values) - finite.size))
     shown.append(measured)
     if study.spec:

@@ -122,7 +122,9 @@ def _dependences(found: Findings, metrics: list[Column]) -> Iterator[Candidate]:
             yield Candidate(
                 "map", f"{metric.name} over {across.name} and {up.name}",
                 matters * (tells[across] * tells[up]) ** 0.5,
-                lambda metric=metric, across=across, up=up: over_two(metric, across, up),
+                lambda metric=metric, across=across, up=up: over_two(
+                    found, metric, across, up
+                ),
             )  # fmt: skip
 
 

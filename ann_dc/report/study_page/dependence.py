@@ -14,7 +14,9 @@ from ann_dc.report.findings import (
     Limit,
     band,
     boxes,
+    combinations,
     groups,
+    is_clustered,
     within,
     yield_of,
 )
@@ -38,6 +40,9 @@ from ann_dc.study.keeping.rows import OUTCOME
 
 CELLS = 60
 """Different values of a setting that a map has a row or a column each for."""
+DASHES = ("solid", "dash", "dot", "dashdot", "longdash")
+LINES = len(DASHES)
+"""Combinations of other settings that have a line each."""
 STRIP = 8
 """Points a word up to which there is no box."""
 FILLED = 0.6
@@ -47,7 +52,10 @@ FILLED = 0.6
 def over_numbers(
     found: Findings, metric: Column, setting: Column, limit: Limit | None
 ) -> Figure | None:
-    """A metric over a setting of numbers: points, median, band of 5 to 95 %; None without points.
+    """A metric over a setting of numbers: points, medians, bands of 5 to 95 %; None without points.
+
+    Every combination of the other settings has a line of its own, up to `LINES`; if there are more,
+    there is none. A line has a gap where points form two clusters.
 
     Parameters
     ----------
@@ -63,14 +71,7 @@ def over_numbers(
     assert setting.numbers is not None
     extremes = known[[np.argmin(metric.numbers[known]), np.argmax(metric.numbers[known])]]
     some = drawn(known, keep=extremes)
-    groups_of_it = band(setting, metric)
-    lines, more = [], []
-    if groups_of_it is not None:
-        lines = _band(groups_of_it)
-        more = ["Line: median; band: 5 to 95 %"]
-    elif len(found.varied) == 1 and len(known) == len(np.unique(setting.numbers[known])):
-        some = some[np.argsort(setting.numbers[some])]
-        lines = [_line(setting.numbers[some], metric.numbers[some])]
+    lines, more = _lines(found, setting, metric, known)
     layout = {
         "xaxis": axis(setting), "yaxis": axis(metric), "shapes": limit_lines(limit, "y"),
     }  # fmt: skip
@@ -87,23 +88,48 @@ def _dashed(limit: Limit | None) -> list[str]:
     return [] if limit is None else [f"Dashed: the spec, {limit}"]
 
 
-def _line(x: np.ndarray, y: np.ndarray) -> dict[str, Any]:
+def _lines(
+    found: Findings, setting: Column, metric: Column, known: np.ndarray
+) -> tuple[list[dict[str, Any]], list[str]]:
+    """Lines of all combinations of the other settings, and what the caption says of them."""
+    others = [one for one in found.varied if one is not setting]
+    parts = combinations(others, known, LINES)
+    if parts is None:
+        return [], ["No lines: too many combinations of other settings"]
+    lines, said = [], {}
+    for part, dash in zip(parts, DASHES):
+        own, values = setting.at(part.rows), metric.at(part.rows)
+        groups_of_it = band(own, values)
+        if groups_of_it is not None:
+            lines += _band(groups_of_it, part.label, dash)
+            said["Line: median; band: 5 to 95 %"] = None
+            if groups_of_it.clustered.any():
+                said["No median where points form two clusters"] = None
+        elif part.is_whole and len(part.rows) == len(own.distinct):
+            order = np.argsort(own.numbers)
+            lines.append(_line(own.values[order], values.values[order], part.label, dash))
+    return lines, [*said]
+
+
+def _line(x: np.ndarray, y: np.ndarray, label: str, dash: str) -> dict[str, Any]:
     return {
         "type": "scatter", "mode": "lines", "x": listed(x), "y": listed(y), "hoverinfo": "skip",
-        "showlegend": False, "line": {"color": BLUE, "width": 1},
+        "name": shown(label), "showlegend": bool(label),
+        "line": {"color": BLUE, "width": 1, "dash": dash},
     }  # fmt: skip
 
 
-def _band(found: Band) -> list[dict[str, Any]]:
+def _band(found: Band, label: str, dash: str) -> list[dict[str, Any]]:
     x, edge = listed(found.at), {"type": "scatter", "mode": "lines", "line": {"width": 0}}
     hidden = {**edge, "x": x, "hoverinfo": "skip", "showlegend": False}
     return [
         {**hidden, "y": listed(found.quantiles[0])},
         {**hidden, "y": listed(found.quantiles[4]), "fill": "tonexty", "fillcolor": "#0000001f"},
         {
-            "type": "scatter", "mode": "lines+markers", "name": "median", "x": x,
-            "y": listed(found.quantiles[2]), "line": {"color": "#111", "width": 2},
-            "marker": {"color": "#111", "size": 5}, "showlegend": False,
+            "type": "scatter", "mode": "lines+markers", "name": shown(label or "median"), "x": x,
+            "y": listed(np.where(found.clustered, np.nan, found.quantiles[2])),
+            "line": {"color": "#111", "width": 2, "dash": dash},
+            "marker": {"color": "#111", "size": 5}, "showlegend": bool(label),
             "customdata": [int(count) for count in found.counts],
             "hovertemplate": "%{x}<br>median %{y}<br>%{customdata} points<extra></extra>",
         },
@@ -153,6 +179,8 @@ def _at(column: Column, rows: np.ndarray) -> list[Any]:
 def over_words(found: Findings, metric: Column, setting: Column, limit: Limit | None) -> Figure:
     """A metric by the words of a setting: boxes of many points, or the points themselves.
 
+    Points that form two clusters have no box, whose median would lie between the clusters.
+
     Parameters
     ----------
     found : Findings
@@ -163,10 +191,10 @@ def over_words(found: Findings, metric: Column, setting: Column, limit: Limit | 
     groups_of_it = boxes(setting, metric)
     layout = {"xaxis": axis(setting), "yaxis": axis(metric), "shapes": limit_lines(limit, "y")}
     count, title = int(metric.finite.sum()), f"{metric.name} by {setting.name}"
-    if groups_of_it.counts.max() <= STRIP:
-        rows = np.flatnonzero(metric.finite)
+    if groups_of_it.counts.max() <= STRIP or groups_of_it.clustered.any():
+        rows = drawn(np.flatnonzero(metric.finite))
         dots = _dots(found, setting, metric, rows)
-        says = told(count, count, *_dashed(limit))
+        says = told(count, len(rows), *_dashed(limit))
         return Figure(title=title, says=says, traces=dots, layout=layout)
     low, first, middle, third, high = (listed(row) for row in groups_of_it.quantiles)
     trace = {
@@ -178,21 +206,28 @@ def over_words(found: Findings, metric: Column, setting: Column, limit: Limit | 
     return Figure(title=title, says=says, traces=[trace], layout=layout)
 
 
-def over_two(metric: Column, across: Column, up: Column) -> Figure | None:
+def over_two(found: Findings, metric: Column, across: Column, up: Column) -> Figure | None:
     """The median of a metric over two settings of numbers, as a map; None where it has gaps.
+
+    A cell whose points form two clusters is a gap. There is no map if a setting of words varies,
+    whose medians would mix.
 
     Parameters
     ----------
+    found : Findings
     metric, across, up : Column
     """
     import pandas
 
+    if any(one.numbers is None for one in found.varied):
+        return None
     known = metric.finite & across.finite & up.finite
     count = int(known.sum())
     (x, column), (y, line) = (_cells(setting, known, count) for setting in (across, up))
     shape = (len(y) - 1, len(x) - 1)
     assert metric.numbers is not None
-    medians = pandas.Series(metric.numbers[known]).groupby([line, column]).median()
+    cells = pandas.Series(metric.numbers[known]).groupby([line, column])
+    medians = cells.median()[~cells.apply(_in_clusters, metric)]
     if len(medians) < FILLED * shape[0] * shape[1]:
         return None
     values = np.full(shape, np.nan)
@@ -214,6 +249,10 @@ def over_two(metric: Column, across: Column, up: Column) -> Figure | None:
         traces=[trace],
         layout={"xaxis": axis(across), "yaxis": axis(up)},
     )
+
+
+def _in_clusters(values: Any, metric: Column) -> bool:
+    return is_clustered(np.log(values) if metric.is_wide else np.asarray(values))
 
 
 def _cells(setting: Column, known: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -245,7 +284,7 @@ def yield_over(found: Findings, setting: Column) -> Figure | None:
         return None
     good = within(found)
     rows = [np.flatnonzero(group == number) for number in range(group.max() + 1)]
-    shares = [yield_of(good[of_it]) for of_it in rows]
+    shares = [yield_of(found, good, of_it) for of_it in rows]
     assert setting.numbers is not None
     at = [np.median(setting.numbers[of_it]) for of_it in rows]
     value = np.array([one.share for one in shares])

@@ -98,7 +98,7 @@ def _measured(metric: Column) -> tuple[object, ...]:
         return (*told, int(counts.sum()), "", shares, "")
     if not len(metric.values):
         return (*told, 0, "", "", "")
-    ends = (float(end) for end in np.quantile(metric.values, (0, 0.5, 1)))
+    ends = (float(end) for end in np.quantile(metric.values, (0, 0.5, 1), method="inverted_cdf"))
     return (*told, len(metric.values), *ends)
 
 
@@ -137,13 +137,18 @@ def _headline(found: Findings) -> Iterator[object]:
     yield f" points; most frequent end: {most.outcome} ({percent(most.points / len(found))})"
     if limits(found):
         yield "; yield "
-        yield element("b", str(yield_of(within(found))))
+        yield element("b", str(yield_of(found, within(found))))
     middle = [
-        f"median {metric.name} {number(float(np.median(metric.values)))} {metric.unit}".rstrip()
+        f"median {metric.name} {number(_median(metric))} {metric.unit}".rstrip()
         for metric in found.metrics[:3]
         if len(metric.values) and not metric.name.startswith("predicted_")
     ]
     yield "".join(f"; {words}" for words in middle) + "."
+
+
+def _median(metric: Column) -> float:
+    """Value that occurs: two clusters have no point between them."""
+    return float(np.quantile(metric.values, 0.5, method="inverted_cdf"))
 
 
 def _outcomes(found: Findings) -> Markup:
@@ -182,15 +187,18 @@ def _yields(found: Findings) -> Iterator[Markup]:
     together = [("all of it", within(found))] if len(spec) > 1 else []
     rows = []
     for name, met in (("settled", done), *items, *together):
-        one = yield_of(met)
+        one = yield_of(found, met)
         low, high = one.interval
-        ends = f"{percent(low, 2)} to {percent(high, 2)}"
+        ends = (
+            f"{percent(low, 2)} to {percent(high, 2)}" if one.draws != 0 else "none: nothing drawn"
+        )
         rows.append((name, one.passed, one.count, percent(one.share, 2), ends))
     yield element("h3", "Yield")
     yield table(("spec", "within", "of", "yield", "95 % interval (Clopper-Pearson)"), rows)
     yield element(
         "p",
-        "Every point counts: what failed, did not settle or has no value is not within the spec.",
+        "Every point counts: what failed, did not settle or has no value is not within the spec. "
+        "Points of one seed are one draw of the interval.",
         class_="note",
     )
 

@@ -9,4 +9,10 @@ from .metrics import (
 )
 from .network_samples import BatchSample as BatchSample, RunSample as RunSample
 from .sample import Sample as Sample
-from .yields import Yield as Yield, ends_of as ends_of, within as within, yield_of as yield_of
+from .yields import (
+    Yield as Yield,
+    draws_of as draws_of,
+    ends_of as ends_of,
+    within as within,
+    yield_of as yield_of,
+)

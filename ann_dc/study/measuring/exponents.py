@@ -60,6 +60,7 @@ def exponent_of(x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray
     """
     pairs = np.stack([np.asarray(x, float), np.asarray(y, float)])
     pairs = pairs[:, np.isfinite(pairs).all(axis=0) & (pairs > 0).all(axis=0)]
+    pairs = np.unique(pairs, axis=1)  # what is measured again without a difference tells no more
     if len(np.unique(pairs[0])) < FEWEST:
         return Exponent(math.nan, math.nan, math.nan, math.nan, pairs.shape[1])
     fit: Any = stats.linregress(*np.log(pairs))

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from scipy.stats import binomtest
+from scipy.stats import beta
 
 from ann_dc.errors import StudyError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Index, Share
-from ann_dc.study.keeping.rows import OUTCOME
+from ann_dc.study.keeping.rows import OUTCOME, SEED
+from ann_dc.study.varying.settings import family_of, is_drawn
 
 SETTLED = "settled"
 CONFIDENCE = 0.95
@@ -33,9 +34,16 @@ class Yield:
         Samples within the spec, and all that count.
     confidence : float
         Of the interval.
+    draws : int, optional
+        Independent draws that the samples come from; fewer than samples if one draw is used under
+        several settings, 0 if nothing is drawn. All samples by default.
 
     Examples
     --------
+    >>> print(Yield(passed=190, count=200, draws=100))  # each draw under two settings
+    95.0 % (88.7 to 98.4 %, 190 of 200 from 100 draws)
+    >>> print(Yield(passed=2, count=3, draws=0))
+    66.7 % (2 of 3, nothing drawn: no interval)
     >>> print(Yield(passed=95, count=100))
     95.0 % (88.7 to 98.4 %, 95 of 100)
     >>> Yield(passed=0, count=100).high < 0.04  # the rule of three
@@ -45,6 +53,7 @@ class Yield:
     passed: Index
     count: Index
     confidence: Share = CONFIDENCE
+    draws: Index | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.passed <= self.count:
@@ -57,7 +66,10 @@ class Yield:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Lowest and highest share that the samples do not contradict.
+        """Lowest and highest share that the draws do not contradict; nan if nothing is drawn.
+
+        Samples of one draw count as one sample with their mean: the interval is exact if they
+        agree, and too wide if they do not.
 
         References
         ----------
@@ -66,8 +78,13 @@ class Yield:
         """
         if not self.count:
             return 0.0, 1.0
-        found = binomtest(self.passed, self.count).proportion_ci(self.confidence, method="exact")
-        return float(found.low), float(found.high)
+        number = self.count if self.draws is None else self.draws
+        if not number:
+            return math.nan, math.nan
+        good, tail = self.share * number, (1 - self.confidence) / 2
+        low = beta.ppf(tail, good, number - good + 1) if self.passed else 0.0
+        high = beta.isf(tail, good + 1, number - good) if self.passed < self.count else 1.0
+        return float(low), float(high)
 
     @property
     def low(self) -> float:
@@ -81,10 +98,12 @@ class Yield:
 
     def __str__(self) -> str:
         low, high = self.interval
-        return (
-            f"{100 * self.share:.1f} % ({100 * low:.1f} to {100 * high:.1f} %, "
-            f"{self.passed} of {self.count})"
-        )
+        said, of = f"{100 * self.share:.1f} %", f"{self.passed} of {self.count}"
+        if self.draws == 0:
+            return f"{said} ({of}, nothing drawn: no interval)"
+        few = self.draws is not None and self.draws < self.count
+        of += f" from {self.draws} draws" if few else ""
+        return f"{said} ({100 * low:.1f} to {100 * high:.1f} %, {of})"
 
 
 def ends_of(limit: Limit) -> tuple[float, float]:
@@ -156,4 +175,33 @@ def yield_of(columns: Mapping[str, np.ndarray], spec: Mapping[str, Limit]) -> Yi
     Yield
     """
     passed = within(columns, spec)
-    return Yield(passed=int(passed.sum()), count=len(passed))
+    return Yield(passed=int(passed.sum()), count=len(passed), draws=draws_of(columns))
+
+
+def draws_of(columns: Mapping[str, np.ndarray]) -> int | None:
+    """Return the number of independent draws that rows come from; None without seeds.
+
+    All settings share the seeds of their samples, so rows of one seed are one draw. Rows of several
+    seeds that are equal in all settings, and in which nothing is drawn, are no draw.
+
+    Parameters
+    ----------
+    columns : mapping of str to (rows,) array
+        Seeds and settings; others are not read.
+
+    Examples
+    --------
+    >>> columns = {"seed": np.array([5, 6, 5, 6]), "defect.mismatch": np.array([0, 0, 0.1, 0.1])}
+    >>> draws_of(columns), draws_of({name: column[:2] for name, column in columns.items()})
+    (2, 0)
+    """
+    if SEED not in columns:
+        return None
+    names = [name for name in columns if family_of(name) is not None]
+    rows = [*zip(*(columns[name].tolist() for name in names))] if names else []
+    drawn = {setting: is_drawn(dict(zip(names, setting))) for setting in {*rows}}
+    seeds = columns[SEED].tolist()
+    still = [seed for seed, setting in zip(seeds, rows) if not drawn[setting]] if rows else seeds
+    places = len({*still}) > 1 and len(drawn) - sum(drawn.values()) == len(still)
+    found = {seed for seed, setting in zip(seeds, rows) if drawn[setting]}
+    return len(found | {*still} if places else found)

@@ -44,6 +44,10 @@ DEFECTS = {
 """Defects of the ideal network, in the order in which they are brought about."""
 
 
+DRAWN = tuple(f"defect.{name}" for name, says in DEFECTS.items() if "drawn" in says)
+"""Settings whose value is the size of something that the seed of a point draws."""
+
+
 class Effect(enum.Enum):
     """What a setting changes, and so what has to be done again; the value says it in words."""
 
@@ -172,6 +176,26 @@ def backend_of(setting: Mapping[str, Value]) -> str:
 def is_built(setting: Mapping[str, Value]) -> bool:
     """Whether a setting has a circuit: one that runs, or one beside the network that does."""
     return bool(chosen(setting, "circuit", "tolerance")) or backend_of(setting) in CIRCUITS
+
+
+def is_drawn(setting: Mapping[str, Value]) -> bool:
+    """Return True if points of this setting differ from seed to seed.
+
+    Parameters
+    ----------
+    setting : mapping of str to Value
+
+    Examples
+    --------
+    >>> is_drawn({"defect.mismatch": 0.01}), is_drawn({"defect.mismatch": 0.0, "gains.rho": 2.0})
+    (True, False)
+    """
+    start = behind(setting, "start")
+    sizes = [setting.get(name) for name in DRAWN]
+    if start.get("kind", "random") == "random":
+        sizes.append(start.get("spread", 1.0 if start else 0.0))
+    positive = (isinstance(size, (int, float)) and size > 0 for size in sizes)
+    return bool(chosen(setting, "tolerance")) or any(positive)
 
 
 def check_together(field: str, names: Iterable[str], backends: Iterable[str]) -> None:

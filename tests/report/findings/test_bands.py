@@ -5,7 +5,7 @@ import pandas
 import pytest
 from study_pages import findings
 
-from ann_dc.report.findings import band, boxes, column_of, strength
+from ann_dc.report.findings import band, boxes, column_of, is_clustered, strength
 
 
 def test_a_setting_of_few_values_has_a_band_a_value():
@@ -49,3 +49,13 @@ def test_strength_tells_what_depends_from_what_does_not():
     assert strength(setting, column_of("y", (x - 4.5) ** 2)) == pytest.approx(1)
     assert strength(setting, column_of("y", noise)) < 0.05
     assert strength(setting, column_of("y", pandas.Series(np.ones(1000)))) == 0
+
+
+@pytest.mark.parametrize("count", [5, 12, 60, 1000])
+def test_two_clusters_are_told_from_one(count):
+    draw = np.random.default_rng(count)
+    one = draw.normal(0, 1, (200, count))
+    two = one + np.where(np.arange(count) % 2 == 0, 30.0, 0.0)
+    assert np.mean([is_clustered(row) for row in one]) < 0.02
+    assert all(is_clustered(row) for row in two)
+    assert not is_clustered(np.ones(count))

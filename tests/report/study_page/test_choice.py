@@ -63,7 +63,7 @@ def test_the_figures_that_tell_most_are_there_and_the_others_are_named():
         "residuals over time",
     ):
         assert title in titles
-    assert "settling_time over defect.mismatch and input.q_d.x" in left_out
+    assert "settling_time over defect.mismatch" in left_out
     assert not {title.lower() for title in titles} & {name.lower() for name in left_out}
 
 
@@ -86,8 +86,10 @@ def test_points_are_drawn_in_part_but_counted_whole():
     count = findings(9000).frame["settling_time"].count()
     assert f"{count:,} points, " in figure.says
     assert 2000 <= sum(len(trace["x"]) for trace in dots) <= 2002
-    (median,) = [trace for trace in figure.traces if trace.get("name") == "median"]
-    assert sum(median["customdata"]) == count
+    medians = [trace for trace in figure.traces if trace["mode"] == "lines+markers"]
+    names = {f"{backend}, {word}" for backend in ("ode", "recurrent") for word in ("true", "false")}
+    assert {trace["name"] for trace in medians} == names
+    assert sum(sum(trace["customdata"]) for trace in medians) == count
 
 
 def test_no_word_of_a_store_is_markup_for_plotly():
@@ -96,3 +98,53 @@ def test_no_word_of_a_store_is_markup_for_plotly():
     assert "&lt;img" in text
     assert "<img" not in text
     assert HOSTILE in figures[0].title or any(HOSTILE in figure.title for figure in figures)
+
+
+def clusters(*, kinds=("slow", "fast"), within=False):
+    """Twelve samples at each of three values and two words, which differ by a factor of ten."""
+    draw = np.random.default_rng(0)
+    x, word = (column.ravel() for column in np.meshgrid(np.repeat([1.0, 2.0, 3.0], 12), kinds))
+    scale = np.where(word == kinds[0], 10.0, 1.0)
+    if within:  # of every word, half of the samples
+        scale = np.where(np.arange(len(x)) % 2 == 0, 10.0, 1.0)
+    noise = draw.uniform(0.9, 1.1, len(x))
+    table = pandas.DataFrame({"point": range(len(x)), "rho": x, "kind": word})
+    return with_frame(table.assign(settling_time=scale * x * noise), spec={})
+
+
+def over_rho(found):
+    (figure,) = [one for one in chosen(found)[0] if one.title == "settling_time over rho"]
+    return figure, [trace for trace in figure.traces if trace["mode"] == "lines+markers"]
+
+
+def test_median_lines_of_two_words_pass_where_points_are():
+    found = clusters()
+    _, lines = over_rho(found)
+    assert sorted(line["name"] for line in lines) == ["fast", "slow"]
+    for line in lines:
+        points = found.frame[found.frame["kind"] == line["name"]].groupby("rho")["settling_time"]
+        np.testing.assert_allclose(line["y"], points.median(), rtol=1e-4)
+
+
+def test_median_line_of_samples_in_two_clusters_has_gaps():
+    figure, lines = over_rho(clusters(within=True))
+    assert [line["y"] for line in lines] == [[None] * 3] * 2
+    assert "No median where points form two clusters" in figure.says
+    assert sum(trace.get("fill") == "tonexty" for trace in figure.traces) == 2
+
+
+def test_combinations_of_too_many_words_have_no_line():
+    found = clusters()
+    words = [f"part {number % 9}" for number in range(len(found.frame))]
+    figure, lines = over_rho(with_frame(found.frame.assign(part=words), spec={}))
+    assert lines == []
+    assert "No lines: too many combinations of other settings" in figure.says
+
+
+def test_boxes_and_maps_show_no_median_between_two_clusters():
+    found = clusters(within=True)
+    (by_word,) = [one for one in chosen(found)[0] if one.title == "settling_time by kind"]
+    assert {trace["type"] for trace in by_word.traces} == {"scatter"}
+    table = clusters().frame.assign(tau=np.tile([1.0, 2.0, 3.0], 24))
+    figures, _ = chosen(with_frame(table, spec={}))
+    assert not [one for one in figures if one.traces[0]["type"] == "heatmap"]

@@ -6,7 +6,7 @@ from hypothesis import given, strategies as st
 from scipy.stats import beta
 
 from ann_dc.errors import StudyError
-from ann_dc.study.measuring import Yield, ends_of, within, yield_of
+from ann_dc.study.measuring import Yield, draws_of, ends_of, within, yield_of
 
 
 @given(st.integers(1, 3000), st.data())
@@ -50,3 +50,38 @@ def test_what_failed_or_is_missing_does_not_pass():
 def test_limits_that_are_none(limit):
     with pytest.raises(StudyError, match="limit"):
         ends_of(limit)
+
+
+def test_interval_of_samples_that_share_draws_is_that_of_the_draws():
+    """Whether a draw is counted under one setting or under three that agree."""
+    once, thrice = Yield(passed=18, count=20), Yield(passed=54, count=60, draws=20)
+    assert thrice.interval == pytest.approx(once.interval)
+    assert Yield(passed=54, count=60).low > thrice.low
+    none = Yield(passed=5, count=5, draws=0)
+    assert np.isnan(none.interval).all()
+    assert str(none) == "100.0 % (5 of 5, nothing drawn: no interval)"
+
+
+SEEDS = np.tile([3, 5, 7, 9], 2)
+MISMATCH = "defect.mismatch"
+SETTINGS = {
+    "a defect under two words": ({MISMATCH: [0.01] * 8, "design.kind": [*"aaaabbbb"]}, 4),
+    "a defect of size zero": ({MISMATCH: [0.0] * 8, "design.kind": [*"aaaabbbb"]}, 0),
+    "sizes zero and one percent": ({MISMATCH: [0.0] * 4 + [0.01] * 4}, 4),
+    "places in a range": ({"input.q_d.x": np.arange(8.0)}, 4),
+    "tolerances": ({"tolerance.resistor": [0.01] * 8}, 4),
+    "random starts": ({"start.spread": [0.1] * 8}, 4),
+    "starts on the line": ({"start.kind": ["line"] * 8}, 0),
+    "nothing set": ({}, 0),
+}
+
+
+@pytest.mark.parametrize(("settings", "draws"), SETTINGS.values(), ids=SETTINGS)
+def test_draws_of_rows_are_their_seeds_where_something_is_drawn(settings, draws):
+    columns = {name: np.array(values) for name, values in settings.items()}
+    assert draws_of({"seed": SEEDS, **columns}) == draws
+    assert draws_of(columns) is None
+
+
+def test_a_grid_without_draws_has_no_interval():
+    assert draws_of({"seed": np.full(3, 5), "gains.rho": np.array([0.3, 1.0, 3.0])}) == 0

@@ -32,7 +32,8 @@ def test_a_study_is_run_summed_up_and_exported(file, tmp_path):
     assert code == 0
     assert "chips: 8 of 8 points" in said
     assert "settled 8 100.0%" in said
-    assert "yield: 50.0 % (15.7 to 84.3 %, 4 of 8)" in said
+    assert "yield: 50.0 % (6.8 to 93.2 %, 4 of 8 from 4 draws)" in said
+    assert "0.0 100.0 % (4 of 4, nothing drawn: no interval)" in said
     assert "0.02 0.0 % (0.0 to 60.2 %, 0 of 4)" in said
     with table.open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -45,10 +46,16 @@ def test_a_study_is_run_summed_up_and_exported(file, tmp_path):
 
 
 def test_points_that_fail_are_told_by_the_code(file, tmp_path):
-    file.write_text(STUDY.replace("[0.0, 0.02]", "[0.0]\ngains.rho = [1, -1]"), encoding="utf-8")
+    file.write_text(STUDY.replace("[0.0, 0.02]", "[0.02]\ngains.rho = [1, -1]"), encoding="utf-8")
     code, said = run("study", file, "--out", tmp_path / "out", "--workers", "0")
     assert code == 1
     assert "failed 4 50.0%" in said
+
+
+def test_samples_of_nothing_random_are_refused(file, tmp_path):
+    file.write_text(STUDY.replace("[0.0, 0.02]", "[0.0]"), encoding="utf-8")
+    said = "samples: nothing in this study is random, so 4 samples would be 4 equal rows"
+    refused(("study", file, "--out", tmp_path / "out"), said)
 
 
 def test_what_can_be_varied_and_measured():
