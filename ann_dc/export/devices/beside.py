@@ -21,6 +21,7 @@ from ann_dc.export.reference.vector import VECTOR, EulerWalk, ReferenceVector
 from ann_dc.export.weights.hashes import content_hash
 from ann_dc.export.weights.manifest import read_json
 from ann_dc.export.weights.network_file import packed, unpacked
+from ann_dc.fidelity.circuit_study import NEAR
 from ann_dc.network.network import Network
 
 NETWORK = "network.npz"
@@ -70,7 +71,7 @@ def check_rewritten(
     table: str,
     notes: str,
     write: Callable[[], Mapping[str, bytes]],
-) -> float | None:
+) -> str:
     """Write a table and its notes again from the network beside them, and compare.
 
     Parameters
@@ -83,8 +84,8 @@ def check_rewritten(
 
     Returns
     -------
-    float or None
-        How far the controls of the table's network are off.
+    str
+        How far the controls of the table's network are off, in a clause.
 
     Raises
     ------
@@ -111,7 +112,9 @@ def check_rewritten(
         raise FileFormatError(
             f"{notes}.control_error: {off!r:.40}, but the controls are {known} off"
         )
-    return known
+    if known is None:
+        return "does not settle"
+    return f"has controls {known:.1e} off" + f", NOT within {NEAR:.0%}" * (known > NEAR)
 
 
 def weights_in(network: Network) -> dict[str, np.ndarray]:

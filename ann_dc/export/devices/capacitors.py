@@ -203,7 +203,7 @@ def capacitors_check(files: Mapping[str, bytes]) -> str:
         raise FileFormatError(f"{NOTES}.step: expected a positive number, got {step!r}")
     found = _weights(network, units, step)
     error = weight_error(weights_in(network), found)
-    off = check_rewritten(
+    known = check_rewritten(
         files,
         TABLE,
         NOTES,
@@ -215,7 +215,6 @@ def capacitors_check(files: Mapping[str, bytes]) -> str:
             step=step,
         ),
     )
-    known = "does not settle" if off is None else f"has controls {off:.1e} off"
     return f"ratios within {error:.1e} of the network's; the network of them {known}"
 
 

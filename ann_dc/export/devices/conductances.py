@@ -204,7 +204,7 @@ def conductances_check(files: Mapping[str, bytes]) -> str:
     weights, own = weights_of(files), weights_in(network)
     if weights.keys() != own.keys() or any(len(w) != network.stages for w in weights.values()):
         raise FileFormatError(f"{TABLE}: its connections are not those of the network beside it")
-    off = check_rewritten(
+    known = check_rewritten(
         files,
         TABLE,
         NOTES,
@@ -219,7 +219,6 @@ def conductances_check(files: Mapping[str, bytes]) -> str:
     )
     error, changed = weight_error(own, weights), with_weights(network, weights)
     if error:
-        known = "does not settle" if off is None else f"has controls {off:.1e} off"
         return f"weights within {error:.1e} of the network's; the network of them {known}"
     walk = EulerWalk(changed, vector.step)
     worst = vector.check(lambda x, count: changed.unpack(walk.after(changed.pack(x), count)))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.errors import ExportError, FileFormatError, NetworkError
+from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.drawings.checking import VECTOR, check_pdf, check_svg, read_vector, told_of
 from ann_dc.export.drawings.sheets import circuit_sheets
+from ann_dc.export.netlists.build import build
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.hardware.parts import presets
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level, macro
 from ann_dc.hints.checked import checked
 from ann_dc.network.cell import Role
 from ann_dc.network.metrics.contract import Kind
@@ -56,32 +55,24 @@ def schematic_files(
     >>> schematic_check(files)  # doctest: +SKIP
     '1 sheet of schematics, of the network of the reference vector'
     """
-    backend = SpiceBackend(level=_level(level))
+    _check_level(level)
     if network.metric.kind is Kind.GRID:
         primal = ", ".join(n.name for n in network.cell.neurons if n.role is Role.PRIMAL)
         raise ExportError(
             f"schematic: the resistors of a grid between {primal:.200} are not drawn; design the "
             "network with time constants alone, a pyramid or a tree"
         )
-    try:
-        circuit, _ = backend.prepare(network)
-    except NetworkError as error:
-        raise ExportError(f"schematic: {error}") from error
+    circuit = build(network, level).circuit
     files, told = {}, told_of(network, FORM, level)
     for number, page in enumerate(circuit_sheets(circuit, level)):
         files |= page.files(f"schematic_{number + 1}", told)
     return {**files, VECTOR: vector.as_json()}
 
 
-def _level(name: str) -> Level:
-    if name == "behavioural":
-        return BEHAVIOURAL
-    if name == "macro":
-        return macro()
-    if name not in presets.names():
-        known = ", ".join(("behavioural", "macro", *presets.names()))
-        raise ExportError(f"level: {name!r} cannot be drawn; choose one of: {known}")
-    return presets.get(name)
+def _check_level(name: str) -> None:
+    known = "behavioural", "macro", *presets.names()
+    if name not in known:
+        raise ExportError(f"level: {name!r} cannot be drawn; choose one of: {', '.join(known)}")
 
 
 @checked

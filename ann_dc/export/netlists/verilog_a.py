@@ -1,8 +1,8 @@
 """A circuit as Verilog-A: the behavioural deck, card by card, as modules with the same names.
 
 A cell of the row is a module with its resistors and capacitors as parameters; the network is a
-module of cells. No compiler of Verilog-A was at hand: the modules are parsed back, and their
-equations integrated, but no simulator has run them.
+module of cells. The modules are parsed back, and their equations integrated, but no simulator has
+run them. OpenVAF, which compiles compact models, accepts the text and drops all instances.
 """
 
 from __future__ import annotations
@@ -253,9 +253,11 @@ controls. For the run that is expected here drive it like this, and wait until {
 `expected_controls.csv` has what the controls settle to: {plain(first.name)} of stage
 {first.stage} is {value:.6g}, {first.scale.network(value):.6g} V at `{first.node}`.
 
-**No compiler of Verilog-A has read this file, and no simulator has run it.** It uses `idt` with a
-condition, branches to ground, and modules within modules, as the Verilog-AMS manual has them;
-compilers of compact models, which take one flat module without `idt`, will refuse it.
+**No simulator has run this file.** It uses `idt` with a condition, branches to ground, and modules
+within modules, as the Verilog-AMS manual has them: take a simulator of Verilog-AMS that elaborates
+instances. **Do not compile it as a compact model:** OpenVAF (openvaf-py 0.1.5) accepts it without a
+word and drops every instance, so that `network` has no equation that couples its nodes. The export
+`onnx`, or `manifest.json` of the export `weights`, has the equations without hierarchy.
 """
 
 

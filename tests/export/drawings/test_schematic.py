@@ -1,5 +1,7 @@
 """Schematics: parts with the values of their circuit, drawn where they can be read."""
 
+import csv
+import io
 import re
 import sys
 from dataclasses import replace
@@ -12,6 +14,7 @@ from drawn import Picture, rows
 import ann_dc
 from ann_dc.errors import ExportError, ExportPackageMissing, FileFormatError
 from ann_dc.export.drawings import circuit_sheets, schematic_check, schematic_files
+from ann_dc.export.netlists import pack_files
 from ann_dc.export.reference import reference_vector
 from ann_dc.hardware.schematic import Integrator
 
@@ -106,6 +109,22 @@ def test_files_are_the_same_bytes_and_pass_their_check(network, vector, files):
     assert files == schematic_files(network, vector)
     assert sorted(files) == ["reference_vector.json", "schematic_1.pdf", "schematic_1.svg"]
     assert schematic_check(files) == "1 sheet of schematics, of the network of the reference vector"
+
+
+def test_parts_have_the_values_of_the_pack():
+    """A pyramid of op amps gets another margin, and with it other capacitors."""
+    network = designed(ann_dc.plants.double_integrator(N=3), ann_dc.Kind.PYRAMID)
+    vector = reference_vector(network)
+    drawn = schematic_files(network, vector, level="macro")["schematic_1.svg"].decode()
+    bill = pack_files(network, vector, level="macro")["bill.csv"].decode()
+    bought = {
+        float(row["value"]) for row in csv.DictReader(io.StringIO(bill)) if row["unit"] == "F"
+    }
+    shown = re.findall(r">(\d[\d.]*) ?([pnfµ])F<", drawn)
+    assert shown
+    for number, prefix in shown:
+        farads = float(number) * PREFIXES[prefix]
+        assert min(abs(farads / own - 1) for own in bought) < 0.01
 
 
 def test_a_level_of_real_parts(network, vector):
