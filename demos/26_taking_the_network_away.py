@@ -1,13 +1,13 @@
 """Taking the network away: what rounding does to the controls, and what every format weighs.
 
 Question: what is lost when the network leaves this package?
-Answer:   digits, where they are rounded. The car's controls are within 0.1 % from words of 14 bits
+Answer:   digits, where they are rounded. The car's controls are within 0.1 % from words of 13 bits
           on, 4096 levels of a conductance, 1024 units of a capacitor; below, a number may be lucky
           and the next one not. One bit more, or twice as many levels, halves the error; twice as
-          many units divide it by 2.6. Below 11 bits tan(varphi) does not fit, below 8 levels
+          many units divide it by 2.6. Below 10 bits tan(varphi) does not fit, below 8 levels
           nothing settles. Where nothing is rounded, nothing is lost: weight file, ONNX, torch, and
           conductances of any value settle to the optimum within 1e-11. ngspice runs the pack of op
-          amps 2.7e-5 off, C in words of 16 bits is 1.8e-4 off. A format takes 20 to 900 kB and less
+          amps 2.7e-5 off, C in words of 16 bits is 8.3e-5 off. A format takes 20 to 900 kB and less
           than a second, a program of torch about five. NIR has linear nodes only, and refuses.
 Figure:   out/demos/26_taking_the_network_away.png
 """

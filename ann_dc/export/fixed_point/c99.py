@@ -14,7 +14,7 @@ import numpy as np
 
 from ann_dc.export.fixed_point.arithmetic.machine import WORD
 from ann_dc.export.fixed_point.c99_text import HEADER, MAKEFILE, SELFTEST, SOURCE
-from ann_dc.export.fixed_point.golden import PREFIX, WRONG, FixedPoint, Port
+from ann_dc.export.fixed_point.golden import LEAST, PREFIX, WRONG, FixedPoint, Port
 from ann_dc.export.fixed_point.manifest import NAME, VECTOR, as_json, check
 from ann_dc.export.fixed_point.readme_text import C99
 from ann_dc.export.fixed_point.widths import Bits, fixed_point
@@ -158,6 +158,7 @@ def facts(network: FixedPoint) -> dict[str, Any]:
         "worth": plain(network.worth.removeprefix("words chosen for "), "%;"),
         "own": own if network.ranges else "Give ranges with `over=`, or design with `--over`.",
         "wrong": WRONG * network.accuracy,
+        "least": LEAST,
         "bits": machine.bits,
         "guard": machine.guard,
         "wide": machine.wide,

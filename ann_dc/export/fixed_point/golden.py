@@ -24,6 +24,9 @@ FEWEST, MOST = 4, 32
 """Bits of a number."""
 WRONG = 10.0
 """Error from which a settled answer counts as wrong, over the wanted accuracy: 1 % by default."""
+LEAST = 0.05
+"""Largest control that an error is related to at least, over the largest of all inputs: a number
+of some bits has no relative accuracy near zero."""
 PREFIX = "ann_dc"
 """Beginning of all names of files, of C and of modules."""
 
@@ -180,7 +183,10 @@ class FixedPoint:
         return model
 
     def errors(self, states: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """Errors (B,) of integer states (n, B) against ends (n, B) in network units."""
+        """Errors (B,) of integer states (n, B) against ends (n, B) in network units.
+
+        Relative to the largest control of each lane, but to no less than `LEAST` times that of all.
+        """
         neurons = self.machine.neurons[:, WORD]
         at = {word: place for place, word in enumerate(neurons.tolist())}
         read = [at[int(port.words[0])] for port in self.controls]
@@ -191,7 +197,8 @@ class FixedPoint:
             wanted = offset + factor * ends[read].T
             largest = np.abs(wanted).max(1, initial=0.0)
             off = np.abs(found - wanted).max(1, initial=0.0)
-            return off / np.where(largest > 0, largest, 1.0)
+            whole = np.where(np.isfinite(largest), largest, 0.0).max(initial=0.0)
+            return off / (np.maximum(largest, LEAST * whole) if whole > 0 else 1.0)
 
     def control_error(self, states: np.ndarray, vector: ReferenceVector) -> float:
         """Largest error of a control at integer states (n,), over the largest of a vector's end."""

@@ -4,7 +4,8 @@ FORMATS = """\
 ## Inputs that the words are for
 
 Word ranges were chosen for {worth}. {own} An answer is right if its
-controls are within {wrong:g} of the largest control of the same network in float64.
+controls are within {wrong:g} of the largest control of the same network in float64, or of {least:g}
+times the largest for any of these inputs.
 
 ## Numbers
 

@@ -52,6 +52,12 @@ def test_held_out_inputs_in_the_ranges_settle_right(bits):
     assert model.control_error(run.states[:, 0], expected) < 5e-3
 
 
+def test_targets_around_zero_are_judged_by_the_largest_control_of_all():
+    """Where all controls vanish, no number of some bits has any relative accuracy."""
+    model = fixed_point(*walked("double_integrator"), bits=16, over="q_d.x=-2:2")
+    assert model.measured.right == model.measured.inputs == 256
+
+
 def test_ranges_that_are_none_are_refused():
     network, vector = walked("double_integrator")
     for over, error in (("q_d.x=2:1", ExportError), ("q_d.z=0:1", UnknownNameError),
