@@ -21,8 +21,10 @@ from ann_dc.export.reference.vector import VECTOR, EulerWalk, ReferenceVector
 from ann_dc.export.weights.hashes import content_hash
 from ann_dc.export.weights.manifest import read_json
 from ann_dc.export.weights.network_file import packed, unpacked
-from ann_dc.fidelity.circuit_study import NEAR
 from ann_dc.network.network import Network
+
+NEAR = 1e-2
+"""Error of the controls, over the largest one, up to which a circuit is near the optimum."""
 
 NETWORK = "network.npz"
 
