@@ -323,10 +323,9 @@ class _Integration:
         """Looked at once a window: how that was seen, and advice."""
         advice = status.elsewhere(self.network)
         recorder, window = self.recorder, window_of(self.backend.most_steps)
-        steps = recorder.steps
-        if steps % CRAWL == 0 and now - recorder.residual_times[-1 - CRAWL] < self.fastest:
-            moves = np.abs(self.rhs(self.stepper.state))
-            neuron = self.network.label(int(moves.argmax()))
+        steps, times = recorder.steps, recorder.residual_times
+        if steps % CRAWL == 0 and now - times[-1 - CRAWL] < self.fastest:
+            neuron = self.network.label(int(np.abs(self.rhs(self.stepper.state)).argmax()))
             why = f"its steps have become very short where neuron {neuron} moves fast"
             return why, advice if self.method.implicit else status.LONGER_STEPS
         if steps % window or steps < 3 * window:
@@ -334,10 +333,9 @@ class _Integration:
         worst = np.array(recorder.residuals[-2 * window :]).max(axis=1)
         if np.nanmin(worst[window:]) < HEADWAY * np.nanmin(worst[:window]):
             return None
-        stiff = f"if the network is stiff, {status.LONGER_STEPS}; else " * (
-            not self.method.implicit
-        )
-        return f"the last {window} steps made it no smaller", stiff + advice
+        if not self.method.implicit:
+            advice = f"if the network is stiff, {status.LONGER_STEPS}; else {advice}"
+        return f"the last {window} steps made it no smaller", advice
 
     def _time_is_up(self, x: np.ndarray, now: float) -> str | None:
         """Which bound ended the run; the fastest rate at the start may not be that of the rest."""
