@@ -63,6 +63,8 @@ class Thread(NamedTuple):
     """Where its samples are."""
     advance: Callable[[Samples, Found, np.ndarray], bool]
     """Some more work on samples; a queue tells the next and the end. Whether all is done."""
+    locate: Callable[[Lanes, Samples, Found, np.ndarray], None] | None = None
+    """Enters when the residuals of samples fell below the tolerance, where looks do not tell."""
 
 
 def run_lanes(
@@ -117,6 +119,7 @@ def run_lanes(
     size = min(max(-(-count // (2 * threads)), SMALLEST_SLICE), LARGEST_SLICE)
     work = _Work(begin, samples, found, iter(range(0, count, size)), size)
     work.run([first, *(first.beside() for _ in range(threads - 1))], Paced(progress))
+    work.locate(first)
     is_open = found.codes == OPEN
     found.steps[is_open, 1], found.times[is_open, 1] = -1, np.nan
     return BatchRun(
@@ -185,6 +188,13 @@ class _Work:
                     between(thread.group)
         finally:
             hand_over(thread.group, self.found)
+
+    def locate(self, lanes: Lanes) -> None:
+        """When the residuals of the samples that settled fell below the tolerance."""
+        locate, is_known = self.begin(lanes).locate, np.isfinite(self.found.spans[:, 0])
+        chosen = np.flatnonzero((self.found.codes == SETTLED) & is_known)
+        if locate is not None and chosen.size:
+            locate(lanes, self.samples, self.found, chosen)
 
     def _line(self, group: Group | None = None) -> str:
         running = int((self.found.codes == OPEN).sum())

@@ -35,6 +35,7 @@ from ann_dc.backends.lane_batch import Thread, attempts_of, run_lanes
 from ann_dc.backends.lanes.continuous import Integration, LaneEnds, advance_lanes
 from ann_dc.backends.lanes.continuous_code import ROWS
 from ann_dc.backends.lanes.group import Group
+from ann_dc.backends.lanes.located import locate_exits
 from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import HEADWAY, Settling, window_of
@@ -180,6 +181,7 @@ class OdeBackend:
                 lambda samples, found, queue: advance_lanes(
                     group, integration, samples, found, queue, attempts
                 ),
+                lambda *given: locate_exits(rows, ends.tolerance, *given),
             )
 
         settings = {n: getattr(self, n) for n in ("curves", "threads", "progress")}

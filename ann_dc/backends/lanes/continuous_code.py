@@ -29,9 +29,10 @@ from ann_dc.evaluation.vector_code.code import code, key_of
 from ann_dc.evaluation.vector_code.step_code import UNROLLED
 from ann_dc.evaluation.vector_code.writer import Function, Module
 
-REFUSED, WORST = OWN, OWN + 1
-"""Whether the last step was refused; the larger residual."""
-ROWS = OWN + 2
+REFUSED, WORST, BEGAN = OWN, OWN + 1, OWN + 2
+"""Whether the last step was refused; the larger residual; when the step began in which it fell
+below the tolerance."""
+ROWS = OWN + 3
 NUMBERS = "until", "first", "tolerance", "settled", "most_steps", "rtol", "atol", "live"
 """Constants that the code reads, in this order: see `LaneEnds`; the last is n of a sample."""
 
@@ -184,14 +185,17 @@ class _Attempt:
         return inverses
 
     def _accept(self, accepted: str) -> None:
-        """Take over the states and slopes of these lanes."""
+        """Take over the states and slopes of these lanes; states before go where others were."""
         f = self.f
         pairs = (self.x, self.ahead), (self.slopes[0], self.slopes[-1])
         for places in self._places():
             for place in places:
                 for old, new in pairs:
-                    at = f.address(old, place)
-                    f.store(f.select(accepted, f.load(f.address(new, place)), f.load(at)), at)
+                    at, there = f.address(old, place), f.address(new, place)
+                    before = f.load(at)
+                    f.store(f.select(accepted, f.load(there), before), at)
+                    if new == self.ahead:
+                        f.store(before, there)
 
     # ---- lanes -------------------------------------------------------------------------------
 
@@ -216,7 +220,7 @@ class _Attempt:
         return f.logical("and", good, f.compare("une", memory[RUNS], f.constant(0.0)))
 
     def _enter(self, accepted: str, h: str) -> str:
-        """Where the lanes are now, and since when they settle; those that are over very likely."""
+        """Where the lanes are now, and since when they settle; those to look at more closely."""
         f, memory, numbers = self.f, self.memory, self.numbers
         began, worst_before, since = memory[TIME], memory[WORST], memory[SINCE]
         time = memory.enter(TIME, accepted, f.op("fadd", began, h))
@@ -238,9 +242,10 @@ class _Attempt:
 
         (crossed,) = f.either(f.any_of(enters), crossing, [time])
         memory.enter(SINCE_TIME, enters, crossed)
+        memory.enter(BEGAN, enters, began)
         over = memory.is_over(accepted, worst, size, numbers["settled"], numbers["most_steps"])
         late = f.logical("and", accepted, f.compare("oge", time, numbers["until"]))
-        return f.logical("or", over, late)
+        return f.logical("or", f.logical("or", over, late), enters)
 
     def _too_short(self, accepted: str) -> str:
         """The lanes whose next step is none."""

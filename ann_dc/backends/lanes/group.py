@@ -75,6 +75,10 @@ class Found(NamedTuple):
     """(B, 2): network time at the end, and after which the residual stayed below the tolerance."""
     residuals: np.ndarray
     """(B, 2)."""
+    exits: np.ndarray
+    """(B, n): states before the step in which the residual fell below the tolerance."""
+    spans: np.ndarray
+    """(B, 2): when that step began and ended; nan where there was none."""
     curve_sizes: np.ndarray
     """(B,): rows of the curve."""
     curve_times: np.ndarray
@@ -100,6 +104,8 @@ class Found(NamedTuple):
             steps=np.tile([0, -1], (count, 1)),
             times=np.full((count, 2), np.nan),
             residuals=np.full((count, 2), np.inf),
+            exits=np.zeros((count, size)),
+            spans=np.full((count, 2), np.nan),
             curve_sizes=np.zeros(count, np.int64),
             curve_times=np.zeros((count, curves)),
             curves=np.zeros((count, curves, size)),
@@ -266,6 +272,15 @@ def enter(group, found, lane):
     last = found.curve_sizes[sample] - 1
     if last >= 0 and found.curve_times[sample, last] < group.memory[TIME, lane]:
         _add_to_curve(group, found, lane)
+
+
+@inlined
+def keep_exit(group, found, lane, began):
+    """The state before the last step, which ``ahead`` has, and when that step began and ended."""
+    sample = group.who[lane]
+    found.spans[sample, 0], found.spans[sample, 1] = began, group.memory[TIME, lane]
+    for i in range(group.components.shape[0]):
+        found.exits[sample, i] = group.ahead[group.entry.ghost + group.components[i] + lane]
 
 
 @inlined

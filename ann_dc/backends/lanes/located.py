@@ -1,0 +1,236 @@
+"""Last exits of residuals, located inside their steps: after a batch, for as many samples as lanes.
+
+The step in which a residual falls below the tolerance for good is taken again from the state before
+it, and its continuous extension is looked at; `integration.between` does so for a run alone.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ann_dc.backends.integration.between import CLOSE, LOOKS, ROUNDS
+from ann_dc.backends.integration.tableaus import Rows
+from ann_dc.backends.lanes.group import (
+    NOBODY,
+    Found,
+    Group,
+    Samples,
+    evaluate,
+    load,
+    read_residuals,
+)
+from ann_dc.backends.lanes.memory import OWN, STEP
+from ann_dc.evaluation.formulas import inlined, released
+from ann_dc.evaluation.generated.lanes import Lanes
+from ann_dc.evaluation.vector_code.calls import call
+
+
+class Again(NamedTuple):
+    """Steps taken again, a lane each."""
+
+    rows: Rows
+    """Of the method."""
+    offsets: np.ndarray
+    """Where the slope of every entry of ``rows`` begins."""
+    extra: np.ndarray
+    """The same of its continuous extension."""
+    weights: np.ndarray
+    """(entries of a state inside the step, W): its weights in every lane."""
+    theta: np.ndarray
+    """(W,): where in the step each lane looks."""
+    ends: np.ndarray
+    """(2, W): the last share of the step above the tolerance, and the next one below."""
+    logs: np.ndarray
+    """(2, W): logarithms of the residuals there, over the tolerance."""
+    is_open: np.ndarray
+    """(W,): whether a lane goes on."""
+
+    @classmethod
+    def of(cls, group: Group, rows: Rows) -> Again:
+        """For a group, which has to live as long.
+
+        Parameters
+        ----------
+        group : Group
+        rows : Rows
+            Of the method.
+        """
+        width, length = len(group.who), group.slopes.shape[1]
+        return cls(
+            rows=rows,
+            offsets=rows.which * length,
+            extra=rows.extension.which * length,
+            weights=np.zeros((len(rows.extension.powers), width)),
+            theta=np.zeros(width),
+            ends=np.zeros((2, width)),
+            logs=np.zeros((2, width)),
+            is_open=np.zeros(width, np.bool_),
+        )
+
+
+@inlined
+def _keep(group):
+    addresses = group.entry.table.ctypes.data, group.ahead.ctypes.data, group.ahead.ctypes.data
+    call(group.entry.keep, addresses, ())
+
+
+@inlined
+def _combine(group, weights, offsets, first, last):
+    """The state ahead, from a span of weights; one step length a lane."""
+    at = 8 * group.entry.ghost
+    addresses = (
+        group.ahead.ctypes.data + at,
+        group.x.ctypes.data + at,
+        group.slopes.ctypes.data,
+        weights.ctypes.data + 8 * first,
+        offsets.ctypes.data + 8 * first,
+        group.memory[STEP].ctypes.data,
+    )
+    call(group.combine, addresses, (last - first, group.padded))
+
+
+@inlined
+def _take(group, again):
+    """All slopes of the steps, those of the extension included."""
+    rows, extension = again.rows, again.rows.extension
+    evaluate(group, group.entry.rhs, group.x, 0)
+    stages = rows.starts.shape[0] - 3
+    for stage in range(stages):
+        _combine(group, rows.weights, again.offsets, rows.starts[stage], rows.starts[stage + 1])
+        if stage == stages - 1:
+            _keep(group)
+        evaluate(group, group.entry.rhs, group.ahead, stage + 1)
+    starts = extension.starts
+    for stage in range(starts.shape[0] - 2):
+        _combine(group, extension.weights, again.extra, starts[stage], starts[stage + 1])
+        evaluate(group, group.entry.rhs, group.ahead, stages + 1 + stage)
+
+
+@inlined
+def _look(group, again):
+    """Residuals of the states inside the steps."""
+    extension, weights, theta = again.rows.extension, again.weights, again.theta
+    powers, first = extension.powers, extension.starts[-2]
+    width, ghost = theta.shape[0], group.entry.ghost
+    for i in range(powers.shape[0]):
+        for lane in range(width):
+            weight = 0.0
+            for power in range(powers.shape[1] - 1, -1, -1):
+                weight = (weight + powers[i, power]) * theta[lane]
+            weights[i, lane] = weight * group.memory[STEP, lane]
+    for at in range(0, group.entry.size, width):
+        for lane in range(width):
+            total = group.x[ghost + at + lane]
+            for i in range(powers.shape[0]):
+                total += weights[i, lane] * group.slopes[extension.which[first + i], at + lane]
+            group.ahead[ghost + at + lane] = total
+    _keep(group)
+    evaluate(group, group.entry.rhs, group.ahead, group.slopes.shape[0] - 1)
+    read_residuals(group, group.ahead)
+
+
+@inlined
+def _above(group, lane, tolerance):
+    """Logarithm of a residual over the tolerance; infinite where it is no number."""
+    found, width = group.entry.found, group.who.shape[0]
+    worst = max(found[lane], found[width + lane])
+    return np.log(max(worst, 1e-300) / tolerance) if worst < np.inf else np.inf
+
+
+@inlined
+def _bracket(group, again, tolerance):
+    """The last of some looks that is above the tolerance, and the next one."""
+    ends, logs, is_open = again.ends, again.logs, again.is_open
+    ends[0], logs[0], ends[1], logs[1], is_open[:] = 0.0, 0.0, 1.0, -1.0, True
+    for look in range(LOOKS + 1):
+        again.theta[:] = look / LOOKS
+        _look(group, again)
+        for lane in range(is_open.shape[0]):
+            log = _above(group, lane, tolerance)
+            if log >= 0.0:
+                ends[0, lane], logs[0, lane], is_open[lane] = look / LOOKS, log, True
+            elif is_open[lane]:
+                ends[1, lane], logs[1, lane], is_open[lane] = look / LOOKS, log, False
+
+
+@inlined
+def _cross(group, again, tolerance):
+    """Where residuals cross the tolerance, by false position in their logarithms."""
+    ends, logs, is_open, theta = again.ends, again.logs, again.is_open, again.theta
+    is_open[:] = True
+    for _ in range(ROUNDS):
+        is_over = True
+        for lane in range(is_open.shape[0]):
+            if is_open[lane]:
+                a, b, high, low = ends[0, lane], ends[1, lane], logs[0, lane], logs[1, lane]
+                theta[lane] = b - low * (b - a) / (low - high) if high < np.inf else 0.5 * (a + b)
+                is_over = False
+        if is_over:
+            return
+        _look(group, again)
+        for lane in range(is_open.shape[0]):
+            if is_open[lane]:
+                log = _above(group, lane, tolerance)
+                side = 0 if log >= 0.0 else 1
+                ends[side, lane], logs[side, lane] = theta[lane], log
+                logs[1 - side, lane] *= 0.5  # Illinois: an end that stays counts half
+                is_open[lane] = not abs(log) < CLOSE
+
+
+@released
+def locate(group, again, samples, found, chosen, tolerance):
+    """The same for a group of its own.
+
+    Parameters
+    ----------
+    group : Group
+        Overwritten.
+    again : Again
+        Overwritten.
+    samples : Samples
+    found : Found
+        Its ``exits`` and ``spans`` are read, and its ``times`` overwritten.
+    chosen : (K,) array of int
+        Samples.
+    tolerance : float
+    """
+    width, count = group.who.shape[0], chosen.shape[0]
+    for first in range(0, count, width):
+        for lane in range(width):
+            sample = chosen[min(first + lane, count - 1)]
+            load(group, samples, lane, sample)
+            for i in range(group.components.shape[0]):
+                group.x[group.entry.ghost + group.components[i] + lane] = found.exits[sample, i]
+            group.memory[STEP, lane] = found.spans[sample, 1] - found.spans[sample, 0]
+        _take(group, again)
+        _bracket(group, again, tolerance)
+        _cross(group, again, tolerance)
+        for lane in range(min(width, count - first)):
+            sample = chosen[first + lane]
+            moved = again.theta[lane] * group.memory[STEP, lane]
+            found.times[sample, 1] = found.spans[sample, 0] + moved
+    group.who[:] = NOBODY
+
+
+def locate_exits(
+    rows: Rows, tolerance: float, lanes: Lanes, samples: Samples, found: Found, chosen: np.ndarray
+) -> None:
+    """Enter when the residuals of chosen samples fell below a tolerance for good.
+
+    Parameters
+    ----------
+    rows : Rows
+        Of the method.
+    tolerance : float
+    lanes : Lanes
+    samples : Samples
+    found : Found
+        Its ``times`` are overwritten.
+    chosen : (K,) array of int
+        Samples.
+    """
+    extra = len(rows.extension.starts) - 2
+    group = Group.of(lanes, len(rows.starts) - 1 + extra, OWN)
+    locate(group, Again.of(group, rows), samples, found, chosen, tolerance)
