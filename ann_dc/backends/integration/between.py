@@ -20,7 +20,7 @@ from ann_dc.evaluation.formulas import compiled, inlined
 
 LOOKS = 4
 """Parts of a step at whose ends a residual is looked at."""
-ROUNDS, CLOSE = 20, 1e-7
+ROUNDS, CLOSE = 20, 1e-5
 """Largest number of steps to a crossing; relative distance to the tolerance at its end."""
 
 
@@ -145,14 +145,16 @@ def _crossing(system, aside, h, between, ends, tolerance):
     """Where the logarithm of the residual crosses that of the tolerance, by false position."""
     (a, b), least = between, 1e-300
     high, low = np.log(ends[0] / tolerance), np.log(max(ends[1], least) / tolerance)
-    theta = b
+    theta, side = b, 0.0
     for count in range(ROUNDS):
         theta = b - low * (b - a) / (low - high) if high < np.inf else 0.5 * (a + b)
         found = np.log(max(_worst(system, aside, theta, h), least) / tolerance)
         if abs(found) < CLOSE:
             return theta, count + 1
+        stays = 0.5 if side * found > 0.0 else 1.0  # Illinois: an end that stays twice counts half
+        side = found
         if found < 0.0:
-            b, low, high = theta, found, 0.5 * high  # Illinois: an end that stays counts half
+            b, low, high = theta, found, stays * high
         else:
-            a, high, low = theta, found, 0.5 * low
+            a, high, low = theta, found, stays * low
     return theta, ROUNDS

@@ -27,7 +27,7 @@ SHRINK = 1e-3
 """Relative tolerance, at most, as a share of the residual."""
 FINEST = 3e-14
 """Relative tolerance that floating point can keep."""
-SWING = 0.5
+SWING = 0.7
 """Share of the tolerance: where both ends of a step are below, the residual stays below inside."""
 SHORTEST = 1e-14
 """Step, over the time and over the step before, at which the integration is given up."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.backends.integration.between import CLOSE, LOOKS, ROUNDS
+from ann_dc.backends.integration.between import CLOSE, ROUNDS
 from ann_dc.backends.integration.tableaus import Rows
 from ann_dc.backends.lanes.group import (
     NOBODY,
@@ -46,6 +46,8 @@ class Again(NamedTuple):
     """(2, W): logarithms of the residuals there, over the tolerance."""
     is_open: np.ndarray
     """(W,): whether a lane goes on."""
+    sides: np.ndarray
+    """(W,): which end its last look replaced, or -1."""
 
     @classmethod
     def of(cls, group: Group, rows: Rows) -> Again:
@@ -67,6 +69,7 @@ class Again(NamedTuple):
             ends=np.zeros((2, width)),
             logs=np.zeros((2, width)),
             is_open=np.zeros(width, np.bool_),
+            sides=np.zeros(width, np.int64),
         )
 
 
@@ -92,16 +95,31 @@ def _combine(group, weights, offsets, first, last):
 
 
 @inlined
-def _take(group, again):
-    """All slopes of the steps, those of the extension included."""
-    rows, extension = again.rows, again.rows.extension
+def _above(group, lane, tolerance):
+    """Logarithm of a residual over the tolerance; infinite where it is no number."""
+    found, width = group.entry.found, group.who.shape[0]
+    worst = max(found[lane], found[width + lane])
+    return np.log(max(worst, 1e-300) / tolerance) if worst < np.inf else np.inf
+
+
+@inlined
+def _take(group, again, tolerance):
+    """All slopes of the steps, those of the extension included, and residuals at their ends."""
+    rows, extension, ends, logs = again.rows, again.rows.extension, again.ends, again.logs
     evaluate(group, group.entry.rhs, group.x, 0)
+    read_residuals(group, group.x)
+    ends[0], ends[1] = 0.0, 1.0
+    for lane in range(again.theta.shape[0]):
+        logs[0, lane] = max(_above(group, lane, tolerance), 0.0)
     stages = rows.starts.shape[0] - 3
     for stage in range(stages):
         _combine(group, rows.weights, again.offsets, rows.starts[stage], rows.starts[stage + 1])
         if stage == stages - 1:
             _keep(group)
         evaluate(group, group.entry.rhs, group.ahead, stage + 1)
+    read_residuals(group, group.ahead)
+    for lane in range(again.theta.shape[0]):
+        logs[1, lane] = min(_above(group, lane, tolerance), -CLOSE)
     starts = extension.starts
     for stage in range(starts.shape[0] - 2):
         _combine(group, extension.weights, again.extra, starts[stage], starts[stage + 1])
@@ -120,46 +138,23 @@ def _look(group, again):
             for power in range(powers.shape[1] - 1, -1, -1):
                 weight = (weight + powers[i, power]) * theta[lane]
             weights[i, lane] = weight * group.memory[STEP, lane]
-    for at in range(0, group.entry.size, width):
-        for lane in range(width):
-            total = group.x[ghost + at + lane]
-            for i in range(powers.shape[0]):
-                total += weights[i, lane] * group.slopes[extension.which[first + i], at + lane]
-            group.ahead[ghost + at + lane] = total
+    ahead = group.ahead[ghost : ghost + group.entry.size]
+    ahead[:] = group.x[ghost : ghost + group.entry.size]
+    for i in range(powers.shape[0]):
+        slopes = group.slopes[extension.which[first + i]]
+        for at in range(0, group.entry.size, width):
+            for lane in range(width):
+                ahead[at + lane] += weights[i, lane] * slopes[at + lane]
     _keep(group)
     evaluate(group, group.entry.rhs, group.ahead, group.slopes.shape[0] - 1)
     read_residuals(group, group.ahead)
 
 
 @inlined
-def _above(group, lane, tolerance):
-    """Logarithm of a residual over the tolerance; infinite where it is no number."""
-    found, width = group.entry.found, group.who.shape[0]
-    worst = max(found[lane], found[width + lane])
-    return np.log(max(worst, 1e-300) / tolerance) if worst < np.inf else np.inf
-
-
-@inlined
-def _bracket(group, again, tolerance):
-    """The last of some looks that is above the tolerance, and the next one."""
-    ends, logs, is_open = again.ends, again.logs, again.is_open
-    ends[0], logs[0], ends[1], logs[1], is_open[:] = 0.0, 0.0, 1.0, -1.0, True
-    for look in range(LOOKS + 1):
-        again.theta[:] = look / LOOKS
-        _look(group, again)
-        for lane in range(is_open.shape[0]):
-            log = _above(group, lane, tolerance)
-            if log >= 0.0:
-                ends[0, lane], logs[0, lane], is_open[lane] = look / LOOKS, log, True
-            elif is_open[lane]:
-                ends[1, lane], logs[1, lane], is_open[lane] = look / LOOKS, log, False
-
-
-@inlined
 def _cross(group, again, tolerance):
     """Where residuals cross the tolerance, by false position in their logarithms."""
     ends, logs, is_open, theta = again.ends, again.logs, again.is_open, again.theta
-    is_open[:] = True
+    is_open[:], again.sides[:] = True, -1
     for _ in range(ROUNDS):
         is_over = True
         for lane in range(is_open.shape[0]):
@@ -175,7 +170,9 @@ def _cross(group, again, tolerance):
                 log = _above(group, lane, tolerance)
                 side = 0 if log >= 0.0 else 1
                 ends[side, lane], logs[side, lane] = theta[lane], log
-                logs[1 - side, lane] *= 0.5  # Illinois: an end that stays counts half
+                if again.sides[lane] == side:  # Illinois: an end that stays twice counts half
+                    logs[1 - side, lane] *= 0.5
+                again.sides[lane] = side
                 is_open[lane] = not abs(log) < CLOSE
 
 
@@ -204,8 +201,7 @@ def locate(group, again, samples, found, chosen, tolerance):
             for i in range(group.components.shape[0]):
                 group.x[group.entry.ghost + group.components[i] + lane] = found.exits[sample, i]
             group.memory[STEP, lane] = found.spans[sample, 1] - found.spans[sample, 0]
-        _take(group, again)
-        _bracket(group, again, tolerance)
+        _take(group, again, tolerance)
         _cross(group, again, tolerance)
         for lane in range(min(width, count - first)):
             sample = chosen[first + lane]
