@@ -4,6 +4,7 @@ from collections import Counter
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from simulator import needs_ngspice
 
 from ann_dc.backends.spice import SpiceBackend
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity import NEAR, Reason, circuit_study, specimen, study_circuit
+from ann_dc.fidelity import NEAR, Reason, specimen, study_circuit
 from ann_dc.gain_design import WITHOUT_COORDINATORS, design
 from ann_dc.hardware.parts import BEHAVIOURAL, E96, macro, ota_c, presets
 from ann_dc.network import Network
@@ -52,8 +53,8 @@ def counted(monkeypatch):
     count(specimen, "emulate")
     count(specimen, "equilibrium")
     count(SpiceBackend, "deck")
-    monkeypatch.setattr(SpiceBackend, "measure", lambda *_: None)  # ngspice does not matter here
-    monkeypatch.setattr(circuit_study, "refined", lambda *_: None)
+    silent = SimpleNamespace(timed=None)  # ngspice does not matter here
+    monkeypatch.setattr(SpiceBackend, "measure", lambda *_: silent)
     return counts
 
 
