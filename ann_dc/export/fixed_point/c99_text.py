@@ -51,8 +51,8 @@ typedef struct {{
 /* The start, with the inputs that the network was exported with. */
 void ann_dc_start(ann_dc_network *network);
 
-/* A number into an input at a stage; 0 if there is no such place. What does not fit is cut off, and
-   saturates. */
+/* Write a number into an input at a stage; 0 if there is no such place. A number that does not fit
+   is cut off, and saturates. The status becomes ANN_DC_RUNNING, unless saturated. */
 int ann_dc_load(ann_dc_network *network, int input, int stage, int32_t number);
 
 /* A number into an input at all stages. */
@@ -225,10 +225,9 @@ int ann_dc_load(ann_dc_network *network, int input, int stage, int32_t number)
     int64_t fit = clipped(number, -TOP - 1, TOP);
     if (input < 0 || input >= ANN_DC_INPUTS || stage < 0 || stage >= ANN_DC_STAGES)
         return 0;
-    if (fit != number) {{
+    if (fit != number)
         network->saturated = 1;
-        network->status = ANN_DC_SATURATED;
-    }}
+    network->status = network->saturated ? ANN_DC_SATURATED : ANN_DC_RUNNING;
     network->words[input_table[input][stage]] = (int32_t)(fit * ((int64_t)1 << ANN_DC_GUARD));
     return 1;
 }}

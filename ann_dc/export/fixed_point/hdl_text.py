@@ -23,7 +23,7 @@ module ann_dc_network (
     output logic                      saturated,      // a number was cut off since the restart
     output logic [1:0]                status,         // RUNNING, SETTLED, SATURATED or LIMITED
     output logic [31:0]               steps,          // since the last restart
-    input  logic                      load,           // while not busy: data into an input
+    input  logic                      load,           // while not busy: data into an input, RUNNING
     input  logic [@WORD_AT@-1:0]      address,
     input  logic signed [@BITS@-1:0]  data,
     output logic signed [@BITS@-1:0]  word,           // what is there, a clock after its address
@@ -227,6 +227,9 @@ MACHINE = """
                     settled <= 0;
                     limited <= 0;
                     phase <= FETCH;
+                end else if (load) begin
+                    settled <= 0;
+                    limited <= 0;
                 end
             end
             COPY: phase <= STORE;
@@ -297,6 +300,7 @@ MACHINE = """
                 since_mark <= since_mark == PERIOD - 1 ? 0 : since_mark + 1;
                 if (since_mark == PERIOD - 1) phase <= LOOK;
                 else begin
+                    settled <= 0;
                     phase <= taken + 1 == most ? IDLE : FETCH;
                     limited <= stop && taken + 1 == most;
                 end
