@@ -216,7 +216,7 @@ def _cpu_rung(timing: SolverTiming) -> Measured:
 
 
 def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
-    """Return the error of the controls at a state, relative to the equilibrium's."""
+    """Of the controls at a state from the equilibrium's, over the largest one."""
     rest = equilibrium(network, probe.final)
     settled = replace(probe, states=np.vstack([probe.states, rest]))
     return control_error(control_values(network, x), settled)

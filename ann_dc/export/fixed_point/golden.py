@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.errors import ExportError
-from ann_dc.export.fixed_point.arithmetic.machine import WORD, Integers, Machine
+from ann_dc.export.fixed_point.arithmetic.machine import WORD, Integers, Machine, Settled
 from ann_dc.export.fixed_point.arithmetic.sampling import Sample
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.scale import Scale
@@ -27,6 +27,8 @@ WRONG = 10.0
 LEAST = 0.05
 """Largest control that an error is related to at least, over the largest of all inputs: a number
 of some bits has no relative accuracy near zero."""
+MISSING = 0.02
+"""Share of inputs that may settle right in float64 alone."""
 PREFIX = "ann_dc"
 """Beginning of all names of files, of C and of modules."""
 
@@ -56,22 +58,59 @@ class Measured(NamedTuple):
     inputs: int = 0
     """Inputs that were tried; zero where no input has a range."""
     floats: int = 0
-    """Inputs that the same steps settle in float64."""
+    """Inputs that float64 settles."""
     settled: int = 0
     """Inputs that settle in integers."""
     right: int = 0
     """Settled inputs whose controls are those of float64, within `WRONG` times the accuracy."""
     wrong: int = 0
     """Settled inputs whose controls are further from those of float64."""
+    unconfirmed: int = 0
+    """Settled inputs that float64 does not settle, even with half the step for twice as long."""
     saturated: int = 0
     """Inputs with a number that was cut off."""
 
+    @property
+    def enough(self) -> bool:
+        """True if no answer is wrong or unconfirmed, and few inputs settle in float64 alone."""
+        missing = self.floats - self.right
+        return not self.wrong and not self.unconfirmed and missing <= MISSING * self.inputs
+
     def __str__(self) -> str:
-        share = 100 * self.right / max(self.inputs, 1)
+        if not self.inputs:
+            return "no inputs were held out"
         return (
-            f"{self.right} of {self.inputs} held-out inputs settle right ({share:.1f} %; float64 "
-            f"{self.floats}), {self.wrong} wrong, {self.saturated} saturated"
+            f"{self.right} of {self.inputs} inputs settle right ({self.right / self.inputs:.1%}; "
+            f"float64 {self.floats}), {self.wrong} wrong, {self.unconfirmed} unconfirmed, "
+            f"{self.saturated} saturated"
         )
+
+
+def control_errors(
+    found: np.ndarray, wanted: np.ndarray, settled: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the largest error of the controls of every lane.
+
+    Errors are relative to the largest wanted control of the lane, but at least to `LEAST` times the
+    largest of all lanes.
+
+    Parameters
+    ----------
+    found, wanted : (B, k) arrays
+        Controls in the user's units.
+    settled : (B,) array of bool, optional
+        Lanes with wanted controls; by default those that are finite.
+
+    Returns
+    -------
+    (B,) array
+    """
+    with np.errstate(all="ignore"):
+        largest = np.abs(wanted).max(1, initial=0.0)
+        off = np.abs(found - wanted).max(1, initial=0.0)
+        known = np.isfinite(largest) if settled is None else settled
+        whole = largest[known].max(initial=0.0)
+        return off / (np.maximum(largest, LEAST * whole) if whole > 0 else 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -149,7 +188,7 @@ class FixedPoint:
         """The inputs that words were chosen for, and the share of them that settles right."""
         if not self.ranges:
             return f"words chosen for {self.covers}; others may saturate, which the status tells"
-        return f"words chosen for {self.covers}: {self.measured}"
+        return f"words chosen for {self.covers}; held out, {self.measured}"
 
     def named(self, prefix: str) -> FixedPoint:
         """The same under a prefix of its names; an `ExportError` if it is no identifier."""
@@ -182,11 +221,10 @@ class FixedPoint:
                 model.load(port.words, numbers.astype(np.int64))
         return model
 
-    def errors(self, states: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """Errors (B,) of integer states (n, B) against ends (n, B) in network units.
-
-        Relative to the largest control of each lane, but to no less than `LEAST` times that of all.
-        """
+    def errors(
+        self, states: np.ndarray, ends: np.ndarray, settled: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return `control_errors` of integer states (n, B) against ends (n, B) in network units."""
         neurons = self.machine.neurons[:, WORD]
         at = {word: place for place, word in enumerate(neurons.tolist())}
         read = [at[int(port.words[0])] for port in self.controls]
@@ -194,29 +232,31 @@ class FixedPoint:
         bits = self.fraction[neurons[read]] + self.machine.guard
         with np.errstate(all="ignore"):
             found = offset + factor * np.ldexp(states[read].astype(float), -bits[:, None]).T
-            wanted = offset + factor * ends[read].T
-            largest = np.abs(wanted).max(1, initial=0.0)
-            off = np.abs(found - wanted).max(1, initial=0.0)
-            whole = np.where(np.isfinite(largest), largest, 0.0).max(initial=0.0)
-            return off / (np.maximum(largest, LEAST * whole) if whole > 0 else 1.0)
+            return control_errors(found, offset + factor * ends[read].T, settled)
 
     def control_error(self, states: np.ndarray, vector: ReferenceVector) -> float:
         """Largest error of a control at integer states (n,), over the largest of a vector's end."""
         ends = vector.end[tuple(self.places.T)]
         return float(self.errors(states[:, None], ends[:, None])[0])
 
-    def measured_on(self, sample: Sample) -> FixedPoint:
-        """The same with its settling measured on a sample of inputs."""
-        found = self.model(sample.loaded)
-        run = found.settle(self.limit)
-        right = self.errors(run.states, sample.ends) <= WRONG * self.accuracy
-        judged = run.settled & sample.settled
-        measured = Measured(
+    def judged(self, run: Settled, sample: Sample, allowed: float) -> Measured:
+        """Return counts of the lanes of a run, whose inputs are those of a sample.
+
+        Parameters
+        ----------
+        run : Settled
+        sample : Sample
+        allowed : float
+            Largest error of a right answer.
+        """
+        right = self.errors(run.states, sample.ends, sample.settled) <= allowed
+        both = run.settled & sample.settled
+        return Measured(
             inputs=len(right),
             floats=int(sample.settled.sum()),
             settled=int(run.settled.sum()),
-            right=int((judged & right).sum()),
-            wrong=int((judged & ~right).sum()),
-            saturated=int(found.saturated.sum()),
+            right=int((both & right).sum()),
+            wrong=int((both & ~right).sum()),
+            unconfirmed=int((run.settled & ~sample.settled).sum()),
+            saturated=int(run.saturated.sum()),
         )
-        return replace(self, measured=measured)

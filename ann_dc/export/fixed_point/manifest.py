@@ -177,11 +177,12 @@ def _ranges(table: Table, inputs: list[str]) -> dict[str, tuple[float, float]]:
 
 
 def _measured(table: Table) -> Measured:
-    """Counts that can be: of settled inputs no more are right and wrong than there are."""
+    """Read counts; right, wrong and unconfirmed answers add up to the settled ones."""
     given = Table(f"{NAME}: measured", table.get("measured", dict))
     require(set(given.given) == set(Measured._fields), given.place, "expected its counts alone")
     found = Measured(*(given.whole(name, 0, 10**6) for name in Measured._fields))
-    fits = found.right + found.wrong <= found.settled <= found.inputs - found.saturated
+    counted = found.right + found.wrong + found.unconfirmed
+    fits = counted == found.settled <= found.inputs - found.saturated
     require(fits and found.floats <= found.inputs, given.place, "counts contradict each other")
     return found
 

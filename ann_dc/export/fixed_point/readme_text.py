@@ -5,7 +5,8 @@ FORMATS = """\
 
 Word ranges were chosen for {worth}. {own} An answer is right if its
 controls are within {wrong:g} of the largest control of the same network in float64, or of {least:g}
-times the largest for any of these inputs.
+times the largest for any of these inputs. It is unconfirmed if float64 does not settle, even with
+half the step for twice as long; an export has no wrong or unconfirmed answer among those counted.
 
 ## Numbers
 
@@ -32,6 +33,7 @@ is multiplied by another word, or looks up a table, is rounded to {bits} bits be
 - settled: not saturated, and after a multiple of {period} steps no word of a neuron is further from
   where it was {period} steps before than its threshold, and no drive (net input of a neuron, the
   residual) is larger than another threshold.
+- running: neither yet. A new input brings this status back, unless saturated.
 - limit: neither, within as many steps as were allowed; {limit} are four times those of the
   slowest input that was tried.
 

@@ -29,13 +29,12 @@ from ann_dc.evaluation.formulas import compiled, inlined
 from ann_dc.export.fixed_point.arithmetic.program import (
     DRIVE,
     FUNCTION,
+    GROUP,
     PRODUCT,
     RECTIFY,
     UPDATE,
 )
 
-GROUP = 32
-"""Lanes that take their steps together: their words fit into a processor's cache."""
 WORD, START, LOW, HIGH, STILL, DRIVEN, SMALL = range(7)
 """Columns of a machine's neurons."""
 
@@ -50,18 +49,18 @@ class Machine(NamedTuple):
     period: int
     """Steps from one mark to the next."""
     operations: np.ndarray
-    """(K, 6): kind, word or neuron that is written, first and last edge (or two words; or table
-    and word), shift of the rounding, neuron or -1."""
+    """Rows (K, 6): kind, word or neuron that is written, first and last edge (or two words; or
+    table and word), shift of the rounding, neuron or -1."""
     edges: np.ndarray
-    """(E, 3): word that a sum reads, its coefficient, and the exponent of its power of two."""
+    """Rows (E, 3): word that a sum reads, its coefficient, and the exponent of its power of two."""
     tables: np.ndarray
-    """(T, 4): lowest and highest argument, shift from arguments to entries, first entry."""
+    """Rows (T, 4): lowest and highest argument, shift from arguments to entries, first entry."""
     entries: np.ndarray
-    """(V,): entries of all tables."""
+    """Entries of all tables: (V,)."""
     words: np.ndarray
-    """(W,): at the start."""
+    """Values of all words at the start: (W,)."""
     neurons: np.ndarray
-    """(n, 7): word, its value at the start, rails, threshold of its drift, word of its drive,
+    """Rows (n, 7): word, its value at the start, rails, threshold of its drift, word of its drive,
     threshold of that."""
 
     @property
@@ -74,11 +73,13 @@ class Settled(NamedTuple):
     """End of every lane of a run with a limit."""
 
     steps: np.ndarray
-    """(B,): taken until it settled, or the limit."""
+    """Steps until a lane settled, or the limit: (B,)."""
     settled: np.ndarray
-    """(B,) bool."""
+    """True for lanes that settled: (B,) bool."""
     states: np.ndarray
-    """(n, B): words of the neurons then."""
+    """Words of the neurons after these steps: (n, B)."""
+    saturated: np.ndarray
+    """Lanes in which a number was cut off: (B,) bool."""
 
 
 class Integers:
@@ -110,17 +111,17 @@ class Integers:
 
     @property
     def words(self) -> np.ndarray:
-        """(W,): the words of the first lane; writing here writes there."""
+        """Words of the first lane, as a view that can be written to: (W,)."""
         return self.lanes[:, 0]
 
     @property
     def states(self) -> np.ndarray:
-        """(n,): the words of the neurons of the first lane."""
+        """Words of the neurons of the first lane: (n,)."""
         return self.words[self.machine.neurons[:, WORD]]
 
     @property
     def states_of_lanes(self) -> np.ndarray:
-        """(n, B): the words of the neurons."""
+        """Words of the neurons of all lanes: (n, B)."""
         return self.lanes[self.machine.neurons[:, WORD]]
 
     def load(self, words: np.ndarray, values: np.ndarray) -> None:
@@ -195,12 +196,12 @@ class Integers:
             steps[found], states[:, found] = self.steps, self.states_of_lanes[:, found]
             settled |= found
         states[:, ~settled] = self.states_of_lanes[:, ~settled]
-        return Settled(steps, settled, states)
+        return Settled(steps, settled, states, self.saturated.copy())
 
 
 @inlined
 def rounded(a, shift):
-    """a / 2^shift, to the nearest integer, halves upward."""
+    """Return a / 2^shift, to the nearest integer, halves upward."""
     if shift > 0:
         return (a + (1 << (shift - 1))) >> shift
     return a << -shift
@@ -218,7 +219,7 @@ def _looked_up(tables, entries, table, x, saturated, lane):
 
 @inlined
 def _added(edges, words, first, last, total):
-    """Sums of all lanes."""
+    """Compute the sums of all lanes."""
     total[:] = 0
     for e in range(first, last):
         word, coefficient = edges[e, 0], edges[e, 1] << edges[e, 2]
@@ -228,7 +229,7 @@ def _added(edges, words, first, last, total):
 
 @inlined
 def _marked(neurons, memory):
-    """Mark all neurons; True if the first lane is settled."""
+    """Mark all neurons, and return True if the first lane is settled."""
     words, saturated, marks, drift, drive = memory
     settled = not saturated[0]
     for n in range(neurons.shape[0]):
@@ -245,7 +246,7 @@ def _marked(neurons, memory):
 
 @inlined
 def _kept(values, low, high, top, saturated):
-    """Values between two ends; an end of the words that cuts one off saturates its lane."""
+    """Clip values to two ends; an end of the words that cuts one off saturates its lane."""
     for lane in range(values.shape[0]):
         value = min(max(values[lane], low), high)
         saturated[lane] |= value != values[lane] and (value == top or value == -top - 1)

@@ -23,6 +23,8 @@ SUM, PRODUCT, FUNCTION, RECTIFY, DRIVE, UPDATE = range(6)
 SUMS = (SUM, DRIVE, UPDATE)
 ZERO = 0
 """The word that is always zero."""
+GROUP = 32
+"""Lanes that take their steps together: their words fit into a processor's cache."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,7 +7,7 @@ ranges, and a Sobol sequence. What the integers are worth is measured on another
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -66,7 +66,7 @@ def covered(network: Network, over: str) -> dict[str, tuple[float, float]]:
 
 
 def _closed(network: Network, name: str, ends: tuple[float, float]) -> tuple[float, float]:
-    """A range with the network's own value for an end that is open."""
+    """Return a range with the network's own value for an end that is open."""
     own = network.input_scale(name).user(network.input_values[name])
     low, high = ends
     return (
@@ -76,7 +76,7 @@ def _closed(network: Network, name: str, ends: tuple[float, float]) -> tuple[flo
 
 
 def _drawn(network: Network, ranges: InputRanges, count: int, seed: int) -> np.ndarray:
-    """(inputs, B) values in the ranges."""
+    """Draw values in the ranges: (inputs, B)."""
     from scipy.stats import qmc  # loads slowly, and few need it
 
     low, high = np.transpose(list(ranges.values()))
@@ -98,6 +98,8 @@ class Sample:
     walks : Walks
     steps : (B,) array of int
         Steps until the walk was seen at rest; -1 where it did not settle.
+    ends : (n, B) array
+        States at the end, in network units.
     """
 
     program: Program
@@ -105,16 +107,12 @@ class Sample:
     loaded: Mapping[str, np.ndarray]
     walks: Walks
     steps: np.ndarray
+    ends: np.ndarray
 
     @property
     def settled(self) -> np.ndarray:
-        """(B,) bool."""
+        """True for walks that settled: (B,) bool."""
         return self.steps >= 0
-
-    @property
-    def ends(self) -> np.ndarray:
-        """(n, B): the states at the end, in network units."""
-        return self.walks.words[self.program.states]
 
     @property
     def ranges(self) -> Ranges:
@@ -170,8 +168,36 @@ def held_out(network: Network, vector: ReferenceVector, ranges: InputRanges, ste
     return _walked(network, vector, _loaded(network, ranges, values), step)
 
 
+def confirmed(
+    network: Network, vector: ReferenceVector, sample: Sample, lanes: np.ndarray
+) -> Sample:
+    """Walk again where walks did not settle, with half the step and for twice as long.
+
+    Parameters
+    ----------
+    network : Network
+    vector : ReferenceVector
+    sample : Sample
+    lanes : (B,) array of bool
+        Lanes that are walked again, if they did not settle.
+
+    Returns
+    -------
+    Sample
+        Ends and steps are those of the second walks.
+    """
+    again = lanes & ~sample.settled
+    if not again.any():
+        return sample
+    loaded = {name: values[:, again] for name, values in sample.loaded.items()}
+    found = _walked(network, vector, loaded, sample.step / 2, 2 * SLOWEST)
+    ends, steps = sample.ends.copy(), sample.steps.copy()
+    ends[:, again], steps[again] = found.ends, found.steps
+    return replace(sample, ends=ends, steps=steps)
+
+
 def _loaded(network: Network, ranges: InputRanges, values: np.ndarray) -> dict[str, np.ndarray]:
-    """(N, B) values of every input, in network units."""
+    """Return values of every input, in network units: (N, B) each."""
     ones = np.ones((network.stages, 1))
     return {
         name: ones * network.input_scale(name).network(row) for name, row in zip(ranges, values)
@@ -179,14 +205,18 @@ def _loaded(network: Network, ranges: InputRanges, values: np.ndarray) -> dict[s
 
 
 def _walked(
-    network: Network, vector: ReferenceVector, loaded: Mapping[str, np.ndarray], step: float
+    network: Network,
+    vector: ReferenceVector,
+    loaded: Mapping[str, np.ndarray],
+    step: float,
+    slowest: int = SLOWEST,
 ) -> Sample:
     """Walk until every lane rests, is lost, or has taken too long."""
     program = program_of(network, step)
     walks = Walks(program, loaded)
     count = max(round(vector.steps * vector.step / step), 1)
     every = max(count // LOOKS, 1)
-    limit = max(2 * count, min(SLOWEST * count, LIMIT))
+    limit = max(2 * count, min(slowest * count, LIMIT))
     steps = np.full(walks.words.shape[1], -1)
     moving = np.arange(len(steps))
     for taken in range(every, limit + 1, every):
@@ -196,11 +226,11 @@ def _walked(
         moving = moving[(residual >= vector.tolerance) & (residual < LOST)]
         if not len(moving):
             break
-    return Sample(program, step, loaded, walks, steps)
+    return Sample(program, step, loaded, walks, steps, walks.words[program.states])
 
 
 def _residuals(network: Network, walks: Walks, lanes: np.ndarray) -> np.ndarray:
-    """The relative residuals of lanes, those of `ann_dc.evaluation.rules.residuals`."""
+    """Compute relative residuals of lanes, those of `ann_dc.evaluation.rules.residuals`."""
     rows = RoleRows.of(evaluator(network).tape.roles)
     drives, states = np.zeros((2, *network.live.shape, len(lanes)))
     rows_of, stages = network.places.T

@@ -11,25 +11,23 @@ from ann_dc.evaluation.formulas import check_written, compiled, value_at
 from ann_dc.export.fixed_point.arithmetic.program import (
     DRIVE,
     FUNCTION,
+    GROUP,
     PRODUCT,
     RECTIFY,
     UPDATE,
     Program,
 )
 
-GROUP = 32
-"""Lanes that take their steps together: their words fit into a processor's cache."""
-
 
 class Ranges(NamedTuple):
     """Lowest and highest value of every word on walks."""
 
     low: np.ndarray
-    """(W,)."""
+    """Lowest values: (W,)."""
     high: np.ndarray
-    """(W,)."""
+    """Highest values: (W,)."""
     end: np.ndarray
-    """(n,): the state after the last step of the first walk."""
+    """State after the last step of the first walk: (n,)."""
 
 
 class Walks:
