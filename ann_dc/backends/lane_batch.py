@@ -190,7 +190,7 @@ class _Work:
             hand_over(thread.group, self.found)
 
     def locate(self, lanes: Lanes) -> None:
-        """When the residuals of the samples that settled fell below the tolerance."""
+        """Locate the times at which residuals of settled samples fell below the tolerance."""
         locate, is_known = self.begin(lanes).locate, np.isfinite(self.found.spans[:, 0])
         chosen = np.flatnonzero((self.found.codes == SETTLED) & is_known)
         if locate is not None and chosen.size:

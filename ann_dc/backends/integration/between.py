@@ -28,29 +28,29 @@ class Aside(NamedTuple):
     """The same integration as a course, at states inside its last step."""
 
     starts: np.ndarray
-    """As in `Extension`."""
+    """Starts of `Extension`."""
     which: np.ndarray
-    """As in `Extension`."""
+    """Entries of `Extension`."""
     weights: np.ndarray
-    """As in `Extension`; the last row is overwritten by that of the state asked for."""
+    """Weights of `Extension`; the last row is overwritten by that of the state asked for."""
     powers: np.ndarray
-    """As in `Extension`."""
+    """Powers of `Extension`."""
     x: np.ndarray
-    """Of the course: the state before the step."""
+    """State of the course before the step."""
     ahead: np.ndarray
     """The state inside it."""
     slopes: np.ndarray
-    """Of the course: those of the step, E of the extra stages, and one of the state inside."""
+    """Slopes of the course: those of the step, E of extra stages, one of the state inside."""
     offsets: np.ndarray
-    """(entries,): where the slope of every entry begins."""
+    """Beginning of the slope of every entry, (entries,)."""
     scales: np.ndarray
-    """Of the course."""
+    """Scales of the course."""
 
     @classmethod
     def of(
         cls, extension: Extension, x: np.ndarray, slopes: np.ndarray, scales: np.ndarray
     ) -> Aside:
-        """Of the arrays of a course."""
+        """Make it from the arrays of a course."""
         starts, which, weights, powers = extension
         return cls(
             starts=starts,
@@ -142,7 +142,7 @@ def last_exit(system, aside, h, ends, tolerance):
 
 @inlined
 def _crossing(system, aside, h, between, ends, tolerance):
-    """Where the logarithm of the residual crosses that of the tolerance, by false position."""
+    """Find where the residual crosses the tolerance: false position of the logarithms."""
     (a, b), least = between, 1e-300
     high, low = np.log(ends[0] / tolerance), np.log(max(ends[1], least) / tolerance)
     theta, side = b, 0.0

@@ -19,7 +19,7 @@ from ann_dc.evaluation.generated.choice import FastEvaluator
 INSIDE = 1e-12
 """Distance from a limit at which a neuron that is not held is evaluated, relative to the limit."""
 HALVINGS = 50
-"""Of a step, by which an instant is located."""
+"""Number of halvings of a step by which an instant is located."""
 
 
 class Piece(NamedTuple):
@@ -133,7 +133,7 @@ class LimitedSolver:
         return np.where(self._held, np.clip(x, self._low, self._high), inside)
 
     def _outward(self, x: np.ndarray) -> np.ndarray:
-        """(n,) booleans: neurons at a limit or beyond, whose slope leads out."""
+        """Mark neurons (n,) at a limit or beyond it whose slope leads out."""
         held, self._held = self._held, np.zeros(len(x), bool)
         slope = self._rhs(0.0, self._within(x))
         self._held = held

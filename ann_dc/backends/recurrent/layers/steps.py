@@ -34,7 +34,7 @@ class StepState(NamedTuple):
     window: torch.Tensor
     """Length of the window."""
     turned: torch.Tensor
-    """How far moves have turned since the last turn was full: the sum of `turn_of`."""
+    """Turn of the moves since the last full one: the sum of `turn_of`."""
     peak: torch.Tensor
     """Highest energy since then."""
     floor: torch.Tensor
