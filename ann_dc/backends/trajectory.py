@@ -99,8 +99,10 @@ class Trajectory(Record, Tabulated):
         if not rows:
             time, states = self.known
             middles = 0.5 * (time[:-1] + time[1:])
-            order = np.argsort(np.concatenate([time, middles]), kind="stable")
             between = vars(self)["_between"]((time, states), middles)
+            is_found = np.isfinite(between).all(axis=1)
+            middles, between = middles[is_found], between[is_found]
+            order = np.argsort(np.concatenate([time, middles]), kind="stable")
             rows["time"] = np.concatenate([time, middles])[order]
             rows["states"] = np.concatenate([states, between])[order]
         return rows[name]
@@ -119,7 +121,8 @@ class Trajectory(Record, Tabulated):
         """Return the states at any times of the run, as good as those at its steps.
 
         Gaps are integrated again by the method of the run, and states inside a step are those of
-        its continuous extension; no state is beyond a rail.
+        its continuous extension; no state is beyond a rail. A state is nan if the method fails
+        before it in its gap, for instance because a function block leaves its domain.
 
         Parameters
         ----------
@@ -151,7 +154,9 @@ class Trajectory(Record, Tabulated):
         found = np.empty((len(times), states.shape[1]))
         if len(times):
             found[order] = vars(self)["_between"]((known, states), times[order])
-        found[times == known[-1]] = states[-1]
+        last = np.searchsorted(known, times, side="right") - 1
+        is_known = known[last] == times
+        found[is_known] = states[last[is_known]]
         return found
 
     @property

@@ -1,14 +1,14 @@
 """States of an integration between its steps, computed when they are asked for and not before.
 
 Every gap between two known states is integrated again, by the method and at the tolerances of the
-run, and states inside a step are those of the method's continuous extension. An implicit solver
-keeps its polynomials instead, since a multistep one cannot begin in the middle of a run.
+run, and states inside a step are those of the method's continuous extension. States behind a step
+that fails are nan. An implicit solver keeps its polynomials instead, since a multistep one cannot
+begin in the middle of a run.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,7 +81,7 @@ class SolvedAgain:
                 chosen = np.flatnonzero(gaps == gap)
                 length = float(at[gap + 1] - at[gap])
                 pieces = self._pieces(states[gap], length)
-                found[chosen] = in_pieces(pieces, times[chosen] - at[gap])
+                found[chosen] = in_pieces(pieces, times[chosen] - at[gap], found.shape[1])
         return within_rails(self.compiled, found)
 
     def _pieces(self, x: np.ndarray, length: float) -> list[Any]:
@@ -92,9 +92,7 @@ class SolvedAgain:
             rtol=method.rtol, atol=method.atol, first_step=length,
         )  # fmt: skip
         while solver.status == "running":
-            share = share_of_tolerance(max(self.compiled.residuals(solver.y)), method.rtol)
-            solver.rtol, solver.atol = method.rtol * share, method.atol * share
-            solver.step()
+            take_step(solver, method, self.compiled, max(self.compiled.residuals(solver.y)))
             if solver.status != "failed":
                 pieces.append(solver.dense_output())
         return pieces
@@ -114,31 +112,58 @@ class Pieces:
     pieces: Sequence[Any]
     compiled: Evaluator
 
-    def __call__(self, _: Known, times: np.ndarray) -> np.ndarray:
+    def __call__(self, known: Known, times: np.ndarray) -> np.ndarray:
         """States (K, n) at rising times."""
-        return within_rails(self.compiled, in_pieces(self.pieces, times))
+        return within_rails(self.compiled, in_pieces(self.pieces, times, known[1].shape[1]))
 
 
-def in_pieces(pieces: Sequence[Any], times: np.ndarray) -> np.ndarray:
-    """States (K, n) at rising times, each from its polynomial.
+def in_pieces(pieces: Sequence[Any], times: np.ndarray, size: int) -> np.ndarray:
+    """Return states (K, size) at rising times, nan behind the last polynomial.
 
     Parameters
     ----------
     pieces : sequence of scipy.integrate.DenseOutput
         One after the other.
     times : (K,) array
+    size : int
+        Components of a state.
     """
-    return np.concatenate([piece(some).T for piece, some in _shared_out(pieces, times)])
+    found = np.full((len(times), size), np.nan)
+    numbers = np.searchsorted([piece.t for piece in pieces], times)
+    for number in np.unique(numbers[numbers < len(pieces)]):
+        chosen = slice(*np.searchsorted(numbers, [number, number + 1]))
+        found[chosen] = pieces[number](times[chosen]).T
+    return found
 
 
-def _shared_out(pieces: Sequence[Any], times: np.ndarray) -> Iterator[tuple[Any, np.ndarray]]:
-    ends, begin = [piece.t for piece in pieces], 0
-    while begin < len(times):
-        number = min(bisect_left(ends, times[begin]), len(pieces) - 1)
-        is_last = number == len(pieces) - 1
-        end = len(times) if is_last else int(np.searchsorted(times, ends[number], side="right"))
-        yield pieces[number], times[begin:end]
-        begin = end
+def take_step(solver: Any, method: Method, compiled: Evaluator, worst: float) -> str | None:
+    """Take a step of a SciPy solver and put its state back within the rails.
+
+    The tolerance of an explicit method shrinks with the residual, as in `integrator.advance`. A
+    solver that keeps the slope at its state gets that of the state within the rails.
+
+    Parameters
+    ----------
+    solver : scipy.integrate.OdeSolver or LimitedSolver
+    method : Method
+    compiled : Evaluator
+        Evaluator of the network.
+    worst : float
+        Larger residual at the state from which the step starts.
+
+    Returns
+    -------
+    str or None
+        Message of a step that failed.
+    """
+    if not method.implicit:
+        share = share_of_tolerance(worst, method.rtol)
+        solver.rtol, solver.atol = method.rtol * share, method.atol * share
+    message = solver.step()
+    within = within_rails(compiled, solver.y)
+    if "f" in vars(solver) and not np.array_equal(within, solver.y):
+        solver.y, solver.f = within, solver.fun(solver.t, within)
+    return message
 
 
 def within_rails(compiled: Evaluator, x: np.ndarray) -> np.ndarray:

@@ -295,10 +295,10 @@ def draw(system, rows, course, ends, places, known, times):
     Returns
     -------
     (K, n) array
-        On a straight line across what is left of a gap where a step fails.
+        nan in the rest of a gap in which a step fails.
     """
     at, states = known
-    found = np.empty((times.shape[0], places.shape[0]))
+    found = np.full((times.shape[0], places.shape[0]), np.nan)
     gap, begin = 0, 0
     while begin < times.shape[0]:
         while gap < at.shape[0] - 2 and at[gap + 1] <= times[begin]:
@@ -309,20 +309,17 @@ def draw(system, rows, course, ends, places, known, times):
         length = at[gap + 1] - at[gap]
         for i in range(places.shape[0]):
             course.x[places[i]] = states[gap, i]
-        done = _bridged(
+        _bridged(
             system, rows, course, Ends(length, -1.0, np.inf, ends.rtol, ends.atol, 0.0), places,
             times[begin:end] - at[gap], found[begin:end],
         )  # fmt: skip
-        for k in range(begin + done, end):
-            theta = (times[k] - at[gap]) / length
-            found[k] = (1.0 - theta) * states[gap] + theta * states[gap + 1]
         begin = end
     return found
 
 
 @inlined
 def _bridged(system, rows, course, ends, places, times, found):
-    """States at rising times from here to the end; how many of them there are."""
+    """Compute states at rising times, up to the first step that fails."""
     clock, done = course.clock, 0
     clock[:] = 0.0
     clock[1] = clock[5] = ends.until
@@ -330,12 +327,12 @@ def _bridged(system, rows, course, ends, places, times, found):
     while done < times.shape[0]:
         began, is_new = clock[0], True
         if _step(system, rows, course, ends) != GOING_ON:
-            return done
+            return
         constraint, stationarity, _ = residuals(system, course.ahead)
         h = clock[0] - began
         while done < times.shape[0] and (times[done] <= clock[0] or clock[0] >= ends.until):
             if is_new and not extended(system, course.aside, h):
-                return done
+                return
             is_new = False
             inside(system, course.aside, min((times[done] - began) / h, 1.0), h)
             for i in range(places.shape[0]):
@@ -343,4 +340,3 @@ def _bridged(system, rows, course, ends, places, times, found):
             done += 1
         _accept(course, rows)
         clock[4] = max(constraint, stationarity)
-    return done

@@ -22,6 +22,7 @@ from ann_dc.backends.integration.drawing import (
     CompiledAgain,
     Pieces,
     SolvedAgain,
+    take_step,
     within_rails,
 )
 from ann_dc.backends.integration.exits import LOOKS, located_exit
@@ -176,8 +177,6 @@ class CompiledStepper(Stepper):
 class SciPyStepper(Stepper):
     """One step a call, by a solver with SciPy's interface.
 
-    The tolerance of an explicit one shrinks with the residual, as in `integrator.advance`.
-
     Parameters
     ----------
     compiled : FastEvaluator
@@ -200,7 +199,6 @@ class SciPyStepper(Stepper):
     ) -> None:
         self.compiled, self.rhs, self.method = compiled, rhs, method
         self.solver: Any = solver(self._counted)
-        self.rtol, self.atol = getattr(self.solver, "rtol", 0.0), getattr(self.solver, "atol", 0.0)
         self.time, self.state = float(self.solver.t), self.solver.y
         self.tolerance, self._worst = tolerance, max(compiled.residuals(self.state))
         self.exit = 0.0 if self._worst < tolerance else float("nan")
@@ -216,20 +214,14 @@ class SciPyStepper(Stepper):
         return SolvedAgain(method=self.method, rhs=self.rhs, compiled=self.compiled)
 
     def _keep_piece(self) -> None:
-        if self._pieces is None or self.solver.status == "failed":
+        if self._pieces is None:
             return
         self._pieces.append(self.solver.dense_output())
         if 4 * len(self._pieces) * self.state.size > PIECES:
             self._pieces = None
 
-    def _keep_within_rails(self) -> None:
-        """Where the solver is one that begins a step with a state and its slope alone."""
-        within = within_rails(self.compiled, self.solver.y)
-        if hasattr(self.solver, "f") and not np.array_equal(within, self.solver.y):
-            self.solver.y, self.solver.f = within, self._counted(0.0, within)
-
     def _watch(self, began: float, worst: float) -> None:
-        """Since when the residual stays below the tolerance, after one more step."""
+        """Update the time since which the residual stays below the tolerance."""
         before, self._worst = self._worst, worst
         if not worst < self.tolerance:
             self.exit = float("nan")
@@ -250,27 +242,17 @@ class SciPyStepper(Stepper):
         return self.rhs(x)
 
     def steps(self, most: int) -> Steps:
-        """One."""
-        began, message = self.time, self.solver.step()
+        """Take one step; no row if it fails."""
+        began, message = self.time, take_step(self.solver, self.method, self.compiled, self._worst)
         if self.solver.status == "failed":
             self.failed = message or "the method failed"
+            return np.empty(0), np.empty((0, 2)), np.empty((0, self.state.size))
         self._keep_piece()
-        self.time = float(self.solver.t)
-        residuals = self._residuals_kept(began)
-        self.at_end = self.solver.status == "finished"
-        return np.array([self.time]), np.array([residuals]), np.array([self.state])
-
-    def _residuals_kept(self, began: float) -> tuple[float, float]:
-        """Residuals after a step, whose exit and whose tolerance for the next one follow."""
-        self._keep_within_rails()
-        self.state = within_rails(self.compiled, self.solver.y)
+        self.time, self.state = float(self.solver.t), within_rails(self.compiled, self.solver.y)
         residuals = self.compiled.residuals(self.state)
         self._watch(began, max(residuals))
-        if self.method.implicit or not self.rtol:
-            return residuals
-        share = integrator.share_of_tolerance(max(residuals), self.rtol)
-        self.solver.rtol, self.solver.atol = self.rtol * share, self.atol * share
-        return residuals
+        self.at_end = self.solver.status == "finished"
+        return np.array([self.time]), np.array([residuals]), np.array([self.state])
 
     def go_on(self, until: float) -> None:
         """The end is later than was said."""
