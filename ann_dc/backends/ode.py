@@ -298,9 +298,8 @@ class _Integration:
         recorder, settling = self.recorder, self.backend.settling
         due = (CRAWL, window_of(self.backend.most_steps))
         left = min(every - recorder.steps % every for every in due)
-        recorder.record_all(
-            *self.stepper.steps(min(left, self.backend.most_steps - recorder.steps))
-        )
+        most = min(left, self.backend.most_steps - recorder.steps)
+        recorder.record_all(*self.stepper.steps(most))
         worst = max(recorder.residuals[-1])
         if worst < settling.tolerance * settling.confirm:
             return status.settled(worst, self.stepper.time)
@@ -335,9 +334,8 @@ class _Integration:
         worst = np.array(recorder.residuals[-2 * window :]).max(axis=1)
         if np.nanmin(worst[window:]) < HEADWAY * np.nanmin(worst[:window]):
             return None
-        if not self.method.implicit:
-            advice = f"if the network is stiff, {status.LONGER_STEPS}; else {advice}"
-        return f"the last {window} steps made it no smaller", advice
+        states = recorder.last_states(window)
+        return status.no_headway(self.network, states, window, implicit=self.method.implicit)
 
     def _time_is_up(self, x: np.ndarray, now: float) -> str | None:
         """Which bound ended the run; the fastest rate at the start may not be that of the rest."""

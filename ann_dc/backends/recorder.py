@@ -85,6 +85,17 @@ class Recorder:
             self._curve, self._stride = [(times[::2], states[::2])], 2 * self._stride
             self._kept = len(self._curve[0][0])
 
+    def last_states(self, steps: int) -> np.ndarray:
+        """Return the states (T, n) that are kept of the last steps.
+
+        Parameters
+        ----------
+        steps : int
+            Number of steps that are looked back at.
+        """
+        times, states = self._joined()
+        return states[times >= self.residual_times[-steps]]
+
     def _joined(self) -> Known:
         times, states = zip(*self._curve)
         return np.concatenate(times), np.concatenate(states)

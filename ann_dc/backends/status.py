@@ -21,6 +21,8 @@ LEAST_GROWTH = 0.02
 """Growth in a quarter of a run, over the largest multiplier, from which on it is told."""
 LONGER_STEPS = "take an implicit method: method=ann_dc.ode.RADAU or --method Radau"
 """Advice where the fastest modes limit the steps of an explicit method."""
+CROSSINGS, SWINGS = 4, 0.1
+"""A limit cycle: crossings of the middle in the last steps; width relative to the largest state."""
 NAMED = 4
 """Multipliers that a sentence names: those of inequalities first."""
 
@@ -151,6 +153,34 @@ def elsewhere(network: Network) -> str:
     'start elsewhere, or design a network for these inputs'
     """
     return "start elsewhere" + ", or design a network for these inputs" * bool(network.cell.duals)
+
+
+def no_headway(
+    network: Network, states: np.ndarray, steps: int, *, implicit: bool
+) -> tuple[str, str]:
+    """Return the reason and the advice for a run whose residual no longer falls.
+
+    Parameters
+    ----------
+    network : Network
+    states : (T, n) array
+        States of its last steps.
+    steps : int
+        Number of these steps.
+    implicit : bool
+        True if the method is implicit.
+    """
+    middle, swing = 0.5 * (states.max(axis=0) + states.min(axis=0)), np.ptp(states, axis=0)
+    crossings = np.diff(states > middle, axis=0).sum(axis=0)
+    swing = np.where(crossings >= CROSSINGS, swing, 0.0)
+    widest = int(np.argmax(swing))
+    if swing[widest] > SWINGS * np.abs(states).max() and not network.cell.duals:
+        why = f"neuron {network.label(widest)} kept swinging by {swing[widest]:.3g}"
+        return why, "damp it: lower the weights of its neurons' connections to themselves"
+    advice = elsewhere(network)
+    if not implicit:
+        advice = f"if the network is stiff, {LONGER_STEPS}; else {advice}"
+    return f"the last {steps} steps made it no smaller", advice
 
 
 def stalled(residuals: tuple[float, float], now: float, why: str, advice: str) -> Status:
