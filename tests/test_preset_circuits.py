@@ -5,7 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench import preset_circuits
-from bench.preset_circuits import agree, board_of, compared, drawn, made, names_a_cure, spread
+from bench.preset_circuits import (
+    agree,
+    board_of,
+    compared,
+    drawn,
+    made,
+    names_a_cure,
+    network_of,
+    spread,
+)
 from simulator import needs_ngspice
 from wired import neighbour_wired
 
@@ -39,7 +48,7 @@ def test_a_board_that_cannot_work_is_refused_with_what_would(ohms, monkeypatch):
         asked.prepare(network)
     assert names_a_cure(str(refusal.value))
     monkeypatch.setattr(preset_circuits, "board_of", lambda *_: asked)
-    row = made("double_integrator", "opa192_ad734")
+    row = made("double_integrator", "opa192_ad734", network)
     assert (row.value, row.remark, row.good) == ("refused", str(refusal.value), True)
 
 
@@ -54,7 +63,7 @@ def test_the_best_the_middle_and_the_worst_board_are_simulated():
 @pytest.mark.parametrize("preset", presets.names())
 @pytest.mark.parametrize("plant", SAMPLE)
 def test_every_preset_settles_as_predicted(plant, preset):
-    row = made(plant, preset)
+    row = made(plant, preset, network_of(plant))
     assert row.good, row
     assert row.value != "refused", row
 
