@@ -92,17 +92,24 @@ class Specimen:
 
     @cached_property
     def moving(self) -> Emulation:
-        """The network that the circuit is on its way: with clamps that move, where it has any.
+        """The network that the circuit is on its way: with clamps that move and what currents drop.
+
+        It is `emulation` if the circuit has neither clamps nor output resistances.
 
         Raises
         ------
         NetworkError
             If the circuit has none, or a deviation is out of its range.
         """
-        parts = self.circuit.schematic.parts
-        if any(isinstance(part, Integrator) and part.railed for part in parts):
+        if self.clamped or self.level.datasheet.rout:
             return emulate_clamps(self.circuit, self.level, self.deviations)
         return self.emulation
+
+    @property
+    def clamped(self) -> bool:
+        """Whether the circuit has clamps of rails."""
+        parts = self.circuit.schematic.parts
+        return any(isinstance(part, Integrator) and part.railed for part in parts)
 
     @cached_property
     def settled(self) -> np.ndarray:
@@ -165,7 +172,7 @@ def transient_of(
     implicit = replace(explicit, method=BDF, limit=1e9)
     if specimen.circuit.conductances:  # nodes of a grid are far faster than the rest
         return implicit.run(network)
-    if specimen.moving is not specimen.emulation:  # other steps shake the diodes that conduct
+    if specimen.clamped:  # other steps shake the diodes that conduct
         run = replace(implicit, method=RADAU).run(network)
         return run if run.status.settled else explicit.run(network)
     run = explicit.run(network)

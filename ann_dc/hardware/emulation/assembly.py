@@ -142,7 +142,7 @@ class Assembly:
     def leave_out_inside(self, nodes: AmplifierNodes, stages: Iterable[int]) -> None:
         """The neurons inside an amplifier, those that it has, at some stages."""
         stages = tuple(stages)
-        for name in (nodes.first, nodes.ground, nodes.lagging):
+        for name in (nodes.first, nodes.ground, nodes.lagging, nodes.trailing):
             if name in self.origins:
                 self.leave_out(name, stages)
 

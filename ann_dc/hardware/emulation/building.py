@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
 from ann_dc.hardware.emulation.amplifiers.capacitors import released
@@ -14,6 +17,7 @@ from ann_dc.hardware.emulation.amplifiers.transconductors import add_transconduc
 from ann_dc.hardware.emulation.assembly import Assembly
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
+from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.emulation.states import emulated_state
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
@@ -22,6 +26,7 @@ from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier, 
 from ann_dc.hardware.schematic.rails import check_rails
 from ann_dc.hardware.schematic.shared import check_shared
 from ann_dc.hints.checked import checked
+from ann_dc.network.network import Network
 
 
 @checked
@@ -79,7 +84,8 @@ def emulate_clamps(
 ) -> Emulation:
     """The same with clamps of rails that move, op amps and diodes: for a circuit's way.
 
-    It has more neurons, and rests where that of `emulate` does, which is easier to solve for.
+    Behind an output resistance the currents of capacitors drop a voltage, too. It has more neurons,
+    and rests where that of `emulate` does, which is easier to solve for.
 
     Parameters
     ----------
@@ -138,8 +144,18 @@ def _emulated(circuit: Circuit, level: Level, deviations: Deviations, *, moving:
     held = emulated_state(emulation, circuit.schematic.network.start_state)
     if moving:
         held = rest_idle(network, circuit, level.datasheet, held)
+        held = _trail(network, circuit, held)
     start = released(network, circuit, parasitics, off, held)
     return replace(emulation, network=network.with_start(start))
+
+
+def _trail(network: Network, circuit: Circuit, x: np.ndarray) -> np.ndarray:
+    """A state in which what trails currents of capacitors has caught up."""
+    full, values = network.unpack(x).copy(), evaluator(network).values(x)[..., 1:-1]
+    for nodes in map(AmplifierNodes, circuit.schematic.by_name):
+        if nodes.trailing in network.neuron_index:
+            full[network.neuron_index[nodes.trailing]] = values[network.node_index[nodes.summed]]
+    return network.pack(full)
 
 
 def _add(assembly: Assembly, part: Part, level: Level) -> None:

@@ -76,6 +76,11 @@ class AmplifierNodes:
         return f"held.{self.output}"
 
     @property
+    def trailing(self) -> str:
+        """The current of that capacitor, one time constant of an op amp late."""
+        return f"trailing.{self.output}"
+
+    @property
     def leak(self) -> str:
         """What leaks into that capacitor."""
         return f"leak.{self.output}"

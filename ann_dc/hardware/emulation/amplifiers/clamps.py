@@ -104,12 +104,14 @@ def add_clamps(assembly: Assembly, part: Integrator) -> Clamps:
         Without followers where it has none.
     """
     nodes, rails = AmplifierNodes(part.name), np.isfinite(assembly.circuit.rails(part))
-    if not rails.any():
+    if not (rails.any() or assembly.moving):
         return Clamps(into=nodes.held)
+    assembly.sum(nodes.summed)
+    assembly.connect(nodes.summed, nodes.held, 1.0)
     if assembly.moving:
         clamps = clamps_of(assembly.circuit, assembly.datasheet, part)
         shares = {_add_clamp(assembly, part, clamp): CLAMP_SHARE for clamp in clamps}
-        return Clamps(into=nodes.held, followers=shares)
+        return Clamps(into=nodes.summed, followers=shares)
     _add_follower(assembly, part)
     return Clamps(
         into=nodes.summed,
@@ -147,8 +149,6 @@ def _carrying(assembly: Assembly, part: Integrator) -> np.ndarray:
 def _given_way(assembly: Assembly, part: Integrator) -> Limiter:
     """Add how far clamps that conduct give way; the capacitor's limits, of a diode's drop."""
     nodes, circuit, a0 = AmplifierNodes(part.name), assembly.circuit, assembly.datasheet.a0
-    assembly.sum(nodes.summed)
-    assembly.connect(nodes.summed, nodes.held, 1.0)
     way = _carrying(assembly, part) / part.tau / a0
     assembly.connect(nodes.summed, nodes.ground, -way / (1 + farads_over(assembly, part)))
     drop, limiter = abs(circuit.value_of(part.name)) * CLAMP_DROP / a0, circuit.limiter(part)
@@ -225,7 +225,7 @@ def _add_current(assembly: Assembly, part: Integrator, clamp: Clamp) -> None:
     begins = np.log(ohms * CLAMP_SATURATION / THERMAL)
     _add_omega(assembly, nodes.current, nodes.op_amp, 1 / out, begins)
     pull = np.where(part.present, part.tau, 0.0) / carrying
-    assembly.connect(nodes.current, AmplifierNodes(part.name).held, -out * pull)
+    assembly.connect(nodes.current, AmplifierNodes(part.name).summed, -out * pull)
 
 
 def _add_omega(

@@ -21,6 +21,11 @@ In a PI cell the resistor R_f drives the capacitor, whose voltage moves:
 .. math:: \Big(1 + r G + \frac{r}{R_f}\Big) \dot x
           = \Omega\,(o - e - x / A_0) + \frac{r}{R_f} \dot h .
 
+The current of an integrator's capacitor drops r / R (A + Gamma e), R the resistor of an input of
+weight one. While a circuit moves, its derivative is taken from what lags it by 1 / Omega:
+
+.. math:: (1 + r G)\, \dot x = \Omega\,\Big(o - e - x / A_0 - \frac{r}{R} (A + \Gamma e - a)\Big) ,
+          \qquad \dot a = \Omega\,(A + \Gamma e - a) .
 
 A diode neuron is a PI cell whose op amp stands at y + D / 2; behind a diode of drop D / 2 its
 output is x = max(0, y). By min(0, y + D) through another diode it holds its virtual ground, at the
@@ -114,14 +119,34 @@ def _integrator(assembly: Assembly, part: Integrator) -> None:
         assembly.connect(node, nodes.ground, share * divider)
     for node in (nodes.held, *clamps.shifts):
         assembly.connect(node, nodes.ground, -divider)
-    _amplifier(assembly, nodes, {nodes.ground: 1.0})
     gamma = assembly.conductance(part, ones)
+    e = {nodes.ground: 1.0}
+    if assembly.moving and assembly.datasheet.rout:
+        e = _trailed(assembly, part, gamma, 1 - clamps.share)
+    _amplifier(assembly, nodes, e)
     add_capacitor(assembly, part, {nodes.ground: gamma}, part.tau, clamps.limiter)
     _inputs(assembly, part, ones, clamps.into)
     ohms = assembly.scaling.time * part.tau / assembly.circuit.capacitors[part.name]
     add_bias(assembly, nodes, clamps.into, ohms)
     assembly.leave_out_unpinned(nodes.output, part.present)
     assembly.leave_out_inside(nodes, np.flatnonzero(~part.present).tolist())
+
+
+def _trailed(
+    assembly: Assembly, part: Integrator, gamma: np.ndarray, share: float
+) -> dict[str, float | np.ndarray]:
+    """Add what trails the current of an integrator's capacitor; e, with what that drops.
+
+    A ``share`` of the capacitor is at the output itself, not in clamps.
+    """
+    nodes = AmplifierNodes(part.name)
+    assembly.neuron(nodes.trailing, 1 / assembly.omega, Origin(part.name, 0.0))
+    for source, weight in ((nodes.summed, 1.0), (nodes.ground, gamma), (nodes.trailing, -1.0)):
+        assembly.connect(source, nodes.trailing, weight)
+    tau = assembly.scaling.time * np.where(part.present, part.tau, 1.0)
+    farads = np.where(part.present, assembly.circuit.capacitors[part.name], 0.0)
+    drop = assembly.datasheet.rout * share * farads / tau
+    return {nodes.ground: 1 + drop * gamma, nodes.summed: drop, nodes.trailing: -drop}
 
 
 def _pi_cell(assembly: Assembly, part: PICell) -> None:

@@ -10,7 +10,7 @@ from ann_dc.analysis import equilibrium
 from ann_dc.backends import DOP853, OdeBackend
 from ann_dc.evaluation import evaluator
 from ann_dc.hardware.circuit import Circuit, ProbeRun, ScalingRules, circuit_of, scale
-from ann_dc.hardware.emulation import AmplifierNodes, emulate
+from ann_dc.hardware.emulation import AmplifierNodes, emulate, emulate_clamps
 from ann_dc.hardware.parts import Datasheet, Level
 from ann_dc.hardware.schematic import schematic_of
 from ann_dc.network import Cell, Connection, Network, Neuron, PIDual, Sum
@@ -238,3 +238,33 @@ def test_pi_cell_with_output_resistance_responds_as_kirchhoffs_laws_say(share, t
     found = np.linalg.solve(system, drive)[row]
     assert abs(found / (0.7 * 0.8) / wanted) == pytest.approx(1, rel=8e-3)
     assert np.angle(found / wanted) == pytest.approx(0, abs=1e-2)
+
+
+@pytest.mark.parametrize(("share", "times"), [(0.3, 0.5), (0.1, 1.0)])
+def test_moving_integrator_with_output_resistance_responds_as_kirchhoffs_laws_say(share, times):
+    """Against one without, at ``times`` its rate: the current of the capacitor crosses r, too."""
+    wire = Connection(source="error", target="x", weight=0.8)
+    cell = Cell(neurons=(Neuron(name="x", tau=0.5),), inputs=("error",), connections=(wire,))
+    circuit = built(Network(cell=cell, stages=1, inputs={"error": 0.3}))
+    ohms, c = circuit.resistors["x"][0, 0], circuit.capacitors["x"][0]
+    s = 1j * times / (ohms * c)
+
+    def by_laws(r):
+        laws = np.array([
+            [1, r * s * c, 0, -1],  # x = y - r C h'
+            [1, -1, -1, 0],  # e = x - h
+            [0, s * c * ohms, -1, 0],  # C h' = (1 + e) / R
+            [0, 0, OMEGA, s],  # y' = -Omega e
+        ])  # fmt: skip
+        return np.linalg.solve(laws, [0, 0, 1, 0])[0]
+
+    def emulated(r):
+        level = op_amps(Datasheet(a0=1e6, gbw=GBW, rout=r))
+        network = emulate_clamps(circuit, level).network
+        zero, at = np.zeros(network.size), evaluator(network)
+        drive = evaluator(replace(network, inputs={"error": 1.3})).rhs(zero) - at.rhs(zero)
+        system = s * circuit.scaling.time * np.eye(network.size) - at.jacobian(zero)
+        return np.linalg.solve(system, drive)[network.neuron_index["x"]]
+
+    wanted, found = (f(share * ohms) / f(0.0) - 1 for f in (by_laws, emulated))
+    assert abs(found / wanted - 1) < 0.05
