@@ -178,9 +178,7 @@ class OdeBackend:
             integration = Integration.of(group, rows, ends)
             return Thread(
                 group,
-                lambda samples, found, queue: advance_lanes(
-                    group, integration, samples, found, queue, attempts
-                ),
+                lambda *given: advance_lanes(group, integration, *given, attempts),
                 lambda *given: locate_exits(rows, ends.tolerance, *given),
             )
 

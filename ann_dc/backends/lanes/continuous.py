@@ -14,7 +14,7 @@ from ann_dc.backends.integration.integrator import (
     TOO_SHORT,
 )
 from ann_dc.backends.integration.tableaus import Rows
-from ann_dc.backends.lanes.continuous_code import BEGAN, NUMBERS, WORST, continuous_code
+from ann_dc.backends.lanes.continuous_code import BEFORE, NUMBERS, WORST, continuous_code
 from ann_dc.backends.lanes.group import (
     NOBODY,
     OPEN,
@@ -212,7 +212,7 @@ def _look(group, found, ends, bits):
             code = OUTSIDE if is_outside else TOO_SHORT
             if is_accepted:
                 if group.memory[SINCE, lane] == group.memory[DONE, lane]:
-                    keep_exit(group, found, lane, group.memory[BEGAN, lane])
+                    keep_exit(group, found, lane, group.slopes[BEFORE])
                 code = _code(group, ends, lane)
             if code != OPEN:
                 close(group, found, lane, code)

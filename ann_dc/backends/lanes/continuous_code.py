@@ -29,10 +29,12 @@ from ann_dc.evaluation.vector_code.code import code, key_of
 from ann_dc.evaluation.vector_code.step_code import UNROLLED
 from ann_dc.evaluation.vector_code.writer import Function, Module
 
-REFUSED, WORST, BEGAN = OWN, OWN + 1, OWN + 2
-"""Whether the last step was refused; the larger residual; when the step began in which it fell
-below the tolerance."""
-ROWS = OWN + 3
+REFUSED, WORST = OWN, OWN + 1
+"""Whether the last step was refused; the larger residual."""
+ROWS = OWN + 2
+BEFORE = 1
+"""Slopes of which a step makes no use in the end: states before it are there where a lane enters
+the tolerance."""
 NUMBERS = "until", "first", "tolerance", "settled", "most_steps", "rtol", "atol", "live"
 """Constants that the code reads, in this order: see `LaneEnds`; the last is n of a sample."""
 
@@ -106,8 +108,8 @@ class _Attempt:
         sizes = self._squares()
         f.do("call i64 %residuals(ptr %table, ptr %ahead, ptr %found)")
         accepted = self._judge(h, sizes, f.mask(outside))
-        self._accept(accepted)
         over = f.bits(f.logical("or", self._enter(accepted, h), self._too_short(accepted)))
+        self._accept(accepted)
         for part, bits in enumerate((outside, f.bits(accepted)), 1):
             over = f.integer("or", over, f.integer("shl", bits, part * f.width))
         f.done(over)
@@ -185,17 +187,14 @@ class _Attempt:
         return inverses
 
     def _accept(self, accepted: str) -> None:
-        """Take over the states and slopes of these lanes; states before go where others were."""
+        """Take over the states and slopes of these lanes."""
         f = self.f
         pairs = (self.x, self.ahead), (self.slopes[0], self.slopes[-1])
         for places in self._places():
             for place in places:
                 for old, new in pairs:
                     at, there = f.address(old, place), f.address(new, place)
-                    before = f.load(at)
-                    f.store(f.select(accepted, f.load(there), before), at)
-                    if new == self.ahead:
-                        f.store(before, there)
+                    f.store(f.select(accepted, f.load(there), f.load(at)), at)
 
     # ---- lanes -------------------------------------------------------------------------------
 
@@ -220,9 +219,12 @@ class _Attempt:
         return f.logical("and", good, f.compare("une", memory[RUNS], f.constant(0.0)))
 
     def _enter(self, accepted: str, h: str) -> str:
-        """Where the lanes are now, and since when they settle; those to look at more closely."""
+        """Where the lanes are now, and since which step they settle; those to look at more closely.
+
+        That step is located after the batch, from the states before it.
+        """
         f, memory, numbers = self.f, self.memory, self.numbers
-        began, worst_before, since = memory[TIME], memory[WORST], memory[SINCE]
+        began, since = memory[TIME], memory[SINCE]
         time = memory.enter(TIME, accepted, f.op("fadd", began, h))
         done = memory.enter(DONE, accepted, f.op("fadd", memory[DONE], f.constant(1.0)))
         worst, size = memory.note(accepted, "%found")
@@ -232,17 +234,16 @@ class _Attempt:
         enters = f.logical("and", f.logical("and", accepted, below), f.negated(begun))
         since = f.select(below, f.select(begun, since, done), f.constant(-1.0))
         memory.enter(SINCE, accepted, since)
+        memory.enter(SINCE_TIME, enters, began)
 
-        def crossing() -> list[str]:
-            """When the tolerance was crossed; the logarithm is interpolated, as in `last_exit`."""
-            least = f.larger(worst, f.constant(1e-300))
-            high, end, low = (f.call("log", v) for v in (worst_before, numbers["tolerance"], least))
-            share = f.op("fdiv", f.op("fsub", high, end), f.op("fsub", high, low))
-            return [f.fma(share, f.op("fsub", time, began), began)]
+        def keep() -> list[str]:
+            for places in self._places():
+                for place in places:
+                    before = f.load(f.address(self.x, place))
+                    f.store(before, f.address(self.slopes[BEFORE], place))
+            return []
 
-        (crossed,) = f.either(f.any_of(enters), crossing, [time])
-        memory.enter(SINCE_TIME, enters, crossed)
-        memory.enter(BEGAN, enters, began)
+        f.either(f.any_of(enters), keep, [])
         over = memory.is_over(accepted, worst, size, numbers["settled"], numbers["most_steps"])
         late = f.logical("and", accepted, f.compare("oge", time, numbers["until"]))
         return f.logical("or", f.logical("or", over, late), enters)

@@ -275,12 +275,13 @@ def enter(group, found, lane):
 
 
 @inlined
-def keep_exit(group, found, lane, began):
-    """The state before the last step, which ``ahead`` has, and when that step began and ended."""
+def keep_exit(group, found, lane, before):
+    """The states before the last step, without ghosts, and when that step began and ended."""
     sample = group.who[lane]
-    found.spans[sample, 0], found.spans[sample, 1] = began, group.memory[TIME, lane]
+    found.spans[sample, 0] = group.memory[SINCE_TIME, lane]
+    found.spans[sample, 1] = group.memory[TIME, lane]
     for i in range(group.components.shape[0]):
-        found.exits[sample, i] = group.ahead[group.entry.ghost + group.components[i] + lane]
+        found.exits[sample, i] = before[group.components[i] + lane]
 
 
 @inlined

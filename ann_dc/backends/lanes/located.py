@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.backends.integration.between import CLOSE, ROUNDS
+from ann_dc.backends.integration.between import ROUNDS
 from ann_dc.backends.integration.tableaus import Rows
 from ann_dc.backends.lanes.group import (
     NOBODY,
@@ -25,6 +25,10 @@ from ann_dc.backends.lanes.memory import OWN, STEP
 from ann_dc.evaluation.formulas import inlined, released
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.vector_code.calls import call
+
+CLOSE = 1e-4
+"""Relative distance to the tolerance at which a lane is done: what states at tolerances of batches
+leave of a residual."""
 
 
 class Again(NamedTuple):
@@ -169,9 +173,10 @@ def _cross(group, again, tolerance):
             if is_open[lane]:
                 log = _above(group, lane, tolerance)
                 side = 0 if log >= 0.0 else 1
+                if again.sides[lane] == side:  # Anderson, Björck: an end that stays counts less
+                    share = 1.0 - log / logs[side, lane]
+                    logs[1 - side, lane] *= share if share > 0.0 else 0.5
                 ends[side, lane], logs[side, lane] = theta[lane], log
-                if again.sides[lane] == side:  # Illinois: an end that stays twice counts half
-                    logs[1 - side, lane] *= 0.5
                 again.sides[lane] = side
                 is_open[lane] = not abs(log) < CLOSE
 
