@@ -26,7 +26,9 @@ class Piece(NamedTuple):
     """States within a step that ends at a time t."""
 
     t: float
+    """Network time."""
     states: Callable[[Any], np.ndarray]
+    """Gives them at times from the start of the step to its end."""
 
     def __call__(self, times: Any) -> np.ndarray:
         """(n,) at a time, (n, K) at K of them."""
@@ -77,6 +79,7 @@ class LimitedSolver:
 
     @status.setter
     def status(self, status: str) -> None:
+        """Written by the solver that is restarted."""
         self._inner.status = status
 
     @property
@@ -86,6 +89,7 @@ class LimitedSolver:
 
     @t_bound.setter
     def t_bound(self, until: float) -> None:
+        """Put the end off."""
         self._until = self._inner.t_bound = until
 
     def step(self) -> str | None:
