@@ -161,8 +161,11 @@ class CircuitRun(Tabulated):
     @property
     def mean_square_error(self) -> float:
         """Of the whole trajectory against the ODE's, as a share of the mean square of those."""
-        at = self.trajectory.time
-        wanted = np.array([np.interp(at, self.probe.time, x) for x in self.probe.states.T]).T
+        at, probe = self.trajectory.time, self.probe
+        if probe.is_dense:
+            wanted = probe.at(np.clip(at, probe.time[0], probe.time[-1]))
+        else:
+            wanted = np.array([np.interp(at, probe.time, x) for x in probe.states.T]).T
         weight = np.gradient(at)[:, None]  # over time, however unevenly the circuit was sampled
         error = ((self.trajectory.states - wanted) ** 2 * weight).sum()
         return float(error / (wanted**2 * weight).sum())
