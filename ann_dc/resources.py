@@ -78,31 +78,49 @@ class OneThread:
     """Limit of one BLAS thread, which all nested and concurrent uses in a process share.
 
     The first use sets it and the last use restores the caller's number of threads. Other thread
-    pools, such as those of PyTorch and OpenMP, keep theirs.
+    pools, such as those of PyTorch and OpenMP, keep theirs. A forked process keeps the uses of the
+    thread that forked it; the other threads do not exist there.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._uses = 0
+        self._of_thread = threading.local()
         self._before: list[tuple[Any, int]] | None = None
 
     def __enter__(self) -> OneThread:
         with self._lock:
-            self._uses += 1
-            if self._before is None and LAPACK in sys.modules:
-                found = [(library, library.num_threads) for library in _libraries()]
-                self._before = [(library, number) for library, number in found if number != 1]
-                for library, _ in self._before:
-                    _set(library, 1)
+            try:
+                if self._before is None and LAPACK in sys.modules:
+                    found = [(library, library.num_threads) for library in _libraries()]
+                    self._before = [(library, number) for library, number in found if number != 1]
+                    for library, _ in self._before:
+                        _set(library, 1)
+            except BaseException:
+                self._restore()
+                raise
+            self._count(1)
         return self
 
     def __exit__(self, *_: object) -> None:
         with self._lock:
-            self._uses -= 1
+            self._count(-1)
             if not self._uses:
-                for library, number in self._before or ():
-                    _set(library, number)
-                self._before = None
+                self._restore()
+
+    def forked(self) -> None:
+        """Forget the other threads in a new process: their uses, and a lock that one held."""
+        self._lock = threading.Lock()
+        self._uses = getattr(self._of_thread, "uses", 0)
+
+    def _count(self, more: int) -> None:
+        self._uses += more
+        self._of_thread.uses = getattr(self._of_thread, "uses", 0) + more
+
+    def _restore(self) -> None:
+        before, self._before = self._before or (), None
+        for library, number in before:
+            _set(library, number)
 
 
 def _set(library: Any, number: int) -> None:
@@ -124,3 +142,5 @@ def _libraries() -> list[Any]:
 
 
 _ONE_THREAD = OneThread()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_ONE_THREAD.forked)

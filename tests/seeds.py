@@ -6,6 +6,7 @@ that of `make test`. The same two numbers give the same examples again, test by 
 
 import os
 
+import hypothesis
 import pytest
 from hypothesis import is_hypothesis_test, seed, settings
 from hypothesis.internal.conjecture import providers
@@ -22,10 +23,20 @@ def load_profile() -> None:
     Hypothesis also draws numbers that occur in the modules that are loaded, and these depend on
     the tests that the same process ran before. So it gets none.
     """
+    check_private(providers, "_get_local_constants", "Constants")
     providers._get_local_constants = providers.Constants
     repeatable = {"derandomize": not SEED, "print_blob": bool(SEED), "database": None}
     settings.register_profile("ann_dc", deadline=None, **repeatable)
     settings.load_profile("ann_dc")
+
+
+def check_private(owner: object, *names: str) -> None:
+    """Raise an error if hypothesis lacks private names that this module uses."""
+    missing = [name for name in names if not hasattr(owner, name)]
+    assert not missing, (
+        f"hypothesis {hypothesis.__version__} has no {', '.join(missing)} in {owner!r:.60}; adapt "
+        "tests/seeds.py, or examples depend on the order of the tests"
+    )
 
 
 def seeds(count: int, first: int = 0):
@@ -41,6 +52,7 @@ def mark_properties(items: list) -> None:
     for item in properties:
         item.add_marker(pytest.mark.property)
     for test in {item.obj for item in properties if SEED}:
+        check_private(test, "_hypothesis_internal_use_settings")
         own = test._hypothesis_internal_use_settings
         more = settings(own, max_examples=TIMES * own.max_examples)
         test._hypothesis_internal_use_settings = more

@@ -1,7 +1,9 @@
 """The SPICE library is found, and BLAS uses one thread where the package computes."""
 
 import importlib.util
+import os
 import shutil
+import signal
 import sys
 import threading
 import tomllib
@@ -120,4 +122,90 @@ def test_blas_limit_of_the_caller_is_restored_after_an_error(threads):
         ann_dc.solve("no problem")
     with pytest.raises(ZeroDivisionError), one_thread():
         raise ZeroDivisionError
+    assert threads() == {2}
+
+
+def in_child(work) -> bool:
+    """True if a forked process does some work, without an error, within 10 s."""
+    child = os.fork()
+    if not child:
+        signal.alarm(10)
+        try:
+            work()
+            os._exit(0)
+        except BaseException:
+            os._exit(1)
+    return os.waitpid(child, 0)[1] == 0
+
+
+forks = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+quiet = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+
+
+def beside_a_thread(hold, work) -> bool:
+    """Fork while another thread is in a context; see `in_child`."""
+    begun, done = threading.Event(), threading.Event()
+
+    def other():
+        with hold:
+            begun.set()
+            done.wait(20)
+
+    thread = threading.Thread(target=other)
+    thread.start()
+    begun.wait(10)
+    try:
+        return in_child(work)
+    finally:
+        done.set()
+        thread.join()
+
+
+@forks
+@quiet
+def test_fork_while_another_thread_holds_the_lock_of_the_limit_does_not_block():
+    def use():
+        with one_thread():
+            pass
+
+    assert beside_a_thread(one_thread()._lock, use)
+
+
+@forks
+@quiet
+def test_fork_within_another_threads_limit_gives_back_the_callers_number(threads):
+    def use():
+        with one_thread():
+            assert threads() == {1}
+        assert threads() == {2}
+
+    assert beside_a_thread(one_thread(), use)
+
+
+@forks
+@quiet
+def test_fork_within_the_own_limit_ends_it_in_both_processes(threads):
+    def leave():
+        one_thread().__exit__()
+        assert threads() == {2}
+        with one_thread():
+            assert threads() == {1}
+        assert threads() == {2}
+
+    with one_thread():
+        assert in_child(leave)
+        assert threads() == {1}
+    assert threads() == {2}
+
+
+def test_blas_limit_that_cannot_be_set_does_not_stay(threads, monkeypatch):
+    def refuse(library, number):
+        raise OSError("no threads")
+
+    with monkeypatch.context() as failing:
+        failing.setattr(resources, "_set", refuse)
+        with pytest.raises(OSError, match="no threads"):
+            one_thread().__enter__()
+    with one_thread():
+        assert threads() == {1}
     assert threads() == {2}

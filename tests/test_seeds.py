@@ -67,6 +67,12 @@ def test_seeds_of_fuzz_begin_at_the_printed_one(monkeypatch):
     assert chosen() == [(900,), (901,), (902,), (903,)]
 
 
+def test_hypothesis_without_a_private_name_is_told(monkeypatch):
+    monkeypatch.delattr(seeds.providers, "_get_local_constants")
+    with pytest.raises(AssertionError, match=r"has no _get_local_constants .* adapt tests/seeds"):
+        seeds.load_profile()
+
+
 SEEDED = ("default_rng", "Random")
 TORCH = ("torch.rand", "torch.randn", "torch.randint", "torch.randperm")
 

@@ -35,6 +35,11 @@ RESTING = 0.01
 ends below it rests at zero, where a share of the value itself says nothing."""
 
 
+NEAR = 1e-2
+"""Error of the controls with their noise, over their size (`size_of`), up to which a circuit is
+right."""
+
+
 def size_of(end: np.ndarray, reach: float) -> float:
     """Return the size to which errors of settled values are related.
 

@@ -235,9 +235,12 @@ def _written(folder: Path, files: Files, index: Index) -> Exported:
         with as_output_error(folder):
             _write(folder, files, index)
     finally:
-        with contextlib.suppress(PermissionError):  # Windows removes it at the release
-            (folder / LOCK).unlink(missing_ok=True)
-        lock.release()
+        open_stays = (PermissionError,) if os.name == "nt" else ()  # removed at the release there
+        try:
+            with as_output_error(folder / LOCK), contextlib.suppress(*open_stays):
+                (folder / LOCK).unlink(missing_ok=True)
+        finally:
+            lock.release()
     written = (*(folder / name for name in files), folder / INDEX)
     return Exported(name=index.to, folder=folder, files=written)
 

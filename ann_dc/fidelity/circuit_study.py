@@ -17,6 +17,7 @@ from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.rules import NEAR
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity
 from ann_dc.fidelity.loops.loop_gains import LoopGain, loop_gains, why_no_loops
 from ann_dc.fidelity.metric_demand import MetricDemand, metric_demand
@@ -32,9 +33,6 @@ from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hints.checked import checked
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
-
-NEAR = 1e-2
-"""Error of the controls with their noise, over the largest one, up to which a circuit is right."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -124,7 +124,7 @@ class Certificate:
 
     @property
     def _missed(self) -> str:
-        """What does not hold of the first order, in words; empty if all does."""
+        """First-order condition that does not hold, in words; empty if all hold."""
         if not self.kkt_residual < LARGEST_RESIDUAL:
             return f"the KKT residual {self.kkt_residual:.1e} is not below {LARGEST_RESIDUAL:g}"
         for part in (self.complementarity, self.largest):

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from designs import designed
@@ -311,3 +312,19 @@ def test_far_wires_end_no_export_of_the_others(tmp_path):
     done = {each.name: each for each in export_network(network, names, tmp_path)}
     assert {name for name in names if done[name].why_not} == set()
     assert all(found.good for found in inspect_export(tmp_path))
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows removes it at the release")
+def test_lock_that_cannot_be_removed_is_told(network, tmp_path, monkeypatch):
+    unlink = Path.unlink
+
+    def refuse(path, **given):
+        if path.name == ".lock":
+            raise PermissionError(13, "Permission denied")
+        unlink(path, **given)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "unlink", refuse)
+        with pytest.raises(OutputError, match=r"lock' cannot be written \(Permission denied\)"):
+            export_network(network, FORMAT, tmp_path)
+    export_network(network, FORMAT, tmp_path)

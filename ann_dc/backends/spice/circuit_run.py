@@ -120,7 +120,10 @@ class CircuitRun(Tabulated):
     finer: Callable[[CircuitRun], CircuitRun] | None = None
 
     def __str__(self) -> str:
-        when = f"controls within 0.1 % after {self.settling_time() * 1e6:.4g} us"
+        known = vars(self).get("timed", self)  # text does not start ngspice
+        time = 1e6 * control_settling(known.trajectory, 1e-3) * self.deck.timing.unit
+        about = "" if known.finer is None else " by coarse steps"
+        when = f"controls within 0.1 % after {time:.4g} us{about}"
         return (
             f"{self.unsettled or when}, {self.control_error:.2e} of "
             f"{self.probe.size_in_words} off the ODE's; "

@@ -7,6 +7,7 @@ moves the settling time says how good it is.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -55,8 +56,8 @@ def refined(
     Returns
     -------
     CircuitRun
-        Its ``settling_error`` is the change by the last of the finer runs; where ngspice fails at
-        a finer one, what the one before said stands.
+        Its ``settling_error`` is the change by the last of the finer runs. If ngspice fails in one,
+        the settling time is that of the run before, with a warning and a ``settling_error`` of nan.
     """
     samples = run.deck.timing.samples
     if samples is not None:
@@ -69,8 +70,13 @@ def refined(
         deck = _finer(run.deck, before, finer**count)
         try:
             raw = simulator.run(deck.text, end_time=deck.end)
-        except SpiceError:
-            return run
+        except SpiceError as error:
+            warnings.warn(
+                f"ngspice failed in steps finer by {finer**count}: {error}; the settling time is "
+                "that of coarser steps and may be some percent off; allow ngspice more time",
+                stacklevel=2,
+            )
+            return replace(run, settling_error=float("nan"))
         fine = read_back(run.circuit, deck, raw, run.probe, datasheet).trajectory
         run = replace(run, trajectory=_joined(fine, run.trajectory))
         change = abs(run.settling_time() - before)

@@ -15,16 +15,13 @@ import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.errors import ArgumentError, ExportError, FileFormatError, NetworkError
-from ann_dc.evaluation.rules import size_of
+from ann_dc.evaluation.rules import NEAR, size_of
 from ann_dc.export.reference.beside import check_vector, file_of, text_of, vector_of
 from ann_dc.export.reference.vector import VECTOR, EulerWalk, ReferenceVector
 from ann_dc.export.weights.hashes import content_hash
 from ann_dc.export.weights.manifest import read_json
 from ann_dc.export.weights.network_file import packed, unpacked
 from ann_dc.network.network import Network
-
-NEAR = 1e-2
-"""Error of the controls, over the largest one, up to which a circuit is near the optimum."""
 
 NETWORK = "network.npz"
 

@@ -11,7 +11,7 @@ a = {n: np.frombuffer(raw[body:][slice(*e["data_offsets"])], "<f8").reshape(e["s
 a = dict(np.load(folder + "/network.npz"))
 """,
 }
-"""How the arrays are read, by the name of their file."""
+"""Statements that read the arrays, by the name of their file."""
 
 NETWORK = """\
 N, names = m["stages"], [n["name"] for n in m["neurons"]]
@@ -49,13 +49,13 @@ def held(x, move):  # 0 where it would push a neuron beyond the rail at which it
 def moves(x):  # dx/ds (P, N)
     value = {"one": np.ones(3 * N + 1)}  # of every node: in the N cells, and beyond the two ends
     def node(n, v):
-        left = inputs[m["left"][n]][:1] if n in m["left"] else [0]
-        value[n] = np.concatenate([np.zeros(N), left, v, np.zeros(N)])
+        value[n] = np.r_[[0.0] * N, inputs[m["left"][n]][0] if n in m["left"] else 0, v, [0.0] * N]
     def arriving(n): return sum((w * value[s][k : k + N] for w, s, k in wires[n]), np.zeros(N))
     for n, v in [*inputs.items(), *zip(names, x)]: node(n, v)
     for b in m["blocks"]:
         f, read = b.get("function", b["kind"]), [value[b[e]][N + 1 : -N] for e in "abx" if e in b]
-        own = {"product": np.multiply, "rectify": lambda x: np.maximum(x, 0), "sum": arriving}
+        own = {"product": np.multiply, "rectify": lambda x: np.maximum(x, 0), "sum": arriving,
+               "atan": np.arctan, "asin": np.arcsin, "acos": np.arccos}
         node(b["name"], (own.get(f) or getattr(np, f))(*read or [b["name"]]))  # as NumPy calls f
     d = np.array([arriving(n) for n in names])
     d[shared, -1] = d[shared].sum(1)

@@ -2,15 +2,15 @@
 
 SymPy simplifies formulas with what a symbol is assumed to be: sqrt(x**2) becomes x if x is
 positive. A network solves for real numbers that vary continuously, so that an assumption of any
-other kind (integer, nonzero, imaginary) does not hold. A sign holds if it is a bound.
+other kind (integer, nonzero, imaginary) does not hold. A sign holds if it is a bound. Inputs have
+no bounds, so that a sign of theirs is refused.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
-import numpy as np
 import sympy as sp
 from sympy.core.facts import InconsistentAssumptions
 
@@ -62,14 +62,14 @@ def bounds_assumed(
     return found
 
 
-def check_inputs(inputs: Mapping[sp.Symbol, np.ndarray]) -> None:
-    """Raise a ProblemError if an input has a value that its assumptions exclude."""
-    for symbol, values in inputs.items():
-        low, high = _range(symbol)
-        if values.min() < low or values.max() > high:
+def check_inputs(inputs: Iterable[sp.Symbol]) -> None:
+    """Raise a ProblemError if an input has a sign: a network takes any value of its inputs."""
+    for symbol in inputs:
+        if _range(symbol) != NO_BOUND:
             raise ProblemError(
-                f"inputs[{symbol}]: {values.min():g} to {values.max():g} contradicts "
-                f"{_told(symbol)}; give other values, or declare it as sp.Symbol({symbol.name!r})"
+                f"inputs[{symbol}]: expected a symbol that may have either sign, got "
+                f"{_told(symbol)}, which a network does not keep; declare it as "
+                f"sp.Symbol({symbol.name!r})"
             )
 
 

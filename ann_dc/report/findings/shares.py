@@ -91,7 +91,7 @@ def within(findings: Findings) -> np.ndarray:
 
 
 def yield_of(findings: Findings, good: np.ndarray, among: np.ndarray | None = None) -> Yield:
-    """How many rows are good, with the interval of that share.
+    """Count the good rows, with the interval of their share.
 
     Parameters
     ----------

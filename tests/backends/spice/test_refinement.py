@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from inspect import unwrap as unwrapped
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from simulator import needs_ngspice
 from ann_dc import Study
 from ann_dc.backends.spice import CircuitRun, SpiceBackend, refined
 from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.errors import SpiceTimeoutError
 from ann_dc.fidelity import measured_runs, predict
 from ann_dc.gain_design import design
 from ann_dc.hardware.parts import macro, switched_capacitor
@@ -149,8 +151,36 @@ def test_errors_and_settled_take_no_finer_steps():
     lazy = replace(coarse, finer=refuse)
     assert lazy.settled()
     assert lazy.control_error == coarse.control_error
+    assert "us by coarse steps, " in str(lazy)
     with pytest.raises(AssertionError, match="finer steps"):
         lazy.settling_time()
+    timed = replace(coarse, finer=lambda run: replace(run, finer=None))
+    timed.settling_time()
+    assert "coarse" not in str(timed)
+
+
+class Failing:
+    """A simulator whose runs fail after some of them."""
+
+    def __init__(self, good: int) -> None:
+        self.good = good
+
+    def run(self, *given, **named):
+        self.good -= 1
+        if self.good < 0:
+            raise SpiceTimeoutError("ngspice took longer than 1 s")
+        return BACKEND.simulator.run(*given, **named)
+
+
+@needs_ngspice
+@pytest.mark.parametrize("good", [0, 1])
+def test_finer_run_that_fails_is_told_with_an_unknown_settling_error(good, monkeypatch):
+    coarse, _ = fine("double_integrator")
+    monkeypatch.setattr("ann_dc.backends.spice.refinement.ENOUGH", 0.0)
+    with pytest.warns(UserWarning, match=r"took longer than 1 s; .* coarser steps"):
+        run = unwrapped(refined)(coarse, Failing(good), BACKEND.level.datasheet)
+    assert np.isnan(run.settling_error)
+    assert np.isfinite(run.settling_time())
 
 
 @needs_ngspice

@@ -54,6 +54,19 @@ NETWORKS = {
 }
 
 
+def inverse_functions():
+    x, a = sp.symbols("x a")
+    return synthesize(
+        ann_dc.OptimalControlProblem(
+            states=(x,), controls=(a,), dynamics=(sp.atan(x) + sp.asin(x / 4) + a,), dt=0.1,
+            cost=a**2 + sp.acos(x / 4) ** 2, horizon=4, q_0=(0.2,), q_d=(1,),
+        )
+    )  # fmt: skip
+
+
+NETWORKS["inverse functions"] = inverse_functions
+
+
 def steps_of(network, step=0.02):
     """A vector of a few steps, wherever they lead."""
     walker, start = EulerWalk(network, step), network.start_state
@@ -68,6 +81,7 @@ def steps_of(network, step=0.02):
 def printed(folder, program):
     """What it prints with NumPy alone: the largest difference by the number of steps."""
     alone = "import sys; sys.modules['ann_dc'] = sys.modules['safetensors'] = None\n"
+    alone += "import numpy; [vars(numpy).pop(n, None) for n in ('atan', 'asin', 'acos')]  # 1.26\n"
     (folder / "reader.py").write_text(alone + program)
     run = subprocess.run(
         [sys.executable, "-I", "reader.py"], cwd=folder, capture_output=True, text=True, check=True

@@ -63,7 +63,7 @@ class Clamp:
     seeping: float
 
     def idle(self, x: np.ndarray) -> np.ndarray:
-        """Where its op amp rests while the integrator's output is between the rails."""
+        """Return the rest of its op amp while the integrator's output is between the rails."""
         apart = np.maximum(self.side * (self.rail - x), self.thermal * BESIDE / THERMAL)
         return x - self.side * self.idling * np.log1p(apart / self.seeping)
 
