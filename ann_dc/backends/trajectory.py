@@ -103,8 +103,8 @@ class Trajectory(Record, Tabulated):
             is_found = np.isfinite(between).all(axis=1)
             middles, between = middles[is_found], between[is_found]
             order = np.argsort(np.concatenate([time, middles]), kind="stable")
-            rows["time"] = np.concatenate([time, middles])[order]
-            rows["states"] = np.concatenate([states, between])[order]
+            made = np.concatenate([time, middles])[order], np.concatenate([states, between])[order]
+            rows.update(time=made[0], states=made[1])  # at once: other threads read them
         return rows[name]
 
     @property

@@ -93,3 +93,21 @@ def test_control_error_of_controls_that_never_move_is_a_share_of_their_scale():
     moved = decaying(BOTH)
     still = replace(moved, states=0 * moved.states)
     assert control_error(np.array([1e-5, 0.0]), still) == pytest.approx(1e-3)
+
+
+def test_rows_that_were_half_computed_are_computed_again(monkeypatch):
+    """Times and middle states are stored at once: another thread never finds one of them alone."""
+    dense = decaying(BOTH).with_between(lambda known, at: np.zeros((len(at), 2)), with_middles=True)
+    joined, calls = np.concatenate, []
+
+    def interrupted(*given, **named):
+        calls.append(given)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return joined(*given, **named)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(np, "concatenate", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            assert dense.time is not None
+    assert len(dense.time) == len(dense.states) == 5
