@@ -1,5 +1,7 @@
 """Controllers that have arrived: multipliers and controls vanish, and the run settles as before."""
 
+import re
+import subprocess
 from functools import cache
 
 import numpy as np
@@ -19,6 +21,8 @@ from ann_dc import (
 )
 from ann_dc.backends import ode
 from ann_dc.evaluation import evaluator
+from ann_dc.export.netlists import pack_check, pack_files
+from ann_dc.export.reference import reference_vector
 from ann_dc.fidelity import Specimen, budget, control_noise, predict, prediction_of, sensitivity
 from ann_dc.network import Cell, Connection, Network, Neuron
 
@@ -177,7 +181,25 @@ def test_ngspice_finds_a_circuit_at_rest_right():
     run = SpiceBackend(level=LEVEL).run(oscillator())
     assert run.settled()
     assert run.control_error < 1e-3
-    assert "full scale" in str(run)
+    assert "1% of the largest magnitude of the controls" in str(run)
+
+
+@needs_ngspice
+def test_pack_of_a_network_at_rest_confirms_its_prediction_in_ngspice(tmp_path):
+    """The deck relates the error to what the prediction does, and the claim names it."""
+    network = oscillator()
+    files = pack_files(network, reference_vector(network), level="macro")
+    for name, content in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(content)
+    command = ["ngspice", "-n", "-b", "deck.cir"]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    size = "of 1% of the largest magnitude of the controls on their way (they settle near zero)"
+    (told,) = re.findall(r"controls settled: off by (\S+) (of 1% .*)", ran.stdout)
+    assert ran.returncode == 0
+    assert told[1] == size
+    assert float(told[0]) < 1e-3
+    assert size in pack_check(files)
 
 
 @needs_ngspice

@@ -16,7 +16,7 @@ import numpy as np
 from ann_dc.backends.curves import Curves, Tabulated
 from ann_dc.backends.integration.methods import Between, Known
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.rules import RESTING, size_of
+from ann_dc.evaluation.rules import size_in_words, size_of
 from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
 from ann_dc.records import Record
@@ -192,10 +192,7 @@ class Trajectory(Record, Tabulated):
     @property
     def size_in_words(self) -> str:
         """The size to which errors of the last controls are related, in words."""
-        end = control_values(self.network, self.final)
-        if self.control_size > np.abs(end).max(initial=0.0):
-            return f"{RESTING:.0%} of full scale, since all controls rest near zero"
-        return "the largest one"
+        return size_in_words(control_values(self.network, self.final), self.control_reach)
 
     @property
     def curves(self) -> Curves:

@@ -31,8 +31,8 @@ SMALLEST_POSITION = 0.1
 """Smallest size of positions to which a residual is related: in their own scales states lie near
 one, and a problem whose states stay where they are has none at all."""
 RESTING = 0.01
-"""Smallest size of values to which an error is related, over how far they went on their way: what
-ends below it rests at zero, where a share of the value itself says nothing."""
+"""Smallest size of values to which an error is related, over their largest magnitude on their way:
+what ends below it rests at zero, where a share of the value itself says nothing."""
 
 
 NEAR = 1e-2
@@ -48,8 +48,8 @@ def size_of(end: np.ndarray, reach: float) -> float:
     end : array
         Settled values.
     reach : float
-        Largest magnitude on their way: full scale of a machine, but for its headroom. If it is
-        zero, one stands for it, as for full scale of a node that never moves.
+        Largest magnitude on their way, from the start to the end. If it is zero, one stands for
+        it: the scale of the values.
 
     Returns
     -------
@@ -63,6 +63,33 @@ def size_of(end: np.ndarray, reach: float) -> float:
     """
     largest = float(np.abs(end).max(initial=0.0))
     return max(largest, RESTING * (float(reach) or 1.0))
+
+
+def size_in_words(end: np.ndarray, reach: float) -> str:
+    """Return the size of settled controls, `size_of`, in words.
+
+    Parameters
+    ----------
+    end : array
+        Settled controls.
+    reach : float
+        Largest magnitude on their way.
+
+    Examples
+    --------
+    >>> size_in_words(np.array([2.0, -3.0]), 10.0)
+    'the largest one'
+    >>> size_in_words(np.array([1e-9]), 6.0)
+    '1% of the largest magnitude of the controls on their way (they settle near zero)'
+    >>> size_in_words(np.array([0.0]), 0.0)
+    '1% of the scale of the controls (they stay at zero)'
+    """
+    if size_of(end, reach) <= np.abs(end).max(initial=0.0):
+        return "the largest one"
+    if reach:
+        reached = f"{RESTING:.0%} of the largest magnitude of the controls on their way"
+        return f"{reached} (they settle near zero)"
+    return f"{RESTING:.0%} of the scale of the controls (they stay at zero)"
 
 
 def pushes_out(state, move, low, high):

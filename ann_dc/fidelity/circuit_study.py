@@ -58,8 +58,10 @@ class CircuitStudy:
     louder : bool
         Whether a larger full scale stays within what the parts can do.
     noise : float
-        Rms of the worst control from resistors, and from parts whose noise is known, over the
-        largest control, at the level's temperature; nan where it is not known.
+        Rms of the worst control from resistors, and from parts whose noise is known, over
+        their size (`size_of`), at the level's temperature; nan where it is not known.
+    size : str
+        Size to which errors and noise of the controls are related, in words.
     items : tuple of Item
         The error budget, worst first; empty where it was not asked for.
     samples : (S,) array
@@ -83,6 +85,7 @@ class CircuitStudy:
     snapping: Mapping[str, float]
     louder: bool
     noise: float
+    size: str
     items: tuple[Item, ...]
     samples: np.ndarray
     demand: MetricDemand | None = None
@@ -125,15 +128,15 @@ class CircuitStudy:
         louder = "a larger full scale, " if self.louder else ""
         if error < NEAR:
             return (
-                f"noise of {self.noise:.1%} of the largest control rms is on its controls, beside "
+                f"noise of {self.noise:.1%} rms of {self.size} is on its controls, beside "
                 f"an error of {error:.2g}; together above {NEAR:.0%}: take smaller resistors, "
                 f"{louder}or the mean of many readings"
             )
-        size = "the largest one" if self.run is None else self.run.probe.size_in_words
         means = f"take better parts, {louder}or a slower network"
         if (off := self.snapping.get("resistor", 0.0)) > NEAR / 10:
             means = f"its resistors are off by up to {off:.1%}: take pairs, or exact ones"
-        return f"the error of its controls {verb} {error:.1%} of {size}, above {NEAR:.0%}: {means}"
+        far = f"{error:.1%} of {self.size}, above {NEAR:.0%}"
+        return f"the error of its controls {verb} {far}: {means}"
 
 
 @checked
@@ -228,6 +231,7 @@ def study_circuit(
         snapping=_snapping(circuit, off),
         louder=level.full_scale < KNEE * level.limit / 1.2,
         noise=noise,
+        size=probe.size_in_words,
         items=worst,
         samples=drawn,
         demand=demand,

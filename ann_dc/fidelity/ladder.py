@@ -217,7 +217,7 @@ def _cpu_rung(timing: SolverTiming) -> Measured:
 
 
 def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
-    """Of the controls at a state from the equilibrium's, over the largest one."""
+    """Return the error of the controls at a state, relative to the equilibrium's."""
     rest = equilibrium(network, probe.final)
     wanted = control_values(network, rest)
     off = np.abs(control_values(network, x) - wanted).max()

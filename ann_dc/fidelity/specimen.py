@@ -146,7 +146,7 @@ class Specimen:
 
     @property
     def control_error(self) -> float:
-        """Error of the settled controls against the ideal network's, over the largest one."""
+        """Error of the settled controls against the ideal network's, over their size."""
         return control_error(self.emulation.controls(self.settled), self.probe)
 
 

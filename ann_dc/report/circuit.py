@@ -152,8 +152,7 @@ class CircuitReport:
                 not run.unsettled,
                 run.unsettled or f"controls within 0.1 % after {measured(*micros)} us",
             ),
-            "error of controls": f"{run.control_error:.2e} of {run.probe.size_in_words}, "
-            "against the ODE",
+            "error of controls": f"{run.control_error:.2e} of {self.found.size}, against the ODE",
             "trajectory": f"normalised mean square error {run.mean_square_error:.1e}, against "
             "the ODE",
             "predicted": self._predicted(),
@@ -199,7 +198,7 @@ class CircuitReport:
         found, rows = self.found, {}
         if math.isfinite(found.noise):
             kelvin = self.backend.level.conditions.kelvin
-            rows["noise"] = f"{found.noise:.1e} of the largest control rms, at {kelvin:.0f} K"
+            rows["noise"] = f"{found.noise:.1e} rms of {found.size}, at {kelvin:.0f} K"
         if self.backend.series.mantissas:
             rows["resistors"] = (
                 f"{self.backend.series.name}: off by up to {found.snapping['resistor']:.2%}, the "

@@ -111,7 +111,7 @@ def test_a_prediction_tells_whether_it_is_near():
     assert not replace(found, prediction=far).near
     heard = replace(found, noise=1.01 * NEAR)
     assert not heard.near
-    assert "noise of 1.0% of the largest control" in heard.shortcoming
+    assert "noise of 1.0% rms of the largest one is on its controls" in heard.shortcoming
     both = replace(found.prediction, control_error=0.8 * NEAR)  # as rms, 0.8 and 0.7 are above 1
     assert not replace(found, prediction=both, noise=0.7 * NEAR).near
     assert replace(found, prediction=both, noise=0.5 * NEAR).near

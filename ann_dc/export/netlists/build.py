@@ -78,7 +78,7 @@ class Build:
         Its netlist for ngspice.
     control_error : float
         Predicted error of the settled controls with the nominal parts that are written, relative to
-        the largest control; nan if the level has no emulation.
+        the size of the controls (`size_of`); nan if the level has no emulation.
     doubt : str
         Reasons why the circuit may not settle near the optimum, by its emulation; empty without
         any, and if no emulation was run.
@@ -236,7 +236,7 @@ def _lost(specimen: Specimen) -> list[str]:
 
 
 def _control_error(specimen: Specimen) -> float:
-    """Predicted error of the settled controls over the largest one; nan without an emulation."""
+    """Return the predicted error of the settled controls; nan without an emulation."""
     try:
         return specimen.control_error
     except NetworkError:
@@ -244,10 +244,11 @@ def _control_error(specimen: Specimen) -> float:
 
 
 def _coarse(specimen: Specimen, error: float) -> list[str]:
-    """That the controls settle too far from the optimum, and what helps."""
+    """Return a warning if the controls settle too far from the optimum, with a remedy."""
     if not error > NEAR:
         return []
-    told = f"its controls are predicted to be {error:.1%} of the largest one off, above {NEAR:.0%}"
+    size = specimen.probe.size_in_words
+    told = f"its controls are predicted to be {error:.1%} of {size} off, above {NEAR:.0%}"
     pairs = replace(specimen, deviations=snapped(specimen.circuit, E96_PAIRS))
     better = _control_error(pairs) if specimen.deviations else np.nan
     if better < NEAR:

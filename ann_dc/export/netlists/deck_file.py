@@ -29,7 +29,7 @@ WORD = re.compile(r"[a-z_]\w*")
 
 
 def library_of(build: Build) -> dict[str, str]:
-    """Files of the library that a deck needs, and no other, by the names that a pack has for them.
+    """Return the library files that a deck includes, by their names in a pack.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def _control_lines(build: Build) -> Iterator[str]:
     """Commands of ngspice: run, compare, write."""
     expected = {reading: build.settled(reading) for reading in build.controls}
     own = {reading: build.network.neuron(reading.name).scale for reading in expected}
-    largest = max((abs(own[r].network(value)) for r, value in expected.items()), default=1.0) or 1.0
+    size, told = build.probe.control_size, build.probe.size_in_words
     yield from (".control", "set numdgt=9", "run", "let worst = 0", "let last = length(time) - 1")
     yield f"if time[last] lt {number(0.999 * build.deck.end)}"
     yield from ('echo "the run ended early: nothing is settled"', "quit 1", "end")
@@ -131,15 +131,15 @@ def _control_lines(build: Build) -> Iterator[str]:
         row = f"{plain(reading.name)},{reading.stage},{reading.node},$&settled,{number(value)}"
         yield f"let settled = {zero} + {factor} * v({reading.node})[last]"
         yield f'echo "{row}" >> {CONTROLS}'
-        share = number(abs(own[reading].factor) * largest)
+        share = number(abs(own[reading].factor) * size)
         yield f"let off = abs(settled - ({number(value)})) / {share}"
         yield from ("if off gt worst", "let worst = off", "end")
     yield from ("set wr_singlescale", "set wr_vecnames")
     yield f"wrdata {WAVEFORMS} " + " ".join(f"v({reading.node})" for reading in expected)
     yield f"if worst gt {number(NEAR)}"
-    yield 'echo "NOT where the ideal network settles: off by $&worst of the largest control"'
+    yield f'echo "NOT where the ideal network settles: off by $&worst of {told}"'
     yield from ("quit 1", "end")
-    yield 'echo "controls settled: off by $&worst of the largest one"'
+    yield f'echo "controls settled: off by $&worst of {told}"'
     yield from ("quit 0", ".endc")
 
 
@@ -150,7 +150,8 @@ def claims_of(build: Build) -> tuple[str, str]:
     ----------
     build : Build
     """
-    return f"{CONTENT} {content_hash(build.network)}", f"{ACCURACY} {build.control_error:.1e}"
+    error = f"{build.control_error:.1e} of {build.probe.size_in_words}"
+    return f"{CONTENT} {content_hash(build.network)}", f"{ACCURACY} {error}"
 
 
 def checked_claims(name: str, lines: Iterable[str], vector: ReferenceVector) -> str:
@@ -179,29 +180,32 @@ def checked_claims(name: str, lines: Iterable[str], vector: ReferenceVector) -> 
         raise FileFormatError(f"{name}: it is another network's than {VECTOR}")
     told = [line.removeprefix(ACCURACY) for line in known if line.startswith(ACCURACY)]
     try:
-        [error] = map(float, told)
+        [(error, _, size)] = [words.partition(" of ") for words in told]
+        accuracy = accuracy_words(float(error), size)
     except ValueError as wrong:
         raise FileFormatError(f"{name}: expected one line '{ACCURACY}' with a number") from wrong
-    return f"of the network {vector.content[:12]}, {accuracy_words(error)}"
+    return f"of the network {vector.content[:12]}, {accuracy}"
 
 
-def accuracy_words(error: float) -> str:
+def accuracy_words(error: float, size: str) -> str:
     """Return in words how far the controls of a circuit are predicted to be off.
 
     Parameters
     ----------
     error : float
-        Relative to the largest control; nan if it is unknown.
+        Relative to the size of the controls; nan if it is unknown.
+    size : str
+        That size, as `Trajectory.size_in_words` gives it.
 
     Examples
     --------
-    >>> print(accuracy_words(6.1e-4))
+    >>> print(accuracy_words(6.1e-4, "the largest one"))
     whose controls are predicted to be off by 6.1e-04 of the largest one (nominal parts)
     """
     if math.isnan(error):
         return "whose control error was not predicted: the level has no emulation"
     above = f", NOT within {NEAR:.0%}" if error > NEAR else ""
-    off = f"off by {error:.1e} of the largest one{above} (nominal parts)"
+    off = f"off by {error:.1e} of {size}{above} (nominal parts)"
     return f"whose controls are predicted to be {off}"
 
 

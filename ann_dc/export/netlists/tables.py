@@ -117,12 +117,12 @@ def waveforms_text(build: Build) -> str:
 BOUGHT = """
 Resistors and capacitors have exact values, of which many megohms or few femtofarads cannot be
 bought or built: `series=E96-pairs` takes two resistors of that series for each, and capacitors of
-E24. With `series=E96`, one for each, controls are off by several percent.
+E24. With `series=E96`, one for each, controls are often off by several percent.
 """
 
 
 def accuracy_text(build: Build, parts: Iterable[Part] = ()) -> str:
-    """What a README begins with: parts that nobody sells, and what the circuit is worth.
+    """Return the first lines of a README: parts without a maker, and the predicted accuracy.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def accuracy_text(build: Build, parts: Iterable[Part] = ()) -> str:
     """
     unnamed = without_maker(parts, build.level.name)
     lines = [f"No part to buy for: {unnamed}."] if unnamed else []
-    lines += [f"A circuit {accuracy_words(build.control_error)}."]
+    lines += [f"A circuit {accuracy_words(build.control_error, build.probe.size_in_words)}."]
     lines += [f"WARNING: {build.doubt}."] if build.doubt else []
     return "\n\n".join(lines)
 
@@ -171,8 +171,9 @@ runs it for {deck.end:.4g} s of circuit time, and needs nothing but this folder.
 - `{CONTROLS}`: every control in the user's units as it settled, beside what is expected,
 - `{WAVEFORMS}`: the volts of the controls over time,
 
-and says how far the worst control is off, as a share of the largest one; above {NEAR:.0%} that it
-is NOT where the ideal network settles, with exit code 1. The expected values are those of the ideal
+and says how far the controls are off, as a share of {build.probe.size_in_words}.
+Above {NEAR:.0%} it says that they are NOT where the ideal network settles, with exit code 1. The
+expected values are those of the ideal
 network; parts of a level are off by what their gain, bandwidth and rails cost. `ann-dc circuit` has
 their noise, tolerances and settling time.
 

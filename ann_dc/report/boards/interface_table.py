@@ -50,7 +50,9 @@ class InterfaceTable:
         if chosen.adc_bits is not None:
             rows["controls"] = f"{chosen.adc_bits} bits: {cost.output_error:.2e} at most"
         if chosen.dac_bits is not None and chosen.adc_bits is not None:
-            rows["both"] = f"{cost.error:.2e} of the largest control with these inputs, as read"
+            rows["both"] = (
+                f"{cost.error:.2e} of the size of the controls with these inputs, as read"
+            )
         rows["with the parts"] = verdict_text(self.good, self._verdict())
         rows["a solve"] = (
             f"{_us(cost.settling_time)} to settle and {_us(chosen.seconds)} to convert: "

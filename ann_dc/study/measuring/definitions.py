@@ -34,7 +34,7 @@ FALLEN = float(np.log(1e3))
 
 def settling_time(sample: Sample) -> float:
     """Last exit of the relative KKT residual from above the tolerance (of a circuit: of the
-    controls from 0.1 % of the largest one)."""
+    controls from 0.1 % of their size, as `control_settling_time`)."""
     return sample.settling_time
 
 
@@ -44,7 +44,8 @@ def settling_in_fastest(sample: Sample) -> float:
 
 
 def control_settling_time(sample: Sample) -> float:
-    """Last exit of the controls from 0.1 % of the largest one around their end."""
+    """Last exit of the controls from 0.1 % of their size around their end, which is the largest
+    magnitude there, and at least 1 % of the largest on the way."""
     return sample.control_settling_time
 
 
@@ -149,7 +150,8 @@ def theta_rising(sample: Sample) -> float:
 
 
 def control_error(sample: Sample) -> float:
-    """Largest error of a control at the end against the ideal network's, over the largest one."""
+    """Largest error of a control at the end against the ideal network's, over their size: the
+    largest magnitude at that end, and at least 1 % of the largest on the way."""
     right, size = sample.right_controls
     return float(np.abs(sample.controls - right).max() / size)
 
@@ -203,8 +205,8 @@ def settling_steps(sample: Sample) -> Value:
 
 
 def seconds(sample: Sample) -> float:
-    """Seconds until the controls stay within 0.1 % of the largest one, in the circuit; of a network
-    that runs beside one, in its scaling of time."""
+    """Seconds until the controls stay within 0.1 % of their size (`control_settling_time`), in the
+    circuit; of a network that runs beside one, in its scaling of time."""
     return sample.seconds
 
 

@@ -88,7 +88,7 @@ _UNITS: dict[str, tuple[Callable[[Sample], Value], ...]] = {
         predicted_decay_rate,
         resting_decay_rate,
     ),
-    "share of the largest control": (control_overshoot, control_error),
+    "share of the size of the controls": (control_overshoot, control_error),
     "share of a range": (accuracy_floor,),
     "s": (seconds, slowest_mode_seconds),
     "W": (power,),
