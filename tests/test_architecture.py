@@ -25,6 +25,7 @@ ORDER = (
     "problem problem.constraints problem.free_time problem.objectives",
     "problem.written problem.robots",
     "decomposition optimality optimality.prospects optimality.second_order",
+    "optimality.interior_point",
     "network.metrics",
     "network",
     "evaluation.vector_code",

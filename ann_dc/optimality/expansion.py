@@ -23,7 +23,7 @@ import numpy as np
 from ann_dc.optimality.contact import Contact, Slots, limits_of, rows_of, sizes_of
 from ann_dc.optimality.soft_rows import AT_PRICE, penalty
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.scales import natural_scales
+from ann_dc.problem.scales import Scales, natural_scales
 
 SMALLEST = 1e-4
 """Slope, in its scale, to which residuals of slopes are related at least: all slopes vanish at the
@@ -34,27 +34,45 @@ BEYOND = 1e-6
 """Distance, over the range of what it reads, from which on a row at its price is a cost."""
 
 
-class _Frame(NamedTuple):
-    """What every expansion of a problem has in common."""
+class Frame(NamedTuple):
+    """Scales and ends that every expansion of a problem has in common."""
 
     fixed_start: np.ndarray
+    """(n,) bool: components that q_0 fixes."""
     fixed: np.ndarray
+    """(n,) bool: components that q_d fixes."""
     ends: tuple[np.ndarray, np.ndarray]
+    """q_0 and q_d, a free component at its other end."""
     state: np.ndarray
+    """(n,): factors of states."""
     control: np.ndarray
+    """(m,): factors of controls."""
     zero: np.ndarray
+    """(n+m,): offsets of states and controls."""
     cost: float
+    """Unit of the cost."""
     of_jacobian: np.ndarray
+    """(n, n+m): factors on the map's Jacobian."""
     of_hessian: np.ndarray
+    """(n+m, n+m): factors on a Hessian of the cost."""
     of_slope: np.ndarray
+    """(n+m,): factors on a slope of the cost."""
     factors: np.ndarray
+    """(n+m,): of states and controls."""
     limits: np.ndarray
+    """(m, 2): limits of controls, in scales."""
     is_bounded: bool
+    """True if the problem has inequalities or control limits."""
 
     @classmethod
     @lru_cache(maxsize=64)
-    def of(cls, problem: OptimalControlProblem) -> _Frame:
-        scales = natural_scales(problem)
+    def of(cls, problem: OptimalControlProblem) -> Frame:
+        """Frame in the natural scales of a problem."""
+        return cls.in_scales(problem, natural_scales(problem))
+
+    @classmethod
+    def in_scales(cls, problem: OptimalControlProblem, scales: Scales) -> Frame:
+        """Frame in scales of one's choice."""
         factors, offsets = np.array(scales.states + scales.controls).T
         state = factors[: problem.n]
         limits, rows = problem.control_limits, (problem.inequalities, problem.end_inequalities)
@@ -152,12 +170,33 @@ class Expansion:
         shares : (p,) array, optional
             Of objectives; equal ones where they are not given.
         """
-        frame, n = _Frame.of(problem), len(q)
+        plain = cls.without_rows(problem, q, u, mu, shares)
+        if not Frame.of(problem).is_bounded:
+            return plain
+        r, r_end = len(problem.inequalities), len(problem.end_inequalities)
+        of_rows = np.zeros((r, u.shape[1])) if zeta is None else zeta
+        of_end = np.zeros(r_end) if zeta_end is None else zeta_end
+        with np.errstate(all="ignore"):
+            plain = replace(plain, objective=plain.objective + penalty(problem, q, u))
+            return plain._in_contact(problem, (q, u), (of_rows, of_end))
+
+    @classmethod
+    def without_rows(
+        cls,
+        problem: OptimalControlProblem,
+        q: np.ndarray,
+        u: np.ndarray,
+        mu: np.ndarray,
+        shares: np.ndarray | None = None,
+        frame: Frame | None = None,
+    ) -> Expansion:
+        """Expand a problem without its inequalities and control limits; arguments as in `at`."""
+        frame, n = frame or Frame.of(problem), len(q)
         of_state = frame.of_slope[:n]
         with np.errstate(all="ignore"):
             told = problem.functions_with(shares).derivatives(q[:, :-1], u, mu)
             end, end_slope, end_hessian = problem.functions.terminal(q[:, -1])
-            plain = cls(
+            return cls(
                 fixed_start=frame.fixed_start,
                 fixed=frame.fixed,
                 ends=frame.ends,
@@ -172,14 +211,8 @@ class Expansion:
                 end_slope=end_slope * of_state,
                 mu=mu.T * of_state,
                 map=told.map,
-                objective=float(told.cost.sum() + end) + penalty(problem, q, u),
+                objective=float(told.cost.sum() + end),
             )
-            if not frame.is_bounded:
-                return plain
-            r, r_end = len(problem.inequalities), len(problem.end_inequalities)
-            of_rows = np.zeros((r, u.shape[1])) if zeta is None else zeta
-            of_end = np.zeros(r_end) if zeta_end is None else zeta_end
-            return plain._in_contact(problem, (q, u), (of_rows, of_end))
 
     def _in_contact(
         self,
@@ -188,7 +221,7 @@ class Expansion:
         zetas: tuple[np.ndarray, np.ndarray],
     ) -> Expansion:
         """With the inequalities, of multipliers (r, N) and (r_e,), and the control limits."""
-        frame, (q, u), (zeta, zeta_end), n = _Frame.of(problem), point, zetas, problem.n
+        frame, (q, u), (zeta, zeta_end), n = Frame.of(problem), point, zetas, problem.n
         sizes = sizes_of(self.q, self.u, frame.limits)
         is_free = np.ones((len(self.q), len(sizes)), bool)
         is_free[0, :n], is_free[-1, :n] = ~self.fixed_start, ~self.fixed

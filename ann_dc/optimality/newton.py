@@ -32,7 +32,7 @@ from ann_dc.hints.checked import checked
 from ann_dc.optimality.expansion import Expansion
 from ann_dc.problem.declaration import OptimalControlProblem
 
-(_solve_band,) = get_lapack_funcs(("gbsv",), dtype=np.float64)
+(solve_band,) = get_lapack_funcs(("gbsv",), dtype=np.float64)
 
 SINGULAR = 1e-13
 """Smallest pivot over the largest below which a matrix is singular: rounding makes 1e-17 of zero,
@@ -52,6 +52,9 @@ stage, add up along the row; one of 1e-8 of a largest slope of 0.1 moves a contr
 YIELD = 1e-9
 """What a row of slope one gives way under a multiplier of one, in scales: rows may depend on each
 other, and then share what they carry."""
+
+EQUILIBRATIONS = 3
+"""Sweeps of the scaling of a band."""
 
 RELEASES = 20
 """How often rows are let go, at most."""
@@ -125,11 +128,11 @@ def _step(expansion: Expansion, gap: np.ndarray) -> np.ndarray:
     """The step (N+1, 2n+m+R) of all unknowns; nan where it is not defined."""
     contact, z = expansion.contact, expansion.slope.shape[1]
     if contact is None:
-        return _solved(*_system(expansion, gap))
+        return solved(*banded_system(expansion, gap))
     held = contact.near & contact.slope.any(axis=-1)
     for _ in range(RELEASES):
         contact = contact.only(held)
-        step = _solved(*_system(replace(expansion, contact=contact), gap))
+        step = solved(*banded_system(replace(expansion, contact=contact), gap))
         pulls = contact.multiplier + step[:, z : z + held.shape[1]]
         if not (held & (pulls < 0.0)).any():
             return step
@@ -137,7 +140,7 @@ def _step(expansion: Expansion, gap: np.ndarray) -> np.ndarray:
     return np.full((len(held), len(expansion.state) + z + held.shape[1]), np.nan)
 
 
-def _system(expansion: Expansion, gap: np.ndarray):
+def banded_system(expansion: Expansion, gap: np.ndarray):
     """KKT matrix as a band, right-hand side (N+1, 2n+m+R), and which unknowns there are.
 
     Block k is (q_k, u_k, zeta_k, mu_k); of the last one there are q_N and zeta_N alone. The band
@@ -199,12 +202,32 @@ def _places(w: int, row: int, column: int, rows: int, columns: int):
     return np.broadcast_to(j, (rows, columns)), 2 * w + i - j
 
 
-def _solved(columns: np.ndarray, right: np.ndarray, is_there: np.ndarray) -> np.ndarray:
-    """The step; nan where the matrix is singular, to rounding."""
+def equilibrated(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Band D K D with largest entries near one in every row, and the diagonal of D.
+
+    Ruiz scaling of a symmetric matrix: barrier terms span many orders of magnitude.
+    """
+    size, width = columns.shape
+    w = width // 3
+    entry = np.arange(w, width)
+    other = np.clip(np.arange(size)[:, None] + entry - 2 * w, 0, size - 1)
+    factors, magnitude = np.ones(size), np.abs(columns[:, w:])
+    for _ in range(EQUILIBRATIONS):
+        largest = (magnitude * factors[other]).max(axis=1) * factors
+        factors /= np.sqrt(np.where(largest > 0.0, largest, 1.0))
+    scaled = columns.copy()
+    scaled[:, w:] *= factors[other] * factors[:, None]
+    return scaled, factors
+
+
+def solved(
+    columns: np.ndarray, right: np.ndarray, is_there: np.ndarray, least: float = SINGULAR
+) -> np.ndarray:
+    """The step; nan where a pivot is at most ``least`` times the largest: a singular matrix."""
     w = columns.shape[1] // 3
-    factors, _, step, flaw = _solve_band(w, w, columns.T, right.ravel(), overwrite_ab=True)
+    factors, _, step, flaw = solve_band(w, w, columns.T, right.ravel(), overwrite_ab=True)
     pivots = np.abs(factors[2 * w, is_there.ravel()])
-    if flaw != 0 or not pivots.min() > SINGULAR * pivots.max():
+    if flaw != 0 or not pivots.min() > least * pivots.max():
         return np.full(right.shape, np.nan)
     return step.reshape(right.shape)
 

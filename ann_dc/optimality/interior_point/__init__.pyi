@@ -1,0 +1,1 @@
+from .search import Extremum as Extremum, interior_point as interior_point
