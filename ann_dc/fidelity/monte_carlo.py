@@ -12,6 +12,7 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.spice.refinement import read_timed
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.specimen import Specimen
@@ -234,8 +235,11 @@ def measured_runs(
         If there is no ngspice.
     """
     end = decks[0].end if decks else None
-    results = ngspice_of(backend).run_many([deck.text for deck in decks], end_time=end)
+    simulator, datasheet = ngspice_of(backend), backend.level.datasheet
+    results = simulator.run_many([deck.text for deck in decks], end_time=end)
     return [
-        backend.read(circuit, deck, raw, probe) if isinstance(raw, Raw) else None
+        read_timed((circuit, deck, raw, probe), simulator, datasheet)
+        if isinstance(raw, Raw)
+        else None
         for deck, raw in zip(decks, results)
     ]

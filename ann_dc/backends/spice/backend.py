@@ -10,20 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Annotated, TypeAlias
 
 import numpy as np
 
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import DOP853, OdeBackend
-from ann_dc.backends.spice.circuit_run import CircuitRun, check_full_scale, read_back
+from ann_dc.backends.spice.circuit_run import CircuitRun, check_full_scale
 from ann_dc.backends.spice.netlist.deck import Deck, deck_of
 from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
-from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.pdk.files import PACKAGE
-from ann_dc.backends.spice.refinement import refined
+from ann_dc.backends.spice.refinement import read_timed
 from ann_dc.backends.spice.span import span_of
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
@@ -277,13 +275,7 @@ class SpiceBackend:
         """
         self.progress(f"ngspice, {self.level.name} level")
         raw = ngspice_of(self).run(deck.text, end_time=deck.end)
-        return self.read(circuit, deck, raw, probe)
-
-    def read(self, circuit: Circuit, deck: Deck, raw: Raw, probe: Trajectory) -> CircuitRun:
-        """Read back what ngspice answered to a circuit's netlist; see `read_back`."""
-        sheet = self.level.datasheet
-        finer = partial(refined, simulator=ngspice_of(self), datasheet=sheet)
-        return replace(read_back(circuit, deck, raw, probe, sheet), finer=finer)
+        return read_timed((circuit, deck, raw, probe), ngspice_of(self), self.level.datasheet)
 
     def _probe(self, network: Network) -> Trajectory:
         self.progress("probe run")

@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from ann_dc.backends.spice.circuit_run import CircuitRun, read_back
 from ann_dc.backends.spice.netlist.deck import Deck
+from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import SpiceError
+from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count
@@ -35,6 +38,24 @@ ENOUGH = 0.01
 
 BEYOND = 1.1
 """End of a finer run over the settling time."""
+
+
+def read_timed(
+    answer: tuple[Circuit, Deck, Raw, Trajectory], simulator: Ngspice, datasheet: Datasheet
+) -> CircuitRun:
+    """Read back a run whose settling time is that of finer runs, made when it is asked for.
+
+    Parameters
+    ----------
+    answer : tuple
+        Circuit, netlist, answer of ngspice and probe, as `read_back` takes them.
+    simulator : Ngspice
+        Of the finer runs.
+    datasheet : Datasheet
+        Of the level.
+    """
+    finer = partial(refined, simulator=simulator, datasheet=datasheet)
+    return replace(read_back(*answer, datasheet), finer=finer)
 
 
 @checked
