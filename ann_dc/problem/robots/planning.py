@@ -289,7 +289,7 @@ def leg_problem(robot: Robot, *, stages: int, reach: float) -> OptimalControlPro
     OptimalControlProblem
         With an input ``h``, the seconds of a stage.
     """
-    h = sp.Symbol("h", positive=True)
+    h = sp.Symbol("h")
     aside = len(robot.states) - 2
     return OptimalControlProblem(
         states=robot.states,
