@@ -161,7 +161,8 @@ class Model:
         if moves is None:
             return None
         dq, du, dmu = moves
-        step = Point(dq, du, *(np.zeros_like(point.s),) * 3, dmu, np.zeros_like(point.s))
+        none = np.zeros_like(point.s)
+        step = Point(dq, du, none, none, none, dmu, none)
         if not (is_counted or _bends_up(shifted, step)):
             return None
         dz = weight * ((G @ step.stages[..., None])[..., 0] + away)
@@ -191,9 +192,8 @@ class Model:
         if moves is None:
             return None
         dq, du, dmu = moves
-        step = Point(
-            dq, du, *(np.zeros_like(point.s),) * 3, np.zeros_like(dmu), np.zeros_like(point.s)
-        )
+        none = np.zeros_like(point.s)
+        step = Point(dq, du, none, none, none, np.zeros_like(dmu), none)
         return step._replace(s=-self.miss - (G @ step.stages[..., None])[..., 0])
 
     def longest(self, step: Point, share: float) -> tuple[float, float]:
