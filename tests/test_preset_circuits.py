@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from bench import preset_circuits
 from bench.preset_circuits import (
+    BELOW,
     agree,
+    below,
     board_of,
     compared,
     drawn,
@@ -23,6 +25,7 @@ from ann_dc.fidelity import Specimen
 from ann_dc.hardware.parts import presets
 
 SAMPLE = ("unicycle", "river", "two_tanks", "cart")
+QUICK = (5e-2, "zero_drift_trimmed")
 
 
 @needs_ngspice
@@ -64,6 +67,22 @@ def test_the_best_the_middle_and_the_worst_board_are_simulated():
 @pytest.mark.parametrize("plant", SAMPLE)
 def test_every_preset_settles_as_predicted(plant, preset):
     row = made(plant, preset, network_of(plant))
+    assert row.good, row
+    assert row.value != "refused", row
+
+
+@needs_ngspice
+@pytest.mark.parametrize(
+    ("share", "preset"),
+    [
+        pytest.param(share, preset, marks=() if (share, preset) == QUICK else pytest.mark.slow)
+        for share in BELOW
+        for preset in presets.names()
+    ],
+)
+def test_control_below_its_bound_errs_and_settles_as_predicted(share, preset):
+    """Runs ended 10 % of an error of 2e-6 away from where they led."""
+    row = made("regulator", preset, below(share))
     assert row.good, row
     assert row.value != "refused", row
 

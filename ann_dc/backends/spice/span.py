@@ -4,6 +4,7 @@ The probe run says how long the ideal network takes. Op amps can add modes that 
 of its own, and so do clamps beside an output that rests near a rail; the slowest pole of the pole
 model tells, and up to a bound the run waits for it.
 Controls that end far below where they have been take longer to settle, and the run with them.
+A run ends after the slowest mode has decayed below the predicted error, which is read at its end.
 """
 
 from __future__ import annotations
@@ -13,11 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.backends.trajectory import Trajectory
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.backends.trajectory import Trajectory, control_error
+from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.amplifiers.idle_clamps import beside_rails
 from ann_dc.hardware.emulation.building import emulate
-from ann_dc.hardware.emulation.states import pole_spectrum
+from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.states import emulated_state, pole_spectrum
 from ann_dc.hardware.parts.levels import Level
 
 LONGER = 1.5
@@ -32,6 +36,9 @@ LIFETIMES = 14.0
 SMALL, LATER = 0.1, 3.0
 """Share of their reach below which controls end small; time constants that a run is longer for each
 factor of e that they end below it: one to fall by that, and the rest that has to be seen."""
+
+LEFT = 0.02
+"""Deviation that the slowest mode leaves at the end of a run, over the predicted error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,8 +91,13 @@ def span_of(circuit: Circuit, level: Level, probe: Trajectory) -> Span:
     Span
     """
     ideal = float(probe.time[-1])
-    wanted = _lifetimes(probe) * _slowest(circuit, level, probe)
-    duration = float(np.clip(wanted, LONGER * ideal, LONGEST * ideal))
+    if not level.emulated:
+        return Span(duration=LONGER * ideal, wanted=0.0)
+    emulation = emulate(circuit, level)
+    slowest = _slowest(emulation, level, probe)
+    wanted = slowest * _lifetimes(probe)
+    longer = max(wanted, slowest * _lifetimes_of_error(emulation, probe))
+    duration = float(np.clip(longer, LONGER * ideal, LONGEST * ideal))
     return Span(duration=duration, wanted=wanted)
 
 
@@ -95,10 +107,18 @@ def _lifetimes(probe: Trajectory) -> float:
     return LIFETIMES + LATER * math.log(max(fall, 1.0))
 
 
-def _slowest(circuit: Circuit, level: Level, probe: Trajectory) -> float:
-    """The slowest time constant of the pole model; 0 where there is none, or a pole grows."""
-    if not level.emulated:
+def _lifetimes_of_error(emulation: Emulation, probe: Trajectory) -> float:
+    """Return the time constants that leave `LEFT` of the error; 0 if there is no equilibrium."""
+    try:
+        x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
+    except NetworkError:
         return 0.0
-    built = beside_rails(emulate(circuit, level), level.datasheet, probe.final)
+    left = LEFT * control_error(emulation.controls(x), probe) * probe.control_size
+    return math.log(probe.control_reach / left) if 0 < left < probe.control_reach else 0.0
+
+
+def _slowest(emulation: Emulation, level: Level, probe: Trajectory) -> float:
+    """Return the slowest time constant of the pole model; 0 if a pole grows."""
+    built = beside_rails(emulation, level.datasheet, probe.final)
     abscissa = pole_spectrum(built, probe.final).abscissa
     return -1 / abscissa if abscissa < 0 else 0.0

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ann_dc.backends.spice import SpiceBackend, span_of
+from ann_dc.fidelity import Specimen
 from ann_dc.gain_design import design
 from ann_dc.hardware.emulation import emulate, pole_spectrum
 from ann_dc.hardware.parts import BEHAVIOURAL, macro
@@ -41,10 +42,22 @@ def test_a_circuit_as_fast_as_its_network_runs_one_and_a_half_times_as_long():
 
 def test_a_circuit_that_is_slower_runs_for_fourteen_of_its_slowest_time_constants():
     circuit, short = cut_short(0.1)
-    slowest = -1 / pole_spectrum(emulate(circuit, macro()), short.final).abscissa
-    span = span_of(circuit, macro(), short)
+    level = macro(a0=1e4)
+    slowest = -1 / pole_spectrum(emulate(circuit, level), short.final).abscissa
+    span = span_of(circuit, level, short)
     assert span.duration == pytest.approx(14 * slowest)
     assert span.duration > 1.5 * short.time[-1]
+    assert not span.cut
+
+
+@pytest.mark.parametrize("a0", [1e6, 1e8])
+def test_span_of_circuit_with_small_error_leaves_a_fiftieth_of_it(a0):
+    circuit, short = cut_short(0.1)
+    specimen = Specimen(circuit=circuit, level=macro(a0=a0), probe=short)
+    span = span_of(circuit, specimen.level, short)
+    left = np.exp(specimen.modes.abscissa * span.duration) * short.control_reach
+    assert left == pytest.approx(0.02 * specimen.control_error * short.control_size, rel=1e-3)
+    assert span.duration > span.wanted
     assert not span.cut
 
 

@@ -157,7 +157,8 @@ def beside_rails(emulation: Emulation, sheet: Datasheet, x: np.ndarray) -> Emula
     for part in circuit.schematic.parts:
         if isinstance(part, Integrator) and part.railed:
             output = values[ideal.neuron_index[part.name]]
-            added = sum(clamp.added(output) for clamp in clamps_of(circuit, sheet, part))
+            clamps = clamps_of(circuit, sheet, part)
+            added = np.sum([clamp.added(output) for clamp in clamps], axis=0)
             larger[AmplifierNodes(part.name).held] = 1 + added
     if not larger:
         return emulation
