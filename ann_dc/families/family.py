@@ -15,7 +15,7 @@ import numpy as np
 from ann_dc.errors import ProblemError, UnknownNameError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Own
-from ann_dc.network.inputs import input_batch, moved_starts
+from ann_dc.network.inputs import drawn_values, input_batch, moved_starts
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 
@@ -182,14 +182,7 @@ def _drawn(
     network: Network, over: Over, count: int, seed: int, *, independent: bool = False
 ) -> list[Sample]:
     if isinstance(over, Mapping):
-        low, high = np.transpose(list(over.values()))
-        if independent:
-            points = np.random.default_rng(seed).random((count, len(over)))
-        else:
-            from scipy.stats import qmc  # loads slowly, and few need it
-
-            points = qmc.Sobol(len(over), rng=seed).random_base2(max(count - 1, 0).bit_length())
-        values = (low + (high - low) * points)[:count]
+        values = drawn_values(over, count, seed, independent=independent)
         ones = np.ones(network.stages)
         return [{name: value * ones for name, value in zip(over, row)} for row in values]
     given = over(np.random.default_rng(seed), count) if callable(over) else over

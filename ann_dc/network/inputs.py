@@ -194,3 +194,38 @@ def ranges_of(words: Sequence[str], option: str) -> dict[str, tuple[float, float
             raise ProblemError(f"{option}: {name.strip()} is given twice")
         ranges[name.strip()] = found
     return ranges
+
+
+def drawn_values(
+    ranges: Mapping[str, tuple[float, float]], count: int, seed: int, *, independent: bool = False
+) -> np.ndarray:
+    """Draw values of inputs in their ranges.
+
+    Parameters
+    ----------
+    ranges : mapping of str to (float, float)
+        Lowest and highest value of every input.
+    count : int
+    seed : int
+        The same seed gives the same values on any machine.
+    independent : bool
+        Draw every value independently; by default a scrambled Sobol sequence fills the ranges.
+
+    Returns
+    -------
+    (count, inputs) array
+
+    Examples
+    --------
+    >>> drawn_values({"q_d.x": (3.0, 7.0)}, 4, seed=0).shape
+    (4, 1)
+    """
+    low, high = np.transpose(list(ranges.values()))
+    if independent:
+        points = np.random.default_rng(seed).random((count, len(ranges)))
+    else:
+        from scipy.stats import qmc  # loads slowly, and few need it
+
+        sequence = qmc.Sobol(len(ranges), rng=seed)
+        points = sequence.random_base2(max(count - 1, 0).bit_length())[:count]
+    return low + (high - low) * points

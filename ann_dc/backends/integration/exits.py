@@ -46,36 +46,41 @@ def last_exit(time: np.ndarray, residual: np.ndarray, tolerance: float) -> float
 
 
 def located_exit(
-    deviation: Callable[[np.ndarray], np.ndarray], grid: np.ndarray, tolerance: float
+    deviation: Callable[[np.ndarray], np.ndarray],
+    grid: np.ndarray,
+    tolerance: float,
+    rounds: int = ROUNDS,
 ) -> float | None:
-    """The last time at which a deviation exceeds a tolerance, by ever finer looks.
+    """Locate the last time at which a deviation exceeds a tolerance, on ever finer grids.
 
     Parameters
     ----------
     deviation : callable
-        (K,) of rising times (K,).
+        Deviations (K,) at rising times (K,).
     grid : (K,) array
-        Where to look first; the last one is below the tolerance.
+        Times of the first evaluation; the deviation at the last one is below the tolerance.
     tolerance : float
+    rounds : int
+        Number of grids.
 
     Returns
     -------
     float or None
-        None if no look finds one.
+        None if no deviation on the grid exceeds the tolerance.
 
     Examples
     --------
     >>> round(located_exit(lambda s: np.cos(s) ** 2, np.linspace(0.0, 2.0, 9), 0.5), 6)
     0.785398
     """
-    for _ in range(ROUNDS):
-        found = deviation(grid)
-        above = np.flatnonzero(~(found < tolerance))
-        if not above.size:
-            return None
-        last = int(above[-1])
-        if last == len(grid) - 1:
-            return float(grid[-1])
-        pair, values = grid[last : last + 2], found[last : last + 2]
-        grid = np.linspace(*pair, LOOKS + 1)
-    return last_exit(pair, values, tolerance)
+    found = deviation(grid)
+    above = np.flatnonzero(~(found < tolerance))
+    if not above.size:
+        return None
+    last = int(above[-1])
+    if last == len(grid) - 1:
+        return float(grid[-1])
+    if rounds == 1:
+        return last_exit(grid, found, tolerance)
+    finer = np.linspace(grid[last], grid[last + 1], LOOKS + 1)
+    return located_exit(deviation, finer, tolerance, rounds - 1)

@@ -8,13 +8,14 @@ from typing import Annotated
 import typer
 
 from ann_dc.cli.arguments.backends import StartOptions, start_of
-from ann_dc.cli.arguments.family import FamilyOptions, ranges_of
+from ann_dc.cli.arguments.family import FamilyOptions
 from ann_dc.cli.arguments.kinds import KindsOption, kinds_of
 from ann_dc.cli.arguments.output import QuietOption, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import DesignError
+from ann_dc.network.inputs import ranges_of
 from ann_dc.network.metrics.contract import ALL_KINDS
 from ann_dc.phases import phase
 from ann_dc.whole_files.files import make_folder
@@ -125,7 +126,7 @@ def _design_family(
                 "--over: goes with neither --refine nor --why nor a start; every input starts on "
                 "its own straight line"
             )
-        declared, over = problem.declared(), ranges_of(family.over or [])
+        declared, over = problem.declared(), ranges_of(family.over or [], "--over")
         if out is not None:
             make_folder(out)
 

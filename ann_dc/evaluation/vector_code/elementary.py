@@ -96,7 +96,8 @@ def _of_tree(
     def node(operation: str, *operands: str) -> str:
         if operation in _ARITHMETIC:
             return f.op(_ARITHMETIC[operation], *operands)
-        return function_of(f, CODE[operation], *operands, circular)
+        (x,) = operands
+        return function_of(f, CODE[operation], x, circular)
 
     return folded(tree, leaf, node)
 

@@ -206,6 +206,7 @@ class _Trial:
         found = replace(found, error=found.control_error(model.states, self.vector))
         whole = self.sample.settled & ~model.saturated
         jitter = [self.of_rows(part[:, whole].max(1)) for part in (model.drift, model.drive)]
+        tried = found
         for factor in QUIET:
             tried = self.settled(found, factor, *jitter)
             if self.good(tried):

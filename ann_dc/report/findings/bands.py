@@ -122,8 +122,7 @@ def combinations(
     codes = np.zeros((len(rows), 0), int)
     chosen: list[Column] = []
     for one in sorted(settings, key=lambda one: (one.numbers is not None, len(one.distinct))):
-        own = one.codes if one.numbers is None else np.searchsorted(one.distinct, one.numbers)
-        wider = np.column_stack([codes, own[rows]])
+        wider = np.column_stack([codes, _codes(one)[rows]])
         if len(np.unique(wider, axis=0)) <= most:
             codes, chosen = wider, [*chosen, one]
         elif one.numbers is None:
@@ -131,12 +130,20 @@ def combinations(
     _, firsts, place = np.unique(codes, axis=0, return_index=True, return_inverse=True)
     return [
         Combination(
-            ", ".join(_valued(one, rows[first]) for one in chosen),
+            ", ".join(_valued(one, int(rows[first])) for one in chosen),
             rows[place.ravel() == number],
             len(chosen) == len(settings),
         )
         for number, first in enumerate(firsts)
     ]
+
+
+def _codes(setting: Column) -> np.ndarray:
+    """Return the number (rows,) of each row's value among the distinct ones, or of its word."""
+    if setting.numbers is not None:
+        return np.searchsorted(setting.distinct, setting.numbers)
+    assert setting.codes is not None
+    return setting.codes
 
 
 def _valued(setting: Column, row: int) -> str:

@@ -106,7 +106,7 @@ def _lines(
             if groups_of_it.clustered.any():
                 said["No median where points form two clusters"] = None
         elif part.is_whole and len(part.rows) == len(own.distinct):
-            order = np.argsort(own.numbers)
+            order = np.argsort(own.values)
             lines.append(_line(own.values[order], values.values[order], part.label, dash))
     return lines, [*said]
 
@@ -227,7 +227,7 @@ def over_two(found: Findings, metric: Column, across: Column, up: Column) -> Fig
     shape = (len(y) - 1, len(x) - 1)
     assert metric.numbers is not None
     cells = pandas.Series(metric.numbers[known]).groupby([line, column])
-    medians = cells.median()[~cells.apply(_in_clusters, metric)]
+    medians = cells.median().loc[~cells.apply(_in_clusters, metric)]
     if len(medians) < FILLED * shape[0] * shape[1]:
         return None
     values = np.full(shape, np.nan)

@@ -51,9 +51,9 @@ def own_script() -> Script:
     True
     """
     main = sys.modules["__main__"]
-    file = getattr(main, "__file__", None)
-    known = file is not None and Path(file).is_file()
-    return Script(str(Path(file).absolute()) if known else "", getattr(main, "__package__", None))
+    path = Path(getattr(main, "__file__", None) or "")
+    file = str(path.absolute()) if path.is_file() else ""
+    return Script(file, getattr(main, "__package__", None))
 
 
 def loaded(pickled: bytes, given: Script) -> Any:

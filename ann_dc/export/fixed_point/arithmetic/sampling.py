@@ -19,7 +19,7 @@ from ann_dc.export.fixed_point.arithmetic.program import Program
 from ann_dc.export.fixed_point.arithmetic.walk import Ranges, Walks
 from ann_dc.export.fixed_point.arithmetic.writing import program_of
 from ann_dc.export.reference.vector import LIMIT, LOST, ReferenceVector
-from ann_dc.network.inputs import ranges_of
+from ann_dc.network.inputs import drawn_values, ranges_of
 from ann_dc.network.network import Network
 
 InputRanges = Mapping[str, tuple[float, float]]
@@ -75,15 +75,6 @@ def _closed(network: Network, name: str, ends: tuple[float, float]) -> tuple[flo
     )
 
 
-def _drawn(network: Network, ranges: InputRanges, count: int, seed: int) -> np.ndarray:
-    """Draw values in the ranges: (inputs, B)."""
-    from scipy.stats import qmc  # loads slowly, and few need it
-
-    low, high = np.transpose(list(ranges.values()))
-    points = qmc.Sobol(len(ranges), rng=seed).random_base2(max(count - 1, 0).bit_length())[:count]
-    return (low + (high - low) * points).T
-
-
 @dataclass(frozen=True, eq=False)
 class Sample:
     """Walks of a network from its start with some inputs, one a lane.
@@ -134,7 +125,7 @@ def learnt(network: Network, vector: ReferenceVector, ranges: InputRanges) -> Sa
     """
     loaded: dict[str, np.ndarray] = {}
     if ranges:
-        values = _drawn(network, ranges, LEARNT, LEARNT_SEED)
+        values = drawn_values(ranges, LEARNT, LEARNT_SEED).T
         if len(ranges) <= MOST_CORNERS:
             values = np.column_stack([np.transpose(list(product(*ranges.values()))), values])
         loaded = _loaded(network, ranges, values)
@@ -164,7 +155,7 @@ def held_out(network: Network, vector: ReferenceVector, ranges: InputRanges, ste
         One at least.
     step : float
     """
-    values = _drawn(network, ranges, HELD_OUT, HELD_OUT_SEED)
+    values = drawn_values(ranges, HELD_OUT, HELD_OUT_SEED).T
     return _walked(network, vector, _loaded(network, ranges, values), step)
 
 
