@@ -1,4 +1,4 @@
-"""Resources of the package and of the machine: the SPICE library, processor cores, BLAS threads."""
+"""Resources of package and machine: SPICE library, processor cores, BLAS threads."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def _set(library: Any, number: int) -> None:
 
 @cache
 def _libraries() -> list[Any]:
-    """Loaded BLAS libraries; the search takes a millisecond."""
+    """Return the loaded BLAS libraries; the search takes a millisecond."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController().select(user_api="blas").lib_controllers

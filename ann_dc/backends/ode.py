@@ -319,7 +319,7 @@ class _Integration:
         return how(self.recorder.residuals[-1], self.stepper.time, *why)
 
     def _no_headway(self, now: float) -> tuple[str, str] | None:
-        """Looked at once a window: how that was seen, and advice."""
+        """Return the sign that a run makes no headway, and advice; once a window."""
         advice = status.elsewhere(self.network)
         recorder, window = self.recorder, window_of(self.backend.most_steps)
         steps, times = recorder.steps, recorder.residual_times

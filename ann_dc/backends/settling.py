@@ -120,10 +120,10 @@ def control_settling(
     share: float = 1e-3,
     controls: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> float:
-    """Network time after which every control stays within ``share`` of the final ones' size.
+    """Return the time after which every control stays within ``share`` of the controls' size.
 
-    It is located inside the step where states between steps are known, else interpolated between
-    rows.
+    The time is located inside its step if states between steps are known, else it is interpolated
+    between rows. The size is that of the final controls; see `size_of`.
 
     Parameters
     ----------

@@ -241,7 +241,7 @@ def _controls(network: Network) -> np.ndarray | slice:
 
 
 def control_error(controls: np.ndarray, wanted: Trajectory) -> float:
-    """Largest error of controls against the end of a run, over the size of those; see `size_of`.
+    """Return the largest error of controls against the end of a run, over `size_of` those.
 
     Parameters
     ----------

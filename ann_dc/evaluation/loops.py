@@ -55,7 +55,7 @@ class Workspace(NamedTuple):
 
 
 def workspace(tape: Tape) -> Workspace:
-    """A fresh workspace for a tape; a NetworkError if the loops lack one of its functions."""
+    """Return a new workspace for a tape; raise a NetworkError if loops lack a function."""
     check_written(code for kind, _, code, _ in tape.blocks.tolist() if kind == FUNCTION)
     points, chains = max(int(tape.grid_starts[-1]), 1), max(len(tape.chains), 1)
     coupled = len(tape.coupled) - 1

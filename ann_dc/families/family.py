@@ -66,7 +66,7 @@ class Family:
         return _drawn(self.network, self.over, count, seed)
 
     def held_out(self, count: int, *, seed: int) -> list[Sample]:
-        """Samples drawn independently, so that a share of them has an interval; or the list itself.
+        """Draw samples independently, so that a share of them has an interval; or return the list.
 
         Parameters
         ----------

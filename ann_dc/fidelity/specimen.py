@@ -107,7 +107,7 @@ class Specimen:
 
     @property
     def clamped(self) -> bool:
-        """Whether the circuit has clamps of rails."""
+        """True if the circuit has clamps of rails."""
         parts = self.circuit.schematic.parts
         return any(isinstance(part, Integrator) and part.railed for part in parts)
 

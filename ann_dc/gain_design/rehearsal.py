@@ -154,9 +154,9 @@ def run_with_constants(
 
 
 def distance(settled: SettledPoint, x: np.ndarray) -> float:
-    """Of a state (n,) from the settled point: over the primal neurons, relative to the largest.
+    """Return the distance of a state (n,) from the settled point, over the primal neurons.
 
-    Or to `SMALLEST_POSITION`, where all of them rest.
+    It is relative to the largest of them, and to `SMALLEST_POSITION` at least.
     """
     primal = settled.linear.primal[settled.network.places[:, 0]]
     aim = settled.state[primal]

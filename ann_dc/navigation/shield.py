@@ -70,7 +70,7 @@ class Shield:
         return controls[:, chosen]
 
     def _leaves_a_way_out(self, situation: Situation, plan: Plan, dt: float) -> bool:
-        """True if a robot that moves by a plan's first control can still keep twice the room."""
+        """Return True if a way out with twice the room remains after the first control."""
         first = np.clip(plan.u[:, :1].T, *situation.world.robot.limits.T).T
         before = _rolled(situation, situation.q[:, None], first, 1, dt)[0]
         moves = not np.allclose(before[:, 1], situation.q, rtol=0.0, atol=STILL)
@@ -79,7 +79,7 @@ class Shield:
     def _ways_out(
         self, situation: Situation, before: np.ndarray, dt: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Controls (m, W), states (W, n, K) beyond those before, and the least room (W,)."""
+        """Return controls (m, W) of all ways out, later states (W, n, K) and least rooms (W,)."""
         ends = [dict.fromkeys((0.0, low, high)) for low, high in situation.world.robot.limits]
         controls = np.array(list(itertools.product(*ends))).T
         start = np.repeat(before[:, -1:], controls.shape[1], axis=1)
@@ -99,7 +99,7 @@ class Shield:
 def _rolled(
     situation: Situation, q: np.ndarray, u: np.ndarray, steps: int, dt: float
 ) -> np.ndarray:
-    """States (W, n, K+1) of W ways from states (n, W) with constant controls (m, W)."""
+    """Simulate W ways from states (n, W) with constant controls (m, W): (W, n, K+1)."""
     step, limits = situation.world.robot.steps(dt), situation.world.robot.state_limits.T[..., None]
     way = [q]
     for _ in range(steps):

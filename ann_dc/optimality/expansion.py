@@ -67,12 +67,12 @@ class Frame(NamedTuple):
     @classmethod
     @lru_cache(maxsize=64)
     def of(cls, problem: OptimalControlProblem) -> Frame:
-        """Frame in the natural scales of a problem."""
+        """Return the frame in the natural scales of a problem."""
         return cls.in_scales(problem, natural_scales(problem))
 
     @classmethod
     def in_scales(cls, problem: OptimalControlProblem, scales: Scales) -> Frame:
-        """Frame in scales of one's choice."""
+        """Return the frame in given scales."""
         factors, offsets = np.array(scales.states + scales.controls).T
         state = factors[: problem.n]
         limits, rows = problem.control_limits, (problem.inequalities, problem.end_inequalities)
@@ -256,7 +256,7 @@ class Expansion:
         return own if self.contact is None else own + self.contact.pull()[-1, : len(own)]
 
     def largest_slope(self) -> float:
-        """The largest slope of the cost or multiplier, of whatever is free; `SMALLEST` at least."""
+        """Return the largest free slope of the cost or multiplier, at least `SMALLEST`."""
         slope = self.slope.copy()
         slope[0, : len(self.fixed)][self.fixed_start] = 0.0
         parts = [slope, self.end_slope[~self.fixed], self.mu]

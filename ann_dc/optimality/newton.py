@@ -203,7 +203,7 @@ def _places(w: int, row: int, column: int, rows: int, columns: int):
 
 
 def equilibrated(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Band D K D with largest entries near one in every row, and the diagonal of D.
+    """Return the band D K D with row maxima near one, and the diagonal of D.
 
     Ruiz scaling of a symmetric matrix: barrier terms span many orders of magnitude.
     """
@@ -223,7 +223,7 @@ def equilibrated(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def solved(
     columns: np.ndarray, right: np.ndarray, is_there: np.ndarray, least: float = SINGULAR
 ) -> np.ndarray:
-    """The step; nan where a pivot is at most ``least`` times the largest: a singular matrix."""
+    """Solve for the step; nan if a pivot is at most ``least`` times the largest."""
     w = columns.shape[1] // 3
     factors, _, step, flaw = solve_band(w, w, columns.T, right.ravel(), overwrite_ab=True)
     pivots = np.abs(factors[2 * w, is_there.ravel()])
@@ -233,7 +233,7 @@ def solved(
 
 
 def _relative(moves: np.ndarray, values: np.ndarray, least: float) -> float:
-    """Largest move (N, components) of a component over its own range; all in its scale."""
+    """Return the largest move (N, components) of a component over its range."""
     moved, size, left = (np.abs(x).max(axis=0) for x in (moves, values, values + moves))
     floor = SMALL * np.maximum(size.max(), SMALL)
     size = np.maximum(size, np.where(left < VANISHES * moved, np.maximum(least, floor), floor))

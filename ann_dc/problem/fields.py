@@ -224,7 +224,7 @@ def values_a_stage(given, horizon: int) -> dict[sp.Symbol, np.ndarray]:
 
 
 def _numbers(given) -> np.ndarray:
-    """Real numbers as floats; NumPy itself reads text and booleans, too."""
+    """Return real numbers as floats; raise a TypeError for text and booleans."""
     if np.asarray(given).dtype.kind not in "iufO":
         raise TypeError("text, booleans and complex numbers are not real numbers")
     return np.asarray(given, dtype=float)

@@ -19,13 +19,13 @@ from ann_dc.backends.integration.tableaus import Extension
 from ann_dc.evaluation.formulas import compiled, inlined
 
 LOOKS = 4
-"""Parts of a step at whose ends a residual is looked at."""
+"""Number of parts of a step at whose ends the residual is evaluated."""
 ROUNDS, CLOSE = 20, 1e-5
-"""Largest number of steps to a crossing; relative distance to the tolerance at its end."""
+"""Largest number of iterations to a crossing; relative distance to the tolerance at its end."""
 
 
 class Aside(NamedTuple):
-    """The same integration as a course, at states inside its last step."""
+    """Continuous extension of the last step of a course."""
 
     starts: np.ndarray
     """Starts of `Extension`."""
@@ -50,7 +50,7 @@ class Aside(NamedTuple):
     def of(
         cls, extension: Extension, x: np.ndarray, slopes: np.ndarray, scales: np.ndarray
     ) -> Aside:
-        """Make it from the arrays of a course."""
+        """Return the record for the arrays of a course."""
         starts, which, weights, powers = extension
         return cls(
             starts=starts,
@@ -67,7 +67,7 @@ class Aside(NamedTuple):
 
 @inlined
 def extended(system, aside, h):
-    """The slopes of the extra stages; False where a function block left its domain."""
+    """Evaluate the slopes of the extra stages; return False if a function block fails."""
     extra = aside.starts.shape[0] - 2
     first = aside.slopes.shape[0] - 1 - extra
     for stage in range(extra):
@@ -79,7 +79,7 @@ def extended(system, aside, h):
 
 @inlined
 def inside(system, aside, theta, h):
-    """The state at a share theta of the step, into ``aside.ahead``."""
+    """Write the state at a share theta of the step into ``aside.ahead``."""
     row = aside.starts.shape[0] - 2
     for i in range(aside.powers.shape[0]):
         weight = 0.0
@@ -92,7 +92,7 @@ def inside(system, aside, theta, h):
 
 @inlined
 def _worst(system, aside, theta, h):
-    """The larger residual inside the step; infinite where a function block left its domain."""
+    """Return the larger residual inside the step; infinite if a function block fails."""
     inside(system, aside, theta, h)
     if not slope(system, aside.ahead, aside.slopes[-1]):
         return np.inf
@@ -102,7 +102,7 @@ def _worst(system, aside, theta, h):
 
 @compiled
 def last_exit(system, aside, h, ends, tolerance):
-    """Share of a step at which the residual last falls below a tolerance.
+    """Locate the share of a step at which the residual last falls below a tolerance.
 
     Parameters
     ----------
@@ -118,9 +118,9 @@ def last_exit(system, aside, h, ends, tolerance):
     Returns
     -------
     theta : float
-        Negative where the residual stays below.
+        Negative if the residual stays below the tolerance throughout the step.
     looks : int
-        Right-hand sides.
+        Number of right-hand sides that were evaluated.
     """
     before, low = ends
     looks = aside.starts.shape[0] - 2

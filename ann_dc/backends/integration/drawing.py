@@ -43,7 +43,7 @@ class CompiledAgain:
     cells: Cells = Cells.WHERE_POSSIBLE
 
     def __call__(self, known: Known, times: np.ndarray) -> np.ndarray:
-        """States (K, n) at rising times, between known times and states."""
+        """Return states (K, n) at rising times between the known ones."""
         (at, states), method = known, self.method
         compiled, rows = fast_evaluator(self.network), method.rows
         assert rows is not None
@@ -56,7 +56,7 @@ class CompiledAgain:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SolvedAgain:
-    """Gaps integrated again by an explicit solver of SciPy's.
+    """Gaps integrated again by an explicit SciPy solver.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class SolvedAgain:
     compiled: Evaluator
 
     def __call__(self, known: Known, times: np.ndarray) -> np.ndarray:
-        """States (K, n) at rising times, between known times and states."""
+        """Return states (K, n) at rising times between the known ones."""
         at, states = known
         gaps = np.clip(np.searchsorted(at, times, side="right") - 1, 0, len(at) - 2)
         found = np.empty((len(times), states.shape[1]))
@@ -85,7 +85,7 @@ class SolvedAgain:
         return within_rails(self.compiled, found)
 
     def _pieces(self, x: np.ndarray, length: float) -> list[Any]:
-        """The polynomials of all steps from a state on."""
+        """Return the polynomials of all steps over a length of time from a state."""
         method, pieces = self.method, []
         solver = method.scipys(
             lambda _, x: self.rhs(x), 0.0, x, length,
@@ -100,7 +100,7 @@ class SolvedAgain:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pieces:
-    """Polynomials that an implicit solver of SciPy's left behind, a step each.
+    """Polynomials of an implicit SciPy solver, one for each step.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class Pieces:
     compiled: Evaluator
 
     def __call__(self, known: Known, times: np.ndarray) -> np.ndarray:
-        """States (K, n) at rising times."""
+        """Return states (K, n) at rising times."""
         return within_rails(self.compiled, in_pieces(self.pieces, times, known[1].shape[1]))
 
 
@@ -167,7 +167,7 @@ def take_step(solver: Any, method: Method, compiled: Evaluator, worst: float) ->
 
 
 def within_rails(compiled: Evaluator, x: np.ndarray) -> np.ndarray:
-    """States (..., n), none of which is beyond a rail.
+    """Return states (..., n) clipped to the rails.
 
     Parameters
     ----------

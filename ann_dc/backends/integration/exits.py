@@ -1,4 +1,4 @@
-"""Last exits: when a deviation is above its tolerance for the last time, between samples, too."""
+"""Last exits: the last time at which a deviation exceeds its tolerance, also between samples."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 
 LOOKS, ROUNDS = 8, 4
-"""Parts of an interval at whose ends a deviation is looked at, and how often the last such part
-takes the place of the interval: a crossing is located to 1 / 8^4 of a step, then interpolated."""
+"""Number of parts of an interval at whose ends a deviation is evaluated, and number of grids: each
+grid divides the part with the last exit. It is located to 1 / 8^4 of a step, then interpolated."""
 
 
 def last_exit(time: np.ndarray, residual: np.ndarray, tolerance: float) -> float:
-    """The last time at which a residual was above tolerance; nan if it still is.
+    """Return the last time at which a residual exceeds a tolerance; nan if it still does.
 
     Between samples the logarithm is interpolated.
 

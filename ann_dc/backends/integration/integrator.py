@@ -28,7 +28,7 @@ SHRINK = 1e-3
 FINEST = 3e-14
 """Relative tolerance that floating point can keep."""
 SWING = 0.7
-"""Share of the tolerance: where both ends of a step are below, the residual stays below inside."""
+"""Share of the tolerance: if both ends of a step are below it, the inside is not examined."""
 SHORTEST = 1e-14
 """Step, over the time and over the step before, at which the integration is given up."""
 
@@ -96,7 +96,7 @@ class Log(NamedTuple):
 
     @classmethod
     def of(cls, steps: int, size: int) -> Log:
-        """Room for so many steps of a state of that size."""
+        """Return an empty log for a number of steps and a size of the state."""
         return cls(np.empty(steps), np.empty((steps, 2)), np.empty((steps, size)))
 
 
@@ -114,7 +114,7 @@ class Ends(NamedTuple):
     atol: float
     """Absolute tolerance, in network units, before it shrinks."""
     tolerance: float = 0.0
-    """Residual whose last exit is looked for; zero: none."""
+    """Residual whose last exit is located; zero: none."""
 
 
 @compiled
@@ -202,7 +202,7 @@ def _step(system, rows, course, ends):
 
 @inlined
 def _watch(system, course, began, worst, tolerance):
-    """Since when the residual stays below the tolerance, after a step that began at this time."""
+    """Update the time since which the residual stays below the tolerance, after a step."""
     clock, before = course.clock, course.clock[4]
     if not worst < tolerance:
         clock[6] = np.nan
@@ -216,7 +216,7 @@ def _watch(system, course, began, worst, tolerance):
 
 @inlined
 def _note(course, first, log, step, found):
-    """A step into the log, and its residual for the next one."""
+    """Enter a step into the log, and keep its residual for the next step."""
     for i in range(log.states.shape[1]):
         log.states[step, i] = course.ahead[first + i]
     log.times[step] = course.clock[0]
@@ -273,7 +273,7 @@ def advance(system, rows, course, ends, log):
 
 @compiled
 def draw(system, rows, course, ends, places, known, times):
-    """States at some times between known ones: every gap is integrated again.
+    """Compute states between known ones by integrating every gap again.
 
     The first step that is tried is the gap, so that a gap of one step is that step.
 

@@ -1,4 +1,4 @@
-"""Implicit integration between limits: a neuron that reaches one is held there until it leaves.
+"""Implicit integration with limits: a neuron at a limit is held until it leaves.
 
 At a limit the slope of a neuron jumps to zero, so that the equations of an implicit step have no
 solution however short it is. Between two such instants they are smooth: a held neuron has slope
@@ -28,15 +28,15 @@ class Piece(NamedTuple):
     t: float
     """Network time."""
     states: Callable[[Any], np.ndarray]
-    """Gives them at times from the start of the step to its end."""
+    """Function that returns states at times from the start of the step to its end."""
 
     def __call__(self, times: Any) -> np.ndarray:
-        """(n,) at a time, (n, K) at K of them."""
+        """Return the state (n,) at a time, or the states (n, K) at K times."""
         return self.states(times)
 
 
 class LimitedSolver:
-    """One of SciPy's implicit solvers, restarted wherever a neuron reaches or leaves a limit.
+    """Implicit SciPy solver that restarts when a neuron reaches or leaves a limit.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class LimitedSolver:
         self._begin(0.0, start)
 
     def __getattr__(self, name: str) -> Any:
-        """Tolerances: those of the solver."""
+        """Return an attribute of the inner solver, such as its tolerances."""
         return getattr(self.__dict__["_inner"], name)
 
     @property
@@ -79,7 +79,7 @@ class LimitedSolver:
 
     @status.setter
     def status(self, status: str) -> None:
-        """Written by the solver that is restarted."""
+        """Set the status of the inner solver."""
         self._inner.status = status
 
     @property
@@ -93,7 +93,7 @@ class LimitedSolver:
         self._until = self._inner.t_bound = until
 
     def step(self) -> str | None:
-        """One step, or up to the first instant within it, or past one."""
+        """Take a step up to the first instant within it, or restart behind an instant."""
         if self._instant is not None:
             self._begin(*self._instant)
             return None
@@ -107,7 +107,7 @@ class LimitedSolver:
         return message
 
     def dense_output(self) -> Piece:
-        """States within the last step."""
+        """Return the states within the last step."""
         return self._polynomial
 
     def _begin(self, time: float, x: np.ndarray) -> None:
@@ -130,7 +130,7 @@ class LimitedSolver:
         self._polynomial = Piece(time, lambda times: _jump(times, time, before, x))
 
     def _within(self, x: np.ndarray) -> np.ndarray:
-        """A state whose held neurons are at their limits, and no other one."""
+        """Return a state whose held neurons are at their limits and all others inside."""
         room = [INSIDE * np.maximum(np.abs(end), 1.0) for end in (self._low, self._high)]
         low, high = (np.where(np.isfinite(r), r, 0.0) for r in room)
         inside = np.clip(x, self._low + low, self._high - high)
@@ -161,6 +161,6 @@ class LimitedSolver:
 
 
 def _jump(times: Any, instant: float, before: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """A state (n,) or states (n, K) at times on either side of an instant."""
+    """Return a state (n,) or states (n, K) at times on either side of an instant."""
     late = np.asarray(times) >= instant
     return np.where(late, *(state.reshape(-1, *(1,) * late.ndim) for state in (x, before)))

@@ -150,7 +150,7 @@ class CompiledStepper(Stepper):
 
     @property
     def between(self) -> Between:
-        """Every gap integrated again."""
+        """Function that integrates every gap again."""
         return self._between
 
     def steps(self, most: int) -> Steps:
@@ -310,7 +310,7 @@ def stepper_of(
 
 
 def _limited(compiled: FastEvaluator, method: Method, rhs: Callable, until: float) -> LimitedSolver:
-    """An implicit solver of SciPy's, from a network's start on."""
+    """Return an implicit SciPy solver that begins at the start of a network."""
     scipys, tolerances = method.scipys, {"rtol": method.rtol, "atol": method.atol}
 
     def solver(slope: Callable, jac: Callable, time: float, x: np.ndarray, end: float) -> Any:

@@ -55,7 +55,7 @@ class Tableau:
 
 
 class Extension(NamedTuple):
-    """A continuous extension without its zeros: a row an extra stage, and one for the state."""
+    """Continuous extension without zeros: a row for each extra stage, then one for the state."""
 
     starts: np.ndarray
     """(E + 2,): where every row begins."""
@@ -68,7 +68,7 @@ class Extension(NamedTuple):
 
     @classmethod
     def of(cls, tableau: Tableau) -> Extension:
-        """The continuous extension of a tableau."""
+        """Return the continuous extension of a tableau."""
         used = np.abs(tableau.between).max(axis=0)
         starts, which, weights = _without_zeros([*tableau.extra, used])
         return cls(starts, which, weights, tableau.between[:, used > 0].T.copy())
@@ -99,7 +99,7 @@ class Rows(NamedTuple):
 
 
 def _without_zeros(table: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Begins of rows, columns and values of all entries."""
+    """Return where the rows begin, and the columns and values of all entries."""
     which = [np.flatnonzero(row) for row in table]
     starts = np.cumsum([0, *map(len, which)])
     weights = np.concatenate([row[at] for row, at in zip(table, which)])
@@ -115,7 +115,7 @@ def _below_the_diagonal(*rows: list[float]) -> np.ndarray:
 
 
 def _alternating(b: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """(3 + R, S + 1 + E): the extension of DOP853 in powers of theta.
+    """Return the extension of DOP853 in powers of theta: (3 + R, S + 1 + E).
 
     ``x + theta (F_0 + (1 - theta) (F_1 + theta (F_2 + (1 - theta) (F_3 + ...))))``, where F_0 is
     the step, F_1 and F_2 match the slopes at its ends, and R rows of ``rest`` follow ([1]_, II.6).

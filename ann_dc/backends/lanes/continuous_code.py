@@ -33,8 +33,8 @@ REFUSED, WORST = OWN, OWN + 1
 """Whether the last step was refused; the larger residual."""
 ROWS = OWN + 2
 BEFORE = 1
-"""Slopes of which a step makes no use in the end: states before it are there where a lane enters
-the tolerance."""
+"""Row of slopes that is free at the end of a step. It takes the states before the step if the
+residual of a lane falls below the tolerance."""
 NUMBERS = "until", "first", "tolerance", "settled", "most_steps", "rtol", "atol", "live"
 """Constants that the code reads, in this order: see `LaneEnds`; the last is n of a sample."""
 
@@ -219,9 +219,10 @@ class _Attempt:
         return f.logical("and", good, f.compare("une", memory[RUNS], f.constant(0.0)))
 
     def _enter(self, accepted: str, h: str) -> str:
-        """Where the lanes are now, and since which step they settle; those to look at more closely.
+        """Enter time, steps and residuals of the lanes; return those to examine.
 
-        That step is located after the batch, from the states before it.
+        A lane whose residual falls below the tolerance keeps the states before that step; the exit
+        is located after the batch.
         """
         f, memory, numbers = self.f, self.memory, self.numbers
         began, since = memory[TIME], memory[SINCE]

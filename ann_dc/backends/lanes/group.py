@@ -276,7 +276,7 @@ def enter(group, found, lane):
 
 @inlined
 def keep_exit(group, found, lane, before):
-    """The states before the last step, without ghosts, and when that step began and ended."""
+    """Keep the states before the last step, without ghosts, and the time span of that step."""
     sample = group.who[lane]
     found.spans[sample, 0] = group.memory[SINCE_TIME, lane]
     found.spans[sample, 1] = group.memory[TIME, lane]

@@ -1,7 +1,7 @@
-"""Last exits of residuals, located inside their steps: after a batch, for as many samples as lanes.
+"""Last exits of residuals inside their steps, located after a batch.
 
 The step in which a residual falls below the tolerance for good is taken again from the state before
-it, and its continuous extension is looked at; `integration.between` does so for a run alone.
+it, and its continuous extension is evaluated. `integration.between` does so for a single run.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.vector_code.calls import call
 
 CLOSE = 1e-4
-"""Relative distance to the tolerance at which a lane is done: what states at tolerances of batches
-leave of a residual."""
+"""Relative distance to the tolerance at which a lane is done: the accuracy of a residual at the
+tolerances of batches."""
 
 
 class Again(NamedTuple):
@@ -51,11 +51,11 @@ class Again(NamedTuple):
     is_open: np.ndarray
     """(W,): whether a lane goes on."""
     sides: np.ndarray
-    """(W,): which end its last look replaced, or -1."""
+    """(W,): index of the end that the last evaluation replaced, or -1."""
 
     @classmethod
     def of(cls, group: Group, rows: Rows) -> Again:
-        """For a group, which has to live as long.
+        """Return the record for a group, which has to live as long.
 
         Parameters
         ----------
@@ -85,7 +85,7 @@ def _keep(group):
 
 @inlined
 def _combine(group, weights, offsets, first, last):
-    """The state ahead, from a span of weights; one step length a lane."""
+    """Combine slopes into the state ahead by a span of weights, with the step of every lane."""
     at = 8 * group.entry.ghost
     addresses = (
         group.ahead.ctypes.data + at,
@@ -100,7 +100,7 @@ def _combine(group, weights, offsets, first, last):
 
 @inlined
 def _above(group, lane, tolerance):
-    """Logarithm of a residual over the tolerance; infinite where it is no number."""
+    """Return the logarithm of a residual over the tolerance; infinite if it is nan."""
     found, width = group.entry.found, group.who.shape[0]
     worst = max(found[lane], found[width + lane])
     return np.log(max(worst, 1e-300) / tolerance) if worst < np.inf else np.inf
@@ -108,7 +108,7 @@ def _above(group, lane, tolerance):
 
 @inlined
 def _take(group, again, tolerance):
-    """All slopes of the steps, those of the extension included, and residuals at their ends."""
+    """Evaluate all slopes of the steps and of the extension, and the residuals at their ends."""
     rows, extension, ends, logs = again.rows, again.rows.extension, again.ends, again.logs
     evaluate(group, group.entry.rhs, group.x, 0)
     read_residuals(group, group.x)
@@ -132,7 +132,7 @@ def _take(group, again, tolerance):
 
 @inlined
 def _look(group, again):
-    """Residuals of the states inside the steps."""
+    """Evaluate the residuals of the states inside the steps."""
     extension, weights, theta = again.rows.extension, again.weights, again.theta
     powers, first = extension.powers, extension.starts[-2]
     width, ghost = theta.shape[0], group.entry.ghost
@@ -156,7 +156,7 @@ def _look(group, again):
 
 @inlined
 def _cross(group, again, tolerance):
-    """Where residuals cross the tolerance, by false position in their logarithms."""
+    """Find where residuals cross the tolerance, by false position in their logarithms."""
     ends, logs, is_open, theta = again.ends, again.logs, again.is_open, again.theta
     is_open[:], again.sides[:] = True, -1
     for _ in range(ROUNDS):
@@ -183,7 +183,7 @@ def _cross(group, again, tolerance):
 
 @released
 def locate(group, again, samples, found, chosen, tolerance):
-    """The same for a group of its own.
+    """Locate last exits of chosen samples in a separate group of lanes.
 
     Parameters
     ----------

@@ -107,7 +107,7 @@ def _go_on(module: Module, lanes: int) -> None:
 
 
 def _turn(f: Function, along: str, energies: str) -> str:
-    """Sin(angle / 2) between two moves, as `layers.steps.turn_of` has it."""
+    """Return sin(angle / 2) between two moves, as `layers.steps.turn_of` does."""
     cosine = f.op("fdiv", along, energies)
     known = f.compare("olt", f.call("fabs", cosine), f.constant(math.inf))
     half = f.op("fmul", f.op("fsub", f.constant(1.0), cosine), f.constant(0.5))
@@ -117,7 +117,7 @@ def _turn(f: Function, along: str, energies: str) -> str:
 def _note_peak(
     f: Function, memory: Memory, energy: str, turned: str, ends: tuple[str, str]
 ) -> None:
-    """The highest energy of a turn, and the lowest of these; a cut or a full turn ends it."""
+    """Update the peak energy of a turn and the lowest peak; a cut or a full turn ends it."""
     cut, full = ends
     peak, none = f.larger(energy, memory[PEAK]), f.constant(0.0)
     floor = f.select(full, f.smaller(peak, memory[FLOOR]), memory[FLOOR])
@@ -127,7 +127,7 @@ def _note_peak(
 
 
 def _some_steps(f: Function, step: str, first: str, sums: list[tuple[str, str]]) -> None:
-    """As many vectors as there are sums; every other one has sums of its own, which wait less."""
+    """Step as many vectors as there are pairs of sums: independent sums wait less."""
     for i, (total, along) in enumerate(sums):
         at = f.integer("add", first, i * f.width)
         drive, move = f.load(f.address("%drives", at)), f.load(f.address("%moves", at))

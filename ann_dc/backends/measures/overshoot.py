@@ -14,7 +14,7 @@ STAYS = 1e-6
 
 @checked
 def overshoot(trajectory: Trajectory) -> float:
-    """Largest excursion of a control beyond its final value, over the size of the final ones.
+    """Return the largest excursion of a control beyond its final value, over their size.
 
     Beyond is the side of the final value on which the control does not start; of one that ends
     where it starts, either side. Controls count in network units, in which all count alike.
@@ -45,7 +45,7 @@ def overshoot(trajectory: Trajectory) -> float:
 
 
 def _finely(trajectory: Trajectory) -> np.ndarray:
-    """Controls at rows, and inside steps where states there are known: a peak lies between rows."""
+    """Return controls at rows and, if known, inside steps: a peak lies between rows."""
     if not trajectory.is_dense:
         return trajectory.control_values
     time, _ = trajectory.known

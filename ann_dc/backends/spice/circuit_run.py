@@ -189,9 +189,9 @@ class CircuitRun(Tabulated):
         return control_settling(self.trajectory, share) < 2 / 3 * float(self.trajectory.time[-1])
 
     def settling_time(self, share: float = 1e-3) -> float:
-        """Seconds after which every control stays within ``share`` of the final ones' size.
+        """Return the seconds after which every control stays within ``share`` of their size.
 
-        By the steps of `timed`: those of a run that ends long after are some percent off.
+        The run is repeated with finer steps (`timed`) if its steps are too long for the result.
         """
         return control_settling(self.timed.trajectory, share) * self.deck.timing.unit
 

@@ -78,7 +78,7 @@ def refusal(tape: Tape) -> str | None:
 
 
 def _traced_functions(tape: Tape) -> list[tuple[str, Tree, Tree]]:
-    """Function blocks whose code is written from their formulas, with the trees of these."""
+    """Return the function blocks whose code is generated from their formulas, with trees."""
     used = {int(code) for kind, _, code, _ in tape.blocks if kind == FUNCTION}
     blocks = [FUNCTIONS[code] for code in sorted(used)]
     return [(block.name, *block.trees) for block in blocks if block.name not in WRITTEN]

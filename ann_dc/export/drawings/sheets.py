@@ -68,7 +68,7 @@ def circuit_sheets(circuit: Circuit, level: str) -> list[Page]:
 
 
 def _kinds(circuit: Circuit) -> list[Drawn]:
-    """One part of every kind, the one with the most wires; a row of one cell lacks some kinds."""
+    """Return the part with the most wires of every kind; one-cell rows lack some kinds."""
     groups: dict[tuple, list[Part]] = {}
     for part in circuit.schematic.parts:
         if circuit.schematic.alive_at(part.name).any():

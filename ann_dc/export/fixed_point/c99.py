@@ -268,7 +268,7 @@ def plain(text: str, more: str = "") -> str:
 
 
 def _port_rows(network: FixedPoint, ports: tuple[Port, ...]) -> str:
-    """Rows of a Markdown table: number, name, fraction bits, factor and offset of every port."""
+    """Return Markdown rows: number, name, fraction bits, factor and offset of every port."""
     return "\n".join(
         f"| {index} | {plain(port.name)} | {network.fraction[port.words[0]]} "
         f"| {port.scale.factor!r} | {port.scale.offset!r} |"

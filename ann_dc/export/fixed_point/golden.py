@@ -1,4 +1,4 @@
-r"""A network in fixed point: its golden model, its words for the outside, and what they are worth.
+r"""Network in fixed point: golden model, words that the outside accesses, and their accuracy.
 
 Errors are those of the controls relative to the largest, in the user's units,
 
@@ -35,7 +35,7 @@ PREFIX = "ann_dc"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Port:
-    """Words that the world outside reads or writes.
+    """Words that the outside reads or writes.
 
     Attributes
     ----------
@@ -177,7 +177,7 @@ class FixedPoint:
 
     @property
     def covers(self) -> str:
-        """The inputs that words were chosen for, in words."""
+        """Description of the inputs that words were chosen for."""
         if not self.ranges:
             return "the network's own inputs alone"
         ends = (f"{name} from {low:g} to {high:g}" for name, (low, high) in self.ranges.items())
@@ -185,13 +185,13 @@ class FixedPoint:
 
     @property
     def worth(self) -> str:
-        """The inputs that words were chosen for, and the share of them that settles right."""
+        """Description of these inputs with the share of held-out ones that settle right."""
         if not self.ranges:
             return f"words chosen for {self.covers}; others may saturate, which the status tells"
         return f"words chosen for {self.covers}; held out, {self.measured}"
 
     def named(self, prefix: str) -> FixedPoint:
-        """The same under a prefix of its names; an `ExportError` if it is no identifier."""
+        """Return the network with a prefix of names; raise `ExportError` if it is not one."""
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,31}", prefix):
             raise ExportError(
                 "prefix: expected a letter, then up to 31 letters, digits or '_', "
@@ -200,13 +200,13 @@ class FixedPoint:
         return replace(self, prefix=prefix)
 
     def states_after(self, steps: int) -> np.ndarray:
-        """The golden model's words of the neurons after so many steps: (n,) integers."""
+        """Return the words (n,) of the neurons after a number of steps of the golden model."""
         model = Integers(self.machine)
         model.run(steps)
         return model.states
 
     def model(self, loaded: Mapping[str, np.ndarray]) -> Integers:
-        """The golden model at its start, with inputs as a user loads them.
+        """Return the golden model at its start with loaded inputs.
 
         Parameters
         ----------
@@ -235,7 +235,7 @@ class FixedPoint:
             return control_errors(found, offset + factor * ends[read].T, settled)
 
     def control_error(self, states: np.ndarray, vector: ReferenceVector) -> float:
-        """Largest error of a control at integer states (n,), over the largest of a vector's end."""
+        """Return the error of the controls at integer states (n,) against a vector's end."""
         ends = vector.end[tuple(self.places.T)]
         return float(self.errors(states[:, None], ends[:, None])[0])
 

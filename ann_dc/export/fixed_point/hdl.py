@@ -47,13 +47,8 @@ def hdl_files(
     network : Network
     vector : ReferenceVector
         Of the network.
-    bits : int
-        Of a number, 4 to 32; 0 is as many as the accuracy takes.
-    accuracy : float
-        Largest error of a control over the largest control.
-    over : str
-        Ranges of inputs that words are chosen for, ``q_d.x=3:7,q_d.y=3:7``; by default those that
-        the network was designed for.
+    bits, accuracy, over
+        As for `c99_files`.
     prefix : str
         Beginning of the names of the design's file and module.
 

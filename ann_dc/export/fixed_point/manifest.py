@@ -160,7 +160,7 @@ def from_json(text: bytes) -> FixedPoint:
 
 
 def _ranges(table: Table, inputs: list[str]) -> dict[str, tuple[float, float]]:
-    """Ranges of inputs that the machine has."""
+    """Read the ranges of inputs that the machine has."""
     given = Table(f"{NAME}: ranges", table.get("ranges", dict))
     found = {}
     for name in given.given:

@@ -1,4 +1,4 @@
-"""The word width that a wanted accuracy takes: not predicted but measured, on the golden model.
+"""Word width for a wanted accuracy, measured on the golden model.
 
 The integers walk with a sample of inputs until they rest. The jitter of their words and drives at
 rest sets the thresholds of the settle test, as loose as the controls at settling allow. A width is
@@ -137,7 +137,7 @@ class _Trial:
         return held_out(self.network, self.vector, self.ranges, self.sample.step)
 
     def good(self, found: FixedPoint | ExportError) -> bool:
-        """True if words are accurate enough, and enough inputs of the ranges settle right."""
+        """Return True if words are accurate enough and enough inputs settle right."""
         return (
             isinstance(found, FixedPoint)
             and found.error <= self.accuracy

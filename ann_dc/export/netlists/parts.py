@@ -231,7 +231,7 @@ def _is_number(text: str) -> bool:
 
 
 def engineering(value: str) -> str:
-    """A number with a prefix, as people write it beside a part.
+    """Format the value of a part with a prefix of its unit.
 
     Parameters
     ----------

@@ -152,7 +152,7 @@ class CellReading:
         return self._kept(graph.stacked(*moved) if stages > 1 else end, row)
 
     def _far(self, connection: Connection, row: str) -> str:
-        """The same of a source beyond the neighbours: a matrix moves the rows."""
+        """Move the rows of a source beyond the neighbours by a matrix."""
         graph, offset, stages = self.graph, int(connection.template), self.network.stages
         shift = graph.table(f"cells.{connection.name}", np.eye(stages, k=offset))
         moved, left = graph.op("MatMul", shift, row), self.network.left.get(connection.source)

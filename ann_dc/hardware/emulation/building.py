@@ -150,7 +150,7 @@ def _emulated(circuit: Circuit, level: Level, deviations: Deviations, *, moving:
 
 
 def _trail(network: Network, circuit: Circuit, x: np.ndarray) -> np.ndarray:
-    """A state in which what trails currents of capacitors has caught up."""
+    """Return a state whose trailing currents equal those of their capacitors."""
     full, values = network.unpack(x).copy(), evaluator(network).values(x)[..., 1:-1]
     for nodes in map(AmplifierNodes, circuit.schematic.by_name):
         if nodes.trailing in network.neuron_index:

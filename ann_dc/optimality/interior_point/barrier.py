@@ -51,13 +51,13 @@ class Point(NamedTuple):
     """(N+1, R): multipliers of the rows, positive and below their price."""
 
     def moved(self, step: Point, primal: float, dual: float) -> Point:
-        """Point after a step of the primal variables and mu, and one of the row multipliers."""
+        """Return the point after a step: ``dual`` for row multipliers, ``primal`` otherwise."""
         lengths = (primal,) * 6 + (dual,)
         return Point(*(own + a * move for own, a, move in zip(self, lengths, step)))
 
     @property
     def stages(self) -> np.ndarray:
-        """(N+1, n+m): states and controls of each stage; zero controls at the end."""
+        """States and controls (N+1, n+m) of each stage; zero controls at the end."""
         return np.hstack([self.q, np.vstack([self.u, np.zeros((1, self.u.shape[1]))])])
 
 
@@ -82,7 +82,7 @@ class Barrier:
 
     @classmethod
     def of(cls, problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray) -> Barrier:
-        """Barrier problems of a problem, with units for a start at q (n, N+1) and u (m, N)."""
+        """Return the barrier problems of a problem, for a start at q (n, N+1) and u (m, N)."""
         frame = _frame(problem, q, u)
         barrier = cls(
             problem=problem,
@@ -97,20 +97,20 @@ class Barrier:
         return replace(barrier, units=units)
 
     def users(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, N+1) states and (m, N) controls in the user's units."""
+        """Return states (n, N+1) and controls (m, N) in the user's units."""
         n = self.problem.n
         states = q * self.frame.state + self.frame.zero[:n]
         return states.T, (u * self.frame.control + self.frame.zero[n:]).T
 
     def rows(self, q: np.ndarray, u: np.ndarray) -> Slots:
-        """All rows at states (N+1, n) and controls (N, m) in scales."""
+        """Return all rows at states (N+1, n) and controls (N, m) in scales."""
         limits = self.limits
         value = limits.value.copy()
         value[:-1] += (limits.slope[:-1, :, self.problem.n :] @ u[..., None])[..., 0]
         return self._inequalities(*self.users(q, u)).beside(limits._replace(value=value))
 
     def _inequalities(self, states: np.ndarray, controls: np.ndarray) -> Slots:
-        """Inequality rows at a point in the user's units, in scales."""
+        """Return the inequality rows in scales, at a point in the user's units."""
         r, r_end = len(self.problem.inequalities), len(self.problem.end_inequalities)
         none = np.zeros((r, controls.shape[1])), np.zeros(r_end)
         found = rows_of(self.problem, (states, controls), none, self.frame.factors, self.frame.cost)
@@ -122,7 +122,7 @@ class Barrier:
         )
 
     def start(self, q: np.ndarray, u: np.ndarray, mu: np.ndarray, t: float) -> Point:
-        """First point: states (n, N+1), controls (m, N) and mu (n, N) in the user's units.
+        """Return the first point for q (n, N+1), u (m, N) and mu (n, N) in the user's units.
 
         Fixed ends are exact and controls lie inside their limits.
         """
@@ -152,7 +152,7 @@ class Barrier:
 
 
 def _frame(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray) -> Frame:
-    """Natural scales, but at most half the distance of two bounds.
+    """Return natural scales, limited to half the distance of two bounds.
 
     The unit of cost bounds the curvature of the controls and, by `LARGEST_SLOPE`, all slopes.
     """
@@ -176,7 +176,7 @@ def _frame(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray) -> Fram
 
 
 def _limits(limits: np.ndarray, stages: int, n: int) -> Slots:
-    """A row for every finite limit (m, 2), at all stages."""
+    """Return a row for every finite limit (m, 2), at all stages."""
     controls, sides = np.nonzero(np.isfinite(limits))
     sign = np.where(sides == 0, -1.0, 1.0)
     slots = Slots.empty(stages + 1, len(controls), n + len(limits))

@@ -82,12 +82,12 @@ class Model:
         return float(self.plain.objective / self.barrier.frame.cost + (yielding + excess).sum())
 
     def value(self, t: float) -> float:
-        """Barrier function."""
+        """Return the barrier function."""
         priced = np.where(np.isfinite(self.rows.price), self.point.e, 1.0)
         return self.cost - t * float(np.log(self.point.s).sum() + np.log(priced).sum())
 
     def descent(self, step: Point, t: float) -> float:
-        """Slope of the barrier function along a step."""
+        """Return the slope of the barrier function along a step."""
         point, rows, end = self.point, self.rows, self.plain.end_slope
         is_priced = np.isfinite(rows.price)
         price = np.where(is_priced, rows.price, 0.0)
@@ -100,7 +100,7 @@ class Model:
 
     @cached_property
     def hessian(self) -> tuple[np.ndarray, np.ndarray]:
-        """(N, n+m, n+m) Hessian of the Lagrangian of the stages, (n, n) that of the end."""
+        """Hessians of the Lagrangian: (N, n+m, n+m) of the stages, (n, n) of the end."""
         barrier, frame, n = self.barrier, self.barrier.frame, self.barrier.problem.n
         problem, (q, u) = barrier.problem, self._users
         stages, end = self.plain.hessian, self.plain.end_hessian
@@ -114,7 +114,7 @@ class Model:
         return stages, end
 
     def error(self, t: float) -> float:
-        """Largest residual of the conditions of the barrier problem, scaled as in [1]_, (5)."""
+        """Return the largest residual of the barrier problem, scaled as in [1]_, (5)."""
         point, rows, plain, n = self.point, self.rows, self.plain, len(self.plain.end_slope)
         pull = (point.z[:, None] @ rows.slope)[:, 0]
         stages = plain.own_slope() + pull[:-1]
@@ -133,7 +133,7 @@ class Model:
         return float(np.max(parts + [np.abs(x).max(initial=0.0) for x in primal]))
 
     def step(self, t: float, shift: float, *, is_counted: bool = True) -> Point | None:
-        """Newton step with a multiple of the identity added to the Hessian.
+        """Return the Newton step with a multiple of the identity added to the Hessian.
 
         None if the shifted Hessian is not positive definite on the null space of the constraints
         (``is_counted``; otherwise only along the step), or if the step is not finite.
@@ -174,7 +174,7 @@ class Model:
         )
 
     def approach(self) -> Point | None:
-        """Return the least move that closes the gaps of the linearised constraints."""
+        """Return the least move that satisfies the linearised constraints."""
         point, rows, plain = self.point, self.rows, self.plain
         n, z, G = len(plain.end_slope), plain.slope.shape[1], rows.slope
         weight = PROXIMITY / point.s**2
@@ -197,7 +197,7 @@ class Model:
         return step._replace(s=-self.miss - (G @ step.stages[..., None])[..., 0])
 
     def longest(self, step: Point, share: float) -> tuple[float, float]:
-        """Longest primal and dual step that go a share of the way to the boundary, at most one."""
+        """Return the longest primal and dual step up to one within a share of the boundary."""
         point, rows = self.point, self.rows
         priced = np.isfinite(rows.price)
         primal = _until(point.s, step.s, share), _until(point.e[priced], step.e[priced], share)
@@ -206,27 +206,27 @@ class Model:
         return min(primal), min(dual)
 
     def centred(self, point: Point, t: float) -> Point:
-        """The point with multipliers that stay within `CENTRED` of those that t calls for."""
+        """Return the point with multipliers within a factor `CENTRED` of t over the slacks."""
         due = t / point.s
         z = np.clip(point.z, due / CENTRED, due * CENTRED)
         return point._replace(z=np.minimum(z, 0.5 * (point.z + self.rows.price)))
 
 
 def _bends_up(expansion: Expansion, step: Point) -> bool:
-    """True if the Hessian is positive along a step."""
+    """Return True if the Hessian is positive along a step."""
     z, last = step.stages[:-1], step.q[-1]
     bent = np.einsum("ki,kij,kj", z, expansion.hessian, z) + last @ expansion.end_hessian @ last
     return bool(bent > LEAST_CURVATURE * float((z**2).sum() + last @ last))
 
 
 def _until(value: np.ndarray, move: np.ndarray, share: float) -> float:
-    """Longest step, at most one, after which positive values keep a share of themselves."""
+    """Return the longest step up to one that goes a share of the way of values to zero."""
     falling = move < 0.0
     return float(np.min(-share * value[falling] / move[falling], initial=1.0))
 
 
 def _moves(expansion: Expansion, gap: np.ndarray):
-    """Moves of q, u and mu, of the linear-quadratic problem; None where it is singular."""
+    """Solve the linear-quadratic problem for moves of q, u and mu; None if singular."""
     n, z = len(expansion.end_slope), expansion.slope.shape[1]
     for softening in (0.0, SOFTENING):
         band, right, is_there = banded_system(expansion, gap)

@@ -134,7 +134,7 @@ class _Search:
         self.restorations = self.nudges = 0
 
     def run(self) -> Extremum:
-        """Newton steps until the error is small, or until nothing helps."""
+        """Take Newton steps until the error is small, or until no step is possible."""
         for iteration in range(ITERATIONS):
             if not self.model.is_finite:
                 return self.result("the problem has no finite value at the start", iteration)
@@ -156,7 +156,7 @@ class _Search:
         return self.result(f"not converged in {ITERATIONS} iterations", ITERATIONS)
 
     def decrease(self) -> None:
-        """The next t, while the barrier problem of this one is solved well enough."""
+        """Decrease t while the error of its barrier problem is small enough."""
         least = TOLERANCE / 10
         while self.t > least and self.model.error(self.t) < CENTRALITY * self.t:
             self.t = max(least, min(0.2 * self.t, self.t**1.5))
@@ -173,7 +173,7 @@ class _Search:
         self.filter.clear()
 
     def step(self) -> Point | None:
-        """Newton step with the smallest shift of the Hessian that makes it one of descent.
+        """Return a Newton step with a small shift of the Hessian that makes it descend.
 
         Where constraints nearly depend on each other, rounding can make the count fail with any
         shift: then the curvature along the step decides.
@@ -190,7 +190,7 @@ class _Search:
         return None
 
     def accepted(self, step: Point) -> bool:
-        """True after a step of the first halved length that the filter accepts."""
+        """Take the longest halved step that the filter accepts; return False if none is."""
         model, t = self.model, self.t
         longest, dual = model.longest(step, max(TO_BOUNDARY, 1.0 - t))
         value, infeasibility = model.value(t), model.infeasibility
@@ -214,25 +214,25 @@ class _Search:
         return False
 
     def moved(self, trial: Model) -> bool:
-        """The trial becomes the model, with multipliers near those that t calls for."""
+        """Make a trial the model, with multipliers near t over the slacks; return True."""
         point = trial.centred(trial.point, self.t)
         self.model = Model(self.barrier, point)
         self.forced = self.forced / 10 if self.forced > 1e-3 else 0.0
         return True
 
     def passes(self, trial: Model) -> bool:
-        """True if no entry of the filter dominates the trial."""
+        """Return True if no entry of the filter dominates the trial."""
         value, infeasibility = trial.value(self.t), trial.infeasibility
         return not any(value >= v and infeasibility >= i for v, i in self.filter)
 
     def remember(self) -> None:
-        """The point enters the filter."""
+        """Add the point to the filter."""
         infeasibility = self.model.infeasibility
         value = self.model.value(self.t) - MARGIN * infeasibility
         self.filter.append((value, (1 - MARGIN) * infeasibility))
 
     def recovered(self) -> bool:
-        """After a line search that failed: restore feasibility, or shift the Hessian further."""
+        """Restore feasibility or shift the Hessian further, after a failed line search."""
         if self.model.infeasibility > 1e-8:
             self.remember()
             if self.restored():
@@ -243,7 +243,7 @@ class _Search:
         return self.forced <= LARGEST_FORCED
 
     def restored(self) -> bool:
-        """True after Gauss-Newton steps to half the infeasibility, at a point the filter takes."""
+        """Halve the infeasibility by Gauss-Newton steps; return False if that fails."""
         self.restorations += 1
         model, first = self.model, self.model.infeasibility
         for _ in range(APPROACHES if self.restorations < RESTORATIONS else 0):
@@ -267,7 +267,7 @@ class _Search:
         return False
 
     def result(self, reason: str, iterations: int) -> Extremum:
-        """Result in the user's units; a control whose limit pulls more than it is away is at it."""
+        """Return the result in the user's units, active controls exactly at their limits."""
         barrier, point = self.barrier, self.model.point
         problem, units = barrier.problem, barrier.units
         q, u = barrier.users(point.q, point.u)

@@ -93,7 +93,7 @@ def _range(symbol: sp.Symbol) -> tuple[float, float]:
 
 
 def _told(symbol: sp.Symbol) -> str:
-    """The assumptions that a user gave, as far as they do not follow from each other."""
+    """Return the assumptions that a user gave, without those that follow from others."""
     facts = {f: v for f, v in symbol.assumptions0.items() if REAL.get(f) != v}
     for fact, value in sorted(facts.items(), key=lambda item: (not item[1], len(item[0]))):
         implied = sp.Symbol(symbol.name, **{fact: value}).assumptions0

@@ -89,7 +89,7 @@ def units_by_name(
     rows: Sequence[Any],
     end_rows: Sequence[Any],
 ) -> dict[str, str]:
-    """The unit of every state, control, input and neuron; empty where none is known."""
+    """Return the unit of every state, control, input and neuron; empty if unknown."""
     known = {name: units.get(name, "") for name in (*states, *controls, *inputs)}
     known |= {f"{p}.{s}": known[s] for p in ("q", "t") for s in states}
     cost = units.get("cost", "cost")
@@ -99,7 +99,7 @@ def units_by_name(
 
 
 def per(above: str, below: str) -> str:
-    """The unit of a quotient.
+    """Return the unit of a quotient.
 
     >>> per("cost", "m"), per("cost", "m/s"), per("J", "1"), per("J/s", "m")
     ('cost/m', 'cost/(m/s)', 'J', '(J/s)/m')

@@ -47,7 +47,7 @@ class Column:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
     def at(self, rows: np.ndarray) -> Column:
-        """The same column of some rows.
+        """Return the column of chosen rows.
 
         Parameters
         ----------

@@ -52,10 +52,10 @@ FILLED = 0.6
 def over_numbers(
     found: Findings, metric: Column, setting: Column, limit: Limit | None
 ) -> Figure | None:
-    """A metric over a setting of numbers: points, medians, bands of 5 to 95 %; None without points.
+    """Plot a metric over a setting of numbers: points, medians, bands of 5 to 95 %.
 
     Every combination of the other settings has a line of its own, up to `LINES`; if there are more,
-    there is none. A line has a gap where points form two clusters.
+    there is none. A line has a gap where points form two clusters. None if there are no points.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def _dashed(limit: Limit | None) -> list[str]:
 def _lines(
     found: Findings, setting: Column, metric: Column, known: np.ndarray
 ) -> tuple[list[dict[str, Any]], list[str]]:
-    """Lines of all combinations of the other settings, and what the caption says of them."""
+    """Return lines for all combinations of the other settings, and words for the caption."""
     others = [one for one in found.varied if one is not setting]
     parts = combinations(others, known, LINES)
     if parts is None:

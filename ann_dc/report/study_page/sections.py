@@ -147,7 +147,7 @@ def _headline(found: Findings) -> Iterator[object]:
 
 
 def _median(metric: Column) -> float:
-    """Value that occurs: two clusters have no point between them."""
+    """Return a median that occurs: two clusters have no point between them."""
     return float(np.quantile(metric.values, 0.5, method="inverted_cdf"))
 
 

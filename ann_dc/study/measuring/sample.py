@@ -157,7 +157,7 @@ class Sample(ABC):
 
     @cached_property
     def right_controls(self) -> tuple[np.ndarray, float]:
-        """(c,): what the ideal network settles to for the same inputs; and the size of these.
+        """Settled controls (c,) of the ideal network for the same inputs, and their size.
 
         Raises
         ------

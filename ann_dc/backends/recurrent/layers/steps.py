@@ -121,7 +121,7 @@ class StepState(NamedTuple):
 
 
 def turn_of(along: torch.Tensor, energies: torch.Tensor) -> torch.Tensor:
-    """Sin(angle / 2) between two moves: 1 if they are opposite; 0 if it is unknown.
+    """Return sin(angle / 2) between two moves: 1 if opposite, 0 if unknown.
 
     Parameters
     ----------

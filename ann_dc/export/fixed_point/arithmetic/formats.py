@@ -172,7 +172,7 @@ class _Writer:
     def coefficients(
         self, sources: np.ndarray, weights: np.ndarray, scale: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Weights of words with ``scale`` fraction bits in their sum: integers and exponents."""
+        """Return weights as integers with exponents, for a sum with ``scale`` fraction bits."""
         exact = np.ldexp(weights, scale - self.fraction[sources] - self.guard)
         exponents = np.maximum(np.frexp(exact)[1] - (self.bits - 1), 0)
         exponents += np.abs(np.rint(np.ldexp(exact, -exponents))) >= 2 ** (self.bits - 1)

@@ -68,7 +68,7 @@ class Program:
 
     @property
     def drives(self) -> np.ndarray:
-        """(n,) array of int: words of the drives, in the order of the state vector."""
+        """Words (n,) of the drives, in the order of the state vector."""
         found = self.operations[self.operations[:, 0] == DRIVE]
         return found[np.argsort(found[:, 4]), 1]
 

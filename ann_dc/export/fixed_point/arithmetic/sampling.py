@@ -1,7 +1,7 @@
-"""Samples of inputs for a network in integers, and its walks in floating point with each of them.
+"""Samples of inputs for a network in integers, and its floating-point walks with each input.
 
 Word ranges are read from the walks of one sample: the network's own inputs, the corners of the
-ranges, and a Sobol sequence. What the integers are worth is measured on another one.
+ranges, and a Sobol sequence. The accuracy of the integers is measured on another one.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ def made_table(
 def _fitting(
     code: int, domain: tuple[int, int], formats: tuple[int, int], top: int
 ) -> tuple[int, int]:
-    """The part of a domain around its middle where values fit into words: no entry is cut off."""
+    """Return the part of a domain around its middle in which all values fit into words."""
     at = np.unique(np.linspace(*domain, MOST).astype(np.int64))
     outside = ~(np.abs(_values(code, at, formats)) < top - 1)
     middle = len(at) // 2
@@ -78,7 +78,7 @@ def _fitting(
 
 
 def _values(code: int, arguments: np.ndarray, formats: tuple[int, int]) -> np.ndarray:
-    """Values of a function block at arguments, both as integers with fraction bits."""
+    """Return values of a function block at arguments, both as integers with fraction bits."""
     x, y = formats
     with np.errstate(all="ignore"):
         return np.ldexp(FUNCTIONS[code].value(np.ldexp(arguments.astype(float), -x)), y)

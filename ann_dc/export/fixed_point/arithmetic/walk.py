@@ -87,7 +87,7 @@ class Walks:
                 part[:, group] = now
 
     def ranges(self, lanes: np.ndarray) -> Ranges:
-        """Ranges of chosen lanes together.
+        """Return the ranges of chosen lanes together.
 
         Parameters
         ----------

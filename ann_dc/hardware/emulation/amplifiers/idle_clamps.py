@@ -75,7 +75,7 @@ class Clamp:
 
 
 def clamps_of(circuit: Circuit, sheet: Datasheet, part: Integrator) -> tuple[Clamp, ...]:
-    """The clamps of an integrator that move.
+    """Return the moving clamps of an integrator.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def clamps_of(circuit: Circuit, sheet: Datasheet, part: Integrator) -> tuple[Cla
 
 
 def rest_idle(network: Network, circuit: Circuit, sheet: Datasheet, x: np.ndarray) -> np.ndarray:
-    """A state of an emulation with clamps that move, in which all of them are off.
+    """Return a state of an emulation in which all moving clamps are off.
 
     Parameters
     ----------
