@@ -64,7 +64,7 @@ class Thread(NamedTuple):
     advance: Callable[[Samples, Found, np.ndarray], bool]
     """Some more work on samples; a queue tells the next and the end. Whether all is done."""
     locate: Callable[[Lanes, Samples, Found, np.ndarray], None] | None = None
-    """Enters when the residuals of samples fell below the tolerance, where looks do not tell."""
+    """Locates when residuals of samples fell below the tolerance; None for recurrent steps."""
 
 
 def run_lanes(

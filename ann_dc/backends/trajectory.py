@@ -71,7 +71,7 @@ class Trajectory(Record, Tabulated):
         ----------
         between : Between
         with_middles : bool
-            Whether rows in the middle of steps are added when rows are first read.
+            True to add rows in the middle of steps when rows are first read.
         """
         made = object.__new__(type(self))
         vars(made).update(vars(self), _between=between, _known=self.known)
@@ -109,7 +109,7 @@ class Trajectory(Record, Tabulated):
 
     @property
     def known(self) -> Known:
-        """Times and states that took no interpolation: those of steps where it was integrated."""
+        """Times and states without interpolation: those of steps, of an integration."""
         return vars(self).get("_known") or (self.time, self.states)
 
     @property
@@ -191,7 +191,7 @@ class Trajectory(Record, Tabulated):
 
     @property
     def size_in_words(self) -> str:
-        """The size to which errors of the last controls are related, in words."""
+        """Description of the size to which errors of the last controls are related."""
         return size_in_words(control_values(self.network, self.final), self.control_reach)
 
     @property

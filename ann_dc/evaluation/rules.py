@@ -33,11 +33,9 @@ one, and a problem whose states stay where they are has none at all."""
 RESTING = 0.01
 """Smallest size of values to which an error is related, over their largest magnitude on their way:
 what ends below it rests at zero, where a share of the value itself says nothing."""
-
-
 NEAR = 1e-2
-"""Error of the controls with their noise, over their size (`size_of`), up to which a circuit is
-right."""
+"""Largest error of the controls with their noise, over their size (`size_of`), at which a circuit
+counts as accurate."""
 
 
 def size_of(end: np.ndarray, reach: float) -> float:

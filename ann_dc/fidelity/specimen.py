@@ -92,9 +92,9 @@ class Specimen:
 
     @cached_property
     def moving(self) -> Emulation:
-        """The network that the circuit is on its way: with clamps that move and what currents drop.
+        """Emulation of the transient, with moving clamps and voltage drops of currents.
 
-        It is `emulation` if the circuit has neither clamps nor output resistances.
+        The same as `emulation` if the circuit has neither clamps nor output resistances.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The shield, a safety filter: controls instead of a plan that would collide, or that is none."""
+"""Safety filter (shield): controls that replace a plan that is unsafe or has not converged."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from ann_dc.hints.words import such_as
 from ann_dc.navigation.planner import Plan, Situation
 
 STILL = 1e-6
-"""Largest change of a state in a period of a plan that leads nowhere."""
+"""Largest change of a state in a period in which a robot counts as standing still."""
 
 
 @such_as("ann_dc.navigation.Shield()")
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Shield:
-    """Safety filter: overrules a plan that leaves too little room, or that is none.
+    """Safety filter that replaces a plan if it leaves too little room or has not converged.
 
     Ways out are constant controls, each at one of its limits or at zero, rolled out a few steps,
     and the one with the most room is taken. A digital circuit looks at some ten of them each
     period; a better plan is never overruled.
 
-    A robot that stands changes nothing, and so would stand for good. Where standing still is the
-    best way out, the first control of the plan is applied after all if a way out remains behind it
-    with twice the room.
+    A robot that stands still in a world at rest would never move again. If standing still is the
+    best way out, the first control of the plan is applied nevertheless, provided that a way out
+    with twice the room remains afterwards.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Shield:
     room : float
         What a plan has to leave between the robot's rim and an obstacle.
     trusted : float
-        Residual of a plan above which it is none.
+        Residual above which a plan counts as not converged.
     """
 
     steps: Count = 8

@@ -22,7 +22,7 @@ from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.network.network import Network
 
 PIECES = 20_000_000
-"""Numbers of all polynomials that an implicit run keeps; beyond, it keeps none."""
+"""Largest count of numbers in the polynomials of an implicit run; a longer run keeps none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -99,7 +99,7 @@ class CircuitRun(Tabulated):
     settling_error : float
         Seconds by which finer steps moved its settling time; nan of a run without them.
     finer : function of the run, optional
-        Makes the runs with finer steps that `timed` asks for; a run without it is its own.
+        Returns the run with finer steps for `timed`; without it `timed` is the run itself.
 
     Examples
     --------
@@ -139,12 +139,12 @@ class CircuitRun(Tabulated):
     def timed(self) -> CircuitRun:
         """The run with steps fine enough for its settling time.
 
-        Errors do not need it: the first time that it is asked for, ngspice runs once or twice more.
+        ngspice runs once or twice more at the first access. Errors do not need these runs.
 
         Raises
         ------
         NgspiceMissing
-            If ngspice is not there any more.
+            If ngspice is not found any more.
         """
         return self if self.finer is None else self.finer(self)
 

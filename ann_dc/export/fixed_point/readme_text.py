@@ -1,4 +1,4 @@
-"""The text of the README of both languages."""
+"""Text of the README of the C99 and SystemVerilog exports."""
 
 FORMATS = """\
 ## Inputs that the words are for

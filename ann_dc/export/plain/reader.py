@@ -1,4 +1,4 @@
-"""A reader of exported networks in NumPy alone, as text: the README of an export has it."""
+"""Text of a program that reads exported networks with NumPy alone, for the README of exports."""
 
 ARRAYS = {
     "network.safetensors": """\
@@ -70,7 +70,7 @@ for k in range(1, max(expected) + 1):
 
 
 def reader(file: str) -> str:
-    """Return the text of a program that reads an export of weights and walks as it should.
+    """Return a program that reads exported weights and repeats the reference walk.
 
     Parameters
     ----------

@@ -82,10 +82,11 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
 def emulate_clamps(
     circuit: Circuit, level: Level, deviations: Deviations | None = None
 ) -> Emulation:
-    """The same with clamps of rails that move, op amps and diodes: for a circuit's way.
+    """Emulate the transient of a circuit: clamps of rails are op amps and diodes that move.
 
-    Behind an output resistance the currents of capacitors drop a voltage, too. It has more neurons,
-    and rests where that of `emulate` does, which is easier to solve for.
+    Currents of capacitors drop a voltage across output resistances, too. The emulation has more
+    neurons than that of `emulate` and the same settled point, for which `emulate` is easier to
+    solve.
 
     Parameters
     ----------

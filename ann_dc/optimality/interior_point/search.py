@@ -122,7 +122,7 @@ def interior_point(
 
 
 class _Search:
-    """The state of one search: a model at its point, t, the filter, the shifts."""
+    """State of a search: the model at its point, t, the filter and the shifts."""
 
     def __init__(self, problem, q, u, progress) -> None:
         self.barrier, self.progress = Barrier.of(problem, q, u), progress
@@ -203,17 +203,17 @@ class _Search:
                 if descends and infeasibility <= NEARLY_FEASIBLE:
                     rounding = 1e-12 * abs(value)
                     if trial.value(t) <= value + ARMIJO * length * slope + rounding:
-                        return self.moved(trial)
+                        return self.adopted(trial)
                 elif (
                     trial.infeasibility <= (1 - MARGIN) * infeasibility + 1e-14
                     or trial.value(t) <= value - MARGIN * infeasibility
                 ):
                     self.remember()
-                    return self.moved(trial)
+                    return self.adopted(trial)
             length /= 2
         return False
 
-    def moved(self, trial: Model) -> bool:
+    def adopted(self, trial: Model) -> bool:
         """Make a trial the model, with multipliers near t over the slacks; return True."""
         point = trial.centred(trial.point, self.t)
         self.model = Model(self.barrier, point)

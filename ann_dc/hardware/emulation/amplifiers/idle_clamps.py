@@ -1,7 +1,7 @@
-r"""Clamps that are off: where their op amps rest, and what that adds to a capacitor.
+r"""Idle clamps: outputs of their op amps, and the capacitance that they add to an integrator.
 
-The op amp of the clamp of an upper rail u follows the output x, two diodes below it. With one,
-the diode that is to carry what presses would leak near the rail, where the idle ones carry little:
+The op amp of an idle clamp at an upper rail u follows the output x, two diode drops below it. One
+drop is too little: near the rail idle diodes carry little current, and the clamping diode leaks:
 
 .. math:: o = x - V_D \ln\Big(1 + \frac{u - x}{R_1 I_s}\Big) , \qquad
     \frac{do}{dx} = 1 + \frac{V_D}{u - x + R_1 I_s} , \quad V_D = 2 V_T .

@@ -135,9 +135,10 @@ def _integrator(assembly: Assembly, part: Integrator) -> None:
 def _trailed(
     assembly: Assembly, part: Integrator, gamma: np.ndarray, share: float
 ) -> dict[str, float | np.ndarray]:
-    """Add what trails the current of an integrator's capacitor; e, with what that drops.
+    """Add the delayed current of an integrator's capacitor; return the weights of e.
 
-    A ``share`` of the capacitor is at the output itself, not in clamps.
+    They include the voltage that the current drops across the output resistance. A ``share`` of
+    the capacitor is connected to the output itself, the rest to clamps.
     """
     nodes = AmplifierNodes(part.name)
     assembly.neuron(nodes.trailing, 1 / assembly.omega, Origin(part.name, 0.0))
@@ -202,7 +203,7 @@ def _diode_cell(assembly: Assembly, part: PICell) -> None:
 
 
 def _returned(assembly: Assembly, part: PICell, ohms: np.ndarray) -> np.ndarray:
-    """Return r / (R_f Omega tau): what the moves of a PI cell's capacitor do behind its op amp."""
+    """Return r / (R_f Omega tau): weight of the current of a PI cell's capacitor in its op amp."""
     tau = np.where(part.present, part.tau, 1.0) * ohms / assembly.circuit.feedback[part.name]
     return assembly.datasheet.rout / (ohms * assembly.omega * tau)
 
