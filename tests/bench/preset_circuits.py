@@ -48,6 +48,9 @@ BOUNDED = {
 }
 """Plants whose controls have bounds, which clamps keep, and a metric with which they settle."""
 
+REGULATOR = "regulator"
+ALL = (*PLANTS, *BY_HAND, *BOUNDED, REGULATOR)
+
 BELOW = (5e-4, 1e-3, 1e-2, 5e-2)
 """Shares of its bound by which a control rests below it."""
 
@@ -177,15 +180,15 @@ def spread(errors: np.ndarray) -> Sequence[int]:
     return [int(ranked[place]) for place in places]
 
 
-def figures() -> Iterator[Figure]:
-    """Every figure."""
-    for plant in (*PLANTS, *BY_HAND, *BOUNDED):
-        for preset in presets.names():
+def figures(names: Sequence[str] = ALL) -> Iterator[Figure]:
+    """Figures of plants, and of controls `BELOW` their bounds if the regulator is named."""
+    for plant, preset in itertools.product(ALL, presets.names()):
+        if plant in names and plant != REGULATOR:
             yield made(plant, preset, network_of(plant))
-    for share, preset in itertools.product(BELOW, presets.names()):
+    for share, preset in itertools.product(BELOW if REGULATOR in names else (), presets.names()):
         yield made(f"control {share:.2%} below its bound", preset, below(share))
-    for plant in DRAWN_PLANTS:
-        for preset in presets.names():
+    for plant, preset in itertools.product(DRAWN_PLANTS, presets.names()):
+        if plant in names:
             yield drawn(plant, preset)
 
 

@@ -1,7 +1,8 @@
 """Run benches and write what they measured into README.md here. ``make bench``.
 
 Every bench runs in a process of its own and renews its own section, with the date and the kind of
-machine; the other sections keep what they say. ``make bench BENCHES="kernel circuits"`` runs two.
+machine; the other sections keep what they say. ``make bench BENCHES="kernel circuits"`` runs two,
+and ``BENCHES=preset_circuits:cart,car`` renews the rows of two names in the section of one.
 """
 
 from __future__ import annotations
@@ -49,12 +50,12 @@ BENCHES = (
 )
 
 
-def figures_of(name: str) -> tuple[str, list[Figure], float]:
-    """(Title, its figures, seconds) of a bench, run in this process."""
+def figures_of(name: str, rows: str = "") -> tuple[str, list[Figure], float]:
+    """(Title, its figures, seconds) of a bench, or of some of its names, run in this process."""
     bench = importlib.import_module(f"bench.{name}")
     began = time.perf_counter()
     figures = []
-    for figure in bench.figures():
+    for figure in bench.figures(rows.split(",")) if rows else bench.figures():
         print(figure, flush=True)
         figures.append(figure)
     title = bench.__doc__.partition("\n")[0].rstrip(".")
@@ -70,11 +71,30 @@ def machine() -> str:
 
 def section(title: str, figures: Sequence[Figure], when: str) -> str:
     """Heading, when and where, and the table."""
-    rows = [
-        f"| {f.name} | {f.value} | {f.remark}{'' if f.good else ' (misses its bar)'} |"
-        for f in figures
-    ]
+    rows = map(row, figures)
     return "\n".join([f"### {title}", "", when, "", "| what | figure | |", "|---|---|---|", *rows])
+
+
+def row(figure: Figure) -> str:
+    """Return the line of a table that shows a figure."""
+    missed = "" if figure.good else " (misses its bar)"
+    return f"| {figure.name} | {figure.value} | {figure.remark}{missed} |"
+
+
+def patched(text: str, name: str, figures: Sequence[Figure], when: str) -> str:
+    """Return the text with those rows of a section replaced that have the names of the figures.
+
+    >>> old = Figure(name="car", value="1 s"), Figure(name="cart", value="2 s")
+    >>> text = renewed("", "kernel", section("Kernel", old, "Measured today."))
+    >>> text = patched(text, "kernel", [Figure(name="cart", value="3 s")], "cart: later.")
+    >>> [line for line in text.splitlines() if "car" in line]
+    ['Measured today. cart: later.', '| car | 1 s |  |', '| cart | 3 s |  |']
+    """
+    content = text.partition(f"<!-- {name} -->\n")[2].partition(f"\n<!-- end of {name} -->")[0]
+    head, before, table = content.split("\n\n")
+    lines = [*table.splitlines(), *map(row, figures)]
+    table = "\n".join({line.split(" | ")[0]: line for line in lines}.values())
+    return renewed(text, name, "\n\n".join([head, f"{before} {when}", table]))
 
 
 def renewed(text: str, name: str, content: str) -> str:
@@ -102,15 +122,20 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("benches", nargs="*", help=f"all by default: {', '.join(BENCHES)}")
     names = parser.parse_args().benches
-    if unknown := set(names) - set(BENCHES):
+    if unknown := {name.partition(":")[0] for name in names} - set(BENCHES):
         parser.error(f"{', '.join(unknown)}: no such bench; there are: {', '.join(BENCHES)}")
     good = True
-    for name in names or BENCHES:
-        print(f"--- {name}", flush=True)
+    for asked in names or BENCHES:
+        print(f"--- {asked}", flush=True)
+        name, _, rows = asked.partition(":")
         with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-            title, figures, seconds = pool.submit(figures_of, name).result()
-        when = f"Measured {datetime.date.today()} on {machine()}, in {seconds:.0f} s."
-        text = renewed(README.read_text(encoding="utf-8"), name, section(title, figures, when))
+            title, figures, seconds = pool.submit(figures_of, name, rows).result()
+        when = f"{datetime.date.today()} on {machine()}, in {seconds:.0f} s."
+        text = README.read_text(encoding="utf-8")
+        if rows:
+            text = patched(text, name, figures, f"Rows of {rows.replace(',', ', ')}: {when}")
+        else:
+            text = renewed(text, name, section(title, figures, f"Measured {when}"))
         README.write_text(text, encoding="utf-8")
         good &= all(figure.good for figure in figures)
     return int(not good)
