@@ -28,10 +28,18 @@ class Bench:
         raw = Ngspice(timeout=self.timeout).run(deck)
         return np.array([np.real(raw[node]) for node in nodes])
 
-    def grid(self, volts: float, ys: np.ndarray, zs: np.ndarray, *, gain: float = 1.0) -> Sweep:
-        """Full scale, y and z in volts; x goes as far as y, and the output has to stay within."""
-        reach = float(np.abs(ys).max())
-        cards, nodes, at = [f"E1 x 0 a 0 {reach}"], [], []
+    def grid(
+        self,
+        volts: float,
+        ys: np.ndarray,
+        zs: np.ndarray,
+        *,
+        gain: float = 1.0,
+        reach: float | None = None,
+    ) -> Sweep:
+        """Sweep x as far as y; full scale, y, z and the reach of the output are in volts."""
+        end = float(np.abs(ys).max())
+        cards, nodes, at = [f"E1 x 0 a 0 {end}"], [], []
         for i, y in enumerate(ys):
             for j, z in enumerate(zs):
                 node = f"{i}_{j}"
@@ -40,9 +48,9 @@ class Bench:
                 nodes.append(f"o{node}")
                 at.append((y, z))
         out = self.ran(cards, nodes)
-        x = np.linspace(-reach, reach, out.shape[1]) + 0 * out
+        x = np.linspace(-end, end, out.shape[1]) + 0 * out
         y, z = (np.array(at).T[k][:, None] + 0 * out for k in (0, 1))
-        within = np.abs(out) <= 1.05 * volts
+        within = np.abs(out) <= (reach or 1.05 * volts)
         return tuple(part[within] for part in (x / volts, y / volts, z, out))
 
     def loaded(self) -> tuple[float, np.ndarray]:
@@ -58,18 +66,19 @@ def told(law: MultiplierLaw, volts: float, sweep: Sweep, gain: float = 1.0) -> n
     x, y, z, out = sweep
     added, bend_x, bend_y, follow, tilt_x, tilt_y, bow, offset = known(law)
     slope = added + bend_x * x**2 + bend_y * y**2 + volts * (tilt_x * x + tilt_y * y)
-    return gain * volts * x * y * (1 + slope) + (1 + follow) * z + offset + bow * out**2
+    return gain * volts * x * y * (1 + slope) + (1 + follow) * z + offset + bow * (out**2 - z**2)
 
 
 def known(law: MultiplierLaw) -> list[float]:
     """The coefficients of a law at a full scale."""
-    bends = [law.gain[0] + law.gain_y[0], law.bend_x[0], law.bend_y[0], law.follow[0]]
-    return [*bends, law.tilt_x, law.tilt_y, law.bow, law.offset[0]]
+    gain = law.gain[0] + law.gain_y[0] + law.gain_o[0]
+    bends = [gain, law.bend_x[0], law.bend_y[0], law.follow[0]]
+    return [*bends, law.tilt_x, law.tilt_y, law.bow[0], law.offset[0]]
 
 
 def found(volts: float, sweep: Sweep) -> np.ndarray:
     """The same coefficients, by least squares."""
     x, y, z, out = sweep
     t = volts * x * y
-    terms = [t, t * x**2, t * y**2, z, t * x * volts, t * y * volts, out**2, np.ones_like(t)]
+    terms = [t, t * x**2, t * y**2, z, t * x * volts, t * y * volts, out**2 - z**2, np.ones_like(t)]
     return np.linalg.lstsq(np.array(terms).T, out - t - z, rcond=None)[0]

@@ -113,9 +113,9 @@ def _product(
     assembly.product(product, x.node, y.node)
     if law == PRODUCT:
         return product
-    centred = 1 + law.gain[0] + law.gain_y[0] + law.tilt_x * x.centre + law.tilt_y * y.centre
-    centred += 2 * law.bow * z
-    weights = defaultdict(float, {ONE: centred, product: law.bow * volts * x.share * y.share})
+    centred = 1 + law.gain[0] + law.gain_y[0] + law.gain_o[0] + 2 * law.bow[0] * z
+    centred += law.tilt_x * x.centre + law.tilt_y * y.centre
+    weights = defaultdict(float, {ONE: centred, product: law.bow[0] * volts * x.share * y.share})
     for factor, bend, tilt in ((x, law.bend_x[0], law.tilt_x), (y, law.bend_y[0], law.tilt_y)):
         square = f"square.{factor.node}.{name}"
         if square not in weights:
@@ -208,7 +208,7 @@ def _add_step(assembly: Assembly, part: Generator, cascade: Cascade, step: Step)
     is_last = step.node == OUTPUT
     node = f"curve.{part.name}" if is_last else f"{step.node}.{part.name}"
     unit = V * assembly.circuit.value_of(part.name) if is_last else 1.0
-    constant = (1 + law.follow[0]) * step.constant + law.offset[0] + law.bow * step.constant**2
+    constant = (1 + law.follow[0]) * step.constant + law.offset[0]
     assembly.sum(node)
     assembly.connect(product, node, gain * x.share * y.share * unit)
     assembly.connect(ONE, node, constant / V * unit)

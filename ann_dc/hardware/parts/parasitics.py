@@ -185,12 +185,13 @@ class MultiplierLaw:
     the sums of their volts, and z what is added to the output, it is
 
     .. math::
-        v_{out} = (1 + ge) V x y\,(1 + gain + gain_y + bend_x x^2 + bend_y (y V / V_y)^2
-                  + tilt_x X + tilt_y Y) + (1 + follow)\,z + offset + bow\,v_{out}^2 .
+        v_{out} = (1 + ge) V x y\,(1 + gain + gain_y + gain_o + bend_x x^2 + bend_y (y V / V_y)^2
+                  + tilt_x X + tilt_y Y) + (1 + follow)\,z + offset + bow\,(v_{out}^2 - z^2) .
 
     Output resistors of V_o = (1 + ge) V make the gain; below ``least_gain`` they stay, and larger
     ones of y, which make V_y of V, do the rest. What depends on the resistors that set a full
-    scale is a + b / V + c V, written (a, b, c).
+    scale is a + b / V + c V, written (a, b, c). The current of a product does not depend on V_o:
+    where an op amp of little gain gives it, that costs volts, b of ``gain_o``, also at small gains.
 
     Attributes
     ----------
@@ -198,10 +199,10 @@ class MultiplierLaw:
         Of V: bends are what is left of the voltage-to-current converters' curvature.
     gain_y, bend_y : (float, float, float)
         Of V_y.
-    follow, offset : (float, float, float)
-        Of V_o; the offset in volts.
-    tilt_x, tilt_y, bow : float
-        In 1/V: by the common mode of an input, and by the output.
+    gain_o, follow, offset, bow : (float, float, float)
+        Of V_o; the offset in volts, the bow in 1/V.
+    tilt_x, tilt_y : float
+        In 1/V: by the common mode of an input.
     input_current : float
         Into every input, in amperes, from what drives it.
     output_resistance : float
@@ -222,13 +223,14 @@ class MultiplierLaw:
 
     gain: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gain_y: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gain_o: tuple[float, float, float] = (0.0, 0.0, 0.0)
     bend_x: tuple[float, float, float] = (0.0, 0.0, 0.0)
     bend_y: tuple[float, float, float] = (0.0, 0.0, 0.0)
     follow: tuple[float, float, float] = (0.0, 0.0, 0.0)
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    bow: tuple[float, float, float] = (0.0, 0.0, 0.0)
     tilt_x: float = 0.0
     tilt_y: float = 0.0
-    bow: float = 0.0
     input_current: float = 0.0
     output_resistance: float = 0.0
     least_gain: float = 0.0
@@ -250,7 +252,8 @@ class MultiplierLaw:
             1 + ge.
         """
         y, output = volts * max(1.0, self.least_gain / gain), volts * max(self.least_gain, gain)
-        scales = {"gain_y": y, "bend_y": y, "follow": output, "offset": output}
+        scales = {"gain_y": y, "bend_y": y}
+        scales |= dict.fromkeys(("gain_o", "follow", "offset", "bow"), output)
         there = {}
         for field in fields(self):
             numbers, scale = _numbers(getattr(self, field.name)), scales.get(field.name, volts)

@@ -111,9 +111,10 @@ def test_no_straight_line_is_closer_than_the_one_that_was_left():
 
 POLYNOMIAL = replace(macro(), functions=Polynomial(most_terms=10))
 LAW = MultiplierLaw(
-    gain=(0.01, 0.02, 0.0), gain_y=(0.0, 0.015, 0.01), bend_x=(-0.03, 0.0, 0.0),
-    bend_y=(0.0, 0.04, 0.0), tilt_x=0.05,
-    tilt_y=-0.06, bow=0.07, offset=(0.02, 0.0, 0.01), input_current=1e-3, output_resistance=50.0,
+    gain=(0.01, 0.02, 0.0), gain_y=(0.0, 0.015, 0.01), gain_o=(0.0, 0.012, 0.02),
+    bend_x=(-0.03, 0.0, 0.0), bend_y=(0.0, 0.04, 0.0), tilt_x=0.05,
+    tilt_y=-0.06, bow=(0.07, 0.01, 0.02), offset=(0.02, 0.0, 0.01),
+    input_current=1e-3, output_resistance=50.0,
 )  # fmt: skip
 
 
@@ -131,10 +132,9 @@ def test_a_product_follows_the_law_of_its_multiplier(signs):
     Y = volts["b"] + OFF["oy_ab"]
     common = -X if swapped else X, Y
     law, t = LAW.at(vm), X * Y / vm
-    slope = (
-        law.gain[0] + law.gain_y[0] + law.bend_x[0] * (X / vm) ** 2 + law.bend_y[0] * (Y / vm) ** 2
-    )
-    slope += law.tilt_x * common[0] + law.tilt_y * common[1] + law.bow * t
+    slope = law.gain[0] + law.gain_y[0] + law.gain_o[0]
+    slope += law.bend_x[0] * (X / vm) ** 2 + law.bend_y[0] * (Y / vm) ** 2
+    slope += law.tilt_x * common[0] + law.tilt_y * common[1] + law.bow[0] * t
     share = 1 / (1 + 50.0 * loads_of(circuit)["ab", False][0])
     out = share * (1 + OFF["ge_ab"]) * t * (1 + slope) + OFF["oz_ab"] + law.offset[0]
     wanted = sign("ab") * unit["ab"] / vm * out
@@ -203,8 +203,8 @@ def test_a_generator_of_transistors_is_what_ngspice_finds(function, signs):
     x, out = swept(subcircuit_of("curve", fit, sx, sy), *(ends / sx))
     found = np.array([curve_of(circuit, TRANSISTOR, sx * volts) / sy for volts in x])
     polynomial = np.array([curve_of(circuit, POLYNOMIAL, sx * volts) / sy for volts in x])
-    assert np.linalg.norm(out - found) < 0.7 * np.linalg.norm(out - polynomial)
-    assert np.abs(out - found).max() < 1.4e-4
+    assert np.linalg.norm(out - found) < 0.15 * np.linalg.norm(out - polynomial)
+    assert np.abs(out - found).max() < 5e-5
 
 
 @needs_ngspice

@@ -46,13 +46,14 @@ def test_areas_that_were_not_measured_are_refused(area):
 
 def test_a_law_has_numbers():
     with pytest.raises(NetworkError, match="multiplier_law, bow"):
-        MultiplierLaw(bow=float("inf"))
+        MultiplierLaw(bow=(float("inf"), 0.0, 0.0))
 
 
 def test_small_gains_are_made_by_resistors_of_y_where_a_law_says_so():
     law = MultiplierLaw(
-        gain=(1.0, 2.0, 4.0), gain_y=(1.0, 2.0, 4.0), bend_y=(1.0, 2.0, 4.0), follow=(1.0, 2.0, 4.0)
-    )
+        gain=(1.0, 2.0, 4.0), gain_y=(1.0, 2.0, 4.0), gain_o=(1.0, 2.0, 4.0),
+        bend_y=(1.0, 2.0, 4.0), follow=(1.0, 2.0, 4.0), bow=(1.0, 2.0, 4.0),
+    )  # fmt: skip
     of = {volts: 1.0 + 2.0 / volts + 4.0 * volts for volts in (0.5, 2.0, 4.0)}
     for least, gain, y, output in (
         (0.0, 0.25, 2.0, 0.5),
@@ -60,5 +61,6 @@ def test_small_gains_are_made_by_resistors_of_y_where_a_law_says_so():
         (1.0, 2.0, 2.0, 4.0),
     ):
         at = replace(law, least_gain=least).at(2.0, gain)
-        assert (at.gain[0], at.gain_y[0], at.follow[0]) == (of[2.0], of[y], of[output])
+        assert (at.gain[0], at.gain_y[0]) == (of[2.0], of[y])
+        assert (at.gain_o[0], at.follow[0], at.bow[0]) == (of[output],) * 3
         assert at.bend_y[0] == of[y] * (2.0 / y) ** 2
