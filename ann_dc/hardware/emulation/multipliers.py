@@ -12,9 +12,9 @@ either input adds to the output. The capacitance of its inputs is left out: behi
 resistance of an op amp it is a pole of its loop, and 20 pF behind 100 ohm move settling by 0.1 %.
 
 What transistors make of a product is a `MultiplierLaw`. A function generator that is a cascade of
-multipliers is emulated as these, each with that law, behind one pole. In a divider an op amp makes
-m = u y what it has to be, K + 3 (o - y / A0) / 2 behind the resistors at its input; with m as the
-law has it,
+multipliers is emulated as these, each with that law, behind one pole; the input current of the next
+one flows through their output resistance. In a divider an op amp makes m = u y what it has to be,
+K + 3 (o - y / A0) / 2 behind the resistors at its input; with m as the law and its load have it,
 
 .. math:: y = \frac{1}{u} \left(2 - \frac{m(u, 1/u)}{K}
     + \frac{3}{2 K} \left(o - \frac{y}{A_0}\right)\right)
@@ -33,7 +33,7 @@ from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import Assembly
 from ann_dc.hardware.emulation.nodes import Origin
 from ann_dc.hardware.generators.cascade import CENTRE, INPUT, OUTPUT, Cascade, Step, cascade_of
-from ann_dc.hardware.generators.curves import Curves, FittedPolynomial, FittedQuotient
+from ann_dc.hardware.generators.curves import LOAD, Curves, FittedPolynomial, FittedQuotient
 from ann_dc.hardware.parts.parasitics import PRODUCT, MultiplierLaw
 from ann_dc.hardware.schematic.elements import Generator, Multiplier
 from ann_dc.network.cell import ONE, Limiter
@@ -178,7 +178,8 @@ def _add_divider(
     assembly.sum(inverse)
     held, gain = assembly.outputs.offset(name), assembly.outputs.gain(name)
     assembly.connect(ONE, inverse, 2 - law.offset[0] / K + 1.5 * held / K)
-    assembly.connect(made, inverse, -V * x.share * y.share / K)
+    left = 1 / (1 + law.output_resistance / (LOAD / 2))
+    assembly.connect(made, inverse, -left * V * x.share * y.share / K)
     assembly.connect(ideal, inverse, -1.5 / (K * value * gain))
     assembly.product(f"curve.{name}", ideal, inverse)
 
@@ -209,6 +210,8 @@ def _add_step(assembly: Assembly, part: Generator, cascade: Cascade, step: Step)
     node = f"curve.{part.name}" if is_last else f"{step.node}.{part.name}"
     unit = V * assembly.circuit.value_of(part.name) if is_last else 1.0
     constant = (1 + law.follow[0]) * step.constant + law.offset[0]
+    readers = sum(step.node in (*other.x, *other.y) for other in cascade.steps)
+    constant -= readers * law.output_resistance * law.input_current
     assembly.sum(node)
     assembly.connect(product, node, gain * x.share * y.share * unit)
     assembly.connect(ONE, node, constant / V * unit)

@@ -22,6 +22,9 @@ from ann_dc.hints.checked import checked
 FINE = 10
 """Into how many finer intervals each is divided where a fit is judged."""
 
+LOAD = 100e3
+"""Smallest resistor at an op amp, in ohms; the multiplier of a divider drives half of it."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FittedPolynomial:

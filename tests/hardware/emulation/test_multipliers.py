@@ -25,7 +25,7 @@ from ann_dc.hardware.circuit import (
     slopes_of,
 )
 from ann_dc.hardware.emulation import emulate
-from ann_dc.hardware.generators import FittedQuotient, Polynomial
+from ann_dc.hardware.generators import FittedQuotient, Polynomial, cascade_of
 from ann_dc.hardware.parts import TRANSISTOR, Datasheet, Level, MultiplierLaw, Parasitics, macro
 from ann_dc.hardware.schematic import Generator, schematic_of
 from ann_dc.network import Cell, Connection, Function, Network, Neuron, Product
@@ -190,6 +190,32 @@ def test_a_generator_of_multipliers_is_their_polynomial(function, signs):
         W = 2 * U**2 - 1 if fit.parity else U
         wanted = polyval(W, fit.powers) * (U if fit.parity < 0 else 1.0)
         assert curve_of(circuit, POLYNOMIAL, u) == pytest.approx(wanted, abs=1e-12)
+
+
+def drawing(**law: float) -> Level:
+    """Transistors without defects, but for those of a law of their multipliers."""
+    return replace(TRANSISTOR, datasheet=Datasheet(a0=1e12, multiplier_law=MultiplierLaw(**law)))
+
+
+def test_inner_nodes_of_a_cascade_drop_by_the_current_of_their_reader():
+    """By 10 mV each, which the steps behind them multiply."""
+    circuit, part = generated("exp", (1, 1))
+    sx, sy = slopes_of(circuit.schematic, circuit.scaling, part)
+    fit = TRANSISTOR.functions.fit("exp", *built_range(part, circuit.scaling))
+    gains = [float(step.gain) for step in cascade_of(fit, sx, sy).steps]
+    assert len(gains) > 2
+    for u in (0.0, 0.7):
+        off, share = 0.0, (u - fit.centre) / fit.half
+        for gain in gains:
+            off = gain * share * off - 10e-3
+        told = curve_of(circuit, drawing(input_current=1e-3, output_resistance=10.0), u)
+        assert told - curve_of(circuit, drawing(), u) == pytest.approx((off + 10e-3) * sy, rel=1e-6)
+
+
+def test_multiplier_of_a_divider_loses_what_its_load_takes():
+    circuit, _ = generated("reciprocal", (1, 1), 0.3)
+    told = curve_of(circuit, drawing(output_resistance=50.0), 0.7)
+    assert told == pytest.approx((2 - 1 / (1 + 50.0 / 50e3)) / 0.7, rel=1e-9)
 
 
 @needs_ngspice

@@ -23,6 +23,7 @@ import numpy as np
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.generators.cascade import OUTPUT, Step, cascade_of
 from ann_dc.hardware.generators.curves import (
+    LOAD,
     Breakpoints,
     Curve,
     FittedChords,
@@ -32,9 +33,6 @@ from ann_dc.hardware.generators.curves import (
 )
 from ann_dc.hardware.schematic.elements import Generator
 from ann_dc.hardware.schematic.schematic import Schematic
-
-LOAD = 100e3
-"""Smallest resistor at an op amp, in ohms."""
 
 LEAD = 50e-15
 """Farads across a divider's op amp, for the pole of its inputs."""
