@@ -97,13 +97,15 @@ class Design:
 
     @property
     def reason(self) -> str:
-        """Why this metric: the best of every kind that was compared, in one sentence each."""
+        """Reason for the metric: the chosen candidate, then the best one of every other kind."""
         unsettled = "" if self.first.settled else "no optimum to read a grid off; "
-        return unsettled + "; ".join(
-            _verdict(min(found, key=lambda candidate: candidate.rank))
+        others = (
+            min(found, key=lambda candidate: candidate.rank)
             for kind in RECIPES
-            if (found := [c for c in self.candidates if c.kind is kind])
+            if kind is not self.best.kind
+            and (found := [c for c in self.candidates if c.kind is kind])
         )
+        return unsettled + "; ".join(map(_verdict, (self.best, *others)))
 
     @property
     def spectrum(self) -> Spectrum:

@@ -83,6 +83,17 @@ def test_all_that_is_allowed_has_a_reason():
     assert found.reason in str(found)
 
 
+def test_reason_begins_with_the_kind_that_was_chosen():
+    found = design(
+        synthesize(plants.pendulum(N=10)), kinds=[Kind.TIME_CONSTANTS, Kind.COUPLED_PYRAMID]
+    )
+    assert {c.kind for c in found.candidates} == {Kind.TIME_CONSTANTS, Kind.COUPLED_PYRAMID}
+    for best in found.candidates:
+        first, other = replace(found, best=best).reason.split("; ")
+        assert first.startswith(f"{best.kind.value} ")
+        assert not other.startswith(f"{best.kind.value} ")
+
+
 @pytest.mark.parametrize("kinds", [[], ["grid"], [Kind.GRID, None]])
 def test_kinds_that_are_none(kinds):
     with pytest.raises(DesignError, match=r"kinds: expected some of Kind\.TIME_CONSTANTS"):
