@@ -16,7 +16,7 @@ import pytest
 import ann_dc
 from ann_dc.export.fixed_point import FixedPoint, fixed_point
 from ann_dc.export.reference import ReferenceVector, reference_vector
-from ann_dc.network import Network
+from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
 
 PROBLEMS = {
     "double_integrator": lambda: ann_dc.plants.double_integrator(N=4),
@@ -37,6 +37,21 @@ PROBLEMS = {
 def walked(name: str, kind: ann_dc.Kind | None = None) -> tuple[Network, ReferenceVector]:
     kinds = {} if kind is None else {"kinds": [kind]}
     network = ann_dc.design(PROBLEMS[name](), **kinds).network
+    return network, reference_vector(network)
+
+
+def pressed() -> tuple[Network, ReferenceVector]:
+    """A neuron that starts and stays at its rail, which a drive of 20 presses it against."""
+    weights = {"x": -1.0, "a": 40.0}
+    cell = Cell(
+        neurons=(Neuron(name="x", limiter=Limiter(low=0.0, high=1.0)),),
+        inputs=("a",),
+        connections=tuple(
+            Connection(source=source, target="x", weight=weight)
+            for source, weight in weights.items()
+        ),
+    )
+    network = Network(cell=cell, stages=1, inputs={"a": 0.5}, start={"x": 1.0})
     return network, reference_vector(network)
 
 

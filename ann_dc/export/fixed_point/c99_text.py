@@ -177,15 +177,15 @@ static void operate(ann_dc_network *network, const int32_t *operation)
         high = neuron[HIGH];
         value += network->words[target];
     }}
-    kept = clipped(value, low, high);
-    if (kept != value && (kept == WIDE || kept == -WIDE - 1))
-        network->saturated = 1;
     if (operation[KIND] == DRIVE) {{
         const int32_t *neuron = neuron_table[operation[NEURON]];
         int32_t state = network->words[neuron[WORD]];
-        if ((state <= neuron[LOW] && kept < 0) || (state >= neuron[HIGH] && kept > 0))
-            kept = 0;
+        if ((state <= neuron[LOW] && value < 0) || (state >= neuron[HIGH] && value > 0))
+            value = 0;
     }}
+    kept = clipped(value, low, high);
+    if (kept != value && (kept == WIDE || kept == -WIDE - 1))
+        network->saturated = 1;
     network->words[target] = (int32_t)kept;
 }}
 

@@ -286,7 +286,7 @@ MACHINE = """
                 phase <= WRITE;
             end
             WRITE: begin
-                if (kept != whole && (kept == TOP || kept == -TOP - ONE)) saturated <= 1;
+                if (kept != whole && (result == TOP || result == -TOP - ONE)) saturated <= 1;
                 counter <= counter + 1;
                 phase <= counter == OPERATIONS - 1 ? COUNT : FETCH;
             end

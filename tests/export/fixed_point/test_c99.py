@@ -6,7 +6,7 @@ from time import process_time
 
 import numpy as np
 import pytest
-from fixed_points import PROBLEMS, in_integers, needs, said, walked, written
+from fixed_points import PROBLEMS, in_integers, needs, pressed, said, walked, written
 
 import ann_dc
 from ann_dc.export.fixed_point import FixedPoint, Integers, Port, c99_check, c99_files
@@ -69,6 +69,13 @@ def test_it_compiles_without_a_warning_and_tests_itself(compiler, name, tmp_path
     code, said_ = said(tmp_path, str(program))
     assert code == 0
     assert said_.startswith("PASS: 0 differences in 3 vectors")
+
+
+def test_a_drive_that_a_rail_stops_does_not_saturate_in_c(tmp_path):
+    needs("gcc")
+    written(c99_files(*pressed(), bits=16), tmp_path)
+    code, log = said(tmp_path, str(compiled(tmp_path, "gcc", "selftest.c")))
+    assert (code, log[:5]) == (0, "PASS:")
 
 
 def test_its_own_makefile_checks_it(tmp_path):

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from fixed_points import PROBLEMS, in_integers, needs, said, walked, written
+from fixed_points import PROBLEMS, in_integers, needs, pressed, said, walked, written
 
 from ann_dc.export.fixed_point import FixedPoint, hdl_check, hdl_files
 
@@ -35,6 +35,10 @@ def test_icarus_walks_like_the_golden_model(tmp_path):
     """All vectors, and the settle test."""
     log = simulated(exported("double_integrator", tmp_path))
     assert re.match(r"PASS: 0 differences in \d vectors, the last after \d+ steps", log)
+
+
+def test_a_drive_that_a_rail_stops_does_not_saturate_in_hardware(tmp_path):
+    assert simulated(written(hdl_files(*pressed(), bits=16), tmp_path)).startswith("PASS")
 
 
 @pytest.mark.parametrize("name", ["car", "bounds", "objectives"])

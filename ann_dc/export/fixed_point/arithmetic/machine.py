@@ -199,6 +199,29 @@ class Integers:
         return Settled(steps, settled, states, self.saturated.copy())
 
 
+def first_cut_off(machine: Machine, limit: int) -> np.ndarray | None:
+    """Return the first operation of a walk of which a number is cut off; None if none is.
+
+    Parameters
+    ----------
+    machine : Machine
+    limit : int
+        Most steps.
+    """
+    model = Integers(machine)
+    before = model.lanes.copy()
+    while model.steps < limit and not model.saturated[0]:
+        before[:] = model.lanes
+        model.run(1)
+    model.lanes[:], model.saturated[:] = before, False
+    for operation in machine.operations:
+        model.machine = machine._replace(operations=operation[None])
+        model.run(1)
+        if model.saturated[0]:
+            return operation
+    return None
+
+
 @inlined
 def rounded(a, shift):
     """Return a / 2^shift, to the nearest integer, halves upward."""
@@ -288,13 +311,13 @@ def _run(code, sizes, span, settle, memory):  # noqa: C901 - one branch an opera
                 )
                 for i in range(lanes):
                     value[i] += words[target, i]
-            _kept(value, low, high, top, saturated)
-            if kind == DRIVE:
-                low, high = neurons[neuron, LOW], neurons[neuron, HIGH]
+            if kind == DRIVE:  # before it is clipped: what a rail sets to zero is not cut off
+                least, most = neurons[neuron, LOW], neurons[neuron, HIGH]
                 for i in range(lanes):
                     state = words[neurons[neuron, WORD], i]
-                    if (state <= low and value[i] < 0) or (state >= high and value[i] > 0):
+                    if (state <= least and value[i] < 0) or (state >= most and value[i] > 0):
                         value[i] = 0
+            _kept(value, low, high, top, saturated)
             for i in range(lanes):
                 words[target, i] = value[i]
         if (step + 1) % period == 0 and _marked(neurons, memory) and settle:
