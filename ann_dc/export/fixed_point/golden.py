@@ -66,15 +66,28 @@ class Measured(NamedTuple):
     wrong: int = 0
     """Settled inputs whose controls are further from those of float64."""
     unconfirmed: int = 0
-    """Settled inputs that float64 does not settle, even with half the step for twice as long."""
+    """Settled inputs that float64 does not settle, even with half the step for twice as long, from
+    the start or from the answer of the integers."""
     saturated: int = 0
     """Inputs with a number that was cut off."""
 
     @property
+    def failed(self) -> str:
+        """Conditions of a good width that the counts do not meet; empty if they meet all."""
+        conditions = (
+            (self.wrong > 0, "none wrong"),
+            (self.unconfirmed > 0, "none unconfirmed"),
+            (
+                self.floats - self.right > MISSING * self.inputs,
+                f"as many right as in float64 less {MISSING:.0%}",
+            ),
+        )
+        return ", ".join(condition for fails, condition in conditions if fails)
+
+    @property
     def enough(self) -> bool:
         """True if no answer is wrong or unconfirmed, and few inputs settle in float64 alone."""
-        missing = self.floats - self.right
-        return not self.wrong and not self.unconfirmed and missing <= MISSING * self.inputs
+        return not self.failed
 
     def __str__(self) -> str:
         if not self.inputs:
@@ -221,17 +234,21 @@ class FixedPoint:
                 model.load(port.words, numbers.astype(np.int64))
         return model
 
+    def values(self, states: np.ndarray) -> np.ndarray:
+        """Return integer states (n, B) in network units."""
+        bits = self.fraction[self.machine.neurons[:, WORD]] + self.machine.guard
+        return np.ldexp(states.astype(float), -bits[:, None])
+
     def errors(
         self, states: np.ndarray, ends: np.ndarray, settled: np.ndarray | None = None
     ) -> np.ndarray:
         """Return `control_errors` of integer states (n, B) against ends (n, B) in network units."""
-        neurons = self.machine.neurons[:, WORD]
-        at = {word: place for place, word in enumerate(neurons.tolist())}
+        words = self.machine.neurons[:, WORD].tolist()
+        at = {word: place for place, word in enumerate(words)}
         read = [at[int(port.words[0])] for port in self.controls]
         factor, offset = np.array([port.scale for port in self.controls]).reshape(-1, 2).T
-        bits = self.fraction[neurons[read]] + self.machine.guard
         with np.errstate(all="ignore"):
-            found = offset + factor * np.ldexp(states[read].astype(float), -bits[:, None]).T
+            found = offset + factor * self.values(states)[read].T
             return control_errors(found, offset + factor * ends[read].T, settled)
 
     def control_error(self, states: np.ndarray, vector: ReferenceVector) -> float:

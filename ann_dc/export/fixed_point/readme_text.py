@@ -5,8 +5,9 @@ FORMATS = """\
 
 Word ranges were chosen for {worth}. {own} An answer is right if its
 controls are within {wrong:g} of the largest control of the same network in float64, or of {least:g}
-times the largest for any of these inputs. It is unconfirmed if float64 does not settle, even with
-half the step for twice as long; an export has no wrong or unconfirmed answer among those counted.
+times the largest for any of these inputs. If float64 does not settle, it walks again with half the
+step for twice as long: from the start, then from the answer. The answer is unconfirmed if neither
+settles; an export has no wrong or unconfirmed answer among those counted.
 
 ## Numbers
 
@@ -29,7 +30,8 @@ is multiplied by another word, or looks up a table, is rounded to {bits} bits be
 ## Status
 
 - saturated: a result did not fit into its word, or an argument into its table, since the start. It
-  became the nearest that does, and no answer follows: these inputs are outside the ranges.
+  became the nearest that does, and no answer follows: these inputs are outside the ranges. (A drive
+  that points beyond a rail of its neuron is zero, and does not saturate.)
 - settled: not saturated, and after a multiple of {period} steps no word of a neuron is further from
   where it was {period} steps before than its threshold, and no drive (net input of a neuron, the
   residual) is larger than another threshold.

@@ -18,7 +18,14 @@ import numpy as np
 
 from ann_dc.errors import ExportError
 from ann_dc.export.fixed_point.arithmetic.formats import quantised
-from ann_dc.export.fixed_point.arithmetic.machine import SMALL, STILL, Machine, Settled
+from ann_dc.export.fixed_point.arithmetic.machine import (
+    SMALL,
+    STILL,
+    Machine,
+    Settled,
+    first_cut_off,
+)
+from ann_dc.export.fixed_point.arithmetic.program import FUNCTION, UPDATE
 from ann_dc.export.fixed_point.arithmetic.sampling import (
     Sample,
     confirmed,
@@ -28,7 +35,6 @@ from ann_dc.export.fixed_point.arithmetic.sampling import (
 )
 from ann_dc.export.fixed_point.golden import (
     FEWEST,
-    MISSING,
     MOST,
     WRONG,
     FixedPoint,
@@ -139,9 +145,7 @@ class _Trial:
     def good(self, found: FixedPoint | ExportError) -> bool:
         """Return True if words are accurate enough and enough inputs settle right."""
         return (
-            isinstance(found, FixedPoint)
-            and found.error <= self.accuracy
-            and (not found.measured.inputs or found.measured.enough)
+            isinstance(found, FixedPoint) and found.error <= self.accuracy and found.measured.enough
         )
 
     def fewest(self) -> FixedPoint:
@@ -154,9 +158,10 @@ class _Trial:
         if isinstance(found[-1], ExportError):
             raise found[-1]
         best = min((f for f in found if isinstance(f, FixedPoint)), key=lambda f: f.error)
+        field = "accuracy" if best.error > self.accuracy else "over"
         raise ExportError(
-            f"accuracy: no word of up to {MOST} bits is good enough for {self.accuracy:g}; "
-            f"{best.bits} bits {self.reached(best)}"
+            f"{field}: no word of up to {MOST} bits is good enough: {best.bits} bits "
+            f"{self.reached(best)}; {self.remedy(best)}"
         )
 
     def of_width(self, bits: int) -> FixedPoint:
@@ -166,27 +171,33 @@ class _Trial:
             return found
         wider = (self.carried(more) for more in WIDTHS if more > bits)
         first = next((f for f in wider if isinstance(f, FixedPoint) and self.good(f)), None)
-        advice = "no width up to 32 is good enough"
+        advice = f"no width up to {MOST} is good enough"
         if first is not None:
             advice = f"take bits={first.bits} ({first.error:.1e})"
         if isinstance(found, ExportError):
             raise ExportError(f"{found}; {advice}")
         raise ExportError(
-            f"bits: words of {bits} bits {self.reached(found)}, wanted is {self.accuracy:g}: "
-            f"{advice}, or allow as much by accuracy="
+            f"bits: words of {bits} bits {self.reached(found)}: {advice}; or {self.remedy(found)}"
         )
 
     def reached(self, found: FixedPoint) -> str:
         """Return the accuracy of words as a clause, with the counts that are not good enough."""
         text = f"bring the controls within {found.error:.1e} of the largest"
+        text += f" (wanted {self.accuracy:g})"
         if found.error == np.inf:
             text = "do not settle with the network's own inputs"
         if self.ranges and not found.measured.enough:
-            text += (
-                f", and in the ranges {found.measured} (expected none wrong or unconfirmed, and as "
-                f"many right as in float64 less {MISSING:.0%})"
-            )
+            link = ", and" if found.error > self.accuracy else ", but"
+            text += f"{link} in the ranges {found.measured} (expected {found.measured.failed})"
         return text
+
+    def remedy(self, found: FixedPoint) -> str:
+        """Return what brings words of the same width to be good enough."""
+        if self.ranges and not found.measured.enough:
+            return "narrow the ranges of over=, or design the network for them first (--over)"
+        if found.error == np.inf:
+            return "design the network for its inputs again"
+        return "allow as much by accuracy="
 
     def carried(self, bits: int) -> FixedPoint | ExportError:
         """Return the network in words of a width, or the reason why they cannot carry it."""
@@ -200,8 +211,8 @@ class _Trial:
         model.run(WATCHED * self.period)
         if model.saturated[0]:
             return ExportError(
-                f"bits: words of {bits} bits cannot hold the walk of the reference vector: one is "
-                "cut off"
+                f"bits: words of {bits} bits cannot hold the walk of the reference vector: "
+                f"{self.cut_off(found)}; start nearer to the end, or design the network again"
             )
         found = replace(found, error=found.control_error(model.states, self.vector))
         whole = self.sample.settled & ~model.saturated
@@ -218,12 +229,29 @@ class _Trial:
             _, measured = self.judged(tried, self.unseen, tried.limit, WRONG * self.accuracy)
         return replace(tried, measured=measured)
 
+    def cut_off(self, found: FixedPoint) -> str:
+        """Return the first number that its word cannot hold, with the range of the word."""
+        machine, program = found.machine, self.sample.program
+        operation = first_cut_off(machine, self.longest + WATCHED * self.period)
+        if operation is None:
+            return "a number is cut off"
+        kind, target, table, argument = operation[:4]
+        word, ends = target, np.array([-1, 1]) << (machine.bits - 1)
+        if kind == FUNCTION:
+            word, ends = argument, machine.tables[table, :2]
+        elif kind == UPDATE:
+            word = program.states[target]
+        low, high = np.ldexp(ends.astype(float), -found.fraction[word])
+        name = program.names[program.rows[word]]
+        return f"{name} leaves {low:g} .. {high:g} network units"
+
     def judged(
         self, found: FixedPoint, sample: Sample, limit: int, allowed: float
     ) -> tuple[Settled, Measured]:
         """Settle the inputs of a sample in integers, and count right answers."""
         run = found.model(sample.loaded).settle(limit)
-        sample = confirmed(self.network, self.vector, sample, run.settled)
+        answers = found.values(run.states)
+        sample = confirmed(self.network, self.vector, sample, run.settled, answers)
         return run, found.judged(run, sample, allowed)
 
     def settled(

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fixed_points import PROBLEMS, in_integers, walk, walked
+from fixed_points import PROBLEMS, in_integers, pressed, walk, walked
 
 import ann_dc
 from ann_dc.errors import ArgumentError, ExportError
 from ann_dc.export.fixed_point import Integers, fixed_point
+from ann_dc.export.fixed_point.arithmetic import formats
 from ann_dc.export.reference import reference_vector
 
 QUICK = ["double_integrator", "car", "bounds", "objectives"]
@@ -75,6 +76,20 @@ def test_rails_hold():
         assert ((low <= states) & (states <= high)).all()
         ends.append(((states == low) | (states == high)).any())
     assert any(ends)
+
+
+def test_a_drive_that_a_rail_stops_does_not_saturate():
+    """No walk in floating point shows how large it is: it counts as zero there."""
+    model = fixed_point(*pressed(), bits=16)
+    assert model.model({}).settle(model.limit).settled[0]
+    assert model.error == 0
+
+
+def test_a_number_that_a_walk_cuts_off_is_named(monkeypatch):
+    """Words of states have half of the range that they need, or arguments of functions."""
+    monkeypatch.setattr(formats, "HEADROOM", 0.5)
+    with pytest.raises(ExportError, match=r"vector: \S.* leaves -[\d.e+-]+ \.\. [\d.e+-]+ network"):
+        fixed_point(*walked("double_integrator"), bits=16)
 
 
 def test_it_settles_where_its_vector_ends_and_only_there():

@@ -167,21 +167,49 @@ def test_answers_that_float64_settles_with_shorter_steps_are_confirmed():
     model = far()
     sample = sampling.held_out(network, vector, model.ranges, model.step)
     run = model.model(sample.loaded).settle(model.limit)
-    again = sampling.confirmed(network, vector, unsettled(sample, slice(7, 10)), run.settled)
+    answers = model.values(run.states)
+    given = unsettled(sample, slice(7, 10)), run.settled, answers
+    again = sampling.confirmed(network, vector, *given)
     assert again.settled.all()
     assert np.abs(again.ends - sample.ends).max() < 1e-5 * np.abs(sample.ends).max()
     assert model.judged(run, again, 1e-2) == model.measured
+
+
+@pytest.mark.parametrize("factor", [1, 2])
+def test_answers_at_which_float64_rests_are_confirmed(monkeypatch, factor):
+    """Also if it does not settle from the start; a wrong answer is one that it leaves."""
+    network, vector = walked("double_integrator")
+    model = far()
+    sample = sampling.held_out(network, vector, model.ranges, model.step)
+    run = model.model(sample.loaded).settle(model.limit)
+    run.states[:, 7:10] *= factor
+    walk = sampling._walked
+
+    def lost(*given):
+        return walk(*given) if given[-1] is not None else unsettled(walk(*given), slice(None))
+
+    monkeypatch.setattr(sampling, "_walked", lost)
+    answers = model.values(run.states)
+    given = unsettled(sample, slice(7, 10)), run.settled, answers
+    again = sampling.confirmed(network, vector, *given)
+    wrong = 3 * (factor > 1)
+    expected = model.measured._replace(right=256 - wrong, wrong=wrong)
+    assert model.judged(run, again, 1e-2) == expected
 
 
 @pytest.mark.parametrize(("bits", "advice"), [(0, "no word of up to 32 bits"), (16, "no width")])
 def test_answers_that_float64_does_not_settle_are_refused(monkeypatch, bits, advice):
     """A settled answer is not excluded from the count because nothing confirms it."""
     monkeypatch.setattr(
-        widths, "confirmed", lambda network, vector, sample, lanes: unsettled(sample, slice(7, 8))
+        widths, "confirmed", lambda network, vector, sample, *given: unsettled(sample, slice(7, 8))
     )
     with pytest.raises(ExportError, match=advice) as refusal:
         fixed_point(*walked("double_integrator"), bits=bits, over=OVER)
     assert ", 0 wrong, 1 unconfirmed, " in str(refusal.value)
+    assert "(wanted 0.001), but in the ranges" in str(refusal.value)
+    assert "(expected none unconfirmed)" in str(refusal.value)
+    assert "or design the network for them first (--over)" in str(refusal.value)
+    assert "accuracy" not in str(refusal.value)
 
 
 @pytest.mark.parametrize("bits", [0, 16])

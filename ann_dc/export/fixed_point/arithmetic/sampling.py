@@ -160,9 +160,16 @@ def held_out(network: Network, vector: ReferenceVector, ranges: InputRanges, ste
 
 
 def confirmed(
-    network: Network, vector: ReferenceVector, sample: Sample, lanes: np.ndarray
+    network: Network,
+    vector: ReferenceVector,
+    sample: Sample,
+    lanes: np.ndarray,
+    answers: np.ndarray,
 ) -> Sample:
     """Walk again where walks did not settle, with half the step and for twice as long.
+
+    Walks begin at the start, and at the answers of the integers if they do not settle from there
+    either: at an answer that is right, float64 comes to rest.
 
     Parameters
     ----------
@@ -171,20 +178,25 @@ def confirmed(
     sample : Sample
     lanes : (B,) array of bool
         Lanes that are walked again, if they did not settle.
+    answers : (n, B) array
+        States at which the integers settled, in network units.
 
     Returns
     -------
     Sample
-        Ends and steps are those of the second walks.
+        Ends and steps are those of the last walks.
     """
-    again = lanes & ~sample.settled
-    if not again.any():
-        return sample
-    loaded = {name: values[:, again] for name, values in sample.loaded.items()}
-    found = _walked(network, vector, loaded, sample.step / 2, 2 * SLOWEST)
-    ends, steps = sample.ends.copy(), sample.steps.copy()
-    ends[:, again], steps[again] = found.ends, found.steps
-    return replace(sample, ends=ends, steps=steps)
+    for start in (None, answers):
+        again = lanes & ~sample.settled
+        if not again.any():
+            break
+        loaded = {name: values[:, again] for name, values in sample.loaded.items()}
+        begun = None if start is None else start[:, again]
+        found = _walked(network, vector, loaded, sample.step / 2, 2 * SLOWEST, begun)
+        ends, steps = sample.ends.copy(), sample.steps.copy()
+        ends[:, again], steps[again] = found.ends, found.steps
+        sample = replace(sample, ends=ends, steps=steps)
+    return sample
 
 
 def _loaded(network: Network, ranges: InputRanges, values: np.ndarray) -> dict[str, np.ndarray]:
@@ -201,10 +213,13 @@ def _walked(
     loaded: Mapping[str, np.ndarray],
     step: float,
     slowest: int = SLOWEST,
+    start: np.ndarray | None = None,
 ) -> Sample:
     """Walk until every lane rests, is lost, or has taken too long."""
     program = program_of(network, step)
     walks = Walks(program, loaded)
+    if start is not None:
+        walks.words[program.states] = start
     count = max(round(vector.steps * vector.step / step), 1)
     every = max(count // LOOKS, 1)
     limit = max(2 * count, min(slowest * count, LIMIT))
