@@ -63,7 +63,7 @@ class Thread(NamedTuple):
     """Where its samples are."""
     advance: Callable[[Samples, Found, np.ndarray], bool]
     """Some more work on samples; a queue tells the next and the end. Whether all is done."""
-    locate: Callable[[Lanes, Samples, Found, np.ndarray], None] | None = None
+    locate: Callable[[Samples, Found, np.ndarray], None] | None = None
     """Locates when residuals of samples fell below the tolerance; None for recurrent steps."""
 
 
@@ -119,7 +119,6 @@ def run_lanes(
     size = min(max(-(-count // (2 * threads)), SMALLEST_SLICE), LARGEST_SLICE)
     work = _Work(begin, samples, found, iter(range(0, count, size)), size)
     work.run([first, *(first.beside() for _ in range(threads - 1))], Paced(progress))
-    work.locate(first)
     is_open = found.codes == OPEN
     found.steps[is_open, 1], found.times[is_open, 1] = -1, np.nan
     return BatchRun(
@@ -179,22 +178,22 @@ class _Work:
 
     def _serve(self, lanes: Lanes, between: Callable[[Group], None]) -> None:
         thread = self.begin(lanes)
-        try:
-            for begin in self.slices:
-                queue = np.array([begin, min(begin + self.size, len(self.samples.states))])
-                is_done = False
+        for begin in self.slices:
+            queue = np.array([begin, min(begin + self.size, len(self.samples.states))])
+            part, is_done = slice(*queue), False
+            try:
                 while not (is_done or self.is_over.is_set()):
                     is_done = thread.advance(self.samples, self.found, queue)
                     between(thread.group)
-        finally:
-            hand_over(thread.group, self.found)
+            finally:
+                hand_over(thread.group, self.found)
+                self._locate(thread, part)
 
-    def locate(self, lanes: Lanes) -> None:
+    def _locate(self, thread: Thread, part: slice) -> None:
         """Locate the times at which residuals of settled samples fell below the tolerance."""
-        locate, is_known = self.begin(lanes).locate, np.isfinite(self.found.spans[:, 0])
-        chosen = np.flatnonzero((self.found.codes == SETTLED) & is_known)
-        if locate is not None and chosen.size:
-            locate(lanes, self.samples, self.found, chosen)
+        is_known = np.isfinite(self.found.spans[part, 0]) & (self.found.codes[part] == SETTLED)
+        if thread.locate is not None and is_known.any():
+            thread.locate(self.samples, self.found, part.start + np.flatnonzero(is_known))
 
     def _line(self, group: Group | None = None) -> str:
         running = int((self.found.codes == OPEN).sum())

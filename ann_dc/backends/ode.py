@@ -35,7 +35,7 @@ from ann_dc.backends.lane_batch import Thread, attempts_of, run_lanes
 from ann_dc.backends.lanes.continuous import Integration, LaneEnds, advance_lanes
 from ann_dc.backends.lanes.continuous_code import ROWS
 from ann_dc.backends.lanes.group import Group
-from ann_dc.backends.lanes.located import locate_exits
+from ann_dc.backends.lanes.located import Again, locate_exits
 from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import HEADWAY, Settling, window_of
@@ -174,12 +174,12 @@ class OdeBackend:
         attempts = attempts_of(network)
 
         def begin(lanes: Lanes) -> Thread:
-            group = Group.of(lanes, len(rows.starts) - 2, ROWS)
-            integration = Integration.of(group, rows, ends)
+            group = Group.of(lanes, rows.slopes, ROWS)
+            integration, again = Integration.of(group, rows, ends), Again.of(group, rows)
             return Thread(
                 group,
                 lambda *given: advance_lanes(group, integration, *given, attempts),
-                lambda *given: locate_exits(rows, ends.tolerance, *given),
+                lambda *given: locate_exits(group, again, *given, ends.tolerance),
             )
 
         settings = {n: getattr(self, n) for n in ("curves", "threads", "progress")}

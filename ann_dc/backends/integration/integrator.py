@@ -70,9 +70,7 @@ class Course(NamedTuple):
         step : float
             The first one to try.
         """
-        extra = len(rows.extension.starts) - 2
-        x, scales = x.copy(), np.zeros(2)
-        slopes = np.zeros((len(rows.starts) - 1 + extra, length))
+        x, scales, slopes = x.copy(), np.zeros(2), np.zeros((rows.slopes, length))
         return cls(
             x=x,
             ahead=x.copy(),

@@ -91,6 +91,11 @@ class Rows(NamedTuple):
     extension: Extension
     """States between the ends of a step."""
 
+    @property
+    def slopes(self) -> int:
+        """Number of slopes: of the step, of extra stages and of a state inside the step."""
+        return len(self.starts) - 3 + len(self.extension.starts)
+
     @classmethod
     def of(cls, tableau: Tableau) -> Rows:
         """The rows of a tableau."""

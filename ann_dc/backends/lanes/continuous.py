@@ -180,7 +180,7 @@ def _fill(group, samples, found, integration, queue):
     loaded, waiting, outside = 0, 0, 0
     for lane in range(width):
         if group.who[lane] == NOBODY and queue[0] < queue[1]:
-            load(group, samples, lane, queue[0])
+            load(group, samples, samples.states[queue[0]], lane, queue[0])
             begin(group, lane, ends.overflow, ends.window)
             group.memory[STEP, lane] = ends.first
             queue[0] += 1

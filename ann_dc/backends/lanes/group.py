@@ -195,11 +195,11 @@ def read_residuals(group, x):
 
 
 @inlined
-def load(group, samples, lane, sample):
-    """A sample into a lane."""
-    for i in range(samples.states.shape[1]):
+def load(group, samples, state, lane, sample):
+    """A sample into a lane, at a state (n,)."""
+    for i in range(state.shape[0]):
         at = group.entry.ghost + group.components[i] + lane
-        group.x[at] = group.ahead[at] = samples.states[sample, i]
+        group.x[at] = group.ahead[at] = state[i]
     for i in range(samples.pins.shape[1]):
         at = samples.pinned[i] + lane
         group.x[at] = group.ahead[at] = samples.pins[sample, i]

@@ -14,16 +14,13 @@ from ann_dc.backends.integration.between import ROUNDS
 from ann_dc.backends.integration.tableaus import Rows
 from ann_dc.backends.lanes.group import (
     NOBODY,
-    Found,
     Group,
-    Samples,
     evaluate,
     load,
     read_residuals,
 )
-from ann_dc.backends.lanes.memory import OWN, STEP
+from ann_dc.backends.lanes.memory import STEP
 from ann_dc.evaluation.formulas import inlined, released
-from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.vector_code.calls import call
 
 CLOSE = 1e-4
@@ -34,14 +31,16 @@ tolerances of batches."""
 class Again(NamedTuple):
     """Steps taken again, a lane each."""
 
-    rows: Rows
-    """Of the method."""
+    stages: int
+    """Rows of the step; those of extra stages and of the state inside the step follow."""
+    starts: np.ndarray
+    """(rows + 1,): beginning of every row."""
     offsets: np.ndarray
-    """Where the slope of every entry of ``rows`` begins."""
-    extra: np.ndarray
-    """The same of its continuous extension."""
+    """(entries,): beginning of the slope of every entry."""
     weights: np.ndarray
-    """(entries of a state inside the step, W): its weights in every lane."""
+    """(entries, W); the last row is overwritten by that of the states inside the steps."""
+    powers: np.ndarray
+    """Powers of `Extension`."""
     theta: np.ndarray
     """(W,): where in the step each lane looks."""
     ends: np.ndarray
@@ -63,12 +62,15 @@ class Again(NamedTuple):
         rows : Rows
             Of the method.
         """
-        width, length = len(group.who), group.slopes.shape[1]
+        width, length, extension = len(group.who), group.slopes.shape[1], rows.extension
+        stages, which = len(rows.starts) - 3, rows.which[: rows.starts[-3]]
+        weights = np.concatenate([rows.weights[: len(which)], extension.weights])
         return cls(
-            rows=rows,
-            offsets=rows.which * length,
-            extra=rows.extension.which * length,
-            weights=np.zeros((len(rows.extension.powers), width)),
+            stages=stages,
+            starts=np.concatenate([rows.starts[:stages], len(which) + extension.starts]),
+            offsets=np.concatenate([which, extension.which]) * length,
+            weights=np.repeat(weights[:, None], width, axis=1),
+            powers=extension.powers,
             theta=np.zeros(width),
             ends=np.zeros((2, width)),
             logs=np.zeros((2, width)),
@@ -84,18 +86,21 @@ def _keep(group):
 
 
 @inlined
-def _combine(group, weights, offsets, first, last):
-    """Combine slopes into the state ahead by a span of weights, with the step of every lane."""
-    at = 8 * group.entry.ghost
+def _move(group, again, row):
+    """Compute the state of a row and its slope, within rails at ends of steps and inside."""
+    at, first, last = 8 * group.entry.ghost, again.starts[row], again.starts[row + 1]
     addresses = (
         group.ahead.ctypes.data + at,
         group.x.ctypes.data + at,
         group.slopes.ctypes.data,
-        weights.ctypes.data + 8 * first,
-        offsets.ctypes.data + 8 * first,
+        again.weights[first].ctypes.data,
+        again.offsets.ctypes.data + 8 * first,
         group.memory[STEP].ctypes.data,
     )
     call(group.combine, addresses, (last - first, group.padded))
+    if row == again.stages - 1 or row == again.starts.shape[0] - 2:
+        _keep(group)
+    evaluate(group, group.entry.rhs, group.ahead, row + 1)
 
 
 @inlined
@@ -109,48 +114,31 @@ def _above(group, lane, tolerance):
 @inlined
 def _take(group, again, tolerance):
     """Evaluate all slopes of the steps and of the extension, and the residuals at their ends."""
-    rows, extension, ends, logs = again.rows, again.rows.extension, again.ends, again.logs
+    ends, logs = again.ends, again.logs
     evaluate(group, group.entry.rhs, group.x, 0)
     read_residuals(group, group.x)
     ends[0], ends[1] = 0.0, 1.0
     for lane in range(again.theta.shape[0]):
         logs[0, lane] = max(_above(group, lane, tolerance), 0.0)
-    stages = rows.starts.shape[0] - 3
-    for stage in range(stages):
-        _combine(group, rows.weights, again.offsets, rows.starts[stage], rows.starts[stage + 1])
-        if stage == stages - 1:
-            _keep(group)
-        evaluate(group, group.entry.rhs, group.ahead, stage + 1)
-    read_residuals(group, group.ahead)
-    for lane in range(again.theta.shape[0]):
-        logs[1, lane] = min(_above(group, lane, tolerance), -CLOSE)
-    starts = extension.starts
-    for stage in range(starts.shape[0] - 2):
-        _combine(group, extension.weights, again.extra, starts[stage], starts[stage + 1])
-        evaluate(group, group.entry.rhs, group.ahead, stages + 1 + stage)
+    for row in range(again.starts.shape[0] - 2):
+        _move(group, again, row)
+        if row == again.stages - 1:
+            read_residuals(group, group.ahead)
+            for lane in range(again.theta.shape[0]):
+                logs[1, lane] = min(_above(group, lane, tolerance), -CLOSE)
 
 
 @inlined
 def _look(group, again):
     """Evaluate the residuals of the states inside the steps."""
-    extension, weights, theta = again.rows.extension, again.weights, again.theta
-    powers, first = extension.powers, extension.starts[-2]
-    width, ghost = theta.shape[0], group.entry.ghost
+    powers, theta, row = again.powers, again.theta, again.starts.shape[0] - 2
     for i in range(powers.shape[0]):
-        for lane in range(width):
+        for lane in range(theta.shape[0]):
             weight = 0.0
             for power in range(powers.shape[1] - 1, -1, -1):
                 weight = (weight + powers[i, power]) * theta[lane]
-            weights[i, lane] = weight * group.memory[STEP, lane]
-    ahead = group.ahead[ghost : ghost + group.entry.size]
-    ahead[:] = group.x[ghost : ghost + group.entry.size]
-    for i in range(powers.shape[0]):
-        slopes = group.slopes[extension.which[first + i]]
-        for at in range(0, group.entry.size, width):
-            for lane in range(width):
-                ahead[at + lane] += weights[i, lane] * slopes[at + lane]
-    _keep(group)
-    evaluate(group, group.entry.rhs, group.ahead, group.slopes.shape[0] - 1)
+            again.weights[again.starts[row] + i, lane] = weight
+    _move(group, again, row)
     read_residuals(group, group.ahead)
 
 
@@ -182,8 +170,8 @@ def _cross(group, again, tolerance):
 
 
 @released
-def locate(group, again, samples, found, chosen, tolerance):
-    """Locate last exits of chosen samples in a separate group of lanes.
+def locate_exits(group, again, samples, found, chosen, tolerance):
+    """Locate last exits of chosen samples in a group that no sample runs in.
 
     Parameters
     ----------
@@ -202,9 +190,7 @@ def locate(group, again, samples, found, chosen, tolerance):
     for first in range(0, count, width):
         for lane in range(width):
             sample = chosen[min(first + lane, count - 1)]
-            load(group, samples, lane, sample)
-            for i in range(group.components.shape[0]):
-                group.x[group.entry.ghost + group.components[i] + lane] = found.exits[sample, i]
+            load(group, samples, found.exits[sample], lane, sample)
             group.memory[STEP, lane] = found.spans[sample, 1] - found.spans[sample, 0]
         _take(group, again, tolerance)
         _cross(group, again, tolerance)
@@ -212,26 +198,4 @@ def locate(group, again, samples, found, chosen, tolerance):
             sample = chosen[first + lane]
             moved = again.theta[lane] * group.memory[STEP, lane]
             found.times[sample, 1] = found.spans[sample, 0] + moved
-    group.who[:] = NOBODY
-
-
-def locate_exits(
-    rows: Rows, tolerance: float, lanes: Lanes, samples: Samples, found: Found, chosen: np.ndarray
-) -> None:
-    """Enter when the residuals of chosen samples fell below a tolerance for good.
-
-    Parameters
-    ----------
-    rows : Rows
-        Of the method.
-    tolerance : float
-    lanes : Lanes
-    samples : Samples
-    found : Found
-        Its ``times`` are overwritten.
-    chosen : (K,) array of int
-        Samples.
-    """
-    extra = len(rows.extension.starts) - 2
-    group = Group.of(lanes, len(rows.starts) - 1 + extra, OWN)
-    locate(group, Again.of(group, rows), samples, found, chosen, tolerance)
+    group.who[:], group.memory[STEP] = NOBODY, 0.0

@@ -36,7 +36,7 @@ class Scratch(NamedTuple):
     before: np.ndarray
     """Moves of the step before."""
     one: np.ndarray
-    """(1,): the weight of a single slope."""
+    """(W,): the weight of a single slope in every lane."""
     none: np.ndarray
     """(1,): where it begins."""
     reach: int
@@ -54,7 +54,7 @@ class Scratch(NamedTuple):
             drives=lanes.tables["drives"],
             kept=lined_up(np.zeros(lanes.spare)),
             before=lined_up(np.zeros(lanes.spare)),
-            one=np.ones(1),
+            one=np.ones(lanes.lanes),
             none=np.zeros(1, np.int64),
             reach=lanes.plan.phases,
         )

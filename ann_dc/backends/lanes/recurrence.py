@@ -232,7 +232,7 @@ def _fill(group, recurrence, samples, queue):
     running, lengths, memory = False, recurrence.lengths, group.memory
     for lane in range(group.who.shape[0]):
         if group.who[lane] == NOBODY and queue[0] < queue[1]:
-            load(group, samples, lane, queue[0])
+            load(group, samples, samples.states[queue[0]], lane, queue[0])
             begin(group, lane, recurrence.looks.overflow, recurrence.looks.window)
             memory[STEP, lane] = min(lengths.first, lengths.longest)
             memory[LONGEST, lane], memory[WINDOW, lane] = lengths.longest, lengths.window

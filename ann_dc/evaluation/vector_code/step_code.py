@@ -21,7 +21,7 @@ def step_code(lanes: int, *, is_shared: bool) -> dict[str, int]:
     r"""Addresses of the functions that integrators call.
 
     ``combine(out, x, slopes, weights, which, h; count, stride, n)`` is
-    ``out = x + h sum_j weights[j] slopes[which[j]]``;
+    ``out = x + h sum_j weights[j] slopes[which[j]]``, where weights are shared if h is;
     ``error(x, ahead, slopes, weights, which, scales, out; first, second, stride, n)`` sums the
     squares of two estimates over rtol max(|x|, |ahead|) + atol (``scales`` are rtol, then atol),
     the first from so many weights, the second from the rest.
@@ -53,7 +53,11 @@ def _per_lane(f: Function, address: str, is_shared: bool) -> str:
 
 
 def _sum(
-    f: Function, terms: tuple[str, str, str], span: tuple[str | int, str], at: list[str]
+    f: Function,
+    terms: tuple[str, str, str],
+    span: tuple[str | int, str],
+    at: list[str],
+    is_shared: bool,
 ) -> list[str]:
     """Weighted slopes at some places of the state, over a span of the weights."""
     slopes, weights, which = terms
@@ -61,7 +65,8 @@ def _sum(
     for total in sums:
         f.store(f.constant(0.0), total)
     with f.loop(last, first) as j:
-        weight = f.spread(f.load(f.address(weights, j), 1))
+        entry = j if is_shared else f.integer("mul", j, f.width)
+        weight = _per_lane(f, f.address(weights, entry), is_shared)
         row = f.address(slopes, f.load_integer(f.address(which, j)))
         for place, total in zip(at, sums):
             f.store(f.fma(weight, f.load(f.address(row, place)), f.load(total)), total)
@@ -80,7 +85,7 @@ def _combine(module: Module, lanes: int, is_shared: bool) -> None:
     h = _per_lane(f, "%h", is_shared)
     with f.loop(f.integer("sdiv", "%n", UNROLLED)) as block:
         at = _places(f, block)
-        sums = _sum(f, ("%slopes", "%weights", "%which"), (0, "%count"), at)
+        sums = _sum(f, ("%slopes", "%weights", "%which"), (0, "%count"), at, is_shared)
         for place, total in zip(at, sums):
             ahead = f.fma(h, total, f.load(f.address("%x", place)))
             f.store(ahead, f.address("%out", place))
@@ -96,7 +101,8 @@ def _error(module: Module, lanes: int, is_shared: bool) -> None:
     with f.loop(f.integer("sdiv", "%n", UNROLLED)) as block:
         at = _places(f, block)
         terms = "%slopes", "%weights", "%which"
-        estimates = _sum(f, terms, (0, "%first"), at), _sum(f, terms, ("%first", "%both"), at)
+        spans = (0, "%first"), ("%first", "%both")
+        estimates = [_sum(f, terms, span, at, is_shared) for span in spans]
         for i, place in enumerate(at):
             x, ahead = (f.load(f.address(base, place)) for base in ("%x", "%ahead"))
             largest = f.call("maxnum", f.call("fabs", x), f.call("fabs", ahead))
