@@ -21,6 +21,8 @@ LEAST_GROWTH = 0.02
 """Growth in a quarter of a run, over the largest multiplier, from which on it is told."""
 LONGER_STEPS = "take an implicit method: method=ann_dc.ode.RADAU or --method Radau"
 """Advice where the fastest modes limit the steps of an explicit method."""
+DAMPING = "damp it: lower the weights of its neurons' connections to themselves"
+"""Advice for a limit cycle, which no method and no start ends."""
 CROSSINGS, SWINGS = 4, 0.1
 """A limit cycle: crossings of the middle in the last steps; width relative to the largest state."""
 NAMED = 4
@@ -170,17 +172,35 @@ def no_headway(
     implicit : bool
         True if the method is implicit.
     """
+    advice = elsewhere(network)
+    if why := swinging(network, states):
+        return why, DAMPING
+    if not implicit:
+        advice = f"if the network is stiff, {LONGER_STEPS}; else {advice}"
+    return f"the last {steps} steps made it no smaller", advice
+
+
+def swinging(network: Network, states: np.ndarray) -> str:
+    """Return the neuron that swings most at the end of a run, in a clause.
+
+    Parameters
+    ----------
+    network : Network
+    states : (T, n) array
+        States of its last steps.
+
+    Returns
+    -------
+    str
+        Empty if none keeps swinging, or if the network has PI duals, which a design can damp.
+    """
     middle, swing = 0.5 * (states.max(axis=0) + states.min(axis=0)), np.ptp(states, axis=0)
     crossings = np.diff(states > middle, axis=0).sum(axis=0)
     swing = np.where(crossings >= CROSSINGS, swing, 0.0)
     widest = int(np.argmax(swing))
-    if swing[widest] > SWINGS * np.abs(states).max() and not network.cell.duals:
-        why = f"neuron {network.label(widest)} kept swinging by {swing[widest]:.3g}"
-        return why, "damp it: lower the weights of its neurons' connections to themselves"
-    advice = elsewhere(network)
-    if not implicit:
-        advice = f"if the network is stiff, {LONGER_STEPS}; else {advice}"
-    return f"the last {steps} steps made it no smaller", advice
+    if network.cell.duals or not swing[widest] > SWINGS * np.abs(states).max():
+        return ""
+    return f"neuron {network.label(widest)} kept swinging by {swing[widest]:.3g}"
 
 
 def stalled(residuals: tuple[float, float], now: float, why: str, advice: str) -> Status:
@@ -302,8 +322,9 @@ def with_growth(
     rows = {diode.neuron for diode in network.cell.diodes}
     names = [network.cell.neurons[i].name for i in found]
     told = ", ".join(sorted(names, key=lambda name: name not in rows)[:NAMED])
+    so_far = status.message.removesuffix(f"; {elsewhere(network)}")  # from there they would, too
     message = (
-        f"{status.message}; the multipliers {told} grow steadily, as they do where constraints "
+        f"{so_far}; the multipliers {told} grow steadily, as they do where constraints "
         "contradict each other: loosen one of them, make it soft, or change the target"
     )
     return replace(status, message=message)

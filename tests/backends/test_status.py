@@ -1,8 +1,12 @@
 """How a run ended, in one sentence: what is blamed, when, and what to do."""
 
+from dataclasses import replace
+from functools import cache
+
 import numpy as np
 import pytest
 
+import ann_dc
 from ann_dc import OdeBackend, RecurrentBackend, SpiceBackend, ode
 from ann_dc.backends import (
     UNMET,
@@ -18,7 +22,7 @@ from ann_dc.backends import (
     unbounded,
 )
 from ann_dc.errors import NetworkError
-from ann_dc.network import ONE, Cell, Connection, Function, Network, Neuron, Product
+from ann_dc.network import ONE, Cell, Connection, Function, Limiter, Network, Neuron, Product
 
 CELL = Cell(
     neurons=(Neuron(name="q.x"), Neuron(name="q.v")),
@@ -122,7 +126,7 @@ def wire(source: str, target: str, weight: float = 1.0) -> Connection:
     return Connection(source=source, target=target, weight=weight)
 
 
-def stiff(fast: float) -> Network:
+def stiff(fast: float = 1e6) -> Network:
     """A lag of one time constant, followed by one that is much faster."""
     wires = wire("x", "x", -fast), wire("y", "x", fast), wire("y", "y", -1.0), wire(ONE, "y")
     cell = Cell(neurons=(Neuron(name="x"), Neuron(name="y")), connections=wires)
@@ -138,23 +142,89 @@ def limit_cycle(leak: float = 0.0) -> Network:
     return Network(cell=cell, stages=1, start={"x": 0.1}, title="limit cycle")
 
 
-@pytest.mark.parametrize("method", [ode.COMPILED, ode.DOP853], ids=lambda method: method.name)
-def test_stiff_network_is_told_of_an_implicit_method_that_settles(method):
-    run = OdeBackend(method=method, limit=1e9, most_steps=9000, verify=False).run(stiff(1e6))
-    assert run.status.outcome is Outcome.STALLED
-    assert "take an implicit method: method=ann_dc.ode.RADAU or --method Radau" in str(run.status)
-    assert OdeBackend(method=ode.RADAU, limit=1e9, most_steps=9000).run(stiff(1e6)).status.settled
+def lag(**rails: float) -> Network:
+    """A lag of one time constant that settles at 1."""
+    neuron, wires = (
+        Neuron(name="x", limiter=Limiter(**rails)),
+        (wire(ONE, "x"), wire("x", "x", -1.0)),
+    )
+    return Network(cell=Cell(neurons=(neuron,), connections=wires), stages=1, title="lag")
 
 
-@pytest.mark.parametrize("method", [ode.COMPILED, ode.RADAU], ids=lambda method: method.name)
-def test_limit_cycle_is_told_of_damping_that_settles(method):
-    backend = OdeBackend(method=method, limit=1e6, most_steps=9000, verify=False)
-    run = backend.run(limit_cycle())
-    assert run.status.outcome is Outcome.STALLED
-    assert "neuron y[0] kept swinging by 5." in str(run.status)
-    assert "lower the weights of its neurons' connections to themselves" in str(run.status)
-    assert "elsewhere" not in str(run.status)
-    assert backend.run(limit_cycle(leak=2.0)).status.settled
+def railed() -> Network:
+    """The lag between rails, which hold it where its steps are too long."""
+    return lag(low=-1.0, high=2.0)
+
+
+def rooted(start: float) -> Network:
+    """A damped swing about 1, and the square root of where it is."""
+    blocks = (Function(name="root", function="sqrt", x="x"),)
+    wires = wire("v", "x"), wire("x", "v", -1.0), wire(ONE, "v"), wire("v", "v", -0.5)
+    wires += wire("root", "y"), wire("y", "y", -1.0)
+    neurons = tuple(Neuron(name=name) for name in "xvy")
+    cell = Cell(neurons=neurons, blocks=blocks, connections=wires)
+    return Network(cell=cell, stages=1, start={"x": start}, title="rooted")
+
+
+@cache
+def pushed(most: float = 60.0, target: float = 4.0, price: float | None = None) -> Network:
+    """A mass at rest that comes as far as 4 only if it is pushed by more than 60."""
+    plant = ann_dc.plants.double_integrator(N=4)
+    soft = {"soft": {"push": price}} if price else {}
+    limited = replace(plant, constraints={"push": plant.controls[0] <= most}, **soft)
+    return ann_dc.design(limited).network.with_inputs({"q_d.x": target})
+
+
+ODE = OdeBackend(limit=1e9, most_steps=9000, verify=False)
+STEPS, FIXED = RecurrentBackend(limit=9000), ann_dc.FixedStep(step=2.5)
+RADAU = replace(ODE, method=ode.RADAU)
+LATE, STALLED = Outcome.NOT_SETTLED, Outcome.STALLED
+DAMPING = "damp it: lower the weights of its neurons' connections to themselves"
+IMPLICIT = "take an implicit method: method=ann_dc.ode.RADAU or --method Radau"
+REACH = "check that the target is within reach"
+GROWTH = "multipliers z.push, beta.v, mu.v, beta.x grow steadily"
+LOOSEN, SOFT, TARGET = "loosen one of them", "make it soft", "or change the target"
+ADVICE = [
+    (LATE, "steps were done (most_steps)", replace(ODE, most_steps=9), lag, ODE, lag),
+    (LATE, "had passed (limit)", replace(ODE, limit=2.0), lag, ODE, lag),
+    (LATE, "9 steps were done (limit)", replace(STEPS, limit=9), lag, STEPS, lag),
+    (LATE, REACH, OdeBackend(), pushed, ODE, lambda: pushed(target=1.0)),
+    (LATE, GROWTH, OdeBackend(), pushed, ODE, lambda: pushed(target=1.0)),
+    (LATE, LOOSEN, OdeBackend(), pushed, ODE, lambda: pushed(240.0)),
+    (LATE, SOFT, OdeBackend(), pushed, ODE, lambda: pushed(price=300.0)),
+    (STALLED, TARGET, STEPS, pushed, STEPS, lambda: pushed(target=1.0)),
+    (STALLED, LOOSEN, STEPS, pushed, STEPS, lambda: pushed(240.0)),
+    (STALLED, SOFT, STEPS, pushed, STEPS, lambda: pushed(price=300.0)),
+    (STALLED, IMPLICIT, ODE, stiff, RADAU, stiff),
+    (STALLED, IMPLICIT, replace(ODE, method=ode.DOP853), stiff, RADAU, stiff),
+    (STALLED, DAMPING, ODE, limit_cycle, ODE, lambda: limit_cycle(leak=2.0)),
+    (STALLED, DAMPING, RADAU, limit_cycle, RADAU, lambda: limit_cycle(leak=2.0)),
+    (STALLED, DAMPING, STEPS, limit_cycle, STEPS, lambda: limit_cycle(leak=2.0)),
+    (STALLED, "step=ann_dc.AdaptiveStep()", replace(STEPS, step=FIXED), railed, STEPS, railed),
+    (Outcome.LEFT_DOMAIN, "start closer", ODE, lambda: rooted(6.0), ODE, lambda: rooted(1.2)),
+    (Outcome.LEFT_DOMAIN, "start closer", STEPS, lambda: rooted(6.0), STEPS, lambda: rooted(1.2)),
+]  # fmt: skip
+"""Outcome, advice, the backend and network that are told so, and those that follow."""
+
+
+@pytest.mark.filterwarnings("ignore:.*step:UserWarning")
+@pytest.mark.parametrize(("outcome", "advice", "backend", "network", "other", "changed"), ADVICE)
+def test_run_that_follows_advice_settles(outcome, advice, backend, network, other, changed):
+    told = backend.run(network()).status
+    assert told.outcome is outcome
+    assert advice in str(told)
+    assert other.run(changed()).status.settled
+
+
+@pytest.mark.parametrize("backend", [ODE, STEPS])
+def test_limit_cycle_is_not_told_to_start_elsewhere(backend):
+    told = str(backend.run(limit_cycle()).status)
+    assert "neuron y[0] kept swinging by 5." in told
+    assert "elsewhere" not in told
+
+
+def test_contradicting_constraints_are_not_told_to_start_elsewhere():
+    assert "elsewhere" not in str(STEPS.run(pushed()).status)
 
 
 def test_network_without_duals_is_not_told_of_a_design_or_a_pyramid():

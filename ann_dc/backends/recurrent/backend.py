@@ -18,7 +18,7 @@ from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.recurrent import in_code
 from ann_dc.backends.recurrent.rules.acceleration import Anderson
 from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, TWO_PHASE, Order, check_order
-from ann_dc.backends.recurrent.rules.steps import AdaptiveStep, StepRule
+from ann_dc.backends.recurrent.rules.steps import AdaptiveStep, FixedStep, StepRule
 from ann_dc.backends.run import Run
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome, Status
@@ -34,6 +34,10 @@ from ann_dc.progress import Progress, Stopped, silent
 
 LARGEST_CURVE = 40_000_000
 """Numbers of all states that a run takes down."""
+LATE = 4
+"""Part of the states of a run, its last, in which a stalled network shows that it swings."""
+SHORTER = "shorter steps: step=ann_dc.AdaptiveStep() or none"
+"""Advice for steps of a fixed length, which may be what keeps a network from settling."""
 CHECK = 5
 """Steps of a batch between two looks at who has settled."""
 CHECK_ON_GPU = 40
@@ -164,7 +168,9 @@ class RecurrentBackend:
         curve, recorder = batch.trajectory(0), Recorder(network)
         recorder.record_all(curve.residual_time, curve.residuals, curve.states)
         now, steps = recorder.residual_times[-1], int(batch.steps[0])
-        ended = _status(batch, now, "".join(why))
+        ended = _status(
+            batch, now, "".join(why), curve.states, adapts=not isinstance(self.step, FixedStep)
+        )
         run = recorder.run(now, batch.states[0], ended, self.settling, steps)
         return replace(run, steps=steps)
 
@@ -255,8 +261,8 @@ class RecurrentBackend:
         )
 
 
-def _status(batch: BatchRun, now: float, why: str) -> Status:
-    """How the only run of a batch ended at a network time, in a sentence."""
+def _status(batch: BatchRun, now: float, why: str, states: np.ndarray, *, adapts: bool) -> Status:
+    """How the only run of a batch ended at a network time, from its states (T, n) on the way."""
     network, x, steps = batch.network, batch.states[0], int(batch.steps[0])
     constraint, stationarity = batch.residuals[0].tolist()
     outcome, residuals = batch.outcomes[0], (constraint, stationarity)
@@ -267,8 +273,11 @@ def _status(batch: BatchRun, now: float, why: str) -> Status:
     if outcome is Outcome.LEFT_DOMAIN:
         return _left_domain(network, x, now)
     if outcome is Outcome.STALLED:
-        why = f"{steps} steps made it no smaller in the end"
-        return status.stalled(residuals, now, why, status.elsewhere(network))
+        swings = status.swinging(network, states[-len(states) // LATE :])
+        advice = status.DAMPING if swings else status.elsewhere(network)
+        advice = advice if adapts else f"take {SHORTER}; else {advice}"
+        why = swings or f"{steps} steps made it no smaller in the end"
+        return status.stalled(residuals, now, why, advice)
     if outcome is Outcome.STOPPED:
         return status.stopped(residuals, now, why)
     return status.not_settled(residuals, now, f"{steps} steps were done (limit)")
