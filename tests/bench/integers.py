@@ -60,7 +60,7 @@ int main(void) {
         for (i = 0; i < COUNT; ++i) {
             if (scanf("%ld", &number) != 1)
                 return 0;
-            ann_dc_load_all(&network, loaded[i], (int32_t)number);
+            ann_dc_load_all(&network, loaded[i], number);
         }
         (void)ann_dc_settle(&network, ANN_DC_LIMIT);
         printf("%d %lu", ann_dc_status(&network), (unsigned long)network.steps);

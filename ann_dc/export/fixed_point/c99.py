@@ -16,7 +16,7 @@ from ann_dc.export.fixed_point.arithmetic.machine import WORD
 from ann_dc.export.fixed_point.c99_text import HEADER, MAKEFILE, SELFTEST, SOURCE
 from ann_dc.export.fixed_point.golden import LEAST, PREFIX, WRONG, FixedPoint, Port
 from ann_dc.export.fixed_point.manifest import NAME, VECTOR, as_json, check
-from ann_dc.export.fixed_point.readme_text import C99
+from ann_dc.export.fixed_point.readme_text import BEYOND_C99, C99
 from ann_dc.export.fixed_point.widths import Bits, fixed_point
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.hints.checked import checked
@@ -112,7 +112,7 @@ def _written(network: FixedPoint) -> dict[str, bytes]:
     }
     header = HEADER.format(
         **numbers,
-        input_names=_names("INPUT", network.inputs),
+        input_names=_names("INPUT", network.inputs, map(network.held, network.inputs)),
         control_names=_names("CONTROL", network.controls),
     )
     texts = {
@@ -120,7 +120,7 @@ def _written(network: FixedPoint) -> dict[str, bytes]:
         "ann_dc_network.c": SOURCE.format(**numbers, **_tables(network)),
         "selftest.c": SELFTEST.format(**numbers, **_expected(network)),
         "Makefile": MAKEFILE,
-        "README.md": C99.format(**numbers),
+        "README.md": C99.format(**numbers, beyond=BEYOND_C99),
     }
     return {**prefixed(texts, network.prefix), NAME: as_json(network)}
 
@@ -168,6 +168,11 @@ def facts(network: FixedPoint) -> dict[str, Any]:
         "error": f"{network.error:.1e}",
         "input_rows": _port_rows(network, network.inputs),
         "control_rows": _port_rows(network, network.controls),
+        "held_rows": "\n".join(
+            f"| {index} | {plain(port.name)} | {low} | {high} |"
+            for index, port in enumerate(network.inputs)
+            for low, high in [network.held(port)]
+        ),
     }
 
 
@@ -231,13 +236,21 @@ def lines(words: Iterable[str]) -> str:
     return "\n".join([*found, line]).rstrip(",")
 
 
-def _names(kind: str, ports: tuple[Port, ...]) -> str:
-    """An enumeration: which number a port has."""
+def _names(
+    kind: str, ports: tuple[Port, ...], held: Iterable[tuple[float, float]] | None = None
+) -> str:
+    """Return an enumeration of the numbers of ports, with the values that they hold if given."""
     if not ports:
         return f"enum {{ ANN_DC_NO_{kind} = 0 }};"
     names = identifiers(port.name for port in ports)
-    rows = [f"    ANN_DC_{kind}_{name} = {index}" for index, name in enumerate(names)]
-    return "enum {\n" + ",\n".join(rows) + "\n};"
+    commas = [","] * (len(names) - 1) + [""]
+    rows = [
+        f"    ANN_DC_{kind}_{name} = {index}{comma}"
+        for index, (name, comma) in enumerate(zip(names, commas))
+    ]
+    if held is not None:
+        rows = [f"{row}  /* {low} to {high} */" for row, (low, high) in zip(rows, held)]
+    return "\n".join(["enum {", *rows, "};"])
 
 
 def identifiers(names: Iterable[str]) -> list[str]:

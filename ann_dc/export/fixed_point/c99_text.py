@@ -34,7 +34,7 @@ enum {{
     ANN_DC_LIMITED = 3       /* ann_dc_settle took as many steps as it may */
 }};
 
-/* Inputs: numbers with fraction bits as in README.md. */
+/* Inputs: numbers with fraction bits as in README.md, and the values that they hold. */
 {input_names}
 
 /* Controls, stage by stage. */
@@ -52,11 +52,12 @@ typedef struct {{
 void ann_dc_start(ann_dc_network *network);
 
 /* Write a number into an input at a stage; 0 if there is no such place. A number that does not fit
-   is cut off, and saturates. The status becomes ANN_DC_RUNNING, unless saturated. */
-int ann_dc_load(ann_dc_network *network, int input, int stage, int32_t number);
+   into ANN_DC_BITS bits is cut off, and saturates: pass it as it is, without a cast to int32_t. The
+   status becomes ANN_DC_RUNNING, unless saturated. */
+int ann_dc_load(ann_dc_network *network, int input, int stage, int64_t number);
 
 /* A number into an input at all stages. */
-int ann_dc_load_all(ann_dc_network *network, int input, int32_t number);
+int ann_dc_load_all(ann_dc_network *network, int input, int64_t number);
 
 /* One step; 1 if the network is settled after it. */
 int ann_dc_step(ann_dc_network *network);
@@ -220,7 +221,7 @@ void ann_dc_start(ann_dc_network *network)
     network->status = ANN_DC_RUNNING;
 }}
 
-int ann_dc_load(ann_dc_network *network, int input, int stage, int32_t number)
+int ann_dc_load(ann_dc_network *network, int input, int stage, int64_t number)
 {{
     int64_t fit = clipped(number, -TOP - 1, TOP);
     if (input < 0 || input >= ANN_DC_INPUTS || stage < 0 || stage >= ANN_DC_STAGES)
@@ -232,7 +233,7 @@ int ann_dc_load(ann_dc_network *network, int input, int stage, int32_t number)
     return 1;
 }}
 
-int ann_dc_load_all(ann_dc_network *network, int input, int32_t number)
+int ann_dc_load_all(ann_dc_network *network, int input, int64_t number)
 {{
     int stage, loaded = 1;
     for (stage = 0; stage < ANN_DC_STAGES; ++stage)

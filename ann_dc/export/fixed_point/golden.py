@@ -234,6 +234,13 @@ class FixedPoint:
                 model.load(port.words, numbers.astype(np.int64))
         return model
 
+    def held(self, port: Port) -> tuple[float, float]:
+        """Return the lowest and the highest value of an input, in the user's units."""
+        top = 2.0 ** (self.bits - 1)
+        numbers = np.ldexp([-top, top - 1], -self.fraction[port.words[0]])
+        low, high = np.sort(port.scale.user(numbers)).tolist()
+        return low, high
+
     def values(self, states: np.ndarray) -> np.ndarray:
         """Return integer states (n, B) in network units."""
         bits = self.fraction[self.machine.neurons[:, WORD]] + self.machine.guard

@@ -14,6 +14,7 @@ from ann_dc.export.fixed_point.golden import PREFIX, FixedPoint, Port
 from ann_dc.export.fixed_point.hdl_bench_text import BENCH, MAKEFILE, README
 from ann_dc.export.fixed_point.hdl_text import DESIGN, MACHINE
 from ann_dc.export.fixed_point.manifest import NAME, VECTOR, as_json, check
+from ann_dc.export.fixed_point.readme_text import BEYOND_HDL
 from ann_dc.export.fixed_point.widths import Bits, fixed_point
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.hints.checked import checked
@@ -216,6 +217,7 @@ def _readme(network: FixedPoint) -> str:
     kinds = machine.operations[:, 0].tolist()
     return README.format(
         **facts(network),
+        beyond=BEYOND_HDL.format(bits=machine.bits),
         clocks=sum(CLOCKS.get(kind, OTHERS) for kind in kinds) + len(machine.edges),
         input_words=_places(network.inputs),
         control_words=_places(network.controls),

@@ -22,6 +22,14 @@ offset + factor * w / 2^f.
 |---|---|---|---|---|
 {control_rows}
 
+An input holds values from its lowest to its highest:
+
+| input | name | lowest | highest |
+|---|---|---|---|
+{held_rows}
+
+{beyond}
+
 Words have {guard} more fraction bits, {wide} bits in all. A coefficient of a sum is an integer of
 {bits} bits times a power of two. A sum reads whole words, adds exactly and is rounded once, to the
 nearest integer with halves upward; so is a product, and a line between two entries of a table. What
@@ -44,6 +52,13 @@ network in float64 (`reference_vector.json`). `fixed_point.json` has all integer
 
 Wiring {wiring}, content {content}.
 """
+
+BEYOND_C99 = """\
+`ann_dc_load` takes numbers of 64 bits: one beyond these values is cut off and saturates. Do not
+clamp it, or cast it to 32 bits, before: the network would settle for another value."""
+BEYOND_HDL = """\
+`data` has {bits} bits: do not load a value beyond these. A number that is clamped, or whose upper
+bits are dropped, settles for another value, and no status shows it."""
 
 C99 = (
     """\

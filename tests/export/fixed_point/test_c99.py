@@ -26,7 +26,7 @@ int main(int count, char **words) {
     int n;
     ann_dc_start(&network);
     if (count > 3)
-        ann_dc_load_all(&network, atoi(words[2]), (int32_t)atol(words[3]));
+        ann_dc_load_all(&network, atoi(words[2]), atol(words[3]));
     for (n = atoi(words[1]); n > 0; --n)
         (void)ann_dc_step(&network);
     for (n = 0; n < ANN_DC_NEURONS; ++n)
@@ -144,6 +144,22 @@ def test_names_are_those_of_the_network():
     header = c99_files(*walked("double_integrator"))["ann_dc_network.h"].decode()
     assert "ANN_DC_INPUT_Q_D_X" in header
     assert "ANN_DC_CONTROL_U_0_A = 0" in header
+
+
+@pytest.mark.parametrize("bits", [16, 32])
+def test_values_that_inputs_hold_are_listed(bits):
+    """The highest is the highest number of the words; one more does not fit."""
+    model = in_integers("car", bits)
+    files = c99_files(*walked("car"), bits=bits)
+    readme, header = files["README.md"].decode(), files["ann_dc_network.h"].decode()
+    table = readme.split("| input | name | lowest | highest |\n")[1].split("\n\n")[0]
+    rows = [line.strip("| ").split(" | ") for line in table.splitlines()[1:]]
+    assert [row[1] for row in rows] == [port.name for port in model.inputs]
+    for port, (index, _, low, high) in zip(model.inputs, rows, strict=True):
+        fraction = int(model.fraction[port.words[0]])
+        for value, number in ((low, -(2 ** (bits - 1))), (high, 2 ** (bits - 1) - 1)):
+            assert round(port.scale.network(float(value)) * 2**fraction) == number
+        assert re.search(rf"_\w+ = {index},?  /\* {low} to {high} \*/\n", header)
 
 
 def test_every_name_is_an_identifier_of_its_own():

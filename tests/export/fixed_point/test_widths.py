@@ -249,11 +249,11 @@ static ann_dc_network network;
 int main(int count, char **words) {
     (void)count;
     ann_dc_start(&network);
-    ann_dc_load_all(&network, atoi(words[1]), (int32_t)atol(words[2]));
+    ann_dc_load_all(&network, atoi(words[1]), atol(words[2]));
     printf("%d ", ann_dc_status(&network));
     (void)ann_dc_settle(&network, (uint32_t)atol(words[3]));
     printf("%d %lu ", ann_dc_status(&network), (unsigned long)network.steps);
-    ann_dc_load_all(&network, atoi(words[1]), (int32_t)atol(words[4]));
+    ann_dc_load_all(&network, atoi(words[1]), atol(words[4]));
     printf("%d ", ann_dc_status(&network));
     (void)ann_dc_settle(&network, (uint32_t)atol(words[3]));
     printf("%d %lu\\n", ann_dc_status(&network), (unsigned long)network.steps);
@@ -262,6 +262,7 @@ int main(int count, char **words) {
 """
 
 
+@pytest.mark.parametrize("bits", [16, 32])
 @pytest.mark.parametrize(
     ("value", "limit", "expected"),
     [
@@ -271,11 +272,11 @@ int main(int count, char **words) {
         (1e4, 0, (2, 2, 2, 2)),
     ],
 )
-def test_c_tells_its_status_like_the_golden_model(value, limit, expected, tmp_path):
+def test_c_tells_its_status_like_the_golden_model(value, limit, expected, bits, tmp_path):
     """Running before; settled, limit or saturated after; then the same with a second target."""
     needs("gcc")
-    model = in_integers("double_integrator", 16)
-    written(c99_files(*walked("double_integrator"), bits=16), tmp_path)
+    model = in_integers("double_integrator", bits)
+    written(c99_files(*walked("double_integrator"), bits=bits), tmp_path)
     (tmp_path / "status.c").write_text(STATUS)
     command = ("gcc", "-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-Wconversion")
     assert said(tmp_path, *command, "-o", "status", "status.c", "ann_dc_network.c") == (0, "")
