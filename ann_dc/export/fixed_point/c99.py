@@ -169,7 +169,7 @@ def facts(network: FixedPoint) -> dict[str, Any]:
         "input_rows": _port_rows(network, network.inputs),
         "control_rows": _port_rows(network, network.controls),
         "held_rows": "\n".join(
-            f"| {index} | {plain(port.name)} | {low} | {high} |"
+            f"| {index} | {plain(port.name)} | {low:.12g} | {high:.12g} |"
             for index, port in enumerate(network.inputs)
             for low, high in [network.held(port)]
         ),
@@ -249,7 +249,7 @@ def _names(
         for index, (name, comma) in enumerate(zip(names, commas))
     ]
     if held is not None:
-        rows = [f"{row}  /* {low} to {high} */" for row, (low, high) in zip(rows, held)]
+        rows = [f"{row}  /* {low:.12g} to {high:.12g} */" for row, (low, high) in zip(rows, held)]
     return "\n".join(["enum {", *rows, "};"])
 
 

@@ -175,6 +175,26 @@ def test_answers_that_float64_settles_with_shorter_steps_are_confirmed():
     assert model.judged(run, again, 1e-2) == model.measured
 
 
+def test_confirming_walks_take_half_the_step_for_twice_as_long(monkeypatch):
+    """Also where walks are cut short by the most steps that they may take."""
+    network, vector = walked("double_integrator")
+    model = far()
+    monkeypatch.setattr(sampling, "LIMIT", 2 * sampling._steps_of(vector, model.step))
+    lengths, run = [], sampling.Walks.run
+
+    def walk(walks, steps, lanes):
+        lengths.append(steps)
+        run(walks, steps, lanes)
+
+    monkeypatch.setattr(sampling.Walks, "run", walk)
+    monkeypatch.setattr(sampling, "_residuals", lambda network, walks, lanes: np.ones(len(lanes)))
+    sample = sampling.held_out(network, vector, model.ranges, model.step)
+    steps, answers = sum(lengths), np.zeros_like(sample.ends)
+    lengths.clear()
+    sampling.confirmed(network, vector, sample, np.ones(256, np.bool_), answers)
+    assert sum(lengths) == 2 * 4 * steps  # from the start, then from the answers
+
+
 @pytest.mark.parametrize("factor", [1, 2])
 def test_answers_at_which_float64_rests_are_confirmed(monkeypatch, factor):
     """Also if it does not settle from the start; a wrong answer is one that it leaves."""

@@ -186,13 +186,14 @@ def confirmed(
     Sample
         Ends and steps are those of the last walks.
     """
+    longer = 4 * _most_steps(vector, sample.step)
     for start in (None, answers):
         again = lanes & ~sample.settled
         if not again.any():
             break
         loaded = {name: values[:, again] for name, values in sample.loaded.items()}
         begun = None if start is None else start[:, again]
-        found = _walked(network, vector, loaded, sample.step / 2, 2 * SLOWEST, begun)
+        found = _walked(network, vector, loaded, sample.step / 2, longer, begun)
         ends, steps = sample.ends.copy(), sample.steps.copy()
         ends[:, again], steps[again] = found.ends, found.steps
         sample = replace(sample, ends=ends, steps=steps)
@@ -207,12 +208,23 @@ def _loaded(network: Network, ranges: InputRanges, values: np.ndarray) -> dict[s
     }
 
 
+def _steps_of(vector: ReferenceVector, step: float) -> int:
+    """Return the steps of a length that the walk of a vector takes."""
+    return max(round(vector.steps * vector.step / step), 1)
+
+
+def _most_steps(vector: ReferenceVector, step: float) -> int:
+    """Return the steps after which a walk counts as not settled."""
+    count = _steps_of(vector, step)
+    return max(2 * count, min(SLOWEST * count, LIMIT))
+
+
 def _walked(
     network: Network,
     vector: ReferenceVector,
     loaded: Mapping[str, np.ndarray],
     step: float,
-    slowest: int = SLOWEST,
+    most: int = 0,
     start: np.ndarray | None = None,
 ) -> Sample:
     """Walk until every lane rests, is lost, or has taken too long."""
@@ -220,9 +232,8 @@ def _walked(
     walks = Walks(program, loaded)
     if start is not None:
         walks.words[program.states] = start
-    count = max(round(vector.steps * vector.step / step), 1)
-    every = max(count // LOOKS, 1)
-    limit = max(2 * count, min(slowest * count, LIMIT))
+    every = max(_steps_of(vector, step) // LOOKS, 1)
+    limit = most or _most_steps(vector, step)
     steps = np.full(walks.words.shape[1], -1)
     moving = np.arange(len(steps))
     for taken in range(every, limit + 1, every):
