@@ -155,7 +155,8 @@ class Study(Record):
         for name in self.plan.spans:
             if name in (*WORDS, *WHOLE):
                 raise StudyError(f"over: {name} takes words or whole numbers; list them")
-        for name, values in self.plan.listed.items():
+        ends = {name: (span.low or span.high, span.high) for name, span in self.plan.spans.items()}
+        for name, values in {**ends, **self.plan.listed}.items():
             for value in values:
                 check_value("over", name, value)
         words = self.plan.listed.get("run.backend", [self.fixed.get("run.backend")])

@@ -88,7 +88,12 @@ def test_words_may_change(tmp_path):
 
 
 def test_what_failed_is_done_again_when_asked(tmp_path):
-    study = Study(subject="double_integrator", over={"problem.N": [3, -1]}, metrics=["neurons"])
+    study = Study(
+        subject=ann_dc.plants.double_integrator(N=3),
+        over={"design.kind": ["pyramid", "time-constants"]},
+        fixed={"gains.coarse": 2.0},  # time constants have no coordinators
+        metrics=["neurons"],
+    )
     first = study.run(tmp_path, workers=0)
     assert first.outcomes == {"settled": 1, "failed": 1}
     assert not first.is_complete

@@ -1,5 +1,7 @@
 """What is done at the points of a study, against the same done by hand."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -146,12 +148,17 @@ def test_drawn_circuits_are_those_of_the_fidelity_room():
 
 
 def test_a_point_that_fails_is_a_row_that_says_why():
-    study = Study(subject="double_integrator", over={"gains.rho": [1.0, -1.0]})
+    study = Study(subject="double_integrator", over={"defect.time_constants": [0.01, 3.0]})
     good, bad = rows(study)
     assert good["outcome"] == "settled"
     assert bad["outcome"] == "failed"
-    assert "gains.rho: a factor is a positive number, got -1.0" in bad["message"]
-    wrong = Study(subject="double_integrator", over={"problem.N": [3, -3]}, metrics=["neurons"])
+    assert re.search(r"time constant .* must be positive", bad["message"])
+    wrong = Study(
+        subject=ann_dc.plants.double_integrator(N=3),
+        over={"design.kind": ["pyramid", "time-constants"]},
+        fixed={"gains.coarse": 1.0},  # time constants have no coordinators
+        metrics=["neurons"],
+    )
     assert [row["outcome"] for row in map(wrong.row, range(2))] == ["settled", "failed"]
 
 

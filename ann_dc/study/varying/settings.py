@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 from ann_dc.backends.recurrent.rules import orders
 from ann_dc.decomposition.form import SWITCHES
-from ann_dc.errors import StudyError
+from ann_dc.errors import AnnDcError, StudyError
 from ann_dc.gain_design.rules.recipe import Recipe
-from ann_dc.hardware.parts.datasheet import Datasheet, Kind as PartKind
+from ann_dc.hardware.parts.datasheet import Datasheet, Kind as PartKind, Tolerances
 from ann_dc.hardware.parts.e_series import SERIES
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.study.keeping.rows import SEED, Value
@@ -126,6 +126,28 @@ WORDS: dict[str, Iterable[str]] = {
     "run.order": ORDERS,
 }
 """Settings whose values are words, and which."""
+RECORDS: dict[str, Callable[..., object]] = {
+    "tolerance": Tolerances,
+    "circuit": Datasheet,
+    "design": Recipe,
+}
+"""Records whose fields a family sets; they refuse a number out of its range."""
+ENDLESS = ("run.limit", "defect.leak", "defect.extra_pole", "defect.slew", "defect.rails")
+"""Settings that an infinite number switches off."""
+POSITIVE = (
+    *ENDLESS,
+    "problem.dt",
+    "gains.",
+    "circuit.margin",
+    "run.step",
+    "run.tolerance",
+    "defect.bits",
+)
+"""Settings whose numbers are positive, by the beginnings of their names."""
+SIZES = ("defect.", "tolerance.", "problem.temperature")
+"""Settings whose numbers are not negative."""
+LEAST = {SEED: (0, "zero"), "problem.N": (1, "one")}
+"""Smallest value of settings that are whole numbers, and its word."""
 
 
 def family_of(name: str) -> Family | None:
@@ -297,10 +319,31 @@ def check_value(field: str, name: str, value: object) -> None:
         raise StudyError(f"{field}: {name} takes a number or a word at each point, got {value!r}")
     if isinstance(value, float) and math.isnan(value):
         raise StudyError(f"{field}: {name} is nan at a point; give a number")
-    is_free = name.startswith("problem.") or name == "run.step"
-    if not is_free and isinstance(value, (str, bool)):
+    is_number = name in ("problem.N", "problem.dt", "problem.temperature")
+    is_free = value == "adaptive" if name == "run.step" else name.startswith("problem.")
+    if not isinstance(value, (str, bool)):
+        _check_range(field, name, value)
+    elif is_number or not is_free:
         raise StudyError(f"{field}: {name} takes a number at each point, got {value!r}")
-    if name.startswith(("defect.", "tolerance.")) and not float(value) >= 0:
-        raise StudyError(f"{field}: {name} is a size, from zero on, got {value!r}")
-    if name == SEED and not (isinstance(value, int) and value >= 0):
-        raise StudyError(f"{field}: {name} is a whole number from zero on, got {value!r}")
+
+
+def _check_range(field: str, name: str, value: float) -> None:
+    """Refuse a number with which no point can be computed."""
+    family, _, last = name.partition(".")
+    least, begin = LEAST.get(name, (None, ""))
+    expected = ""
+    if least is not None and not (isinstance(value, int) and value >= least):
+        expected = f"a whole number from {begin} on"
+    elif name.startswith(POSITIVE) and not value > 0:
+        expected = "a positive number"
+    elif name.startswith(SIZES) and not value >= 0:
+        expected = "a size, from zero on"
+    elif math.isinf(value) and family != "circuit" and name not in ENDLESS:
+        expected = "a finite number"
+    if expected:
+        raise StudyError(f"{field}: {name} is {expected}, got {value!r}")
+    if family in RECORDS and name != "circuit.margin":
+        try:
+            RECORDS[family](**{last: value})
+        except AnnDcError as error:
+            raise StudyError(f"{field}: {name}: {error}") from error

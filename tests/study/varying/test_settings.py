@@ -1,10 +1,13 @@
 """What can be varied: names of a subject, and refusals that name the nearest."""
 
+import math
+
 import pytest
 
 import ann_dc
 from ann_dc.backends.spice import level_words
 from ann_dc.errors import StudyError
+from ann_dc.hardware.parts import Kind
 from ann_dc.study import FAMILIES, Study
 from ann_dc.study.varying import BRINGERS, WORDS, names_of, subject_of
 
@@ -58,11 +61,45 @@ def test_unknown_names_are_told_the_nearest(name, said):
         ("gains.rho", [1.0], "takes a number or a word"),
         ("seed", -1, "a whole number from zero on"),
         ("seed", 1.5, "a whole number from zero on"),
+        ("problem.N", 0, r"problem\.N is a whole number from one on, got 0"),
+        ("problem.N", 2.5, r"problem\.N is a whole number from one on"),
+        *((f"problem.{n}", math.inf, f"{n} is a finite number") for n in ("dt", "q_0.x", "D")),
+        *(("problem.dt", dt, r"problem\.dt ") for dt in (-1.0, 0.0, "short")),
+        *((f"tolerance.{kind.value}", math.inf, "is a finite number") for kind in Kind),
+        ("tolerance.resistor", -0.1, r"tolerance\.resistor is a size"),
+        ("circuit.gbw", -1e6, r"circuit\.gbw: gbw: expected a positive number"),
+        ("circuit.margin", 0.0, r"circuit\.margin is a positive number"),
+        ("design.penalty", 0.0, r"design\.penalty: "),
+        ("gains.rho", -2.0, r"gains\.rho is a positive number"),
+        ("defect.mismatch", math.inf, r"defect\.mismatch is a finite number"),
+        ("run.tolerance", 0.0, r"run\.tolerance is a positive number"),
     ],
 )
 def test_values_that_are_none(name, value, said):
     with pytest.raises(StudyError, match=said):
         Study(subject="car", over={name: [value]})
+
+
+@pytest.mark.parametrize("over", [{"problem.dt": (-1.0, 1.0)}, {"tolerance.gain": (-0.1, 0.1)}])
+def test_range_with_impossible_end_is_refused_by_name(over):
+    with pytest.raises(StudyError, match=f"over: {next(iter(over))} is a "):
+        Study(subject="car", over=over)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("defect.leak", [10.0, math.inf]),
+        ("circuit.a0", [1e3, math.inf]),
+        ("tolerance.resistor", [0, 1e-9, 1e9]),
+        ("gains.rho", (0.0, 2.0)),
+        ("problem.q_d.x", [1.0, "free"]),
+        ("run.step", ["adaptive", 0.1]),
+    ],
+)
+def test_value_that_a_point_can_have_is_accepted(name, values):
+    fixed = {"run.backend": "recurrent"} if name == "run.step" else {}
+    assert len(Study(subject="car", over={name: values}, fixed=fixed)) >= 1
 
 
 def test_metrics_and_specs_are_known():
