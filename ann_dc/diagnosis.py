@@ -20,6 +20,7 @@ from ann_dc.gain_design.procedure import Design
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 from ann_dc.network.metrics.contract import Kind
+from ann_dc.prefixes import counted
 from ann_dc.solution.solution import Solution
 
 NEAR = 2.0
@@ -172,7 +173,7 @@ class Diagnosis:
                 *self._row_lines(),
                 f"  all rows: {_span(found.lowest, found.highest)} times the penalties; "
                 f"rho* = {_span(found.rho_star)}",
-                f"slowest modes, over {stages} stages",
+                f"slowest modes, over {counted(stages, 'stages')}",
                 *(f"  {mode}" for mode in found.modes),
                 f"why: {self.reason}",
                 f"  rate {slowest.rate:.3g} = {slowest.curvature:.3g} from curvature + "

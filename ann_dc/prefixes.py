@@ -1,4 +1,4 @@
-"""Numbers with a prefix of their unit, as they stand on a schematic and in a table of parts."""
+"""Numbers in text: with a prefix of their unit, as on a schematic, and with a noun."""
 
 from __future__ import annotations
 
@@ -33,3 +33,29 @@ def engineering(value: float, unit: str, digits: int = 4) -> str:
     nearly = 1 - 0.5 * 10.0**-digits
     factor, prefix = next((p for p in PREFIXES if abs(value) >= nearly * p[0]), PREFIXES[-1])
     return f"{value / factor:.{digits}g} {prefix}{unit}"
+
+
+def counted(count: int, plural: str) -> str:
+    """Return a count with its noun, which is singular for a count of one.
+
+    Parameters
+    ----------
+    count : int
+    plural : str
+        Noun in the plural, which ends with s.
+
+    Examples
+    --------
+    >>> counted(1, "op amps"), counted(0, "stages"), counted(12, "stages")
+    ('1 op amp', '0 stages', '12 stages')
+    """
+    return f"{count} {plural.removesuffix('s') if count == 1 else plural}"
+
+
+def lasting(stages: int) -> str:
+    """Return a number of stages with the verb of their duration.
+
+    >>> lasting(1), lasting(20)
+    ('1 stage lasts', '20 stages last')
+    """
+    return f"{counted(stages, 'stages')} last{'s' * (stages == 1)}"

@@ -18,6 +18,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.variants.numbers import Numbers
 from ann_dc.network.network import Network
+from ann_dc.prefixes import counted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -154,7 +155,7 @@ class BatchRun:
 
     def __str__(self) -> str:
         settled = self.settled
-        lines = [f"{settled.sum()} of {len(self)} samples settled"]
+        lines = [f"{settled.sum()} of {counted(len(self), 'samples')} settled"]
         if settled.any():
             steps = self.settling_steps[settled]
             lines[0] += f", in {int(np.median(steps))} steps (median), at most {steps.max()}"

@@ -17,6 +17,7 @@ from ann_dc.export.weights.hashes import content_hash, wiring_hash
 from ann_dc.export.weights.network_file import load
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+from ann_dc.prefixes import counted
 from ann_dc.progress import Progress, silent
 
 NETWORKS = (".npz", ".safetensors")
@@ -161,9 +162,9 @@ def _of_wiring(network: Network) -> dict[str, str]:
     cell = network.cell
     return {
         "network": network.title,
-        "neurons": f"{network.size} in {network.stages} cells",
-        "cell": f"{len(cell.neurons)} neurons, {len(cell.blocks)} blocks, "
-        f"{len(cell.connections)} connections",
+        "neurons": f"{network.size} in {counted(network.stages, 'cells')}",
+        "cell": f"{counted(len(cell.neurons), 'neurons')}, {counted(len(cell.blocks), 'blocks')}, "
+        f"{counted(len(cell.connections), 'connections')}",
         "inputs": ", ".join(cell.inputs) or "none",
         "metric": network.metric.kind.value,
         "wiring": short(wiring_hash(network)),

@@ -25,6 +25,7 @@ from ann_dc.hints.checked import checked
 from ann_dc.hints.values import NotEmpty, Own
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.optimality.prospects.prospect import Prospect
+from ann_dc.prefixes import counted
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
 from ann_dc.progress import Progress, silent
@@ -145,7 +146,7 @@ class Multistart:
         optima = "optimum" if len(self) == 1 else "optima"
         lines = [
             f"{self.problem.name} (N = {self.problem.horizon}): {len(self) or 'no'} certified "
-            f"{optima} from {len(self.starts)} starts"
+            f"{optima} from {counted(len(self.starts), 'starts')}"
         ]
         lines += ["  objective  starts   share  by the frozen network"] if self.optima else []
         lines += [

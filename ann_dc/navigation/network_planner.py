@@ -23,6 +23,7 @@ from ann_dc.navigation.half_planes import Ahead, Margin, discs, half_planes
 from ann_dc.navigation.planner import Plan, Situation
 from ann_dc.network.cell import Function, Product
 from ann_dc.network.network import Network
+from ann_dc.prefixes import counted
 from ann_dc.problem.robots.planning import LINEAR, NONLINEAR, Planning
 
 FIRST_ROUNDS = 6
@@ -117,7 +118,7 @@ class NetworkPlanner:
         taken, megahertz = self.hardware_time(BANDWIDTH), BANDWIDTH / 1e6
         needed = BANDWIDTH * taken / (SHARE * 1e-3)
         return (
-            f"{self.network.size} neurons in {stages} cells, {', '.join(counts)}; "
+            f"{self.network.size} neurons in {counted(stages, 'cells')}, {', '.join(counts)}; "
             f"{self.budget:g} fastest time constants a period: {1e6 * taken:.3g} us with op amps "
             f"of {megahertz:g} MHz, {taken / self.dt:.2%} of the control period; a period of "
             f"1 ms needs {needed / 1e6:.3g} MHz"

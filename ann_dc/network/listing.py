@@ -8,6 +8,7 @@ import numpy as np
 
 from ann_dc.network.cell import Cell, Function, Product, Sum
 from ann_dc.network.metrics.contract import Kind, Wires
+from ann_dc.prefixes import counted
 
 
 def listing(title: str, cell: Cell, live: np.ndarray, wires: Wires, kind: Kind) -> str:
@@ -43,7 +44,7 @@ def listing(title: str, cell: Cell, live: np.ndarray, wires: Wires, kind: Kind) 
         rows.insert(1, ("shared by all cells", "-", f"{shared}, in the last cell"))
     populations = Counter(neuron.population for neuron in cell.neurons)
     functions = Counter(b.function for b in cell.blocks if isinstance(b, Function))
-    head = f"{title}: {stages} cells of " + ", ".join(
+    head = f"{title}: {counted(stages, 'cells')} of " + ", ".join(
         f"{count} {name}" for name, count in populations.items()
     )
     table = [f"{'':22}{'per cell':>10}  in all"]

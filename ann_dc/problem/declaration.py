@@ -21,6 +21,7 @@ import sympy as sp
 from ann_dc.errors import ProblemError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
+from ann_dc.prefixes import counted
 from ann_dc.problem.constraints.assumptions import bounds_assumed, check_inputs
 from ann_dc.problem.constraints.bounds import bounds_of, limits_of, rows_of
 from ann_dc.problem.constraints.fixed_ends import check_ends
@@ -328,7 +329,8 @@ class OptimalControlProblem(Measured, Several, Record):
             "soft": self.soft,
         }
         return (
-            f"{self.name}: {self.n} states ({', '.join(map(str, self.states))}), {self.m} controls "
-            f"({', '.join(map(str, self.controls))}), {self.horizon} stages of {self.interval}"
+            f"{self.name}: {counted(self.n, 'states')} ({', '.join(map(str, self.states))}), "
+            f"{counted(self.m, 'controls')} ({', '.join(map(str, self.controls))}), "
+            f"{counted(self.horizon, 'stages')} of {self.interval}"
             + "".join(f", {words}: {', '.join(map(str, s))}" for words, s in told.items() if s)
         )

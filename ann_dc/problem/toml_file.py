@@ -130,7 +130,7 @@ def load_problem(path: str | os.PathLike[str]) -> OptimalControlProblem:
     ...     path = Path(folder, "bead.toml")
     ...     _ = path.write_text(text, encoding="utf-8")
     ...     print(load_problem(path))
-    bead: 1 states (x), 1 controls (a), 20 stages of 0.1 s
+    bead: 1 state (x), 1 control (a), 20 stages of 0.1 s
     """
     file = Path(path)
     table = read_table(file, "problem", "demos/pendulum.toml")

@@ -11,6 +11,7 @@ from rich.table import Table
 from ann_dc.decomposition.equations import rounded
 from ann_dc.network.cell import Block, Function, Product
 from ann_dc.network.network import Network
+from ann_dc.prefixes import counted, lasting
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import scales_of
 from ann_dc.report.tables import span, table
@@ -31,7 +32,7 @@ def cell_listing(network: Network) -> list[Any]:
     blocks = table("block", "kind", "computes")
     for block in cell.blocks:
         blocks.add_row(block.name, type(block).__name__.lower(), _computes(block, arriving))
-    head = f"{network.title}: {network.stages} cells, all wired like this one"
+    head = f"{network.title}: {counted(network.stages, 'cells')}, all wired like this one"
     return [head, neurons, blocks, _ends(network)]
 
 
@@ -113,6 +114,6 @@ def _step_sentence(problem: OptimalControlProblem) -> str:
     )
     return (
         f"step length {step.symbol}: {problem.interval}, chosen by the network, which starts at "
-        f"{guess}, so that {problem.horizon} stages last {total};\n"
+        f"{guess}, so that {lasting(problem.horizon)} {total};\n"
         f"{step.symbol} = {rounded(step.expression)}"
     )

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from ann_dc.backends.status import Outcome
 from ann_dc.paper.replans import Iterations, Plans
+from ann_dc.prefixes import counted
 from ann_dc.problem.free_time.step_length import mean_length
 from ann_dc.report.tables import named_rows, unit_list, verdict_text
 from ann_dc.two_level.coordination import Coordination, Undesigned
@@ -43,7 +44,7 @@ def coordination_table(found: Coordination | Undesigned) -> Table | Text:
             "status": found.message,
             "certified": verdict_text(found.certified, found.verdict),
             "objective": f"{proof.objective:.10g} {found.problem.cost_unit}".rstrip(),
-            "KKT residual": f"{proof.kkt_residual:.1e} in the problem's units",
+            "KKT residual": f"{proof.kkt_residual:.1e}, relative, in the problem's natural scales",
             "outer iterations": _needed(found),
             **_predicted(found),
             "inner steps": _inner(found),
@@ -111,7 +112,7 @@ def _theta(found: Coordination) -> str:
     how = f"rose in {found.rises}" if found.rises else "fell in all"
     note = ": another solution than the design's" if found.elsewhere else ""
     ends = f"from {found.theta[0]:.3g} to {found.theta[-1]:.3g}"
-    return f"{how} of {found.run.rounds} outer iterations, {ends}{note}"
+    return f"{how} of {counted(found.run.rounds, 'outer iterations')}, {ends}{note}"
 
 
 def as_dict(found: Coordination | Undesigned) -> dict[str, Any]:
@@ -192,7 +193,9 @@ def _followed(run: TwoLevelRun) -> str:
     if distances is None:
         return "not measured"
     v, mu = ((part / distances.told).max() for part in (distances.v, distances.mu))
-    return f"measured in {run.rounds} outer iterations: at most {v:.3g} and {mu:.3g} times"
+    return (
+        f"measured in {counted(run.rounds, 'outer iterations')}: at most {v:.3g} and {mu:.3g} times"
+    )
 
 
 def _letter_text(run: TwoLevelRun) -> str:

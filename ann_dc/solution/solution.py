@@ -24,6 +24,7 @@ from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate, certify
 from ann_dc.phases import phase
+from ann_dc.prefixes import lasting
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.free_time.step_length import StepLength, mean_length, stage_times
 from ann_dc.problem.written.written_problem import written
@@ -132,12 +133,11 @@ class Solution(Record):
     def chosen_step(self) -> str:
         """The step length and the total time in words; at which bound, where it lies at one."""
         problem, dt = self.problem, self.problem.dt
-        length, total = (
-            problem.timed(f"{value:.6g}") for value in (self.step_length, self.total_time)
-        )
+        values = self.step_length, self.total_time
+        length, total = (problem.timed(f"{value:.6g}") for value in values)
         bound = dt.bound_at(self.step_length) if isinstance(dt, StepLength) else ""
         at = f" (its {bound} bound)" if bound else ""
-        return f"{length}{at}, {problem.horizon} stages last {total}"
+        return f"{length}{at}, {lasting(problem.horizon)} {total}"
 
     @property
     def settling_time(self) -> float:

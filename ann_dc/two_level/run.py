@@ -14,6 +14,7 @@ import numpy as np
 from ann_dc.backends.status import Outcome
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import OrNan, Shape
+from ann_dc.prefixes import counted
 from ann_dc.two_level.lyapunov import Distances, Lyapunov, printed_of
 
 
@@ -99,7 +100,9 @@ class TwoLevelRun:
             return f"diverged: the numbers overflowed in outer iteration {self.rounds}"
         verb = "settled" if outcome is Outcome.SETTLED else "not settled"
         residual = self.residuals[-1, sample]
-        return f"{verb} after {self.rounds} outer iterations: KKT residual {residual:.1e}"
+        return (
+            f"{verb} after {counted(self.rounds, 'outer iterations')}: KKT residual {residual:.1e}"
+        )
 
 
 def _outcome(settled: bool, residual: float) -> Outcome:

@@ -48,7 +48,7 @@ def test_how_each_sample_ended():
     assert run.outcomes == (Outcome.SETTLED, Outcome.NOT_SETTLED, Outcome.DIVERGED)
     assert run.settled.tolist() == [True, False, False]
     assert [run.message(sample) for sample in range(3)] == [
-        "settled after 1 outer iterations: KKT residual 1.0e-09",
-        "not settled after 1 outer iterations: KKT residual 5.0e-01",
+        "settled after 1 outer iteration: KKT residual 1.0e-09",
+        "not settled after 1 outer iteration: KKT residual 5.0e-01",
         "diverged: the numbers overflowed in outer iteration 1",
     ]

@@ -20,6 +20,7 @@ from ann_dc.export.drawings.page import (
 )
 from ann_dc.network.cell import ONE, Function, Product, Sum
 from ann_dc.network.network import Network
+from ann_dc.prefixes import counted
 
 SIDE, TOP = 6.0, 14.0
 ROW = (38.0, 172.0)
@@ -60,7 +61,7 @@ def chain_page(network: Network) -> Page:
 def _headline(page: Page, network: Network) -> None:
     row = network.row
     wires = network.metric.wires(row)
-    title = f"{shortened(network.title, 60)}: the row of {network.stages} cells"
+    title = f"{shortened(network.title, 60)}: the row of {counted(network.stages, 'cells')}"
     page.text((SIDE, 4.5), title, size=LARGE, bold=True)
     said = f"{network.size} live neurons; metric: {network.metric.kind.value}"
     if wires.count:

@@ -34,6 +34,7 @@ from ann_dc.export.reference.beside import (
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+from ann_dc.prefixes import counted
 
 MEASURED = 0.999
 """When controls are measured, over the end of the run."""
@@ -174,11 +175,12 @@ def _files(
 
 
 def _readme(made: Build, parts: Sequence[Part], simulator: str, differences: str) -> str:
+    cells = counted(made.network.stages, "cells")
     return f"""# {plain(made.network.title)}: a deck for {simulator}
 
 {accuracy_text(made, parts)}
 
-`{DECK}` is the {made.level.name} level of {made.network.stages} cells. It measures the volts of
+`{DECK}` is the {made.level.name} level of {cells}. It measures the volts of
 every control near the end of the run; `expected_controls.csv` has those that are expected, and
 `scaling.csv` what a volt stands for. **It was written after {simulator}'s manual, and has not been
 run in {simulator}.** What is different from the deck for ngspice:

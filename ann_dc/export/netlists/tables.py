@@ -20,6 +20,7 @@ from ann_dc.export.netlists.deck_file import (
 from ann_dc.export.netlists.packages import REAL
 from ann_dc.export.netlists.parts import Part, without_maker
 from ann_dc.fidelity.circuit_study import NEAR
+from ann_dc.prefixes import counted
 
 ROWS = 200
 """Most rows of a table of waveforms."""
@@ -152,13 +153,14 @@ def readme_text(build: Build, parts: Sequence[Part]) -> str:
     """
     deck, network = build.deck, build.network
     first = build.controls[0]
-    kinds = ", ".join(f"{number} {name}" for name, number in deck.parts.items())
+    kinds = ", ".join(counted(number, name) for name, number in deck.parts.items())
     zero = f"{first.scale.offset:.6g} + " if first.scale.offset else ""
     named = parts if build.level.name in REAL else ()
     exact = build.series.name == "exact"
     bought = BOUGHT if exact else ""
+    cells = counted(network.stages, "cells")
     with_them = "" if exact else f", capacitors: {build.series.capacitors.name}"
-    return f"""# {plain(network.title)}: an analog neural network of {network.stages} cells
+    return f"""# {plain(network.title)}: an analog neural network of {cells}
 
 {accuracy_text(build, named)}
 

@@ -28,6 +28,7 @@ from ann_dc.export.reference.beside import (
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+from ann_dc.prefixes import counted
 
 MODULES, LEVEL = "network.va", "behavioural"
 GROUND = "gnd"
@@ -90,7 +91,7 @@ def _text(made: Build) -> str:
     own = "\n".join((*cells, network))
     used = [text for name, text in LIBRARY.items() if re.search(rf"^  {name} ", own, re.MULTILINE)]
     head = (
-        f"// {plain(made.network.title)}: {made.network.stages} cells, {LEVEL} level\n"
+        f"// {plain(made.network.title)}: {counted(made.network.stages, 'cells')}, {LEVEL} level\n"
         + "".join(f"// {words}\n" for words in claims_of(made))
         + '`include "constants.vams"\n`include "disciplines.vams"\n'
     )
@@ -237,7 +238,8 @@ def _network(made: Build, lines: Iterator[str]) -> str:
 def _readme(made: Build) -> str:
     timing, first = made.deck.timing, made.controls[0]
     value = made.settled(first)
-    return f"""# {plain(made.network.title)}: Verilog-A modules of {made.network.stages} cells
+    cells = counted(made.network.stages, "cells")
+    return f"""# {plain(made.network.title)}: Verilog-A modules of {cells}
 
 {accuracy_text(made)}
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from rich.table import Table as Shown
 
+from ann_dc.prefixes import counted
 from ann_dc.report.tables import table
 from ann_dc.study.measuring.metrics import Metric
 from ann_dc.study.study import Study
@@ -31,7 +32,7 @@ def summary(study: Study, found: Table) -> list[Shown | str]:
     -------
     list of what a console prints
     """
-    shown: list[Shown | str] = [f"{study.title}: {len(found)} of {len(study)} points"]
+    shown: list[Shown | str] = [f"{study.title}: {len(found)} of {counted(len(study), 'points')}"]
     outcomes = table("outcome", "points", "share")
     for outcome, count in found.outcomes.items():
         outcomes.add_row(outcome, str(count), f"{count / len(found):.1%}")

@@ -60,7 +60,7 @@ def test_the_example_file_is_solved_and_its_settings_change(tmp_path):
     file = tmp_path / "result.json"
     code, text = run("solve", PENDULUM, "--set", "horizon=10", "--q-d", "3,0", "--json", file)
     assert code == 0
-    assert "pendulum: 2 states (theta, omega), 1 controls (torque), 10 stages" in text
+    assert "pendulum: 2 states (theta, omega), 1 control (torque), 10 stages" in text
     assert strict(file)["values"]["theta"][-1] == pytest.approx(3, abs=1e-5)
 
 

@@ -40,6 +40,7 @@ from ann_dc.hardware.parts.technologies import (
 )
 from ann_dc.hardware.schematic.elements import Adder, Generator, Integrator, Multiplier, PICell
 from ann_dc.hardware.schematic.schematic import Schematic
+from ann_dc.prefixes import counted
 from ann_dc.resources import circuits_path
 from ann_dc.scale import IDENTITY
 
@@ -212,7 +213,8 @@ ZERO = np.zeros(1)
 
 def _head(nodes: Nodes, level: Level) -> Lines:
     return (
-        f"* {commented(nodes.network.title)}: {nodes.network.stages} cells, {level.name} level",
+        f"* {commented(nodes.network.title)}: {counted(nodes.network.stages, 'cells')}, "
+        f"{level.name} level",
         "* run by hand: ngspice -b -r out.raw <this file>, or in ngspice: source, run, plot",
         *(f"* {commented(line)}" for line in str(nodes.scaling).splitlines()),
         *(

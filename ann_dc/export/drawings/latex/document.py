@@ -20,6 +20,7 @@ from ann_dc.export.weights.hashes import content_hash, wiring_hash
 from ann_dc.network.cell import ONE, Block, Connection, Product, Sum
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.prefixes import counted
 
 TERMS = 4
 """Terms of a sum in a line."""
@@ -40,7 +41,8 @@ def document_of(network: Network) -> Iterator[str]:
         PREAMBLE,
         r"\begin{document}",
         rf"\section*{{$\mathrm{{{escaped(network.title)}}}$}}",
-        rf"A row of {network.stages} cells; the equations of cell $k$, in network units.",
+        rf"A row of {counted(network.stages, 'cells')}; the equations of cell $k$, "
+        "in network units.",
         r"\section*{Neurons}",
         r"\begin{align*}",
     )
