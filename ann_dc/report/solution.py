@@ -29,15 +29,16 @@ def report_table(solution: Solution, backend: Backend | None = None) -> Table:
         "certified": verdict_text(solution.certified, solution.verdict),
         "objective": f"{solution.objective:.10g} {solution.problem.cost_unit}".rstrip(),
         **({} if isinstance(solution.problem.dt, float) else {"step length": solution.chosen_step}),
-        "KKT residual": f"{proof.kkt_residual:.1e} in the problem's units (constraints "
-        f"{proof.constraint_residual:.1e}, stationarity {proof.stationarity_residual:.1e})",
+        "KKT residual": f"{proof.kkt_residual:.1e}, relative, in the problem's natural scales "
+        f"(constraints {proof.constraint_residual:.1e}, "
+        f"stationarity {proof.stationarity_residual:.1e})",
         **_inequalities(proof.complementarity),
         **({} if proof.soft_rows is None else {"soft rows": proof.soft_rows.told}),
         **({} if proof.largest is None else {"objectives": proof.largest.counts}),
         "second order": proof.verdict,
         "Newton step": f"{proof.newton_step:.1e} of a component's range, at most",
-        "roll-out error": f"{solution.rollout_error:.1e}, from where the controls alone arrive "
-        "to q_d",
+        "roll-out error": f"{solution.rollout_error:.1e} of a state's scale, from where the "
+        "controls alone arrive to q_d",
         **_times(solution, _recurrence(backend)),
         **_gains(solution),
     }

@@ -26,6 +26,8 @@ def test_the_report_names_what_decides(solution):
     for row in ("certified", "KKT residual", "settling time", "predicted", "rho", "metric"):
         assert row in text
     assert "recurrence" not in text
+    assert "relative, in the problem's natural scales (constraints" in " ".join(text.split())
+    assert "in the problem's units" not in text
 
 
 def test_inequalities_are_told_where_there_are_any(solution, tmp_path):
