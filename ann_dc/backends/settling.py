@@ -60,8 +60,9 @@ class Settling:
     confirm : float
         The run goes on until the residual is below this share of the tolerance.
     controls : float or None
-        Additionally, every control must stay within this share of the largest final control; of
-        1 % of the largest on the way, where all end below that.
+        Additionally, every control must stay within this share of the largest final control,
+        counted from the offset of its scale; of 1 % of the largest on the way, if all end below
+        that.
 
     Raises
     ------

@@ -192,7 +192,19 @@ class Trajectory(Record, Tabulated):
     @property
     def size_in_words(self) -> str:
         """Description of the size to which errors of the last controls are related."""
-        return size_in_words(control_values(self.network, self.final), self.control_reach)
+        end = control_values(self.network, self.final)
+        return size_in_words(end, self.control_reach, self._offsets)
+
+    @property
+    def _offsets(self) -> str:
+        """Offsets of the controls' scales with their units; empty if all are zero."""
+        neurons = self.network.cell.neurons
+        controls = [n for n in neurons if n.population == "u"] or neurons
+        if not any(neuron.scale.offset for neuron in controls):
+            return ""
+        units = {n.name: self.units.get(n.name, "").removeprefix("1") for n in controls}
+        told = (f"{n.name} {n.scale.offset:.4g} {units[n.name]}".rstrip() for n in controls)
+        return ", ".join(told)
 
     @property
     def curves(self) -> Curves:

@@ -41,6 +41,9 @@ counts as accurate."""
 def size_of(end: np.ndarray, reach: float) -> float:
     """Return the size to which errors of settled values are related.
 
+    Values of controls are in network units, so that magnitudes count from the offsets of their
+    scales, and errors do not depend on where the user's zero is.
+
     Parameters
     ----------
     end : array
@@ -63,7 +66,7 @@ def size_of(end: np.ndarray, reach: float) -> float:
     return max(largest, RESTING * (float(reach) or 1.0))
 
 
-def size_in_words(end: np.ndarray, reach: float) -> str:
+def size_in_words(end: np.ndarray, reach: float, offsets: str = "") -> str:
     """Return the size of settled controls, `size_of`, in words.
 
     Parameters
@@ -72,6 +75,8 @@ def size_in_words(end: np.ndarray, reach: float) -> str:
         Settled controls.
     reach : float
         Largest magnitude on their way.
+    offsets : str
+        Offsets of their scales, from which magnitudes count; empty if all are zero.
 
     Examples
     --------
@@ -81,13 +86,27 @@ def size_in_words(end: np.ndarray, reach: float) -> str:
     '1% of the largest magnitude of the controls on their way (they settle near zero)'
     >>> size_in_words(np.array([0.0]), 0.0)
     '1% of the scale of the controls (they stay at zero)'
+    >>> size_in_words(np.array([0.0]), 0.0, "u.P 5 kW")
+    '1% of the scale of the controls (they stay at their offset: u.P 5 kW)'
+    >>> size_in_words(np.array([2.0]), 2.0, "u.P 5 kW")
+    'the largest distance of a control from its offset (u.P 5 kW)'
     """
     if size_of(end, reach) <= np.abs(end).max(initial=0.0):
-        return "the largest one"
+        return (
+            f"the largest distance of a control from its offset ({offsets})"
+            if offsets
+            else ("the largest one")
+        )
     if reach:
-        reached = f"{RESTING:.0%} of the largest magnitude of the controls on their way"
-        return f"{reached} (they settle near zero)"
-    return f"{RESTING:.0%} of the scale of the controls (they stay at zero)"
+        what = (
+            "distance of the controls from their offset"
+            if offsets
+            else ("magnitude of the controls")
+        )
+        near = f"it: {offsets}" if offsets else "zero"
+        return f"{RESTING:.0%} of the largest {what} on their way (they settle near {near})"
+    at = f"their offset: {offsets}" if offsets else "zero"
+    return f"{RESTING:.0%} of the scale of the controls (they stay at {at})"
 
 
 def pushes_out(state, move, low, high):

@@ -148,6 +148,7 @@ def study_circuit(
     samples: int = 0,
     loops: int = 0,
     simulated: bool = True,
+    units: Mapping[str, str] | None = None,
 ) -> CircuitStudy:
     """Build a circuit, predict it and simulate it.
 
@@ -165,6 +166,8 @@ def study_circuit(
         Op amps whose loop gain is told, those with the smallest phase margins.
     simulated : bool
         False leaves ngspice out: netlist, bill and prediction need none.
+    units : mapping of str to str, optional
+        Units of measure by the neuron's name, for texts.
 
     Returns
     -------
@@ -231,7 +234,7 @@ def study_circuit(
         snapping=_snapping(circuit, off),
         louder=level.full_scale < KNEE * level.limit / 1.2,
         noise=noise,
-        size=probe.size_in_words,
+        size=probe.measured_in(units or {}).size_in_words,
         items=worst,
         samples=drawn,
         demand=demand,

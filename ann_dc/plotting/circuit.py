@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from textwrap import fill
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from ann_dc.backends.spice.circuit_run import CircuitRun
-from ann_dc.evaluation.rules import size_of
+from ann_dc.backends.trajectory import Trajectory
 from ann_dc.hardware.schematic.elements import PICell
 from ann_dc.hints.checked import checked
 from ann_dc.plotting.style import (
@@ -27,6 +29,9 @@ from ann_dc.problem.declaration import OptimalControlProblem
 
 COLOURS = {"q": BLUE, "u": VERMILION, "mu": PURPLE, "t": SKY, "beta": GREEN}
 
+SHORTEST = 0.01
+"""Time that is drawn, relative to the run, at least: a circuit at rest settles at once."""
+
 LOWEST = 1e-10
 """Errors below it are drawn there."""
 
@@ -45,24 +50,24 @@ def circuit(run: CircuitRun, problem: OptimalControlProblem) -> Figure:
     figure = new_figure(7.6, 5.6)
     volts, error = figure.subplots(2, 1, sharex=True)
     seconds, settled = run.trajectory.time * run.deck.timing.unit * 1e6, run.settling_time() * 1e6
-    end = min(2 * settled if np.isfinite(settled) else np.inf, float(seconds[-1]))
+    shown = max(2 * settled, SHORTEST * seconds[-1]) if np.isfinite(settled) else np.inf
+    end = min(shown, float(seconds[-1]))
     _voltages(volts, run, seconds)
-    controls = run.trajectory.controls
-    scale = size_of(controls[-1], np.abs(controls).max())
-    distance = np.abs(controls - controls[-1]).max(axis=1) / scale
+    controls, probe = run.trajectory.control_values, run.probe
+    distance = np.abs(controls - controls[-1]).max(axis=1) / run.trajectory.control_size
     error.semilogy(
         seconds[:-1], np.maximum(distance, LOWEST)[:-1], color=VERMILION, label="from its own end"
     )
-    wanted = run.probe.controls[-1]
+    wanted = np.abs(controls - probe.control_values[-1]).max(axis=1) / probe.control_size
     error.semilogy(
         seconds,
-        np.maximum(np.abs(controls - wanted).max(axis=1) / scale, LOWEST),
+        np.maximum(wanted, LOWEST),
         color=INK,
         lw=1,
         label="from the optimum",
     )
     error.axhline(1e-3, color=GREY, lw=1, ls=":")
-    error.set(xlabel="time (µs)", ylabel="distance of the controls\n(share of the largest)")
+    error.set(xlabel="time (µs)", ylabel="distance of the controls\n" + _share(probe))
     lowest = min(line.get_ydata()[line.get_xdata() <= end].min() for line in error.lines[:2])
     error.set_ylim(bottom=lowest / 3)
     for axes in (volts, error):
@@ -77,6 +82,13 @@ def circuit(run: CircuitRun, problem: OptimalControlProblem) -> Figure:
         f"{caption(problem)}, as a circuit\n{outcome}, error of controls {run.control_error:.1e}",
     )
     return figure
+
+
+def _share(probe: Trajectory) -> str:
+    """The size of the controls as a label has it, in lines of a few words."""
+    size = probe.size_in_words
+    told = "the largest" if size == "the largest one" else size
+    return fill(f"(share of {told})", 36)
 
 
 def _voltages(axes, run: CircuitRun, seconds: np.ndarray) -> None:

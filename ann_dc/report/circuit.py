@@ -22,7 +22,7 @@ from ann_dc.hardware.circuit.cost import RESISTOR
 from ann_dc.hardware.parts.conditions import NOMINAL
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.optimality.certificate import Certificate
-from ann_dc.prefixes import engineering
+from ann_dc.prefixes import counted, engineering
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import measured, named_rows, table, unit_list, verdict_text
@@ -73,8 +73,8 @@ class CircuitReport:
 
     def _circuit(self) -> dict[str, object]:
         found, level, cost = self.found, self.backend.level, self.found.cost
-        written, scaling = found.deck, found.circuit.scaling
-        parts = ", ".join(f"{count} {name}" for name, count in written.parts.items())
+        written, scaling, run = found.deck, found.circuit.scaling, found.run
+        parts = ", ".join(counted(count, name) for name, count in written.parts.items())
         power = f"; {engineering(cost.power, 'W', 3)}"
         if math.isfinite(cost.energy):
             power += f", {engineering(cost.energy, 'J', 3)} a solve"
@@ -89,8 +89,9 @@ class CircuitReport:
             "a volt is": self._a_volt(),
             "scaling": f"{scaling.full_scale:g} V full scale, "
             f"{engineering(written.timing.unit, 's', 3)} a unit time constant, op amps "
-            f"{scaling.margin:.3g} times as fast as the network; tightest node "
-            f"{scaling.tightest} at {scaling.used(scaling.tightest):.0%}",
+            f"{scaling.margin:.3g} times as fast as the network; tightest node in "
+            f"the ODE's run {scaling.tightest} at {scaling.used(scaling.tightest):.0%}"
+            + (f", in the circuit's {run.fullest}" if run and run.fullest else ""),
         }
 
     def _parts(self) -> str:

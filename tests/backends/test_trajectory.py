@@ -89,6 +89,29 @@ def test_control_error_of_controls_that_rest_at_zero_is_a_share_of_their_reach(r
     assert moved.size_in_words == "the largest one"
 
 
+@pytest.mark.parametrize("units", [{}, {"u.a": "kW"}])
+@pytest.mark.parametrize(
+    ("kept", "says"),
+    [
+        (1.0, "the largest distance of a control from its offset ({})"),
+        (1e-9, "1% of the largest distance of the controls from their offset on their way "
+               "(they settle near it: {})"),
+        (0.0, "1% of the scale of the controls (they stay at their offset: {})"),
+    ],
+)  # fmt: skip
+def test_size_of_controls_with_offset_counts_from_it_and_names_it(kept, says, units):
+    """Controls at 5 kW, 0 in the network, do not stay at zero; the number is the one named."""
+    scale = Scale(factor=100.0, offset=5.0)
+    network = replace(BOTH, cell=replace(BOTH.cell, neurons=(Q, replace(U, scale=scale))))
+    moved = decaying(network).measured_in(units)
+    states = moved.states if kept else 0 * moved.states
+    ended = replace(moved, states=np.vstack([states[:-1], kept * states[-1]]), units=units)
+    assert ended.size_in_words == says.format(f"u.a 5 {units.get('u.a', '')}".rstrip())
+    off = np.abs(ended.controls - 5.0)  # the user's units
+    named = [off[-1].max(), 0.01 * off.max(), 0.01 * 100.0][(1.0, 1e-9, 0.0).index(kept)]
+    assert 100.0 * ended.control_size == pytest.approx(named)
+
+
 def test_control_error_of_controls_that_never_move_is_a_share_of_their_scale():
     moved = decaying(BOTH)
     still = replace(moved, states=0 * moved.states)

@@ -23,6 +23,7 @@ from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.rules import RESTING
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.parts.datasheet import Datasheet
@@ -58,6 +59,8 @@ class Overload:
         Seconds from the opening of the reset switches on.
     volts, limit : float
         How far it went, and how far it may.
+    clips : bool
+        True if its part has rails; without, the limit is a share of full scale.
 
     Examples
     --------
@@ -70,12 +73,14 @@ class Overload:
     time: float
     volts: float
     limit: float
+    clips: bool = True
 
     def __str__(self) -> str:
-        return (
-            f"{self.node} of cell {self.stage} reached {self.volts:.4g} V at {self.time:.3g} s; "
-            f"it is good for {self.limit:.4g} V"
-        )
+        when = f"{self.volts:.4g} V at {self.time:.3g} s"
+        reached = f"{self.node} of cell {self.stage} reached {when}"
+        if self.clips:
+            return f"{reached}; it is good for {self.limit:.4g} V"
+        return f"{reached}, above {self.limit:.4g} V; without rails it does not clip"
 
 
 @such_as("ann_dc.SpiceBackend().run(network)")
@@ -96,6 +101,8 @@ class CircuitRun(Tabulated):
         The ODE run of the same network.
     circuit : Circuit
         What the netlist was written for.
+    tightest : Overload or None
+        The node that came closest to full scale, whether it is overloaded or not.
     settling_error : float
         Seconds by which finer steps moved its settling time; nan of a run without them.
     finer : function of the run, optional
@@ -117,6 +124,7 @@ class CircuitRun(Tabulated):
     probe: Trajectory
     circuit: Circuit
     settling_error: float = float("nan")
+    tightest: Overload | None = None
     finer: Callable[[CircuitRun], CircuitRun] | None = None
 
     def __str__(self) -> str:
@@ -134,6 +142,12 @@ class CircuitRun(Tabulated):
     def scaling(self) -> Scaling:
         """Volts and seconds of the circuit."""
         return self.circuit.scaling
+
+    @property
+    def fullest(self) -> str:
+        """Name of the tightest node and its share of full scale; empty if it is unknown."""
+        top = self.tightest
+        return f"{top.node} at {top.volts / self.scaling.full_scale:.0%}" if top else ""
 
     @cached_property
     def timed(self) -> CircuitRun:
@@ -163,7 +177,10 @@ class CircuitRun(Tabulated):
 
     @property
     def mean_square_error(self) -> float:
-        """Of the whole trajectory against the ODE's, as a share of the mean square of those."""
+        """Of the whole trajectory against the ODE's, relative to the mean square of those.
+
+        The reference is at least that of one state which is `RESTING` of its scale.
+        """
         at, probe = self.trajectory.time, self.probe
         if probe.is_dense:
             wanted = probe.at(np.clip(at, probe.time[0], probe.time[-1]))
@@ -171,7 +188,7 @@ class CircuitRun(Tabulated):
             wanted = np.array([np.interp(at, probe.time, x) for x in probe.states.T]).T
         weight = np.gradient(at)[:, None]  # over time, however unevenly the circuit was sampled
         error = ((self.trajectory.states - wanted) ** 2 * weight).sum()
-        return float(error / (wanted**2 * weight).sum())
+        return float(error / max((wanted**2 * weight).sum(), RESTING**2 * weight.sum()))
 
     @property
     def unsettled(self) -> str:
@@ -228,12 +245,14 @@ def read_back(
     states = _states(circuit, volts, len(time))
     kernel = fast_evaluator(network)
     residuals = np.array([kernel.residuals(x) for x in states])
+    nodes = _reached(circuit, volts, time * deck.timing.unit, datasheet or Datasheet())
     return CircuitRun(
         trajectory=Trajectory(
             network=network, time=time, states=states, residual_time=time, residuals=residuals
         ),
         deck=deck,
-        overloads=_overloads(circuit, volts, time * deck.timing.unit, datasheet or Datasheet()),
+        overloads=tuple(node for node in nodes if node.volts > node.limit),
+        tightest=max(nodes, key=lambda node: node.volts, default=None),
         probe=probe,
         circuit=circuit,
     )
@@ -281,27 +300,27 @@ def _states(circuit: Circuit, volts: Voltages, count: int) -> np.ndarray:
     return network.pack(values)
 
 
-def _overloads(
+def _reached(
     circuit: Circuit, volts: Voltages, seconds: np.ndarray, datasheet: Datasheet
-) -> tuple[Overload, ...]:
-    """Nodes that went further than their parts can, worst first."""
+) -> list[Overload]:
+    """Largest magnitude of every node, relative to its limit, in falling order."""
     found = []
     for (name, stage), across in volts.items():
-        limit = _limit(circuit, name, datasheet)
+        rails = _rails(circuit, name, datasheet)
+        clips = bool(np.isfinite(rails))
+        limit = KNEE * rails if clips else OVERLOAD * circuit.scaling.full_scale
         sample = int(np.abs(across).argmax())
+        place = {"node": name, "stage": stage, "time": float(seconds[sample])}
         reached = float(np.abs(across[sample]))
-        if reached > limit:
-            time = float(seconds[sample])
-            found.append(Overload(node=name, stage=stage, time=time, volts=reached, limit=limit))
-    return tuple(sorted(found, key=lambda overload: -overload.volts / overload.limit))
+        found.append(Overload(**place, volts=reached, limit=limit, clips=clips))
+    return sorted(found, key=lambda node: -node.volts / node.limit)
 
 
-def _limit(circuit: Circuit, name: str, datasheet: Datasheet) -> float:
-    """Volts that the part of a node is good for."""
+def _rails(circuit: Circuit, name: str, datasheet: Datasheet) -> float:
+    """Volts at which the part of a node saturates."""
     part = circuit.schematic.by_name.get(name)
     computed = isinstance(part, (Multiplier, Generator))
-    rails = datasheet.multiplier_rails if computed else datasheet.rails
-    return KNEE * rails if np.isfinite(rails) else OVERLOAD * circuit.scaling.full_scale
+    return datasheet.multiplier_rails if computed else datasheet.rails
 
 
 def check_full_scale(level: Level) -> None:

@@ -1,6 +1,7 @@
 """How long a circuit is simulated: as long as its slowest pole takes, and longer than the probe.
 
-The probe run says how long the ideal network takes. Op amps can add modes that are slower than any
+The probe run says how long the ideal network takes; its slowest mode, if it starts near its end.
+Op amps can add modes that are slower than any
 of its own, and so do clamps beside an output that rests near a rail; the slowest pole of the pole
 model tells, and up to a bound the run waits for it.
 Controls that end far below where they have been take longer to settle, and the run with them.
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -92,13 +94,21 @@ def span_of(circuit: Circuit, level: Level, probe: Trajectory) -> Span:
     """
     ideal = float(probe.time[-1])
     if not level.emulated:
-        return Span(duration=LONGER * ideal, wanted=0.0)
+        return Span(duration=LONGER * max(ideal, _ideal_run(probe)), wanted=0.0)
     emulation = emulate(circuit, level)
     slowest = _slowest(emulation, level, probe)
     wanted = slowest * _lifetimes(probe)
     longer = max(wanted, slowest * _lifetimes_of_error(emulation, probe))
+    if longer > LONGEST * ideal:  # a probe that starts near its end says little
+        ideal = max(ideal, _ideal_run(probe))
     duration = float(np.clip(longer, LONGER * ideal, LONGEST * ideal))
     return Span(duration=duration, wanted=wanted)
+
+
+def _ideal_run(probe: Trajectory) -> float:
+    """Return the network time of an ideal run, by its slowest mode; 0 if a mode grows."""
+    abscissa = spectrum(probe.network, probe.final).abscissa
+    return LIFETIMES / LONGER / -abscissa if abscissa < 0 else 0.0
 
 
 def _lifetimes(probe: Trajectory) -> float:

@@ -163,19 +163,18 @@ def circuit(
     of the one circuit, and --json is the only file.
 
     Exit code: 0 the circuit settled near the optimum (1 % of the largest
-    control), is predicted to, or nothing is known of it; of a table, every
-    corner does, tolerances aside, a drawn circuit keeps the spec, trims are
-    enough, converters leave it near for the worst inputs. 1 not so, 2 bad
-    input, an unstable circuit, no ngspice, or unwritable output. All levels
-    at once: ann-dc ladder.
+    control, from its scale's offset), is predicted to, or nothing is known of
+    it; of a table, every corner does, tolerances aside, a drawn circuit keeps
+    the spec, trims are enough, converters leave it near for the worst inputs.
+    1 not so, 2 bad input, an unstable circuit, no ngspice, or unwritable
+    output. All levels at once: ann-dc ladder.
     """
     with progress_line(quiet) as progress:
         declared = problem.declared()
         files.make_room(study.simulated)
         board.check(_of_one_circuit(build, study, files, board), level.level)
         stands = place.nominal() if board.corners else place.single()
-        written = board.corners or board.spot or not board.asked
-        chosen, series = level_of(level, netlist=bool(written)), series_of(build.resistors)
+        chosen, series = level_of(level, netlist=board.written), series_of(build.resistors)
         kind = metric_of(build.metric)
 
         from ann_dc.backends.spice.backend import SpiceBackend
@@ -183,6 +182,7 @@ def circuit(
         from ann_dc.fidelity.circuit_study import study_circuit
         from ann_dc.hardware.circuit.bill import check_level
         from ann_dc.report.circuit import CircuitReport
+        from ann_dc.solution.solution import units_of
 
         with arithmetic_of(declared):
             simulated = study.simulated and not board.asked
@@ -210,12 +210,12 @@ def circuit(
                     samples=study.samples or 0,
                     loops=study.loops,
                     simulated=simulated,
+                    units=units_of(declared, network),
                 )
                 report = CircuitReport(problem=declared, backend=backend, found=found)
         tables, written = report.tables(), report.write(**files.given())
-    shown = console(quiet=quiet)
     for part in tables:
-        shown.print(part)
+        console(quiet=quiet).print(part)
     list_files(written, quiet=quiet)
     raise typer.Exit(0 if report.good else 1)
 

@@ -121,7 +121,8 @@ def _control_lines(build: Build) -> Iterator[str]:
     """Commands of ngspice: run, compare, write."""
     expected = {reading: build.settled(reading) for reading in build.controls}
     own = {reading: build.network.neuron(reading.name).scale for reading in expected}
-    size, told = build.probe.control_size, build.probe.size_in_words
+    size = build.probe.control_size
+    told = re.sub(r"[^\w.%(),: -]", "_", build.probe.size_in_words, flags=re.ASCII)
     yield from (".control", "set numdgt=9", "run", "let worst = 0", "let last = length(time) - 1")
     yield f"if time[last] lt {number(0.999 * build.deck.end)}"
     yield from ('echo "the run ended early: nothing is settled"', "quit 1", "end")

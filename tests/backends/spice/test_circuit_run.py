@@ -1,6 +1,7 @@
 """Runs of circuits read back, on the hardest level: CMOS op amps and Gilbert multipliers."""
 
 import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,9 +11,10 @@ from reference import ipopt
 from simulator import needs_ngspice
 
 from ann_dc.analysis import spectrum
+from ann_dc.backends import Trajectory
 from ann_dc.backends.spice import OVERLOAD, CircuitRun, SpiceBackend, read_back
 from ann_dc.backends.spice.netlist import deck_of
-from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.backends.spice.ngspice import Ngspice, Raw
 from ann_dc.gain_design import design
 from ann_dc.hardware.circuit import OP_AMP
 from ann_dc.hardware.parts import TRANSISTOR, macro
@@ -102,6 +104,46 @@ def test_a_circuits_curves_are_over_seconds(tmp_path):
         assert dict(file["units"])["time"] == "s"
     run.to_csv(tmp_path / "curves.csv")
     assert (tmp_path / "curves.csv").read_text().startswith("time (s),")
+
+
+def test_circuit_run_at_rest_has_finite_mean_square_error():
+    """The ODE's states are all zero: a hundredth of a scale stands for them."""
+    network = design(
+        synthesize(plants.double_integrator(N=3)), kinds=(Kind.TIME_CONSTANTS,)
+    ).network
+    circuit, probe = SpiceBackend().prepare(network)
+    deck = SpiceBackend().deck(circuit, probe, {})
+    time = np.array([0.0, 1.0, 3.0])
+    zero = Trajectory(
+        network=network, time=time, states=np.zeros((3, network.size)),
+        residual_time=time, residuals=np.zeros((3, 2)),
+    )  # fmt: skip
+    off = replace(zero, states=np.eye(1, network.size) * np.full((3, 1), 1e-3))
+    for found, error in ((zero, 0.0), (off, 0.01)):
+        run = CircuitRun(trajectory=found, deck=deck, overloads=(), probe=zero, circuit=circuit)
+        assert run.mean_square_error == pytest.approx(error)
+
+
+def test_tightest_node_is_the_one_that_the_overloads_name():
+    """Every node of two cells at its share of full scale; m.x goes beyond it."""
+    network = design(
+        synthesize(plants.double_integrator(N=3)), kinds=(Kind.TIME_CONSTANTS,)
+    ).network
+    backend = SpiceBackend(level=macro())
+    circuit, probe = backend.prepare(network)
+    deck = backend.deck(circuit, probe, {})
+    time = np.linspace(0.0, deck.timing.release * 10, 5)
+    names = ("time", *deck.signals.values())
+    values = np.full((5, len(names)), 0.1)
+    values[:, 0] = time
+    high = next(node for (name, _), node in deck.signals.items() if name == "m.x")
+    for top, overloads in ((0.5, 0), (1.42, 1)):
+        values[:, names.index(high)] = top
+        raw = Raw(title="", plot="Transient Analysis", names=names, values=values.copy())
+        run = read_back(circuit, deck, raw, probe)
+        assert run.fullest == f"m.x at {top:.0%}"
+        assert len(run.overloads) == overloads
+        assert all("without rails it does not clip" in str(node) for node in run.overloads)
 
 
 # ---- size ----------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from ann_dc.analysis import spectrum
 from ann_dc.backends.spice import SpiceBackend, span_of
 from ann_dc.fidelity import Specimen
 from ann_dc.gain_design import design
@@ -61,8 +62,9 @@ def test_span_of_circuit_with_small_error_leaves_a_fiftieth_of_it(a0):
     assert not span.cut
 
 
-def test_beyond_twenty_times_the_network_it_is_cut_and_the_deck_says_so():
-    circuit, short = cut_short(0.01)
+def test_beyond_twenty_times_the_network_it_is_cut_and_the_deck_says_so(monkeypatch):
+    circuit, short = prepared()
+    monkeypatch.setattr("ann_dc.backends.spice.span._slowest", lambda *_: 10 * short.time[-1])
     span = span_of(circuit, macro(), short)
     assert span.duration == pytest.approx(20 * short.time[-1])
     assert "its slowest pole asks for a run" in span.cut
@@ -75,3 +77,14 @@ def test_where_a_pole_grows_the_probe_alone_says_how_long():
     circuit, probe = prepared(margin=1.0)
     assert pole_spectrum(emulate(circuit, macro()), probe.final).abscissa > 0
     assert span_of(circuit, macro(), probe).duration == pytest.approx(1.5 * probe.time[-1])
+
+
+@pytest.mark.parametrize("level", [macro(), BEHAVIOURAL], ids=lambda level: level.name)
+def test_span_of_circuit_at_rest_is_that_of_its_slowest_mode(level):
+    """The probe starts at its end and takes no time; the ideal network's slowest mode does."""
+    circuit, probe = prepared()
+    still = replace(probe, time=np.array([0.0, 1e-6]), states=np.stack([probe.final, probe.final]))
+    span = span_of(circuit, level, still)
+    lifetimes = -span.duration * spectrum(probe.network, probe.final).abscissa
+    assert 13.9 < lifetimes < 30
+    assert not span.cut

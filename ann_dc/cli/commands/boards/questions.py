@@ -94,6 +94,11 @@ class BoardOptions:
         return self.dac is not None or self.adc is not None
 
     @property
+    def written(self) -> bool:
+        """True if a netlist is written: of one circuit, of its corners, of one drawn circuit."""
+        return bool(self.corners or self.spot or not self.asked)
+
+    @property
     def asked(self) -> bool:
         """Whether anything is asked."""
         return self.corners or self.draws or self.converts
