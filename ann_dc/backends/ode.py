@@ -332,8 +332,8 @@ class _Integration:
         worst = np.array(recorder.residuals[-2 * window :]).max(axis=1)
         if np.nanmin(worst[window:]) < HEADWAY * np.nanmin(worst[:window]):
             return None
-        states = recorder.last_states(window)
-        return status.no_headway(self.network, states, window, implicit=self.method.implicit)
+        states, least = recorder.last_states(window), float(np.nanmin(worst[window:]))
+        return status.no_headway(self.network, states, window, least, self.method)
 
     def _time_is_up(self, x: np.ndarray, now: float) -> str | None:
         """Which bound ended the run; the fastest rate at the start may not be that of the rest."""

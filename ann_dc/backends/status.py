@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ann_dc.backends.integration.methods import Method
 from ann_dc.network.cell import Role
 from ann_dc.network.network import Network
 
@@ -23,6 +24,13 @@ LONGER_STEPS = "take an implicit method: method=ann_dc.ode.RADAU or --method Rad
 """Advice where the fastest modes limit the steps of an explicit method."""
 DAMPING = "damp it: lower the weights of its neurons' connections to themselves"
 """Advice for a limit cycle, which no method and no start ends."""
+FINER = (
+    "take the compiled method: method=ann_dc.ode.COMPILED or --method compiled; if the network is "
+    "stiff, tighter tolerances: method.tighter()"
+)
+"""Advice where the error of an implicit method keeps the residual from falling."""
+NOISE = 10.0
+"""Residual that the error of an implicit method may cause, over its relative tolerance."""
 CROSSINGS, SWINGS = 4, 0.1
 """A limit cycle: crossings of the middle in the last steps; width relative to the largest state."""
 NAMED = 4
@@ -158,7 +166,7 @@ def elsewhere(network: Network) -> str:
 
 
 def no_headway(
-    network: Network, states: np.ndarray, steps: int, *, implicit: bool
+    network: Network, states: np.ndarray, steps: int, residual: float, method: Method
 ) -> tuple[str, str]:
     """Return the reason and the advice for a run whose residual no longer falls.
 
@@ -169,15 +177,19 @@ def no_headway(
         States of its last steps.
     steps : int
         Number of these steps.
-    implicit : bool
-        True if the method is implicit.
+    residual : float
+        Smallest relative KKT residual of these steps.
+    method : Method
+        That took them. The tolerances of an implicit one do not fall with the residual.
     """
-    advice = elsewhere(network)
-    if why := swinging(network, states):
-        return why, DAMPING
-    if not implicit:
-        advice = f"if the network is stiff, {LONGER_STEPS}; else {advice}"
-    return f"the last {steps} steps made it no smaller", advice
+    why, advice = f"the last {steps} steps made it no smaller", elsewhere(network)
+    if swings := swinging(network, states):
+        return swings, DAMPING
+    if not method.implicit:
+        return why, f"if the network is stiff, {LONGER_STEPS}; else {advice}"
+    if residual < NOISE * method.rtol:
+        return f"{why}: {method.name} errs as much with rtol={method.rtol:g}", FINER
+    return why, advice
 
 
 def swinging(network: Network, states: np.ndarray) -> str:

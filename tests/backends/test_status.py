@@ -18,6 +18,7 @@ from ann_dc.backends import (
     not_settled,
     settled,
     stalled,
+    status,
     stopped,
     unbounded,
 )
@@ -151,6 +152,13 @@ def lag(**rails: float) -> Network:
     return Network(cell=Cell(neurons=(neuron,), connections=wires), stages=1, title="lag")
 
 
+def damped() -> Network:
+    """A swing that takes long to settle, begun near its end."""
+    wires = wire("v", "x"), wire("x", "v", -1.0), wire(ONE, "v"), wire("v", "v", -0.02)
+    cell = Cell(neurons=(Neuron(name="x"), Neuron(name="v")), connections=wires)
+    return Network(cell=cell, stages=1, start={"x": 1.000001}, title="damped")
+
+
 def railed() -> Network:
     """The lag between rails, which hold it where its steps are too long."""
     return lag(low=-1.0, high=2.0)
@@ -177,7 +185,7 @@ def pushed(most: float = 60.0, target: float = 4.0, price: float | None = None) 
 
 ODE = OdeBackend(limit=1e9, most_steps=9000, verify=False)
 STEPS, FIXED = RecurrentBackend(limit=9000), ann_dc.FixedStep(step=2.5)
-RADAU = replace(ODE, method=ode.RADAU)
+RADAU, BDF = replace(ODE, method=ode.RADAU), replace(ODE, method=ode.BDF)
 LATE, STALLED = Outcome.NOT_SETTLED, Outcome.STALLED
 DAMPING = "damp it: lower the weights of its neurons' connections to themselves"
 IMPLICIT = "take an implicit method: method=ann_dc.ode.RADAU or --method Radau"
@@ -197,6 +205,8 @@ ADVICE = [
     (STALLED, SOFT, STEPS, pushed, STEPS, lambda: pushed(price=300.0)),
     (STALLED, IMPLICIT, ODE, stiff, RADAU, stiff),
     (STALLED, IMPLICIT, replace(ODE, method=ode.DOP853), stiff, RADAU, stiff),
+    (STALLED, "--method compiled", BDF, damped, ODE, damped),
+    (STALLED, "method.tighter()", BDF, damped, replace(ODE, method=ode.BDF.tighter()), damped),
     (STALLED, DAMPING, ODE, limit_cycle, ODE, lambda: limit_cycle(leak=2.0)),
     (STALLED, DAMPING, RADAU, limit_cycle, RADAU, lambda: limit_cycle(leak=2.0)),
     (STALLED, DAMPING, STEPS, limit_cycle, STEPS, lambda: limit_cycle(leak=2.0)),
@@ -221,6 +231,14 @@ def test_limit_cycle_is_not_told_to_start_elsewhere(backend):
     told = str(backend.run(limit_cycle()).status)
     assert "neuron y[0] kept swinging by 5." in told
     assert "elsewhere" not in told
+
+
+def test_error_of_an_implicit_method_is_not_blamed_on_the_network():
+    told = str(BDF.run(damped()).status)
+    assert "no smaller: BDF errs as much with rtol=1e-06; take the compiled method" in told
+    assert "elsewhere" not in told
+    _, advice = status.no_headway(damped(), np.ones((9, 2)), 9, 1e-4, ode.BDF)
+    assert advice == "start elsewhere"  # the method errs less than that
 
 
 def test_contradicting_constraints_are_not_told_to_start_elsewhere():
