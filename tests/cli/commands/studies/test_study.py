@@ -46,7 +46,8 @@ def test_a_study_is_run_summed_up_and_exported(file, tmp_path):
 
 
 def test_points_that_fail_are_told_by_the_code(file, tmp_path):
-    file.write_text(STUDY.replace("[0.0, 0.02]", "[0.02]\ngains.rho = [1, -1]"), encoding="utf-8")
+    negative = "[0.02]\ndefect.time_constants = [0.0, 3.0]"  # some are drawn below zero
+    file.write_text(STUDY.replace("[0.0, 0.02]", negative), encoding="utf-8")
     code, said = run("study", file, "--out", tmp_path / "out", "--workers", "0")
     assert code == 1
     assert "failed 4 50.0%" in said
