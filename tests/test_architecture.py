@@ -29,7 +29,7 @@ ORDER = (
     "network.metrics",
     "network",
     "evaluation.vector_code",
-    "evaluation synthesis",
+    "evaluation evaluation.clamps synthesis",
     "evaluation.variants",
     "evaluation.row_code",
     "evaluation.generated",

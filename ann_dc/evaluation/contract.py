@@ -3,18 +3,26 @@
 1. A state is a vector x (n,) of the live neurons, in the order of `Network.places`; what comes back
    are NumPy arrays, whatever the evaluator calculates with.
 2. Pinned neurons read their inputs, absent ones zero; neither has a drive.
-3. The drive of a neuron at its rail is zero while it pushes outward, and so is its row of the
-   Jacobian; no move, whatever the metric, goes past a rail.
-4. Derivatives are exact and come from the same list of nodes as the values.
-5. A domain is open, and the argument of a reciprocal keeps the side of the pole where it starts.
+3. `drives` returns zero for a drive that points outward at a rail, and the row of the Jacobian is
+   zero there. Residuals, equilibria and certificates read these drives.
+4. `rhs` is the projection of M d on what the rails allow, in the norm of M^{-1}, with d the drives
+   as they arrive: see `rules`. A neuron with a diagonal row of M moves with its cut drive. A neuron
+   that the metric couples to others and that stands at a rail is judged by its move and by the
+   current that holds it there, not by its drive. No move goes past a rail, and the result depends
+   on the state alone, whatever an evaluator keeps from call to call. `move` is M d without rails.
+5. Derivatives of the flow (`fastest_rate`, spectra) hold the neurons that rest: M among the others
+   (`Metric.clamp`) times the rows of `drive_jacobian`.
+6. Derivatives are exact and come from the same list of nodes as the values.
+7. A domain is open, and the argument of a reciprocal keeps the side of the pole where it starts.
 
-`tests/evaluation/test_contract.py` holds every evaluator to it.
+`tests/evaluation/test_contract.py` holds every evaluator to it, `test_rails_rule.py` to rule 4.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -74,7 +82,7 @@ class Evaluator(ABC):
 
     @abstractmethod
     def rhs(self, x: np.ndarray) -> np.ndarray:
-        """dx/ds = M drive.
+        """dx/ds: the projection of M drive on what the rails allow.
 
         Parameters
         ----------
@@ -97,6 +105,26 @@ class Evaluator(ABC):
         -------
         (n,) array
         """
+
+    def clamped(self, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """Return `move` while some neurons are held: the metric among the others (`Metric.clamp`).
+
+        Parameters
+        ----------
+        held : (n,) array of bool
+            Those among them that the metric does not couple make no difference to the others.
+
+        Returns
+        -------
+        callable
+            Drives (n,) to moves (n,).
+        """
+        network = self.network
+        held = held & network.metric.reach(network.row)[network.places[:, 0]]
+        if not held.any():
+            return self.move
+        clamp = network.metric.clamp(network.row, held)
+        return lambda drive: clamp(drive)[0]
 
     @abstractmethod
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
@@ -163,6 +191,8 @@ class Evaluator(ABC):
     def fastest_rate(self, x: np.ndarray, iterations: int = 20) -> float:
         """Estimate of the spectral radius of d rhs / dx at a state, by power iterations.
 
+        The neurons that rest at the state are held.
+
         Parameters
         ----------
         x : (n,) array
@@ -175,10 +205,10 @@ class Evaluator(ABC):
         """
         v, rate = np.random.default_rng(0).standard_normal(len(x)), 1.0
         entries, (row, column) = self.jacobian_entries(x), self.tape.entries[:, :2].T
-        length = math.sqrt(v @ v)
+        length, move = math.sqrt(v @ v), self.clamped(~self.free(x))
         for _ in range(iterations):
             drive = np.bincount(row, entries * v[column], len(v)) / length
-            v = self.move(drive)
+            v = move(drive)
             length = math.sqrt(v @ v)
             if not 0 < length < math.inf:
                 break

@@ -11,6 +11,7 @@ from typing import Any, final
 
 import numpy as np
 
+from ann_dc.evaluation.clamps.projection import projected
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.rules import RoleRows, is_defined, pushes_out, residuals
@@ -138,6 +139,11 @@ class ReferenceEvaluator(Evaluator):
 
     def drives(self, x: np.ndarray) -> np.ndarray:
         """What arrives at every neuron, (..., neurons, N), at state vectors (..., n)."""
+        arriving, outward = self._arriving(x)
+        return np.where(outward, 0, arriving)
+
+    def _arriving(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What arrives (..., neurons, N), and whether it points outward at a rail."""
         values = self.values(x)
         arriving = np.stack(
             [_arriving(self.tape, values, first, last) for first, last in self.tape.drives], axis=-2
@@ -145,23 +151,34 @@ class ReferenceEvaluator(Evaluator):
         shared = self.tape.shared
         arriving[..., shared, -1] = arriving[..., shared, :].sum(axis=-1)
         state = np.real(values[..., : len(self.tape.drives), 1:-1])
-        stopped = pushes_out(state, np.real(arriving), *self.tape.limits.T[:, :, None])
-        return np.where(stopped | ~self.network.live, 0, arriving)
+        outward = pushes_out(state, np.real(arriving), *self.tape.limits.T[:, :, None])
+        return np.where(self.network.live, arriving, 0), outward
 
     def rhs(self, x: np.ndarray) -> np.ndarray:
-        """dx/ds (..., n) = M drive."""
+        """dx/ds (..., n): the projection of M drive on what the rails allow."""
         x = _state(x)
-        network = self.network
-        moves = network.pack(network.metric.apply(network.row, self.drives(x)))
-        limits = self.tape.limits[self.tape.places[:, 0]].T
-        return np.where(pushes_out(np.real(x), np.real(moves), *limits), 0, moves)
+        metric, row, pack = self.network.metric, self.network.row, self.network.pack
+        arriving, outward = self._arriving(x)
+        drives = pack(np.where(outward & ~self._coupled, 0, arriving))
+        moves = metric.moves(row, drives)
+        low, high = self.tape.limits[self.tape.places[:, 0]].T
+        coupled = pack(np.broadcast_to(self._coupled, row.rates.shape))
+        at_rail = coupled & ((np.real(x) <= low) | (np.real(x) >= high))
+        for sample in map(tuple, np.argwhere(at_rail.any(axis=-1))):
+            state, drive = np.real(x[sample]), drives[sample]
+            moves[sample] = projected(
+                lambda held: metric.clamp(row, held), drive, state, low, high, coupled
+            )
+        return moves
+
+    @cached_property
+    def _coupled(self) -> np.ndarray:
+        """(P, 1) booleans: neurons of the cell that move with the drives of others too."""
+        return self.network.metric.reach(self.network.row)[:, None]
 
     def move(self, drive: np.ndarray) -> np.ndarray:
         """M drive, both (..., n); complex where the drive is."""
-        drive = _state(drive)
-        drives = np.zeros((*drive.shape[:-1], *self.network.live.shape), drive.dtype)
-        drives[..., self.tape.places[:, 0], self.tape.places[:, 1]] = drive
-        return self.network.pack(self.network.metric.apply(self.network.row, drives))
+        return self.network.metric.moves(self.network.row, _state(drive))
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
         """Relative (constraint, stationarity) residuals."""
@@ -208,13 +225,18 @@ class ReferenceEvaluator(Evaluator):
         return self.network.metric.factors(self.network.row).matrix()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """d rhs / dx, dense (n, n): the fixed metric times the block-tridiagonal drive Jacobian.
+        """d rhs / dx, dense (n, n), while the neurons that rest are held.
+
+        It is the metric among the free neurons (`Metric.clamp`) times the block-tridiagonal drive
+        Jacobian.
 
         Parameters
         ----------
         x : (n,) array
         """
-        return (self.metric @ self.drive_jacobian(_state(x))).toarray()
+        x = _state(x)
+        columns = self.drive_jacobian(x).toarray().T
+        return self.clamped(self.resting(x, self.drives(x)))(columns).T
 
 
 def node_values(tape: Tape, x: np.ndarray) -> np.ndarray:

@@ -1,12 +1,24 @@
-r"""What holds at a neuron, a block, a state, whatever the array library: rails, domains, residuals.
+r"""Rules of a neuron, a block and a state, for any array library: rails, domains, residuals.
 
-A neuron at a rail low or high of its limiter does not move past it:
+The moves v of a network are the projection of M d on what its rails allow, in the norm of M^{-1}:
 
-.. math:: \dot x = 0 \quad\text{where}\quad x \le low,\ v < 0 \quad\text{or}\quad x \ge high,\ v > 0
+.. math:: v = \arg\min_{v \in T(x)} \tfrac12 v' M^{-1} v - d'v, \qquad
+    T(x) = \{v: v_i \ge 0 \ \text{if}\ x_i \le low_i,\ v_i \le 0 \ \text{if}\ x_i \ge high_i\}
 
-with v the move that its drive asks for. The first three rules work on numbers and on arrays alike,
-so that NumPy, torch and compiled loops share them; `residuals` takes its library as an argument,
-and the loops have a copy of their own (`ann_dc.evaluation.loops.residuals`).
+with d the drives as they arrive. In other words v = M (d + lambda). The current lambda_i of an
+ideal diode from the node of a neuron to ground is nonzero only at a rail, never negative at a low
+rail, never positive at a high one, and zero if the neuron moves.
+
+1. A neuron with a diagonal row of M does not move if its own drive points outward: `pushes_out`.
+2. A neuron that the metric couples to others is judged by its move (`pushes_out`) while it is free
+   and by its current (`lets_go`) while it is held, never by its drive: neighbours may pull it off
+   the rail against its own drive, or hold it there. `ann_dc.evaluation.clamps` finds who is held.
+3. Whatever the metric, all moves are zero only if every drive is zero or points outward at a rail.
+   So residuals, certificates and `rests` read drives that are cut by their own signs.
+
+The elementwise rules work on numbers and on arrays alike, so that NumPy, torch and compiled loops
+share them; `residuals` takes its library as an argument, and the loops have a copy of their own
+(`ann_dc.evaluation.loops.residuals`).
 """
 
 from __future__ import annotations
@@ -33,6 +45,13 @@ one, and a problem whose states stay where they are has none at all."""
 RESTING = 0.01
 """Smallest size of values to which an error is related, over their largest magnitude on their way:
 what ends below it rests at zero, where a share of the value itself says nothing."""
+BLOCKS, PIVOTS = 10, 1000
+"""Pivots of a projection that exchange all neurons that are held or free wrongly; after so many
+only the last of them is exchanged, which ends for certain. Pivots at most, for numbers that are
+rounded."""
+ROUNDING = 1e-13
+"""Current with the wrong sign that is taken for zero, relative to the largest drive or current of
+the held neurons."""
 NEAR = 1e-2
 """Largest error of the controls with their noise, over their size (`size_of`), at which a circuit
 counts as accurate."""
@@ -112,6 +131,14 @@ def size_in_words(end: np.ndarray, reach: float, offsets: str = "") -> str:
 def pushes_out(state, move, low, high):
     """Whether a move would take a state past the rail (``low``, ``high``) at which it stands."""
     return ((state <= low) & (move < 0.0)) | ((state >= high) & (move > 0.0))
+
+
+def lets_go(state, current, low, high, slack):
+    """Return True if the diode at a rail would have to pull to hold a neuron there.
+
+    A neuron between its rails lets go; one with both rails in the same place never does.
+    """
+    return ((state > low) | (current < -slack)) & ((state < high) | (current > slack))
 
 
 def rests(state, drive, low, high):

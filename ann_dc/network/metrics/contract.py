@@ -10,6 +10,7 @@ M d = 0 only where d = 0. No kind spreads the drive of a dual neuron.
 2. `factors` is M as sparse matrices, from which its `inverse` comes.
 3. `wires` is what has to be built besides the neighbour wiring.
 4. A neuron that is pinned or absent has no rate and takes no part.
+5. `clamp` is M among the other neurons while some are held at a rail: with S_FF for a stiffness.
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse.linalg
 from scipy import sparse
 
@@ -81,6 +83,12 @@ class Row:
     def state_rates(self) -> np.ndarray:
         """(n,): 1 / tau of every component of the state vector."""
         return self.rates.T[self.rates.T > 0]
+
+    @cached_property
+    def places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and stages (n,) of the components of the state vector."""
+        stage, neuron = np.nonzero(self.rates.T > 0)
+        return neuron, stage
 
     @property
     def chain_components(self) -> np.ndarray:
@@ -152,6 +160,11 @@ class Wires:
         return self.count / stages
 
 
+Clamp: TypeAlias = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Drives (..., n) -> moves (..., n), zero for held neurons, and currents (..., n), zero for all
+others, with moves = M (drives + currents)."""
+
+
 class Metric(ABC):
     """How drives become moves; see the module for the contract."""
 
@@ -184,6 +197,51 @@ class Metric(ABC):
         -------
         (..., P, N) array
         """
+
+    def moves(self, row: Row, drives: np.ndarray) -> np.ndarray:
+        """Return M d for drives (..., n) over the components of a state vector."""
+        table = np.zeros((*drives.shape[:-1], *row.rates.shape), drives.dtype)
+        neuron, stage = row.places
+        table[..., neuron, stage] = drives
+        return self.apply(row, table)[..., neuron, stage]
+
+    def clamp(self, row: Row, held: np.ndarray) -> Clamp:
+        """Return the map from drives to moves while some neurons are held.
+
+        The current of a held neuron is that of an ideal diode at its rail: it keeps the move of the
+        neuron at zero, and the metric spreads it like a drive. The moves of the other neurons are
+        argmin 1/2 v' M^{-1} v - d'v over all v that are zero where a neuron is held.
+
+        Parameters
+        ----------
+        row : Row
+        held : (n,) array of bool
+
+        Returns
+        -------
+        Clamp
+            Factored once.
+
+        Examples
+        --------
+        >>> from ann_dc.network.metrics import TimeConstants
+        >>> row = Row(rates=np.ones((1, 2)), primal=np.array([0]), chains=np.zeros((0, 2), int))
+        >>> clamp = TimeConstants().clamp(row, np.array([False, True]))
+        >>> [found.tolist() for found in clamp(np.array([2.0, 3.0]))]
+        [[2.0, 0.0], [0.0, -3.0]]
+        """
+        if not held.any():
+            return lambda drives: (self.moves(row, drives), np.zeros_like(drives))
+        within = scipy.linalg.cho_factor(self.moves(row, np.eye(len(held))[held])[:, held])
+
+        def clamped(drives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            pull, currents = self.moves(row, drives)[..., held], np.zeros_like(drives)
+            columns = pull.reshape(-1, pull.shape[-1]).T
+            found = scipy.linalg.cho_solve(within, columns, check_finite=False)
+            currents[..., held] = -found.T.reshape(pull.shape)
+            return np.where(held, 0.0, self.moves(row, drives + currents)), currents
+
+        return clamped
 
     @abstractmethod
     def factors(self, row: Row) -> Factors:

@@ -15,14 +15,14 @@ elimination, as a tree without a loop (`tree`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 from scipy import sparse
 
 from ann_dc.errors import NetworkError
-from ann_dc.network.metrics.contract import Factors, Metric, Row
+from ann_dc.network.metrics.contract import Clamp, Factors, Metric, Row
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -142,6 +142,27 @@ class Stiffness(Metric):
         spread = np.swapaxes(solved.T.reshape(pushed.shape), -1, -2) * root
         moves[..., row.primal, :] = spread
         return moves
+
+    def clamp(self, row: Row, held: np.ndarray) -> Clamp:
+        """Solve with S among the other neurons: banded, for any number of held ones."""
+        rates = row.rates.copy()
+        rates[row.places] = np.where(held, 0.0, row.state_rates)
+        band = self.banded(replace(row, rates=rates))  # the identity in the place of held neurons
+        factor = scipy.linalg.cholesky_banded(band, lower=True), True
+        component = row.component[row.primal].T.ravel()
+        there = component >= 0
+        root, S = np.sqrt(row.state_rates), self.matrix(row)
+
+        def clamped(drives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            pushed = np.where(held, 0.0, drives * root).reshape(-1, len(held)).T
+            columns = np.zeros((len(component), pushed.shape[1]), pushed.dtype)
+            columns[there] = pushed[component[there]]
+            solved = scipy.linalg.cho_solve_banded(factor, columns, check_finite=False)
+            pushed[component[there]] = solved[there]
+            currents = ((S @ pushed).T / root).reshape(drives.shape) - drives
+            return pushed.T.reshape(drives.shape) * root, np.where(held, currents, 0.0)
+
+        return clamped
 
     def matrix(self, row: Row) -> sparse.csr_array:
         """S (n, n) over the components of a state vector; one at the diagonal of other neurons."""

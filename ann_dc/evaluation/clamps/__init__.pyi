@@ -1,0 +1,1 @@
+from .projection import projected as projected

@@ -1,0 +1,282 @@
+"""The rule of rails, for all evaluators: moves are the projection of M d on what the rails allow.
+
+The right values come from an outside solver of bounded least squares, from states at which today's
+rule and the projection agree, and along runs from the NumPy evaluator. An evaluator joins the suite
+by a line in `EVALUATORS`.
+"""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.optimize
+from designs import small, wired_with
+from hypothesis import given, settings, strategies as st
+from random_metrics import random_metric, rows
+
+from ann_dc.analysis import equilibrium
+from ann_dc.evaluation import ReferenceEvaluator, evaluator
+from ann_dc.evaluation.clamps import projected
+from ann_dc.network import Limiter, Network
+from ann_dc.network.metrics import Kind, Metric, Row
+
+EVALUATORS = (ReferenceEvaluator,)
+COUPLED = (Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE)
+every_evaluator = pytest.mark.parametrize("kind", EVALUATORS, ids=lambda kind: kind.__name__)
+every_coupled = pytest.mark.parametrize("metric", COUPLED, ids=lambda kind: kind.name.lower())
+
+
+def railed(network: Network, size: float, *populations: str) -> Network:
+    """The network with rails at -size and size for some populations; all where none is named."""
+    rails = Limiter(low=-size, high=size)
+    chosen = lambda n: not populations or n.population in populations  # noqa: E731
+    neurons = tuple(replace(n, limiter=rails) if chosen(n) else n for n in network.cell.neurons)
+    return replace(network, cell=replace(network.cell, neurons=neurons))
+
+
+def unrailed(network: Network) -> Network:
+    """The network without rails: its drives are never cut."""
+    return railed(network, np.inf)
+
+
+def rails_of(network: Network) -> tuple[np.ndarray, np.ndarray]:
+    """Low and high (n,) of the state vector."""
+    limits = np.array([(n.limiter.low, n.limiter.high) for n in network.cell.neurons])
+    return tuple(limits[network.places[:, 0]].T)
+
+
+def at_rails(network: Network, seed: int) -> np.ndarray:
+    """A random state, about half of whose neurons stand at their rails."""
+    low, high = rails_of(network)
+    size = np.where(np.isfinite(high), high, 0.3)
+    return np.random.default_rng(seed).uniform(-2 * size, 2 * size).clip(low, high)
+
+
+def inverse_of(metric: Metric, row: Row) -> np.ndarray:
+    """M^{-1} (n, n)."""
+    return np.linalg.inv(metric.moves(row, np.eye(len(row.state_rates))))
+
+
+def least_squares_moves(inverse, drive, x, low, high) -> np.ndarray:
+    """argmin 1/2 v' M^{-1} v - d'v within the rails, by another solver: |R v - R'^{-1} d|^2."""
+    R = scipy.linalg.cholesky(0.5 * (inverse + inverse.T))
+    least, most = np.where(x <= low, 0.0, -np.inf), np.where(x >= high, 0.0, np.inf)
+    free = least < most
+    target = scipy.linalg.solve_triangular(R, drive, trans=1)
+    moves = np.zeros(len(x))
+    bounds = least[free], most[free]
+    found = scipy.optimize.lsq_linear(R[:, free], target, bounds, method="bvls", tol=1e-15)
+    moves[free] = found.x
+    return moves
+
+
+def assert_close(actual, expected, relative=1e-12) -> None:
+    scale = np.abs(expected).max(initial=0.0)
+    np.testing.assert_allclose(actual, expected, rtol=relative, atol=relative * scale)
+
+
+# ---- the projection ------------------------------------------------------------------------------
+
+
+@every_coupled
+@settings(max_examples=40, deadline=None)
+@given(row=rows(), seed=st.integers(0, 2**32 - 1))
+def test_projection_at_random_rails_is_bounded_least_squares(metric, row, seed):
+    rng, n = np.random.default_rng(seed), len(row.state_rates)
+    if not n or not (row.rates[row.primal] > 0).any():
+        return
+    found = random_metric(metric, row, rng)
+    coupled = np.isin(row.places[0], np.flatnonzero(found.reach(row)))
+    low, high = np.where(rng.random((2, n)) < 0.7, [[-1.0], [1.0]], [[-np.inf], [np.inf]])
+    x, drive = rng.choice([-1.0, 0.3, 1.0], n), rng.standard_normal(n)
+    low[~coupled], high[~coupled] = -np.inf, np.inf
+    moves = projected(lambda held: found.clamp(row, held), drive, x, low, high, coupled)
+    expected = least_squares_moves(inverse_of(found, row), drive, x, low, high)
+    assert_close(moves, expected, 1e-9)
+
+
+@every_coupled
+def test_clamp_of_no_neuron_is_the_metric(metric):
+    network = wired_with("car", metric)
+    drive = np.random.default_rng(1).standard_normal(network.size)
+    clamp = network.metric.clamp(network.row, np.zeros(network.size, bool))
+    moves, currents = clamp(drive)
+    assert_close(moves, network.metric.moves(network.row, drive))
+    assert not currents.any()
+
+
+# ---- every evaluator -----------------------------------------------------------------------------
+
+
+@every_evaluator
+@every_coupled
+@pytest.mark.parametrize("populations", [(), ("u",), ("q", "u")], ids=str)
+@pytest.mark.parametrize("name", ["car", "double_integrator", "van_der_pol"])
+def test_moves_at_rails_are_bounded_least_squares(name, populations, metric, kind):
+    network = railed(wired_with(name, metric), 0.5, *populations)
+    ours, low_high = kind(network), rails_of(network)
+    inverse = inverse_of(network.metric, network.row)
+    for seed in range(5):
+        x = at_rails(network, seed)
+        drive = network.pack(evaluator(unrailed(network)).drives(x))
+        expected = least_squares_moves(inverse, drive, x, *low_high)
+        assert_close(ours.rhs(x), expected, 1e-9)
+
+
+@every_evaluator
+@pytest.mark.parametrize("metric", Kind, ids=lambda kind: kind.name.lower())
+def test_no_move_points_outward_at_a_rail(metric, kind):
+    network = railed(wired_with("car", metric), 0.5)
+    low, high = rails_of(network)
+    for seed in range(20):
+        x = at_rails(network, seed)
+        moves = kind(network).rhs(x)
+        assert not moves[(x <= low)].min(initial=0.0) < 0.0
+        assert not moves[(x >= high)].max(initial=0.0) > 0.0
+
+
+@every_evaluator
+@pytest.mark.parametrize("name", ["car", "double_integrator", "van_der_pol"])
+def test_moves_of_time_constants_are_those_of_cut_drives_bit_for_bit(name, kind):
+    network = railed(wired_with(name, Kind.TIME_CONSTANTS), 0.5)
+    ours = kind(network)
+    for seed in range(5):
+        x = at_rails(network, seed)
+        expected = network.row.state_rates * network.pack(ours.drives(x))
+        assert (expected == 0).any()
+        np.testing.assert_array_equal(ours.rhs(x), expected)
+
+
+@every_evaluator
+@every_coupled
+def test_neurons_that_no_metric_couples_keep_their_rule_bit_for_bit(metric, kind):
+    network = railed(wired_with("car", metric), 0.5)
+    alone = ~network.metric.reach(network.row)[network.places[:, 0]]
+    ours = kind(network)
+    for seed in range(5):
+        x = at_rails(network, seed)
+        expected = network.row.state_rates * network.pack(ours.drives(x))
+        np.testing.assert_array_equal(ours.rhs(x)[alone], expected[alone])
+
+
+@every_evaluator
+@every_coupled
+def test_a_neighbour_pulls_a_neuron_off_its_rail_against_its_drive(metric, kind):
+    """And holds another one there that its own drive would take off."""
+    network = railed(wired_with("car", metric), 0.5)
+    low, high = rails_of(network)
+    ours, drives, off, held = kind(network), evaluator(unrailed(network)), 0, 0
+    for seed in range(20):
+        x = at_rails(network, seed)
+        drive, moves = network.pack(drives.drives(x)), ours.rhs(x)
+        inward = np.where(x <= low, 1.0, np.where(x >= high, -1.0, 0.0))
+        off += int(((inward * drive < 0) & (moves != 0)).sum())
+        held += int(((inward * drive > 0) & (moves == 0)).sum())
+    assert off
+    assert held
+
+
+@cache
+def resting_at_rails(name: str, population: str) -> tuple[float, np.ndarray]:
+    """Rails a little below where a population settles, and where the network rests then."""
+    plain = small(name)
+    free = equilibrium(plain, plain.start_state)
+    own = [n.population == population for n in plain.cell.neurons]
+    size = 0.95 * float(np.abs(free[np.array(own)[plain.places[:, 0]]]).max())
+    return size, equilibrium(railed(plain, size, population), free)
+
+
+@every_evaluator
+@every_coupled
+@pytest.mark.parametrize("population", ["q", "u"])
+@pytest.mark.parametrize("name", ["lq_unst", "pendulum", "unicycle"])
+def test_equilibria_at_rails_are_those_of_time_constants(name, population, metric, kind):
+    size, x = resting_at_rails(name, population)
+    network = railed(wired_with(name, metric), size, population)
+    ours = kind(network)
+    resting = ours.resting(x, ours.drives(x))
+    assert resting.any()
+    assert np.abs(ours.rhs(x)).max() < 1e-9
+    assert not ours.rhs(x)[resting].any()
+    assert max(ours.residuals(x)) < 1e-9
+
+
+@every_evaluator
+@every_coupled
+def test_drives_are_cut_by_their_own_signs(metric, kind):
+    network = railed(wired_with("car", metric), 0.5)
+    low, high = rails_of(network)
+    x = at_rails(network, 3)
+    raw = network.pack(evaluator(unrailed(network)).drives(x))
+    cut = ((x <= low) & (raw < 0)) | ((x >= high) & (raw > 0))
+    assert cut.any()
+    ours = kind(network)
+    ours.rhs(x)
+    assert_close(network.pack(ours.drives(x)), np.where(cut, 0.0, raw))
+
+
+@every_evaluator
+@every_coupled
+@pytest.mark.parametrize("population", ["q", "u"])
+def test_derivatives_of_the_flow_hold_neurons_that_rest(population, metric, kind):
+    size, x = resting_at_rails("pendulum", population)
+    network = railed(wired_with("pendulum", metric), size, population)
+    reference = evaluator(network)
+    resting = reference.resting(x, reference.drives(x))
+    assert resting.any()
+    stepped = reference.rhs(x + 1e-30j * np.eye(len(x))).imag.T / 1e-30
+    assert_close(reference.jacobian(x), stepped, 1e-10)
+    ours, push = kind(network), np.random.default_rng(3).standard_normal(len(x))
+    expected = network.metric.clamp(network.row, resting)(push)[0]
+    assert_close(ours.clamped(resting)(push)[~resting], expected[~resting])
+    v = np.random.default_rng(0).standard_normal(len(x))
+    for _ in range(20):
+        v = stepped @ (v / np.linalg.norm(v))
+    assert ours.fastest_rate(x) == pytest.approx(np.linalg.norm(v), rel=1e-9)
+
+
+# ---- runs ----------------------------------------------------------------------------------------
+
+
+@cache
+def run_with_changes(metric: Kind) -> tuple[Network, np.ndarray, int]:
+    """Euler steps of the NumPy evaluator, pushed now and then; how often its held set changes."""
+    network = railed(wired_with("car", metric), 0.35, "u", "q")
+    low, high = rails_of(network)
+    own, rng = evaluator(network), np.random.default_rng(4)
+    x, states, changes, before = network.start_state.clip(low, high), [], 0, None
+    step = 0.2 / own.fastest_rate(x)
+    for number in range(600):
+        if number % 30 == 0:  # somebody pushes it
+            x = (x + 0.5 * rng.standard_normal(len(x))).clip(low, high)
+        states.append(x)
+        moves = own.rhs(x)
+        held = ((x <= low) | (x >= high)) & (moves == 0)
+        changes += before is not None and not np.array_equal(held, before)
+        before = held
+        x = (x + step * moves).clip(low, high)
+    return network, np.array(states), changes
+
+
+@every_evaluator
+@every_coupled
+def test_evaluators_agree_along_a_run_whose_held_set_changes_a_hundred_times(metric, kind):
+    network, states, changes = run_with_changes(metric)
+    assert changes >= 100
+    ours, reference = kind(network), evaluator(network)
+    for x in states:
+        assert_close(ours.rhs(x), reference.rhs(x))
+
+
+@every_evaluator
+@every_coupled
+def test_moves_do_not_depend_on_the_calls_before(metric, kind):
+    network, states, _ = run_with_changes(metric)
+    ours = kind(network)
+    forth = [ours.rhs(x) for x in states[::20]]
+    back = [ours.rhs(x) for x in states[::-20][: len(forth)]]
+    fresh = [kind(network).rhs(x) for x in states[::20]]
+    assert_close(forth, fresh, 1e-13)
+    assert_close(back, [ours.rhs(x) for x in states[::-20][: len(forth)]], 1e-13)
