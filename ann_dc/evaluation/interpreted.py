@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import final
 
 import numpy as np
 
 from ann_dc.evaluation import loops
+from ann_dc.evaluation.clamps.pivots import clamped_moves
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import Bounds, DomainGuard
 from ann_dc.evaluation.reference import evaluator
@@ -109,6 +111,10 @@ class InterpretedEvaluator(Evaluator):
         out = np.empty(len(drive))
         loops.apply_metric(self.tape, self.work, drive, out)
         return out
+
+    def clamped(self, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """`move` while some neurons are held."""
+        return clamped_moves(self.tape, held) or self.move
 
     def recur(
         self, x: np.ndarray, step: float, bounds: Bounds, *, count: int, tolerance: float

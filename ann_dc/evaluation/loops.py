@@ -13,6 +13,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.evaluation import rules
+from ann_dc.evaluation.clamps.pivots import (
+    UNKNOWN,
+    Couplings,
+    Hold,
+    clamp,
+    factor_of,
+    is_railed,
+    stands_at_rail,
+)
 from ann_dc.evaluation.formulas import (
     check_written,
     compiled,
@@ -52,6 +61,12 @@ class Workspace(NamedTuple):
     """(P, N): what the metric makes of it."""
     nodes: np.ndarray
     """(grid points, chains) of a pyramid, or (S, 1) of the neurons that a stiffness couples."""
+    arriving: np.ndarray
+    """(P, N): drives of neurons with rails, before they are cut."""
+    held: np.ndarray
+    """(P, N): which neurons the last call held at rails, see `clamps.pivots`."""
+    clamped: np.ndarray
+    """Factor of the metric among the others."""
 
 
 def workspace(tape: Tape) -> Workspace:
@@ -64,6 +79,9 @@ def workspace(tape: Tape) -> Workspace:
         drives=np.zeros(tape.rates.shape),
         moves=np.zeros(tape.rates.shape),
         nodes=np.zeros((coupled, 1) if coupled else (points, chains)),
+        arriving=np.zeros(tape.rates.shape),
+        held=np.full(tape.rates.shape, UNKNOWN),
+        clamped=factor_of(tape),
     )
 
 
@@ -151,37 +169,51 @@ def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array 
         low, high = tape.limits[p, 0], tape.limits[p, 1]
         for k in range(stages):
             drives[p, k] = drives[p, k] if tape.rates[p, k] != 0.0 else 0.0
-        if _is_railed(low, high):
+        if is_railed(tape.limits, p):
             for k in range(stages):
+                work.arriving[p, k] = drives[p, k]
                 if _pushes_out(values[p, k + 1], drives[p, k], low, high):
                     drives[p, k] = 0.0
 
 
-@inlined
-def _is_railed(low, high):
-    return low > -np.inf or high < np.inf
+@inner
+def _clamp(tape, work):
+    """Moves of the neurons that the metric couples, where some of them stand at rails."""
+    is_cut = np.zeros(tape.limits.shape[0], np.bool_)
+    for p in tape.reached:
+        is_cut[p] = is_railed(tape.limits, p)
+    for p in range(tape.limits.shape[0]):
+        if not is_cut[p]:
+            _copy(work.drives[p], 0, work.arriving[p])
+    couplings = Couplings(
+        tape.rates, tape.limits, tape.reached, tape.chains, tape.grids, tape.grid_starts,
+        tape.hats, tape.shares, tape.coupled, tape.stiff,
+    )  # fmt: skip
+    values, moves, nodes = work.values, work.moves, work.nodes
+    clamp(couplings, Hold(values, work.arriving, moves, nodes, work.held, work.clamped))
+
+
+@inner
+def flow(tape, work):
+    """Moves (neurons, N) that lead past no rail, after `evaluate`."""
+    move(tape, work)
+    if stands_at_rail(tape, work.values):
+        _clamp(tape, work)
 
 
 @inner
 def rhs(tape, work, x, out):
     """dx/ds into ``out`` (n,)."""
     evaluate(tape, work, x)
-    move(tape, work)
-    moves, railed = work.moves, False
-    for p in range(tape.limits.shape[0]):
-        railed |= _is_railed(tape.limits[p, 0], tape.limits[p, 1])
+    flow(tape, work)
     for i in range(x.shape[0]):
-        out[i] = moves[index(tape.places[i, 0]), index(tape.places[i, 1])]
-    for i in range(x.shape[0] if railed else 0):
-        low, high = tape.limits[tape.places[i, 0], 0], tape.limits[tape.places[i, 0], 1]
-        if _pushes_out(x[i], out[i], low, high):
-            out[i] = 0.0
+        out[i] = work.moves[index(tape.places[i, 0]), index(tape.places[i, 1])]
 
 
 @compiled
-def rhs_of_arrays(tape, x, values, drives, moves, nodes, out):
+def rhs_of_arrays(tape, x, values, drives, moves, nodes, arriving, held, clamped, out):
     """`rhs` for calls from Python, where loose arrays cost 0.5 of 5 us less than a record."""
-    rhs(tape, Workspace(values, drives, moves, nodes), x, out)
+    rhs(tape, Workspace(values, drives, moves, nodes, arriving, held, clamped), x, out)
 
 
 @compiled
@@ -284,7 +316,7 @@ def recur(tape, work, x, step, bounds, count, tolerance):
             return done, last, SETTLED
         if not last < OVERFLOW or first_outside(tape, work, bounds.guard)[0] >= 0:
             return done, last, LOST
-        move(tape, work)
+        flow(tape, work)
         reach = step
         for i in range(x.shape[0]):
             speed = abs(moves[tape.places[i, 0], tape.places[i, 1]])

@@ -32,13 +32,15 @@ def metric_arrays(metric: Metric, row: Row) -> dict[str, np.ndarray]:
     NetworkError
         If the metric does not fit the row.
     """
+    reached = {"reached": np.flatnonzero(metric.reach(row))}
     if isinstance(metric, Stiffness):
-        return _EMPTY | _stiffness(metric, row)
+        return _EMPTY | reached | _stiffness(metric, row)
     metric.check(row)
-    return _EMPTY | _pyramid(metric, row) if isinstance(metric, Pyramid) else _EMPTY
+    return _EMPTY | reached | (_pyramid(metric, row) if isinstance(metric, Pyramid) else {})
 
 
 _EMPTY = {
+    "stiff": np.zeros((0, 0)),
     "chains": np.zeros((0, 2), np.int64),
     "grids": np.zeros((0, 0, 0)),
     "grid_starts": np.zeros(1, np.int64),
@@ -81,7 +83,22 @@ def _stiffness(stiffness: Stiffness, row: Row) -> dict[str, np.ndarray]:
         "coupled": np.vstack([coupled, [-1, -1, len(column)]]).astype(np.int64),
         "factor": factor,
         "factor_columns": np.searchsorted(live, column).astype(np.int64),
+        "stiff": _band(stiffness, row, live),
     }
+
+
+def _band(stiffness: Stiffness, row: Row, live: np.ndarray) -> np.ndarray:
+    """T^{-1/2} S T^{-1/2} over the live neurons, row by row up to the diagonal, which is last."""
+    band = stiffness.banded(row)
+    below, column = np.nonzero(band)
+    used = np.isin(column, live)
+    below, column = below[used], column[used]
+    i, j = (np.searchsorted(live, place) for place in (column + below, column))
+    root = np.sqrt(row.state_rates[row.component[row.primal].T.ravel()[live]])
+    width = int((i - j).max(initial=0)) + 1
+    rows = np.zeros((len(live), width))
+    rows[i, j - i + width - 1] = band[below, column] / (root[i] * root[j])
+    return rows
 
 
 def _places(row: Row) -> np.ndarray:
@@ -149,7 +166,7 @@ def _respond(tape, grid):
 
 
 @inner
-def _coordinate(tape, work):
+def coordinate(tape, work):
     """Add the pyramid's part to the moves."""
     drives, moves, grid = work.drives, work.moves, work.nodes
     _restrict(tape, drives, grid)
@@ -187,6 +204,6 @@ def move(tape, work):
         for k in range(drives.shape[1]):
             moves[p, k] = drives[p, k] * tape.rates[p, k]
     if tape.chains.shape[0] > 0:
-        _coordinate(tape, work)
+        coordinate(tape, work)
     if tape.coupled.shape[0] > 1:
         _relax(tape.coupled, tape.factor, tape.factor_columns, drives, moves, work.nodes)

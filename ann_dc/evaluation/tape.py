@@ -99,6 +99,10 @@ class Tape(NamedTuple):
     one over its diagonal."""
     factor_columns: np.ndarray
     """(entries,): column of each."""
+    stiff: np.ndarray
+    """(S, w): M^{-1} over them in bands, row by row: w - 1 entries before the diagonal and it."""
+    reached: np.ndarray
+    """(R,): rows of the neurons that the metric couples to others."""
 
 
 def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
