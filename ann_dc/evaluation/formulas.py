@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numba as nb
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.kept_code.functions import kept
+from ann_dc.kept_code.functions import callback, kept
 from ann_dc.network.functions import CODE, FUNCTIONS
 
 _SIN = CODE["sin"]
@@ -58,22 +59,33 @@ def _folder() -> Path:
     return Path(outer) / f"compiled-{sources.hexdigest()[:16]}"
 
 
-def _njit(**options: bool) -> Any:
+_MATH: Any = {"contract", "nsz"}  # no flag that reorders sums
+
+
+@contextmanager
+def _kept_here() -> Iterator[None]:
     numba: Any = nb
-    compile_ = kept(
-        fastmath={"contract", "nsz"},  # no flag that reorders sums
-        no_cfunc_wrapper=True,
-        **options,
-    )
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(FOLDER)
+    try:
+        yield
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+def _njit(**options: bool) -> Any:
+    compile_ = kept(fastmath=_MATH, no_cfunc_wrapper=True, **options)
 
     def decorated(function: Callable) -> Any:
-        before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(FOLDER)
-        try:
+        with _kept_here():
             return compile_(function)
-        finally:
-            numba.config.CACHE_DIR = before
 
     return decorated
+
+
+def called_by_address(function: Callable, signature: Any) -> Any:
+    """Compile a function that generated code calls; see `kept_code.functions.callback`."""
+    with _kept_here():
+        return callback(function, signature, fastmath=_MATH)
 
 
 FOLDER = _folder()

@@ -7,10 +7,11 @@ what may have to be compiled: 0.15 s. Its compiler does so by itself when someth
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numba as nb
 from numba.core.caching import FunctionCache
+from numba.core.ccallback import CFunc
 from numba.core.runtime.nrt import rtsys
 
 
@@ -42,3 +43,26 @@ def kept(**options: Any) -> Callable[[Callable], Any]:
         return dispatcher
 
     return decorated
+
+
+def callback(function: Callable, signature: Any, **options: Any) -> Any:
+    """Compile a function that other code calls by its address, once per machine.
+
+    Parameters
+    ----------
+    function : callable
+    signature : Signature
+        Numba's, of numbers and pointers.
+    **options
+        Of `numba.njit`.
+
+    Returns
+    -------
+    CFunc
+        It has to live as long as its ``address`` is called.
+    """
+    arguments = signature.args, signature.return_type
+    made = CFunc(function, arguments, {}, {"error_model": "numpy", "nopython": True, **options})
+    cast(Any, made)._cache = _Cache(function)
+    made.compile()
+    return made

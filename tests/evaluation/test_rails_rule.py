@@ -19,10 +19,11 @@ from random_metrics import random_metric, rows
 from ann_dc.analysis import equilibrium
 from ann_dc.evaluation import InterpretedEvaluator, ReferenceEvaluator, evaluator
 from ann_dc.evaluation.clamps import projected
+from ann_dc.evaluation.generated import GeneratedEvaluator
 from ann_dc.network import Limiter, Network
 from ann_dc.network.metrics import Kind, Metric, Row
 
-EVALUATORS = (ReferenceEvaluator, InterpretedEvaluator)
+EVALUATORS = (ReferenceEvaluator, InterpretedEvaluator, GeneratedEvaluator)
 COUPLED = (Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE)
 every_evaluator = pytest.mark.parametrize("kind", EVALUATORS, ids=lambda kind: kind.__name__)
 every_coupled = pytest.mark.parametrize("metric", COUPLED, ids=lambda kind: kind.name.lower())

@@ -8,8 +8,6 @@ case, a chunk further on in the other; that is all the difference.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from ann_dc.evaluation.generated.metric_code import add_metric
 from ann_dc.evaluation.generated.metric_tables import (
     FIELDS as METRIC_FIELDS,
@@ -34,11 +32,16 @@ FIELDS = (
     "sides",
     "alive",
     "limits",
+    "walls",
+    "clamp",
+    "clamps",
     *METRIC_FIELDS,
 )
 """What the code reads and fills, in the order of the table of addresses: see `Lanes`."""
 INTEGERS = ("first", "chunks", "last", *METRIC_INTEGERS)
 """Those that are numbers themselves."""
+GIVEN = (*INTEGERS, "clamp")
+"""Those that are no addresses of tables: numbers, and what is called."""
 GHOSTED = ("x", "inputs", "work", "slots")
 """Those with a ghost chunk at either end."""
 NAMES = "rhs", "cell", "metric", "rails", "residuals", "keep"
@@ -52,7 +55,8 @@ def cell_code(plan: Plan) -> str:
     its domain (for a single network 0 or 1); ``residuals(table, x, out)`` then the two residuals
     and the largest state. Its parts are there too: ``i64 cell(table, x, out)`` with the moves that
     every drive makes by itself, of the chunks that the table names; ``metric(table, out)``, which
-    adds to them; ``rails(table, x, out)``, at which they stop. ``keep(table, x, x)`` brings states
+    adds to them; ``rails(table, x, out)``, which projects them on what rails allow. The drives of
+    neurons that a metric couples are cut there, not in ``cell``. ``keep(table, x, x)`` brings states
     back to the rails that a step went past.
 
     Parameters
@@ -80,6 +84,7 @@ def _whole(plan: Plan, module: Module) -> None:
     outside = f.value("call i64 @cell(ptr %table, ptr %x, ptr %out)")
     if plan.has_metric:
         f.do("call i64 @metric(ptr %table, ptr %out)")
+    if plan.clamped:
         f.do("call i64 @rails(ptr %table, ptr %x, ptr %out)")
     f.done(outside)
 
@@ -123,6 +128,7 @@ class CellWriter:
             "weights": len(plan.weighted),
             "sides": len(plan.guarded),
             "alive": 1,
+            "walls": 2 * len(plan.clamped),
         }
         self.at: dict[str, str] = {}
         self.known: dict[tuple[int, int], str] = {}
@@ -146,20 +152,34 @@ class CellWriter:
             f.done(f.bits(found))
 
     def write_rails(self) -> None:
-        """No move past a rail."""
-        move = lambda row: self.f.load(self.row("out", row))  # noqa: E731
-        self._write_of_railed("out", lambda row: self._at_rails(row, move(row)))
+        """Moves past no rail: another function is called where a coupled neuron stands at one."""
+        f, clamped = self.f, self.plan.clamped
+        if clamped:
+            found = f.slot()
+            with f.loop(self.base["chunks"]) as chunk:
+                self.begin(chunk)
+                for number, row in enumerate(clamped):
+                    low, high = (self.number("walls", 2 * number + side) for side in (0, 1))
+                    state, seen = self.value(row), f.load(found)
+                    low, high = f.compare("ole", state, low), f.compare("oge", state, high)
+                    at_rail = f.logical("or", low, high)
+                    f.store(f.select(at_rail, f.constant(1.0), seen), found)
+            is_any = f.any_of(f.compare("une", f.load(found), f.constant(0.0)))
+            f.either(is_any, self._clamp, [])
+        f.done()
+
+    def _clamp(self) -> list[str]:
+        clamp, clamps = self.base["clamp"], self.base["clamps"]
+        self.f.do(f"call i64 {clamp}(ptr {clamps}, ptr %x, ptr %out)")
+        return []
 
     def write_keep(self) -> None:
         """No live neuron beyond a rail."""
-        self._write_of_railed("x", self._kept)
-
-    def _write_of_railed(self, name: str, value: Callable[[int], str]) -> None:
         if self.plan.railed:
             with self.f.loop(self.base["chunks"]) as chunk:
                 self.begin(chunk)
                 for row in self.plan.railed:
-                    self.f.store(value(row), self.row(name, row))
+                    self.f.store(self._kept(row), self.row("x", row))
         self.f.done()
 
     def _kept(self, row: int) -> str:
@@ -183,7 +203,7 @@ class CellWriter:
             self.at[name] = f.address(self.base[name], f.integer("mul", place, size))
 
     def _width(self, name: str) -> int:
-        return self.f.width if self.is_wide or name not in ("weights", "rates") else 1
+        return self.f.width if self.is_wide or name not in ("weights", "rates", "walls") else 1
 
     def row(self, name: str, row: int, chunks_on: int = 0) -> str:
         """The address of a row at this chunk, or at one further on."""
@@ -191,7 +211,7 @@ class CellWriter:
         return self.f.address(self.at[name], rows * self._width(name))
 
     def number(self, name: str, row: int) -> str:
-        """A weight or a rate."""
+        """A weight, a rate or a rail."""
         f = self.f
         if self.is_wide:
             return f.load(self.row(name, row))
@@ -299,13 +319,14 @@ class CellWriter:
             self.buses.add(row, self.where_alive(drive) if self.is_row else drive)
             drive = f.constant(0.0)
         drive = f.select(f.compare("oeq", rate, f.constant(0.0)), f.constant(0.0), drive)
-        if row in self.plan.railed:
-            drive = self._at_rails(row, drive)
+        drive = self._at_rails(row, drive)
         f.store(drive, self.row("drives", row))
         f.store(f.op("fmul", rate, drive), self.row("out", row))
 
     def _at_rails(self, row: int, move: str) -> str:
-        """Zero where a move would take the neuron past the rail at which it stands."""
+        """Zero where a drive would take a neuron past its rail, if no metric couples it."""
+        if row not in self.plan.railed or row in self.plan.clamped:
+            return move
         f, state, zero = self.f, self.value(row), self.f.constant(0.0)
         down = f.logical(
             "and", f.compare("ole", state, self._limit(row, 0)), f.compare("olt", move, zero)

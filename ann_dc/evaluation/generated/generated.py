@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.clamps.pivots import clamped_moves
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import Bounds, DomainGuard
 from ann_dc.evaluation.generated.iterations import grown, recur
@@ -191,8 +192,14 @@ class GeneratedEvaluator(Evaluator):
 
     # ---- what generated code can do besides --------------------------------------------------
 
+    def clamped(self, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """`move` while some neurons are held."""
+        return clamped_moves(self.tape, held) or self.move
+
     def fastest_rate(self, x: np.ndarray, iterations: int = 20) -> float:
         """Estimate of the spectral radius of d rhs / dx; see `Evaluator.fastest_rate`."""
+        if np.isin(self.tape.places[~self.free(x), 0], self.tape.reached).any():
+            return super().fastest_rate(x, iterations)
         lanes, values = self.lanes, self.jacobian_entries(x)
         metric = lanes.entry.metric if lanes.plan.has_metric else 0
         return grown(

@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ann_dc.evaluation.clamps.lane_clamps import LaneClamps, clamp_code
 from ann_dc.evaluation.domains import DomainGuard
-from ann_dc.evaluation.generated.cell_code import FIELDS, INTEGERS, NAMES, cell_code
+from ann_dc.evaluation.generated.cell_code import FIELDS, GIVEN, NAMES, cell_code
 from ann_dc.evaluation.generated.jacobian_code import (
     FIELDS as JACOBIAN_FIELDS,
     NAMES as JACOBIAN_NAMES,
@@ -104,6 +105,7 @@ class Lanes:
         """Numbers of such a table; a stiffness has room for a cell more."""
         self.tables = self._tables()
         self.moves = np.zeros(self.spare)
+        self._clamps: LaneClamps | None = None
 
     def renumber(self, tape: Tape) -> bool:
         """Take over the numbers of another tape of the same network.
@@ -129,13 +131,15 @@ class Lanes:
         if is_moved and "entry" in self.__dict__:
             for name, table in self._metric().items():
                 self.tables[name][...] = table
+            if self._clamps is not None:
+                self._clamps.renumber(tape)
         return True
 
     @cached_property
     def entry(self) -> Entry:
         """Addresses for an integrator; compiles the code where it is not there."""
         found = self._code
-        self.tables |= self._metric()
+        self.tables |= self._metric() | self._clamp_tables()
         return Entry(
             rhs=found["rhs"],
             residuals=found["residuals"],
@@ -174,7 +178,7 @@ class Lanes:
         tables = [self.tables.get(name, _NOTHING) for name in fields]
         return np.array(
             [
-                int(table.item()) if name in INTEGERS else table.ctypes.data
+                int(table.item()) if name in GIVEN else table.ctypes.data
                 for name, table in zip(fields, tables)
             ],
             np.int64,
@@ -205,6 +209,7 @@ class Lanes:
             "sides": self._inner(np.zeros((len(plan.guarded), self.stages))),
             "alive": self._inner(np.ones((1, self.stages))),
             "limits": tape.limits,
+            "walls": self._walls(),
         }
         if plan.has_roots:
             tables |= {"roots": np.ones(self.spare), "pushed": np.zeros(self.spare)}
@@ -224,6 +229,29 @@ class Lanes:
         for name in metric.keys() & {"places", "gap_places"}:
             metric[name] = self._addresses(metric[name])
         return {name: lined_up(table) for name, table in metric.items()}
+
+    def _clamp_tables(self) -> dict[str, np.ndarray]:
+        """What is called where neurons that a metric couples stand at rails."""
+        if not self.plan.clamped:
+            return {}
+        tape, at = self.tape, np.full(self.tape.rates.shape, -1)
+        at[tuple(tape.places.T)] = self.components
+        given = {name: self.tables[name].ravel() for name in ("drives", "roots") if name in self.tables}
+        if self.plan.axis is Axis.VARIANTS:
+            given["rates_of_lanes"] = self.tables["rates"].ravel()
+        lanes, ghost = self.lanes, self.neurons * self.lanes
+        samples = 1 if self.plan.axis is Axis.STAGES else lanes
+        self._clamps = LaneClamps(tape, at, ghost, samples, given)
+        return {"clamps": self._clamps.table, "clamp": np.array(clamp_code().address)}
+
+    def _walls(self) -> np.ndarray:
+        """Rails of the neurons that a metric couples; none where there is no neuron."""
+        tape, rows = self.tape, list(self.plan.clamped)
+        limits = np.where(tape.rates[rows, :, None] > 0, tape.limits[rows, None], [-np.inf, np.inf])
+        walls = limits.transpose(0, 2, 1).reshape(-1, self.stages)
+        there = self._numbers(np.ones(walls.shape))
+        none = np.resize([-np.inf, np.inf], len(walls))[:, None]
+        return np.where(there > 0, self._numbers(walls), none)
 
     def _addresses(self, places: np.ndarray) -> np.ndarray:
         """Where (..., 2) neurons at stages lie in a table without ghosts; -1 in the reserve."""

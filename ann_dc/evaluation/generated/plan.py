@@ -149,6 +149,11 @@ class Plan:
         """Neurons that have a rail."""
         return tuple(np.flatnonzero(np.isfinite(self.tape.limits).any(axis=1)).tolist())
 
+    @property
+    def clamped(self) -> tuple[int, ...]:
+        """Neurons among them that the metric couples to others."""
+        return tuple(row for row in self.railed if row in self.tape.reached)
+
     @cached_property
     def early(self) -> frozenset[int]:
         """Nodes that are said in a phase before whoever reads them.
@@ -289,6 +294,7 @@ class Plan:
             self.axis.lanes,
             self.one,
             self.railed,
+            self.clamped,
             self.shared,
             *(array.tolist() for array in arrays),
         )

@@ -1,0 +1,232 @@
+"""Clamps of networks that lie in tables of generated code: a state, or a sample in every lane.
+
+The code calls `clamp_code` where a coupled neuron stands at a rail. What it hands over is a
+table of integers: sizes and addresses. Every lane keeps a set of its own.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numba as nb
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+from ann_dc.evaluation import rules
+from ann_dc.evaluation.clamps.pivots import UNKNOWN, Couplings, Hold, clamp, is_railed
+from ann_dc.evaluation.formulas import called_by_address, inner
+from ann_dc.evaluation.tape import Tape
+
+_pushes_out = inner(rules.pushes_out)
+
+ARRAYS = (
+    "drives",
+    "rates_of_lanes",
+    "roots",
+    "at",
+    "values",
+    "arriving",
+    "moves",
+    "nodes",
+    "held",
+    "factor",
+    *Couplings._fields,
+)
+"""Arrays of a clamp, in the order of the table: the address and three sizes of each."""
+_INTEGERS = ("at", "reached", "chains", "grid_starts", "hats", "coupled")
+
+
+class LaneClamps:
+    """Arrays of the clamps of all lanes, and the table that generated code hands over.
+
+    Parameters
+    ----------
+    tape : Tape
+    at : (P, N) array of int
+        Where neurons lie in a table without ghosts, in the first lane; -1 where there is none.
+    ghost : int
+        Numbers of a ghost chunk of a state.
+    lanes : int
+        States: 1, or the samples of a group.
+    given : dict of str to array
+        ``drives``, as generated code fills them in; ``rates_of_lanes`` and ``roots``, where every
+        sample has its own.
+
+    Attributes
+    ----------
+    table : array of int
+    """
+
+    def __init__(
+        self, tape: Tape, at: np.ndarray, ghost: int, lanes: int, given: dict[str, np.ndarray]
+    ) -> None:
+        hold = Hold.of(tape)
+        own = {name: getattr(tape, name).copy() for name in Couplings._fields}
+        own["rates"] = np.tile(tape.rates, (lanes if "rates_of_lanes" in given else 1, 1, 1))
+        self.arrays = own | {
+            "at": at,
+            "values": hold.values,
+            "arriving": hold.drives,
+            "moves": hold.moves,
+            "nodes": hold.nodes,
+            "held": np.tile(hold.held, (lanes, 1, 1)),
+            "factor": np.tile(hold.factor, (lanes, 1, 1)),
+            "drives": given["drives"],
+            "rates_of_lanes": given.get("rates_of_lanes", np.zeros(0)),
+            "roots": given.get("roots", np.zeros(0)),
+        }
+        head = [ghost, lanes]
+        for name in ARRAYS:
+            array = self.arrays[name]
+            sizes = (*array.shape, 1, 1, 1)[:3]
+            head += [array.ctypes.data, *sizes]
+        self.table = np.array(head, np.int64)
+
+    def renumber(self, tape: Tape) -> None:
+        """Take over the numbers of another tape of the same wiring."""
+        for name in Couplings._fields:
+            self.arrays[name][...] = getattr(tape, name)
+        self.arrays["held"][...] = UNKNOWN
+
+
+# ---- as compiled code sees the table -------------------------------------------------------------
+
+
+def _pointer(kind: Any) -> Any:
+    def typed(typingctx, address):
+        def generate(context, builder, signature, values):
+            width = ir.DoubleType() if kind is types.float64 else ir.IntType(64)
+            return builder.inttoptr(values[0], width.as_pointer())
+
+        return types.CPointer(kind)(types.int64), generate
+
+    return intrinsic(typed)
+
+
+_floats, _integers = _pointer(types.float64), _pointer(types.int64)
+_HEAD, _EACH = 2, 4
+(
+    _DRIVES, _RATES_OF_LANES, _ROOTS, _AT, _VALUES, _ARRIVING, _MOVES, _NODES, _HELD, _FACTOR,
+    _RATES, _LIMITS, _REACHED, _CHAINS, _GRIDS, _GRID_STARTS, _HATS, _SHARES, _COUPLED, _STIFF,
+) = range(len(ARRAYS))  # fmt: skip
+
+
+@inner
+def _vector(table, which):
+    at = _HEAD + _EACH * which
+    return nb.carray(_floats(table[at]), (table[at + 1],))
+
+
+@inner
+def _matrix(table, which):
+    at = _HEAD + _EACH * which
+    return nb.carray(_floats(table[at]), (table[at + 1], table[at + 2]))
+
+
+@inner
+def _cube(table, which):
+    at = _HEAD + _EACH * which
+    return nb.carray(_floats(table[at]), (table[at + 1], table[at + 2], table[at + 3]))
+
+
+@inner
+def _integer_vector(table, which):
+    at = _HEAD + _EACH * which
+    return nb.carray(_integers(table[at]), (table[at + 1],))
+
+
+@inner
+def _integer_matrix(table, which):
+    at = _HEAD + _EACH * which
+    return nb.carray(_integers(table[at]), (table[at + 1], table[at + 2]))
+
+
+@inner
+def _couplings(table, lane):
+    rates = _cube(table, _RATES)
+    return Couplings(
+        rates[min(lane, rates.shape[0] - 1)], _matrix(table, _LIMITS), _integer_vector(table, _REACHED),
+        _integer_matrix(table, _CHAINS), _cube(table, _GRIDS),
+        _integer_vector(table, _GRID_STARTS), _integer_vector(table, _HATS),
+        _vector(table, _SHARES), _integer_matrix(table, _COUPLED), _matrix(table, _STIFF),
+    )  # fmt: skip
+
+
+@inner
+def _hold(table, lane):
+    return Hold(
+        _matrix(table, _VALUES), _matrix(table, _ARRIVING), _matrix(table, _MOVES),
+        _matrix(table, _NODES), _cube(table, _HELD)[lane], _cube(table, _FACTOR)[lane],
+    )  # fmt: skip
+
+
+@inner
+def _is_at_rail(couplings, at, x, lane):
+    for p in couplings.reached:
+        if is_railed(couplings.limits, p):
+            low, high = couplings.limits[p, 0], couplings.limits[p, 1]
+            for k in range(at.shape[1]):
+                if at[p, k] >= 0 and (x[at[p, k] + lane] <= low or x[at[p, k] + lane] >= high):
+                    return True
+    return False
+
+
+@inner
+def _gather(couplings, hold, at, tables, lane):
+    """States, drives and rates of a lane; a sample that is another one has no set yet."""
+    x, drives, rates, roots = tables
+    for p in couplings.reached:
+        for k in range(at.shape[1]):
+            if at[p, k] >= 0:
+                place = at[p, k] + lane
+                root = roots[place] if roots.shape[0] > 0 else 1.0
+                hold.values[p, k + 1] = x[place]
+                hold.drives[p, k] = root * drives[place]
+                if rates.shape[0] > 0 and couplings.rates[p, k] != rates[place]:
+                    couplings.rates[p, k] = rates[place]
+                    hold.held[:] = UNKNOWN
+
+
+@inner
+def _scatter(couplings, hold, at, tables, out, lane):
+    """Moves of a lane; drives of neurons with rails are cut."""
+    x, drives, _, roots = tables
+    for p in couplings.reached:
+        low, high = couplings.limits[p, 0], couplings.limits[p, 1]
+        for k in range(at.shape[1]):
+            if at[p, k] >= 0:
+                place = at[p, k] + lane
+                root = roots[place] if roots.shape[0] > 0 else 1.0
+                out[place] = root * hold.moves[p, k]
+                if _pushes_out(x[place], drives[place], low, high):
+                    drives[place] = 0.0
+
+
+def _clamp_lanes(table, x, out):
+    head = nb.carray(_integers(table), (_HEAD + _EACH * len(ARRAYS),))
+    at, drives = _integer_matrix(head, _AT), _vector(head, _DRIVES)
+    size = drives.shape[0]
+    states = nb.carray(_floats(x + 8 * head[0]), (size,))
+    moves = nb.carray(_floats(out), (size,))
+    tables = states, drives, _vector(head, _RATES_OF_LANES), _vector(head, _ROOTS)
+    for lane in range(head[1]):
+        couplings = _couplings(head, lane)
+        if _is_at_rail(couplings, at, states, lane):
+            hold = _hold(head, lane)
+            _gather(couplings, hold, at, tables, lane)
+            clamp(couplings, hold)
+            _scatter(couplings, hold, at, tables, moves, lane)
+    return 0
+
+
+@cache
+def clamp_code() -> Any:
+    """Return ``i64 clamp(table, x, out)`` with its ``address``; compiled where it is not there.
+
+    The moves ``out`` of all states ``x`` that stand at rails are projected on what these allow, and
+    the drives of the neurons that the metric couples, which are there as they arrive, are cut.
+    """
+    return called_by_address(_clamp_lanes, types.int64(types.int64, types.int64, types.int64))
