@@ -5,6 +5,7 @@ rule and the projection agree, and along runs from the NumPy evaluator. An evalu
 by a line in `EVALUATORS`.
 """
 
+import ctypes
 from dataclasses import replace
 from functools import cache
 
@@ -19,10 +20,11 @@ from random_metrics import random_metric, rows
 from ann_dc.analysis import equilibrium
 from ann_dc.evaluation import InterpretedEvaluator, ReferenceEvaluator, evaluator
 from ann_dc.evaluation.clamps import projected
-from ann_dc.evaluation.generated import GeneratedEvaluator
+from ann_dc.evaluation.generated import Axis, GeneratedEvaluator, Lanes
 from ann_dc.network import Limiter, Network
 from ann_dc.network.metrics import Kind, Metric, Row
 
+CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
 EVALUATORS = (ReferenceEvaluator, InterpretedEvaluator, GeneratedEvaluator)
 COUPLED = (Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE)
 every_evaluator = pytest.mark.parametrize("kind", EVALUATORS, ids=lambda kind: kind.__name__)
@@ -281,3 +283,48 @@ def test_moves_do_not_depend_on_the_calls_before(metric, kind):
     fresh = [kind(network).rhs(x) for x in states[::20]]
     assert_close(forth, fresh, 1e-13)
     assert_close(back, [ours.rhs(x) for x in states[::-20][: len(forth)]], 1e-13)
+
+
+# ---- a sample in every lane ----------------------------------------------------------------------
+
+
+def moves_of_lanes(lanes: Lanes, states: np.ndarray) -> np.ndarray:
+    """Moves (W, n) of as many states, and the drives that are left."""
+    table, out = lanes.state(states[0]), np.zeros(lanes.spare)
+    for lane, x in enumerate(states):
+        table.reshape(-1, lanes.lanes)[:, lane] = lanes.state(x).reshape(-1, lanes.lanes)[:, lane]
+    CODE(lanes.entry.rhs)(lanes.entry.table.ctypes.data, table.ctypes.data, out.ctypes.data)
+    return out[lanes.components[None] + np.arange(lanes.lanes)[:, None]]
+
+
+@every_coupled
+def test_every_lane_holds_neurons_of_its_own(metric):
+    network, states, _ = run_with_changes(metric)
+    lanes, own = Lanes(evaluator(network).tape, Axis.SAMPLES), InterpretedEvaluator(network)
+    for first in range(0, len(states) - 7 * lanes.lanes, 40):
+        group = states[first :: lanes.lanes][: lanes.lanes]
+        moves = moves_of_lanes(lanes, group)
+        assert_close(moves, [own.rhs(x) for x in group])
+        left = lanes.tables["drives"][lanes.components[None] + np.arange(lanes.lanes)[:, None]]
+        assert_close(left, [network.pack(own.drives(x)) for x in group])
+
+
+@every_coupled
+def test_lanes_with_time_constants_of_their_own_hold_neurons(metric):
+    network, states, _ = run_with_changes(metric)
+    lanes, rng = Lanes(evaluator(network).tape, Axis.VARIANTS), np.random.default_rng(8)
+    rates = lanes.tables["rates"].reshape(network.stages, -1, lanes.lanes)
+    for first in range(0, 400, 100):  # a lane takes over sample after sample
+        factors = rng.uniform(0.5, 2.0, (lanes.lanes, *network.live.shape))
+        group, expected = states[first :: lanes.lanes][: lanes.lanes], []
+        for lane, (factor, x) in enumerate(zip(factors, group)):
+            rates[:, :, lane] = (network.row.rates * factor).T
+            if "roots" in lanes.tables:
+                roots = lanes.tables["roots"][: lanes.size].reshape(rates.shape)
+                roots[:, :, lane] = np.sqrt(factor).T
+            neurons = tuple(
+                replace(n, tau=np.asarray(n.tau) / f) for n, f in zip(network.cell.neurons, factor)
+            )
+            sample = replace(network, cell=replace(network.cell, neurons=neurons))
+            expected.append(evaluator(sample).rhs(x))
+        assert_close(moves_of_lanes(lanes, group), expected)

@@ -209,8 +209,9 @@ class Lanes:
             "sides": self._inner(np.zeros((len(plan.guarded), self.stages))),
             "alive": self._inner(np.ones((1, self.stages))),
             "limits": tape.limits,
-            "walls": self._walls(),
         }
+        if plan.clamped:
+            tables["walls"] = self._walls()
         if plan.has_roots:
             tables |= {"roots": np.ones(self.spare), "pushed": np.zeros(self.spare)}
         return {name: lined_up(table) for name, table in tables.items()}
