@@ -146,19 +146,22 @@ def _flow(
     free: np.ndarray,
     progress: Progress = silent,
 ) -> Any:
-    """v -> M ``drive_jacobian`` v."""
-    products, told = itertools.count(1), Paced(progress)
+    """v -> M ``drive_jacobian`` v, with M among the free neurons."""
+    products, told, move = itertools.count(1), Paced(progress), evaluator.clamped(~free)
 
     def product(v: np.ndarray) -> np.ndarray:
         number = next(products)
         told(lambda: f"spectrum: product {number}")
-        return evaluator.move(np.ascontiguousarray(drive_jacobian @ _padded(v, free)))[free]
+        return move(np.ascontiguousarray(drive_jacobian @ _padded(v, free)))[free]
 
     return _operator(free, product)
 
 
 def _inverse(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) -> Any:
-    """v -> (M ``drive_jacobian``)^{-1} v; RuntimeError where that is exactly singular."""
+    """v -> (M ``drive_jacobian``)^{-1} v; RuntimeError where that is exactly singular.
+
+    The inverse of the metric among the free neurons is the part of M^{-1} among them.
+    """
     factors = scipy.sparse.linalg.splu(drive_jacobian[free][:, free].tocsc())
     unspread = metric.inverse(row)
     return _operator(free, lambda v: factors.solve(unspread(_padded(v, free))[free]))

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import sparse
 
 from ann_dc.analysis.saddle import Saddle, saddle_of
+from ann_dc.analysis.spectra import dense_flow
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import DUAL, STATE
 from ann_dc.hints.checked import checked
@@ -111,8 +112,7 @@ def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> b
         primal, dual = np.flatnonzero(role != DUAL), np.flatnonzero(role == DUAL)
         H, A = -inside[primal][:, primal], inside[dual][:, primal]
         return Saddle(primal=primal, dual=dual, H=0.5 * (H + H.T), A=A).is_minimum
-    free = np.flatnonzero(~resting)
-    flow = (evaluator(network).metric @ jacobian)[free][:, free].toarray()
+    flow = dense_flow(network.metric, network.row, jacobian, ~resting)
     return bool((np.real(np.linalg.eigvals(flow)) < 0).all())
 
 

@@ -185,11 +185,8 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
 
 
 def dense_flow(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) -> np.ndarray:
-    """M ``drive_jacobian`` among the free neurons."""
-    stage, neuron = np.nonzero(row.component.T >= 0)
-    drives = np.zeros((len(stage), *row.rates.shape))
-    drives[:, neuron, stage] = drive_jacobian.toarray().T
-    return metric.apply(row, drives)[:, neuron, stage].T[np.ix_(free, free)]
+    """Return the metric among the free neurons times ``drive_jacobian``: the others are held."""
+    return metric.among(row, ~free)(drive_jacobian.toarray().T).T[np.ix_(free, free)]
 
 
 @checked

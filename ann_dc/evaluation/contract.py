@@ -107,24 +107,19 @@ class Evaluator(ABC):
         """
 
     def clamped(self, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Return `move` while some neurons are held: the metric among the others (`Metric.clamp`).
+        """Return `move` while some neurons are held: the metric among the others (`Metric.among`).
 
         Parameters
         ----------
         held : (n,) array of bool
-            Those among them that the metric does not couple make no difference to the others.
+            Those among them that the metric does not couple make no difference.
 
         Returns
         -------
         callable
             Drives (n,) to moves (n,).
         """
-        network = self.network
-        held = held & network.metric.reach(network.row)[network.places[:, 0]]
-        if not held.any():
-            return self.move
-        clamp = network.metric.clamp(network.row, held)
-        return lambda drive: clamp(drive)[0]
+        return self.network.metric.among(self.network.row, held)
 
     @abstractmethod
     def residuals(self, x: np.ndarray) -> tuple[float, float]:

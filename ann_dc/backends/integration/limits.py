@@ -45,8 +45,10 @@ class LimitedSolver:
     solver : callable
         Makes the `scipy.integrate.OdeSolver` from a right-hand side, its Jacobian, a time, a state
         and the time at which to end.
-    rhs, jacobian : callable (time, state)
+    rhs : callable (time, state)
         Of the network.
+    jacobian : callable
+        Makes the Jacobian, a callable (time, state), for neurons (n,) that are held.
     start : (n,) array
     until : float
         Network time at which to end; may be put off.
@@ -57,7 +59,7 @@ class LimitedSolver:
         compiled: FastEvaluator,
         solver: Callable[..., Any],
         rhs: Callable[[float, np.ndarray], np.ndarray],
-        jacobian: Callable[[float, np.ndarray], Any],
+        jacobian: Callable[[np.ndarray], Callable[[float, np.ndarray], Any]],
         start: np.ndarray,
         until: float,
     ) -> None:
@@ -112,15 +114,15 @@ class LimitedSolver:
 
     def _begin(self, time: float, x: np.ndarray) -> None:
         x = np.clip(x, self._low, self._high)
-        held = self._outward(x)
+        held = self._at_rest(x)
         self._held = held
-        free = sparse.diags_array((~held).astype(float))
+        free, jacobian_of = sparse.diags_array((~held).astype(float)), self._jacobian(held)
 
         def slope(t: float, x: np.ndarray) -> np.ndarray:
             return np.where(held, 0.0, self._rhs(t, self._within(x)))
 
         def slope_by_state(t: float, x: np.ndarray) -> Any:
-            jacobian = self._jacobian(t, self._within(x))
+            jacobian = jacobian_of(t, self._within(x))
             if sparse.issparse(jacobian):
                 return sparse.csc_matrix(free @ jacobian)
             return np.where(held[:, None], 0.0, jacobian)
@@ -136,17 +138,15 @@ class LimitedSolver:
         inside = np.clip(x, self._low + low, self._high - high)
         return np.where(self._held, np.clip(x, self._low, self._high), inside)
 
-    def _outward(self, x: np.ndarray) -> np.ndarray:
-        """Mark neurons (n,) at a limit or beyond it whose slope leads out."""
-        held, self._held = self._held, np.zeros(len(x), bool)
-        slope = self._rhs(0.0, self._within(x))
-        self._held = held
-        return ((x >= self._high) & (slope > 0)) | ((x <= self._low) & (slope < 0))
+    def _at_rest(self, x: np.ndarray) -> np.ndarray:
+        """Mark neurons (n,) at a limit or beyond it that the rule of rails holds there."""
+        at_limit = (x >= self._high) | (x <= self._low)
+        return at_limit & (self._rhs(0.0, np.clip(x, self._low, self._high)) == 0)
 
     def _changes(self, x: np.ndarray) -> bool:
         if not (self._held | (x >= self._high) | (x <= self._low)).any():
             return False
-        return not np.array_equal(self._outward(x), self._held)
+        return not np.array_equal(self._at_rest(x), self._held)
 
     def _stop_before_the_first_change(self, before: float) -> None:
         after, states = self.t, self._polynomial.states

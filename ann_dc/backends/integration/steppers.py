@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple, TypeAlias, final
 from weakref import WeakKeyDictionary
 
@@ -316,13 +317,22 @@ def _limited(compiled: FastEvaluator, method: Method, rhs: Callable, until: floa
     def solver(slope: Callable, jac: Callable, time: float, x: np.ndarray, end: float) -> Any:
         return scipys(slope, time, x, end, jac=jac, **tolerances)
 
-    by_state = lambda _, x: _jacobian(compiled, x, method)  # noqa: E731
-    return LimitedSolver(compiled, solver, rhs, by_state, compiled.network.start_state, until)
+    jacobian = partial(_jacobian, compiled, method)
+    return LimitedSolver(compiled, solver, rhs, jacobian, compiled.network.start_state, until)
 
 
-def _jacobian(compiled: FastEvaluator, x: np.ndarray, method: Method) -> Any:
-    network = compiled.network
-    jacobian = evaluator(network).metric @ compiled.drive_jacobian(x)
-    if network.size <= DENSE_JACOBIAN or method.name == "LSODA":
-        return jacobian.toarray()
-    return sparse.csc_matrix(jacobian)
+def _jacobian(
+    compiled: FastEvaluator, method: Method, held: np.ndarray
+) -> Callable[[float, np.ndarray], Any]:
+    """d rhs / dx as a function of time and state, while some neurons (n,) are held."""
+    network, metric = compiled.network, evaluator(compiled.network).metric
+    if (held & network.metric.reach(network.row)[network.places[:, 0]]).any():
+        metric = sparse.csr_array(network.metric.among(network.row, held)(np.eye(len(held))))
+
+    def by_state(_: float, x: np.ndarray) -> Any:
+        jacobian = metric @ compiled.drive_jacobian(x)
+        if network.size <= DENSE_JACOBIAN or method.name == "LSODA":
+            return jacobian.toarray()
+        return sparse.csc_matrix(jacobian)
+
+    return by_state

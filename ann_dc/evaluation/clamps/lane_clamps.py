@@ -148,7 +148,8 @@ def _integer_matrix(table, which):
 def _couplings(table, lane):
     rates = _cube(table, _RATES)
     return Couplings(
-        rates[min(lane, rates.shape[0] - 1)], _matrix(table, _LIMITS), _integer_vector(table, _REACHED),
+        rates[min(lane, rates.shape[0] - 1)], _matrix(table, _LIMITS),
+        _integer_vector(table, _REACHED),
         _integer_matrix(table, _CHAINS), _cube(table, _GRIDS),
         _integer_vector(table, _GRID_STARTS), _integer_vector(table, _HATS),
         _vector(table, _SHARES), _integer_matrix(table, _COUPLED), _matrix(table, _STIFF),

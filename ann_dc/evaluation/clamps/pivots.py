@@ -2,8 +2,8 @@
 
 A stiffness is solved in bands, with the rows and columns of held neurons as the identity, and its
 factor is computed anew from the first stage on whose set has changed. For any other metric the
-currents come from M_CC among the held neurons C, which are few: lambda = -M_CC^{-1} (M d)_C. Set and
-factor are kept from call to call; they save time and change no result.
+currents come from M_CC among the held neurons C, which are few: lambda = -M_CC^{-1} (M d)_C. The
+set and the factor are kept from call to call; they save time and change no result.
 """
 
 from __future__ import annotations
@@ -113,6 +113,18 @@ def _factor_band(couplings, hold, first):
 
 
 @inner
+def _row_of_band(stiff, i, y):
+    """A row of M^{-1} times a vector."""
+    count, width = stiff.shape
+    total = 0.0
+    for j in range(max(i - width + 1, 0), i + 1):
+        total += stiff[i, j - i + width - 1] * y[j]
+    for j in range(i + 1, min(i + width, count)):
+        total += stiff[j, i - j + width - 1] * y[j]
+    return total
+
+
+@inner
 def _solve_band(couplings, hold, currents):
     """Moves of all coupled neurons, and the currents of held ones."""
     stiff, L, coupled = couplings.stiff, hold.factor, couplings.coupled
@@ -130,14 +142,10 @@ def _solve_band(couplings, hold, currents):
             y[j] -= L[i, j - i + width - 1] * y[i]
     for i in range(count):
         p, k = coupled[i, 0], coupled[i, 1]
-        hold.moves[p, k] = y[i]
-        if hold.held[p, k] == HELD:
-            total = -hold.drives[p, k]
-            for j in range(max(i - width + 1, 0), i):
-                total += stiff[i, j - i + width - 1] * y[j]
-            for j in range(i + 1, min(i + width, count)):
-                total += stiff[j, i - j + width - 1] * y[j]
-            hold.moves[p, k], currents[p, k] = 0.0, total
+        is_held = hold.held[p, k] == HELD
+        hold.moves[p, k] = 0.0 if is_held else y[i]
+        if is_held:
+            currents[p, k] = _row_of_band(stiff, i, y) - hold.drives[p, k]
 
 
 # ---- any other metric ----------------------------------------------------------------------------

@@ -56,8 +56,8 @@ def cell_code(plan: Plan) -> str:
     and the largest state. Its parts are there too: ``i64 cell(table, x, out)`` with the moves that
     every drive makes by itself, of the chunks that the table names; ``metric(table, out)``, which
     adds to them; ``rails(table, x, out)``, which projects them on what rails allow. The drives of
-    neurons that a metric couples are cut there, not in ``cell``. ``keep(table, x, x)`` brings states
-    back to the rails that a step went past.
+    neurons that a metric couples are cut there, not in ``cell``. ``keep(table, x, x)`` brings
+    states back to the rails that a step went past.
 
     Parameters
     ----------

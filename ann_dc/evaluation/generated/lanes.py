@@ -237,7 +237,8 @@ class Lanes:
             return {}
         tape, at = self.tape, np.full(self.tape.rates.shape, -1)
         at[tuple(tape.places.T)] = self.components
-        given = {name: self.tables[name].ravel() for name in ("drives", "roots") if name in self.tables}
+        tables = self.tables
+        given = {name: tables[name].ravel() for name in ("drives", "roots") if name in tables}
         if self.plan.axis is Axis.VARIANTS:
             given["rates_of_lanes"] = self.tables["rates"].ravel()
         lanes, ghost = self.lanes, self.neurons * self.lanes

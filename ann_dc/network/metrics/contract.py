@@ -243,6 +243,22 @@ class Metric(ABC):
 
         return clamped
 
+    def among(self, row: Row, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """Return M d for drives (..., n) while some neurons are held, as a function of d.
+
+        Held ones that the metric does not couple make no difference, and move with their drives.
+
+        Parameters
+        ----------
+        row : Row
+        held : (n,) array of bool
+        """
+        held = held & self.reach(row)[row.places[0]]
+        if not held.any():
+            return lambda drives: self.moves(row, drives)
+        clamp = self.clamp(row, held)
+        return lambda drives: clamp(drives)[0]
+
     @abstractmethod
     def factors(self, row: Row) -> Factors:
         """M as sparse factors, with of order N or N log N entries."""
