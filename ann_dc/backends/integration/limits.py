@@ -65,7 +65,7 @@ class LimitedSolver:
     ) -> None:
         self._low, self._high = compiled.tape.limits[compiled.tape.places[:, 0]].T
         self._solver, self._rhs, self._jacobian = solver, rhs, jacobian
-        self._held = np.zeros(len(start), bool)
+        self._held, self._began = np.zeros(len(start), bool), start
         self._instant: tuple[float, np.ndarray] | None = None
         self._until = until
         self._begin(0.0, start)
@@ -101,9 +101,10 @@ class LimitedSolver:
             return None
         inner = self._inner
         began, message = inner.t, inner.step()
-        self.t, self.y = float(inner.t), inner.y
+        self.t, self.y = float(inner.t), _kept(inner.y, self._held, self._began)
         if inner.status != "failed":
-            self._polynomial = Piece(self.t, inner.dense_output())
+            inside, held, start = inner.dense_output(), self._held, self._began
+            self._polynomial = Piece(self.t, lambda times: _kept(inside(times), held, start))
             if self._changes(self.y):
                 self._stop_before_the_first_change(began)
         return message
@@ -113,9 +114,9 @@ class LimitedSolver:
         return self._polynomial
 
     def _begin(self, time: float, x: np.ndarray) -> None:
-        x = np.clip(x, self._low, self._high)
+        x = np.clip(_kept(x, self._held, self._began), self._low, self._high)
         held = self._at_rest(x)
-        self._held = held
+        self._held, self._began = held, x
         free, jacobian_of = sparse.diags_array((~held).astype(float)), self._jacobian(held)
 
         def slope(t: float, x: np.ndarray) -> np.ndarray:
@@ -136,12 +137,12 @@ class LimitedSolver:
         room = [INSIDE * np.maximum(np.abs(end), 1.0) for end in (self._low, self._high)]
         low, high = (np.where(np.isfinite(r), r, 0.0) for r in room)
         inside = np.clip(x, self._low + low, self._high - high)
-        return np.where(self._held, np.clip(x, self._low, self._high), inside)
+        return np.where(self._held, self._began, inside)
 
     def _at_rest(self, x: np.ndarray) -> np.ndarray:
         """Mark neurons (n,) at a limit or beyond it that the rule of rails holds there."""
-        at_limit = (x >= self._high) | (x <= self._low)
-        return at_limit & (self._rhs(0.0, np.clip(x, self._low, self._high)) == 0)
+        x = np.clip(x, self._low, self._high)
+        return ((x >= self._high) | (x <= self._low)) & (self._rhs(0.0, x) == 0)
 
     def _changes(self, x: np.ndarray) -> bool:
         if not (self._held | (x >= self._high) | (x <= self._low)).any():
@@ -158,6 +159,15 @@ class LimitedSolver:
                 before = middle
         self.t, self.y, self._instant = before, states(before), (after, states(after))
         self._polynomial = Piece(before, states)
+
+
+def _kept(x: np.ndarray, held: np.ndarray, began: np.ndarray) -> np.ndarray:
+    """A state (n,) or states (n, K) whose held neurons are where they began: no rounding moves one.
+
+    Off its limit by 1e-45 the rule of rails would take a neuron for a free one.
+    """
+    held, began = (part.reshape(-1, *(1,) * (x.ndim - 1)) for part in (held, began))
+    return np.where(held, began, x)
 
 
 def _jump(times: Any, instant: float, before: np.ndarray, x: np.ndarray) -> np.ndarray:
