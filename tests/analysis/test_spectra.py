@@ -8,6 +8,7 @@ from constrained import CONSTRAINED
 from designs import designed
 from metric_networks import with_metric
 from problems import SUITE
+from random_metrics import with_stiffness
 from wired import neighbour_wired
 
 from ann_dc import Kind, Recipe, design, synthesize
@@ -60,6 +61,23 @@ def test_a_neuron_at_its_rail_has_no_mode(name, monkeypatch):
     ends = spectrum(network, found.state)
     np.testing.assert_allclose(ends.radius, np.abs(expected).max(), rtol=1e-3)
     np.testing.assert_allclose(ends.abscissa, expected.real.max(), rtol=1e-3)
+
+
+@pytest.mark.parametrize("kind", [Kind.GRID, Kind.TREE], ids=lambda kind: kind.name.lower())
+def test_a_resting_neuron_is_held_while_a_grid_couples_the_others(kind, monkeypatch):
+    """The modes are those of the flow with its rails, by complex step, dense and by iterations."""
+    found = design(synthesize(CONSTRAINED["dint_u"].problem), kinds=[Kind.PYRAMID])
+    network, x = with_stiffness(found.network, kind), found.state
+    own = evaluator(network)
+    free = ~own.resting(x, own.drives(x))
+    assert not free.all()
+    stepped = own.rhs(x + 1e-30j * np.eye(len(x))).imag.T / 1e-30
+    expected = np.linalg.eigvals(stepped[np.ix_(free, free)])
+    for most in (network.size, 10):
+        monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", most)
+        modes = spectrum(network, x)
+        np.testing.assert_allclose(modes.radius, np.abs(expected).max(), rtol=1e-3)
+        np.testing.assert_allclose(modes.abscissa, expected.real.max(), rtol=1e-3)
 
 
 @pytest.mark.parametrize("name", ["car", "unicycle", "van_der_pol"])
