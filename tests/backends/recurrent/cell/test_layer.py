@@ -136,7 +136,12 @@ def between_rails(network: Network, size: float) -> np.ndarray:
     )
 
 
-@pytest.mark.parametrize("wired", [small, coordinated])
+by_drives = pytest.mark.xfail(
+    reason="torch cuts the drives of coupled neurons by their own signs", strict=True
+)
+
+
+@pytest.mark.parametrize("wired", [small, pytest.param(coordinated, marks=by_drives)])
 def test_a_step_stops_at_the_rails(wired):
     network = railed(wired("car"), 0.5)
     x = between_rails(network, 0.5)
@@ -144,6 +149,7 @@ def test_a_step_stops_at_the_rails(wired):
     assert_close(after, (x + 0.3 * evaluator(network).rhs(x)).clip(-0.5, 0.5))
 
 
+@by_drives
 def test_coordinators_stop_at_the_rails():
     network = railed(coordinated("car"), 0.5)
     assert_is_the_reference(network, between_rails(network, 0.5))
