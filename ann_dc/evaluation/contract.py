@@ -15,7 +15,7 @@
 6. Derivatives are exact and come from the same list of nodes as the values.
 7. A domain is open, and the argument of a reciprocal keeps the side of the pole where it starts.
 
-`tests/evaluation/test_contract.py` holds every evaluator to it, `test_rails_rule.py` to rule 4.
+`tests/evaluation/test_contract.py` holds every evaluator to it, `test_rules.py` to rule 4.
 """
 
 from __future__ import annotations

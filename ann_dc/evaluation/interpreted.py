@@ -56,7 +56,8 @@ class InterpretedEvaluator(Evaluator):
         tape : Tape
             Of the same network.
         """
-        self.tape, self.work = tape, loops.workspace(tape)
+        self.tape, self._planes = tape, loops.planes_of(tape)
+        self.work = loops.workspace(tape, self._planes)
 
     def set_inputs(self, rows: np.ndarray, values: np.ndarray) -> None:
         """From now on some inputs have other values.
@@ -85,7 +86,9 @@ class InterpretedEvaluator(Evaluator):
     def rhs(self, x: np.ndarray) -> np.ndarray:
         """dx/ds (n,)."""
         out = np.empty(len(x))
-        loops.rhs_of_arrays(self.tape, x, *self.work, out)
+        work = self.work
+        arrays = work.values, self._planes, work.nodes, work.clamped
+        loops.rhs_of_arrays(self.tape, x, *arrays, out)
         return out
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:

@@ -16,7 +16,8 @@ from numba import types
 from numba.extending import intrinsic
 
 from ann_dc.evaluation import rules
-from ann_dc.evaluation.clamps.pivots import UNKNOWN, Couplings, Hold, clamp, is_railed
+from ann_dc.evaluation.clamps.pivots import clamp, is_railed
+from ann_dc.evaluation.clamps.solves import UNKNOWN, Couplings, Hold
 from ann_dc.evaluation.formulas import called_by_address, inner
 from ann_dc.evaluation.tape import Tape
 

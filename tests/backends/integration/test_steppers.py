@@ -5,8 +5,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from ann_dc.backends import OdeBackend
-from ann_dc.backends.integration.methods import COMPILED, METHODS
+from ann_dc.backends import METHODS, OdeBackend, ode
 from ann_dc.network import ONE, Cell, Connection, Limiter, Network, Neuron, Role
 from ann_dc.network.metrics import Grid
 
@@ -62,6 +61,6 @@ def test_batch_at_rails_settles_as_its_samples_do_alone():
     batch = OdeBackend().run_batch(network, {"b": b})
     assert batch.settled.all()
     for value, end, time in zip(b, batch.states, batch.settling_times):
-        alone = OdeBackend(method=COMPILED, verify=False).run(network.with_inputs({"b": value}))
+        alone = OdeBackend(method=ode.COMPILED, verify=False).run(network.with_inputs({"b": value}))
         np.testing.assert_allclose(end, alone.trajectory.final, atol=1e-7)
         np.testing.assert_allclose(time, alone.settling_time, rtol=1e-2)
