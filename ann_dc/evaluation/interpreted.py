@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 
 from ann_dc.evaluation import loops
+from ann_dc.evaluation.clamps.lane_clamps import LaneClamps, clamp_code
 from ann_dc.evaluation.clamps.pivots import clamped_moves
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import Bounds, DomainGuard
@@ -56,8 +57,16 @@ class InterpretedEvaluator(Evaluator):
         tape : Tape
             Of the same network.
         """
-        self.tape, self._planes = tape, loops.planes_of(tape)
-        self.work = loops.workspace(tape, self._planes)
+        shape = tape.rates.shape
+        self.tape, self._planes, clamp = tape, np.zeros((3, *shape)), np.zeros(2, np.int64)
+        if np.isfinite(tape.limits[tape.reached]).any():
+            places = np.full(shape, -1), np.full(shape, -1)
+            for table, width, first in zip(places, (shape[1], shape[1] + 2), (0, 1)):
+                neuron, stage = tape.places.T
+                table[neuron, stage] = neuron * width + stage + first
+            self._clamps = LaneClamps(tape, *places, 1, {"drives": self._planes[2].ravel()})
+            clamp[:] = clamp_code().address, self._clamps.table.ctypes.data
+        self.work = loops.workspace(tape, self._planes, clamp)
 
     def set_inputs(self, rows: np.ndarray, values: np.ndarray) -> None:
         """From now on some inputs have other values.
@@ -87,7 +96,7 @@ class InterpretedEvaluator(Evaluator):
         """dx/ds (n,)."""
         out = np.empty(len(x))
         work = self.work
-        arrays = work.values, self._planes, work.nodes, work.clamped
+        arrays = work.values, self._planes, work.nodes, work.clamp
         loops.rhs_of_arrays(self.tape, x, *arrays, out)
         return out
 

@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.evaluation import rules
-from ann_dc.evaluation.clamps.pivots import clamp, is_railed, stands_at_rail
-from ann_dc.evaluation.clamps.solves import UNKNOWN, Couplings, Hold, factor_of
+from ann_dc.evaluation.clamps.pivots import is_railed, stands_at_rail
 from ann_dc.evaluation.formulas import (
     check_written,
     compiled,
@@ -37,6 +36,7 @@ from ann_dc.evaluation.tape import (
     SUM,
     Tape,
 )
+from ann_dc.evaluation.vector_code.calls import call
 
 _1, _2, _3 = index(1), index(2), index(3)
 _pushes_out = inner(rules.pushes_out)
@@ -56,20 +56,11 @@ class Workspace(NamedTuple):
     """(grid points, chains) of a pyramid, or (S, 1) of the neurons that a stiffness couples."""
     arriving: np.ndarray
     """(P, N): drives of neurons with rails, before they are cut."""
-    held: np.ndarray
-    """(P, N): which neurons the last call held at rails, see `clamps.pivots`."""
-    clamped: np.ndarray
-    """Factor of the metric among the others."""
+    clamp: np.ndarray
+    """(2,): addresses of a clamp and its table; zero where no neuron with a rail is coupled."""
 
 
-def planes_of(tape: Tape) -> np.ndarray:
-    """Return new drives, moves, arriving drives and marks (4, P, N) for a `Workspace`."""
-    planes = np.zeros((4, *tape.rates.shape))
-    planes[3] = UNKNOWN
-    return planes
-
-
-def workspace(tape: Tape, planes: np.ndarray) -> Workspace:
+def workspace(tape: Tape, planes: np.ndarray, clamp: np.ndarray) -> Workspace:
     """Return a new workspace for a tape; raise a NetworkError if loops lack a function."""
     check_written(code for kind, _, code, _ in tape.blocks.tolist() if kind == FUNCTION)
     points, chains = max(int(tape.grid_starts[-1]), 1), max(len(tape.chains), 1)
@@ -80,8 +71,7 @@ def workspace(tape: Tape, planes: np.ndarray) -> Workspace:
         moves=planes[1],
         nodes=np.zeros((coupled, 1) if coupled else (points, chains)),
         arriving=planes[2],
-        held=planes[3],
-        clamped=factor_of(tape),
+        clamp=clamp,
     )
 
 
@@ -177,28 +167,15 @@ def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array 
 
 
 @inner
-def _clamp(tape, work):
-    """Moves of the neurons that the metric couples, where some of them stand at rails."""
-    is_cut = np.zeros(tape.limits.shape[0], np.bool_)
-    for p in tape.reached:
-        is_cut[p] = is_railed(tape.limits, p)
-    for p in range(tape.limits.shape[0]):
-        if not is_cut[p]:
-            _copy(work.drives[p], 0, work.arriving[p])
-    couplings = Couplings(
-        tape.rates, tape.limits, tape.reached, tape.chains, tape.grids, tape.grid_starts,
-        tape.hats, tape.shares, tape.coupled, tape.stiff,
-    )  # fmt: skip
-    values, moves, nodes = work.values, work.moves, work.nodes
-    clamp(couplings, Hold(values, work.arriving, moves, nodes, work.held, work.clamped))
-
-
-@inner
 def flow(tape, work):
     """Moves (neurons, N) that lead past no rail, after `evaluate`."""
     move(tape, work)
-    if stands_at_rail(tape, work.values):
-        _clamp(tape, work)
+    if work.clamp[0] != 0 and stands_at_rail(tape, work.values):
+        for p in tape.reached:
+            if not is_railed(tape.limits, p):
+                _copy(work.drives[p], 0, work.arriving[p])
+        addresses = work.clamp[1], work.values.ctypes.data, work.moves.ctypes.data
+        call(work.clamp[0], addresses, ())
 
 
 @inner
@@ -211,9 +188,9 @@ def rhs(tape, work, x, out):
 
 
 @compiled
-def rhs_of_arrays(tape, x, values, planes, nodes, clamped, out):
+def rhs_of_arrays(tape, x, values, planes, nodes, clamp, out):
     """`rhs` for calls from Python, where loose arrays cost 0.5 of 5 us less than a record."""
-    work = Workspace(values, planes[0], planes[1], nodes, planes[2], planes[3], clamped)
+    work = Workspace(values, planes[0], planes[1], nodes, planes[2], clamp)
     rhs(tape, work, x, out)
 
 

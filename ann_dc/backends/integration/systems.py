@@ -83,19 +83,23 @@ class Integrand:
         Where the state vector lies in it, without ghosts.
     length : int
         Numbers of a slope.
+    owner : object
+        What has the memory that compiled code knows by address.
     """
 
     system: Interpreted | Generated
     state: Callable[[np.ndarray], np.ndarray]
     chosen: np.ndarray
     length: int
+    owner: object
 
 
 def interpreted(compiled: InterpretedEvaluator, guard: DomainGuard) -> Integrand:
     """Loops over a tape, within the domains of its function blocks."""
     size = len(compiled.tape.places)
     system = Interpreted(compiled.tape, compiled.work, guard, ghost=0, size=size, live=size)
-    return Integrand(system=system, state=np.copy, chosen=np.arange(size), length=size)
+    chosen = np.arange(size)
+    return Integrand(system=system, state=np.copy, chosen=chosen, length=size, owner=compiled)
 
 
 def generated(lanes: Lanes, guard: DomainGuard) -> Integrand:
@@ -121,6 +125,7 @@ def generated(lanes: Lanes, guard: DomainGuard) -> Integrand:
         state=lambda x: np.concatenate([lanes.state(x), reserve]),
         chosen=lanes.components,
         length=lanes.spare,
+        owner=lanes,
     )
 
 

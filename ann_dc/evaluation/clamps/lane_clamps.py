@@ -1,7 +1,8 @@
-"""Clamps of networks that lie in tables of generated code: a state, or a sample in every lane.
+"""Clamps that compiled and generated code calls by address, with a table of sizes and addresses.
 
-The code calls `clamp_code` where a coupled neuron stands at a rail. What it hands over is a
-table of integers: sizes and addresses. Every lane keeps a set of its own.
+So they are compiled for those networks alone that have rails at neurons which a metric couples.
+States, drives and moves lie wherever the caller has them: a state, or a sample in every lane, which
+has a set of its own.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ ARRAYS = (
     "rates_of_lanes",
     "roots",
     "at",
+    "state_at",
     "values",
     "arriving",
     "moves",
@@ -37,7 +39,6 @@ ARRAYS = (
     *Couplings._fields,
 )
 """Arrays of a clamp, in the order of the table: the address and three sizes of each."""
-_INTEGERS = ("at", "reached", "chains", "grid_starts", "hats", "coupled")
 
 
 class LaneClamps:
@@ -46,15 +47,14 @@ class LaneClamps:
     Parameters
     ----------
     tape : Tape
-    at : (P, N) array of int
-        Where neurons lie in a table without ghosts, in the first lane; -1 where there is none.
-    ghost : int
-        Numbers of a ghost chunk of a state.
+    at, state_at : (P, N) array of int
+        Where neurons lie among drives and moves, and among states, in the first lane; -1 where
+        there is none.
     lanes : int
         States: 1, or the samples of a group.
     given : dict of str to array
-        ``drives``, as generated code fills them in; ``rates_of_lanes`` and ``roots``, where every
-        sample has its own.
+        ``drives``, as they arrive; ``rates_of_lanes`` and ``roots``, where every sample has its
+        own.
 
     Attributes
     ----------
@@ -62,13 +62,19 @@ class LaneClamps:
     """
 
     def __init__(
-        self, tape: Tape, at: np.ndarray, ghost: int, lanes: int, given: dict[str, np.ndarray]
+        self,
+        tape: Tape,
+        at: np.ndarray,
+        state_at: np.ndarray,
+        lanes: int,
+        given: dict[str, np.ndarray],
     ) -> None:
         hold = Hold.of(tape)
         own = {name: getattr(tape, name).copy() for name in Couplings._fields}
         own["rates"] = np.tile(tape.rates, (lanes if "rates_of_lanes" in given else 1, 1, 1))
         self.arrays = own | {
             "at": at,
+            "state_at": state_at,
             "values": hold.values,
             "arriving": hold.drives,
             "moves": hold.moves,
@@ -79,7 +85,7 @@ class LaneClamps:
             "rates_of_lanes": given.get("rates_of_lanes", np.zeros(0)),
             "roots": given.get("roots", np.zeros(0)),
         }
-        head = [ghost, lanes]
+        head = [lanes]
         for name in ARRAYS:
             array = self.arrays[name]
             sizes = (*array.shape, 1, 1, 1)[:3]
@@ -108,10 +114,11 @@ def _pointer(kind: Any) -> Any:
 
 
 _floats, _integers = _pointer(types.float64), _pointer(types.int64)
-_HEAD, _EACH = 2, 4
+_HEAD, _EACH = 1, 4
 (
-    _DRIVES, _RATES_OF_LANES, _ROOTS, _AT, _VALUES, _ARRIVING, _MOVES, _NODES, _HELD, _FACTOR,
-    _RATES, _LIMITS, _REACHED, _CHAINS, _GRIDS, _GRID_STARTS, _HATS, _SHARES, _COUPLED, _STIFF,
+    _DRIVES, _RATES_OF_LANES, _ROOTS, _AT, _STATE_AT, _VALUES, _ARRIVING, _MOVES, _NODES, _HELD,
+    _FACTOR, _RATES, _LIMITS, _REACHED, _CHAINS, _GRIDS, _GRID_STARTS, _HATS, _SHARES, _COUPLED,
+    _STIFF,
 ) = range(len(ARRAYS))  # fmt: skip
 
 
@@ -166,36 +173,39 @@ def _hold(table, lane):
 
 
 @inner
-def _is_at_rail(couplings, at, x, lane):
+def _is_at_rail(couplings, state_at, x, lane):
     for p in couplings.reached:
         if is_railed(couplings.limits, p):
             low, high = couplings.limits[p, 0], couplings.limits[p, 1]
-            for k in range(at.shape[1]):
-                if at[p, k] >= 0 and (x[at[p, k] + lane] <= low or x[at[p, k] + lane] >= high):
+            for k in range(state_at.shape[1]):
+                at = state_at[p, k]
+                if at >= 0 and (x[at + lane] <= low or x[at + lane] >= high):
                     return True
     return False
 
 
 @inner
-def _gather(couplings, hold, at, tables, lane):
+def _gather(couplings, hold, places, tables, lane):
     """States, drives and rates of a lane; a sample that is another one has no set yet."""
-    x, drives, rates, roots = tables
+    (at, state_at), (x, drives, rates, roots), is_other = places, tables, False
     for p in couplings.reached:
         for k in range(at.shape[1]):
             if at[p, k] >= 0:
                 place = at[p, k] + lane
                 root = roots[place] if roots.shape[0] > 0 else 1.0
-                hold.values[p, k + 1] = x[place]
+                hold.values[p, k + 1] = x[state_at[p, k] + lane]
                 hold.drives[p, k] = root * drives[place]
                 if rates.shape[0] > 0 and couplings.rates[p, k] != rates[place]:
-                    couplings.rates[p, k] = rates[place]
-                    hold.held[:] = UNKNOWN
+                    couplings.rates[p, k], is_other = rates[place], True
+    for p in range(hold.held.shape[0] if is_other else 0):
+        for k in range(hold.held.shape[1]):
+            hold.held[p, k] = UNKNOWN
 
 
 @inner
-def _scatter(couplings, hold, at, tables, out, lane):
+def _scatter(couplings, hold, places, tables, out, lane):
     """Moves of a lane; drives of neurons with rails are cut."""
-    x, drives, _, roots = tables
+    (at, _), (_, drives, _, roots) = places, tables
     for p in couplings.reached:
         low, high = couplings.limits[p, 0], couplings.limits[p, 1]
         for k in range(at.shape[1]):
@@ -203,24 +213,25 @@ def _scatter(couplings, hold, at, tables, out, lane):
                 place = at[p, k] + lane
                 root = roots[place] if roots.shape[0] > 0 else 1.0
                 out[place] = root * hold.moves[p, k]
-                if _pushes_out(x[place], drives[place], low, high):
+                if _pushes_out(hold.values[p, k + 1], drives[place], low, high):
                     drives[place] = 0.0
 
 
 def _clamp_lanes(table, x, out):
     head = nb.carray(_integers(table), (_HEAD + _EACH * len(ARRAYS),))
-    at, drives = _integer_matrix(head, _AT), _vector(head, _DRIVES)
-    size = drives.shape[0]
-    states = nb.carray(_floats(x + 8 * head[0]), (size,))
-    moves = nb.carray(_floats(out), (size,))
+    places, drives = (
+        (_integer_matrix(head, _AT), _integer_matrix(head, _STATE_AT)),
+        _vector(head, _DRIVES),
+    )
+    states, moves = nb.carray(_floats(x), drives.shape), nb.carray(_floats(out), drives.shape)
     tables = states, drives, _vector(head, _RATES_OF_LANES), _vector(head, _ROOTS)
-    for lane in range(head[1]):
+    for lane in range(head[0]):
         couplings = _couplings(head, lane)
-        if _is_at_rail(couplings, at, states, lane):
+        if _is_at_rail(couplings, places[1], states, lane):
             hold = _hold(head, lane)
-            _gather(couplings, hold, at, tables, lane)
+            _gather(couplings, hold, places, tables, lane)
             clamp(couplings, hold)
-            _scatter(couplings, hold, at, tables, moves, lane)
+            _scatter(couplings, hold, places, tables, moves, lane)
     return 0
 
 

@@ -100,7 +100,7 @@ def stands_at_rail(tape, values):
     return found
 
 
-@compiled
+@inner
 def clamp(couplings, hold):
     """Moves of the neurons that a metric couples, some of which stand at rails: see `rules`.
 

@@ -241,9 +241,9 @@ class Lanes:
         given = {name: tables[name].ravel() for name in ("drives", "roots") if name in tables}
         if self.plan.axis is Axis.VARIANTS:
             given["rates_of_lanes"] = self.tables["rates"].ravel()
-        lanes, ghost = self.lanes, self.neurons * self.lanes
-        samples = 1 if self.plan.axis is Axis.STAGES else lanes
-        self._clamps = LaneClamps(tape, at, ghost, samples, given)
+        state_at = np.where(at < 0, -1, at + self.neurons * self.lanes)
+        lanes = 1 if self.plan.axis is Axis.STAGES else self.lanes
+        self._clamps = LaneClamps(tape, at, state_at, lanes, given)
         return {"clamps": self._clamps.table, "clamp": np.array(clamp_code().address)}
 
     def _walls(self) -> np.ndarray:
