@@ -133,11 +133,12 @@ class CellWriter:
         self.at: dict[str, str] = {}
         self.known: dict[tuple[int, int], str] = {}
         self.circular: dict[str, tuple[str, str]] = {}
-        self.outside = ""
+        self.outside, self.cut = "", set[int]()
 
-    def write_cell(self) -> None:
-        """Drives, and the moves that each makes by itself."""
+    def write_cell(self, *, is_cut: bool = True) -> None:
+        """Drives, and the moves that each makes by itself; cut at rails where no metric couples."""
         f, plan = self.f, self.plan
+        self.cut = set(plan.railed) - set(plan.clamped) if is_cut else set()
         self.outside = f.slot()
         self.buses.begin()
         for phase in range(plan.phases):
@@ -325,7 +326,7 @@ class CellWriter:
 
     def _at_rails(self, row: int, move: str) -> str:
         """Zero where a drive would take a neuron past its rail, if no metric couples it."""
-        if row not in self.plan.railed or row in self.plan.clamped:
+        if row not in self.cut:
             return move
         f, state, zero = self.f, self.value(row), self.f.constant(0.0)
         down = f.logical(

@@ -90,7 +90,7 @@ def jacobian_code(slots: Slots) -> str:
     str
     """
     module = Module()
-    CellWriter(slots.plan, module, "cell").write_cell()
+    CellWriter(slots.plan, module, "cell").write_cell(is_cut=False)  # for its blocks alone
     _JacobianWriter(slots, module).write()
     return module.text()
 

@@ -294,14 +294,14 @@ class Plan:
             self.axis.lanes,
             self.one,
             self.railed,
-            self.clamped,
             self.shared,
             *(array.tolist() for array in arrays),
         )
 
     def identity(self) -> tuple:
         """All that the code depends on, as plain numbers, to tell one wiring from another."""
-        return *self.cell_identity(), self.chains, self.is_coupled, self.straight, self.stiffness
+        metric = self.chains, self.is_coupled, self.straight, self.stiffness
+        return *self.cell_identity(), self.clamped, *metric
 
     def serves(self, tape: Tape) -> bool:
         """Whether the code is the same for another tape of the same network.
