@@ -171,7 +171,9 @@ def test_a_board_with_rails_is_as_it_is_emulated(name):
 
 
 @needs_ngspice
-@pytest.mark.parametrize("kind", [Kind.TIME_CONSTANTS, Kind.PYRAMID])
+@pytest.mark.parametrize(
+    "kind", [Kind.TIME_CONSTANTS, pytest.param(Kind.PYRAMID, marks=pytest.mark.slow)]
+)
 def test_clamps_that_conduct_come_to_rest(kind):
     """Of a tank that is filled until its pump ends at its lower bound; steps shook the diodes."""
     h, u = sp.symbols("h u")

@@ -264,7 +264,12 @@ def run_with_changes(metric: Kind) -> tuple[Network, np.ndarray, int]:
 
 
 @every_evaluator
-@every_coupled
+@pytest.mark.parametrize(
+    "metric",
+    [Kind.GRID, Kind.PYRAMID]
+    + [pytest.param(kind, marks=pytest.mark.slow) for kind in (Kind.TREE, Kind.COUPLED_PYRAMID)],
+    ids=lambda kind: kind.name.lower(),
+)
 def test_evaluators_agree_along_a_run_whose_held_set_changes_a_hundred_times(metric, kind):
     network, states, changes = run_with_changes(metric)
     assert changes >= 100
