@@ -34,12 +34,12 @@ _EXACT = {
         "print_level": 0,
         "sb": "yes",
         "max_iter": 3000,
-        "tol": 1e-12,
-        "compl_inf_tol": 1e-12,
         "bound_relax_factor": 0.0,
     },
 }
-"""To the last digit, and without the room that IPOPT gives bounds by itself."""
+"""Without the room that IPOPT gives bounds by itself."""
+_TOLERANCES = 1e-12, 1e-9
+"""The second where rounding ends the search with the first."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,9 +202,14 @@ def ipopt_point(
     except ImportError:
         return None
     shooting = _Shooting.of(ca, problem)
-    solver = ca.nlpsol("reference", "ipopt", shooting.program, _EXACT)
-    answer = solver(**shooting.bounds(q, u))
-    return shooting.point(answer) if solver.stats()["success"] else None
+    for tolerance in _TOLERANCES:
+        limits = {"tol": tolerance, "compl_inf_tol": tolerance}
+        options = {**_EXACT, "ipopt": {**_EXACT["ipopt"], **limits}}
+        solver = ca.nlpsol("reference", "ipopt", shooting.program, options)
+        answer = solver(**shooting.bounds(q, u))
+        if solver.stats()["success"]:
+            return shooting.point(answer)
+    return None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

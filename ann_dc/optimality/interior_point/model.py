@@ -39,6 +39,7 @@ LARGEST_MOVE = 1e12
 """Move beyond which a matrix counts as singular."""
 LEAST_CURVATURE = 1e-8
 """Curvature along a step, in scales, at least."""
+EPSILON = float(np.finfo(float).eps)
 CENTRED = 1e10
 """Largest factor between a multiplier and the one that its slack and t call for."""
 
@@ -140,7 +141,7 @@ class Model:
         """
         point, rows, (stages, end) = self.point, self.rows, self.hessian
         n, z = len(end), stages.shape[1]
-        room = rows.price - point.z
+        room = np.maximum(rows.price - point.z, EPSILON * rows.price)
         weight = 1.0 / (rows.compliance + point.e / room + point.s / point.z)
         away = rows.value - rows.compliance * point.z + t / point.z - t / room
         G = rows.slope

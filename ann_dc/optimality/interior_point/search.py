@@ -25,8 +25,10 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import straight_line
 from ann_dc.progress import Progress, silent
 
-TOLERANCE = 1e-9
-"""Scaled error of a point that has converged."""
+TOLERANCE = 1e-11
+"""Scaled error of a point that has converged: at weakly active rows a point is off by its root."""
+ACCEPTABLE = 1e-8
+"""Scaled error of a point that has converged if rounding admits no further step."""
 BARRIER = 0.1
 """First barrier parameter t."""
 ITERATIONS = 400
@@ -143,17 +145,23 @@ class _Search:
                     return self.result("converged", iteration)
                 self.nudge()
             self.decrease()
-            step = self.step()
-            if step is None:
-                if not self.restored():
-                    return self.result("no shift of the Hessian gives a step", iteration)
-            elif not self.accepted(step) and not self.recovered():
-                return self.result("no step length is accepted", iteration)
+            if failure := self.advance():
+                is_close = self.model.error(0.0) < ACCEPTABLE
+                return self.result("converged" if is_close else failure, iteration)
             self.progress(
                 f"interior point: iteration {iteration + 1}, t = {self.t:.0e}, "
                 f"infeasibility {self.model.infeasibility:.1e}"
             )
         return self.result(f"not converged in {ITERATIONS} iterations", ITERATIONS)
+
+    def advance(self) -> str:
+        """Take a step, or say why none is possible."""
+        step = self.step()
+        if step is None:
+            return "" if self.restored() else "no shift of the Hessian gives a step"
+        if self.accepted(step) or self.recovered():
+            return ""
+        return "no step length is accepted"
 
     def decrease(self) -> None:
         """Decrease t while the error of its barrier problem is small enough."""
