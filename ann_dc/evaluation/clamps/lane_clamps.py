@@ -10,11 +10,11 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-import numba as nb
 import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
+from numba.np.numpy_support import carray
 
 from ann_dc.evaluation import rules
 from ann_dc.evaluation.clamps.pivots import clamp, is_railed
@@ -122,34 +122,20 @@ _HEAD, _EACH = 1, 4
 ) = range(len(ARRAYS))  # fmt: skip
 
 
-@inner
-def _vector(table, which):
-    at = _HEAD + _EACH * which
-    return nb.carray(_floats(table[at]), (table[at + 1],))
+def _view(pointed: Any, axes: int) -> Any:
+    """Compile a view of one array of the table, of a kind and a number of axes."""
+
+    @inner
+    def view(table, which):
+        at = _HEAD + _EACH * which
+        sizes = table[at + 1], table[at + 2], table[at + 3]
+        return carray(pointed(table[at]), sizes[:axes])
+
+    return view
 
 
-@inner
-def _matrix(table, which):
-    at = _HEAD + _EACH * which
-    return nb.carray(_floats(table[at]), (table[at + 1], table[at + 2]))
-
-
-@inner
-def _cube(table, which):
-    at = _HEAD + _EACH * which
-    return nb.carray(_floats(table[at]), (table[at + 1], table[at + 2], table[at + 3]))
-
-
-@inner
-def _integer_vector(table, which):
-    at = _HEAD + _EACH * which
-    return nb.carray(_integers(table[at]), (table[at + 1],))
-
-
-@inner
-def _integer_matrix(table, which):
-    at = _HEAD + _EACH * which
-    return nb.carray(_integers(table[at]), (table[at + 1], table[at + 2]))
+_vector, _matrix, _cube = (_view(_floats, axes) for axes in (1, 2, 3))
+_integer_vector, _integer_matrix = (_view(_integers, axes) for axes in (1, 2))
 
 
 @inner
@@ -218,12 +204,12 @@ def _scatter(couplings, hold, places, tables, out, lane):
 
 
 def _clamp_lanes(table, x, out):
-    head = nb.carray(_integers(table), (_HEAD + _EACH * len(ARRAYS),))
+    head = carray(_integers(table), (_HEAD + _EACH * len(ARRAYS),))
     places, drives = (
         (_integer_matrix(head, _AT), _integer_matrix(head, _STATE_AT)),
         _vector(head, _DRIVES),
     )
-    states, moves = nb.carray(_floats(x), drives.shape), nb.carray(_floats(out), drives.shape)
+    states, moves = carray(_floats(x), drives.shape), carray(_floats(out), drives.shape)
     tables = states, drives, _vector(head, _RATES_OF_LANES), _vector(head, _ROOTS)
     for lane in range(head[0]):
         couplings = _couplings(head, lane)

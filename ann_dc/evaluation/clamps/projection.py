@@ -63,8 +63,8 @@ def projected(
     """
     at_rail = coupled & ((x <= low) | (x >= high))
     held = at_rail & pushes_out(x, np.real(drive), low, high)
+    moves, currents = clamp(held)(drive)
     for pivot in range(PIVOTS):
-        moves, currents = clamp(held)(drive)
         slack = ROUNDING * np.max(np.abs(drive[held]) + np.abs(currents[held]), initial=0.0)
         wrong = np.where(
             held,
@@ -76,4 +76,5 @@ def projected(
         if pivot >= BLOCKS:
             wrong[: np.flatnonzero(wrong)[-1]] = False
         held = held ^ wrong
+        moves, currents = clamp(held)(drive)
     return np.where(coupled & pushes_out(x, np.real(moves), low, high), 0.0, moves)
