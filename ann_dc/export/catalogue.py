@@ -119,7 +119,8 @@ FORMATS: dict[str, Format] = {
         write=c99_files,
         check=c99_check,
         carries="the recurrence in integers, bit for bit that of its golden model",
-        loses="digits beyond the word; inputs out of range saturate, which a status tells",
+        loses="digits beyond the word; inputs out of range saturate, which a status tells; rails "
+        "of coupled neurons are refused by name",
     ),
     "hdl": Format(
         title="SystemVerilog with one multiplier, and a testbench",

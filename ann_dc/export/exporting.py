@@ -184,7 +184,7 @@ def _exported(
     files = form.files(network, vector, own)
     worth = _worth(name, files)
     if name in ABOUT:
-        files = {**files, README: readme(name, form, network.title, vector, files)}
+        files = {**files, README: readme(name, form, network, vector, files)}
     written = _written(folder, files, _index(name, network, vector, own, files))
     return replace(written, worth=worth)
 

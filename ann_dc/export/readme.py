@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from ann_dc.evaluation.clamps.projection import clamped_rows
 from ann_dc.export.formats import Files, Format
 from ann_dc.export.plain.reader import ARRAYS, reader
 from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.network.network import Network
 
 README = "README.md"
 
@@ -80,7 +82,9 @@ Labels are the names that nodes have in all exports; numbers beside connections 
 """What is the format's own, by its name, for those that write no README themselves."""
 
 
-def readme(name: str, form: Format, title: str, vector: ReferenceVector, files: Files) -> bytes:
+def readme(
+    name: str, form: Format, network: Network, vector: ReferenceVector, files: Files
+) -> bytes:
     """A README for people who were given the folder and nothing else.
 
     Parameters
@@ -88,8 +92,7 @@ def readme(name: str, form: Format, title: str, vector: ReferenceVector, files: 
     name : str
         Of the format.
     form : Format
-    title : str
-        Of the network.
+    network : Network
     vector : ReferenceVector
     files : mapping of str to bytes
 
@@ -97,11 +100,14 @@ def readme(name: str, form: Format, title: str, vector: ReferenceVector, files: 
     -------
     bytes
     """
+    is_clamped = len(clamped_rows(network)) > 0
     read = [
-        f"```python\n{reader(file)}```\n" for file in ARRAYS if name == "weights" and file in files
+        f"```python\n{reader(file, is_clamped=is_clamped)}```\n"
+        for file in ARRAYS
+        if name == "weights" and file in files
     ]
     settles = f"settles after {vector.steps} steps" if vector.settles else "does not settle"
-    return f"""# {" ".join(title.split())}: {form.title}
+    return f"""# {" ".join(network.title.split())}: {form.title}
 
 Files: {", ".join(f"`{file}`" for file in files)}.
 

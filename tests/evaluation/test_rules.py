@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.optimize
+from clamped_runs import COUPLED, at_rails, railed, rails_of, run_with_changes, unrailed
 from designs import small, wired_with
 from hypothesis import given, settings, strategies as st
 from random_metrics import random_metric, rows
@@ -21,40 +22,12 @@ from ann_dc.analysis import equilibrium
 from ann_dc.evaluation import InterpretedEvaluator, ReferenceEvaluator, evaluator
 from ann_dc.evaluation.clamps import projected
 from ann_dc.evaluation.generated import Axis, GeneratedEvaluator, Lanes
-from ann_dc.network import Limiter, Network
 from ann_dc.network.metrics import Kind, Metric, Row
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
 EVALUATORS = (ReferenceEvaluator, InterpretedEvaluator, GeneratedEvaluator)
-COUPLED = (Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE)
 every_evaluator = pytest.mark.parametrize("kind", EVALUATORS, ids=lambda kind: kind.__name__)
 every_coupled = pytest.mark.parametrize("metric", COUPLED, ids=lambda kind: kind.name.lower())
-
-
-def railed(network: Network, size: float, *populations: str) -> Network:
-    """The network with rails at -size and size for some populations; all where none is named."""
-    rails = Limiter(low=-size, high=size)
-    chosen = lambda n: not populations or n.population in populations  # noqa: E731
-    neurons = tuple(replace(n, limiter=rails) if chosen(n) else n for n in network.cell.neurons)
-    return replace(network, cell=replace(network.cell, neurons=neurons))
-
-
-def unrailed(network: Network) -> Network:
-    """The network without rails: its drives are never cut."""
-    return railed(network, np.inf)
-
-
-def rails_of(network: Network) -> tuple[np.ndarray, np.ndarray]:
-    """Low and high (n,) of the state vector."""
-    limits = np.array([(n.limiter.low, n.limiter.high) for n in network.cell.neurons])
-    return tuple(limits[network.places[:, 0]].T)
-
-
-def at_rails(network: Network, seed: int) -> np.ndarray:
-    """A random state, about half of whose neurons stand at their rails."""
-    low, high = rails_of(network)
-    size = np.where(np.isfinite(high), high, 0.3)
-    return np.random.default_rng(seed).uniform(-2 * size, 2 * size).clip(low, high)
 
 
 def inverse_of(metric: Metric, row: Row) -> np.ndarray:
@@ -241,26 +214,6 @@ def test_derivatives_of_the_flow_hold_neurons_that_rest(population, metric, kind
 
 
 # ---- runs ----------------------------------------------------------------------------------------
-
-
-@cache
-def run_with_changes(metric: Kind) -> tuple[Network, np.ndarray, int]:
-    """Euler steps of the NumPy evaluator, pushed now and then; how often its held set changes."""
-    network = railed(wired_with("car", metric), 0.35, "u", "q")
-    low, high = rails_of(network)
-    own, rng = evaluator(network), np.random.default_rng(4)
-    x, states, changes, before = network.start_state.clip(low, high), [], 0, None
-    step = 0.2 / own.fastest_rate(x)
-    for number in range(600):
-        if number % 30 == 0:  # somebody pushes it
-            x = (x + 0.5 * rng.standard_normal(len(x))).clip(low, high)
-        states.append(x)
-        moves = own.rhs(x)
-        held = ((x <= low) | (x >= high)) & (moves == 0)
-        changes += before is not None and not np.array_equal(held, before)
-        before = held
-        x = (x + step * moves).clip(low, high)
-    return network, np.array(states), changes
 
 
 @every_evaluator

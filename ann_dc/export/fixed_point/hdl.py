@@ -61,8 +61,8 @@ def hdl_files(
     Raises
     ------
     ExportError
-        If words of so many bits cannot carry the network, or not as accurately, or the prefix is no
-        identifier.
+        If words of so many bits cannot carry the network, or not as accurately, its metric couples
+        neurons that have rails, or the prefix is no identifier.
 
     Examples
     --------

@@ -102,8 +102,9 @@ def fixed_point(
     Raises
     ------
     ExportError
-        If the vector is no walk that settles, a node does not fit into the words, or they are too
-        short for the accuracy; the message says what they reach, and which ones would do.
+        If the vector is no walk that settles, the metric couples neurons that have rails, a node
+        does not fit into the words, or they are too short for the accuracy; the message says what
+        they reach, and which ones would do.
 
     Examples
     --------

@@ -1,5 +1,7 @@
 """Text of a program that reads exported networks with NumPy alone, for the README of exports."""
 
+from string import Template
+
 ARRAYS = {
     "network.safetensors": """\
 raw = open(folder + "/network.safetensors", "rb").read()
@@ -44,8 +46,7 @@ def state(x):  # (P, N) with pins and shared neurons filled in
     x = np.where(live, x, 0.0)
     for e in m["pins"]: x[names.index(e["neuron"]), e["stage"]] = inputs[e["input"]][e["stage"]]
     return np.where(shared[:, None], x[:, -1:], x)
-def held(x, move):  # 0 where it would push a neuron beyond the rail at which it is
-    return np.where((x <= low) & (move < 0) | (x >= high) & (move > 0), 0, move)
+$rails
 def moves(x):  # dx/ds (P, N)
     value = {"one": np.ones(3 * N + 1)}  # of every node: in the N cells, and beyond the two ends
     def node(n, v):
@@ -59,7 +60,7 @@ def moves(x):  # dx/ds (P, N)
         node(b["name"], (own.get(f) or getattr(np, f))(*read or [b["name"]]))  # as NumPy calls f
     d = np.array([arriving(n) for n in names])
     d[shared, -1] = d[shared].sum(1)
-    return held(x, (M @ held(x, np.where(live, d, 0)).ravel()).reshape(x.shape) * live)
+    return $moves
 v = json.load(open(folder + "/reference_vector.json"))
 expected = {int(k): x for k, x in v["early"].items()} | {v["steps"]: v["end"]}
 x = state([a.get("start/" + n, np.zeros(N)) for n in names])
@@ -68,18 +69,46 @@ for k in range(1, max(expected) + 1):
     if k in expected: print(k, abs(x - expected[k]).max())
 """
 
+CUT = {
+    "rails": """\
+def held(x, move):  # 0 where it would push a neuron beyond the rail at which it is
+    return np.where((x <= low) & (move < 0) | (x >= high) & (move > 0), 0, move)""",
+    "moves": "held(x, (M @ held(x, np.where(live, d, 0)).ravel()).reshape(x.shape) * live)",
+}
+"""Statements for networks whose neurons with rails are not coupled by M."""
 
-def reader(file: str) -> str:
+PROJECTED = {
+    "rails": """\
+def projected(x, d):  # v = M (d + r): currents r of diodes hold neurons at rails
+    def outward(y): return (x <= low) & (y < 0) | (x >= high) & (y > 0)
+    held = outward(d)
+    for turn in range(1000):
+        r, C = np.zeros(d.size), np.flatnonzero(held)
+        r[C] = -np.linalg.solve(M[np.ix_(C, C)], M[C] @ d.ravel())
+        v = np.where(held, 0, (M @ (d.ravel() + r)).reshape(x.shape))
+        tiny = 1e-13 * (abs(d.ravel()) + abs(r))[C].max(initial=0)
+        wrong = np.flatnonzero(outward(v + np.where(abs(r) > tiny, r, 0).reshape(x.shape)))
+        if not len(wrong): break  # no v and no r points outward
+        held.ravel()[wrong if turn < 10 else wrong[-1:]] ^= True
+    return np.where(outward(v), 0, v)""",
+    "moves": "projected(x, np.where(live, d, 0))",
+}
+"""Statements for networks with rails at neurons that M couples."""
+
+
+def reader(file: str, *, is_clamped: bool = True) -> str:
     """Return a program that reads exported weights and repeats the reference walk.
 
     Parameters
     ----------
     file : str
         Name of the weight file.
+    is_clamped : bool
+        True if the metric couples neurons that have rails.
     """
     return f"""\
 import collections, json, sys
 import numpy as np
 folder = (sys.argv[1:] or ["."])[0]
 m = json.load(open(folder + "/manifest.json", encoding="utf-8"))
-{ARRAYS[file]}{NETWORK}"""
+{ARRAYS[file]}{Template(NETWORK).substitute(PROJECTED if is_clamped else CUT)}"""

@@ -52,7 +52,7 @@ from ann_dc.export.weights.hashes import hashes_of
 from ann_dc.export.weights.npz import BROKEN, NpzEntries, packed_entries
 from ann_dc.export.weights.reading import MAX_MANIFEST, network_of
 from ann_dc.export.weights.tensor_file import TensorEntries, packed_tensors
-from ann_dc.export.weights.writing import ABOUT, METRICS, arrays_of, manifest_of, words_of
+from ann_dc.export.weights.writing import about, arrays_of, manifest_of, words_of
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 from ann_dc.whole_files.files import read_whole, write_whole
@@ -133,8 +133,7 @@ def written(network: Network) -> tuple[str, dict[str, object]]:
         If the manifest is larger than what is read again.
     """
     arrays, plain = arrays_of(network), manifest_of(network)
-    about = ABOUT + METRICS[network.metric.kind]
-    manifest = plain | {"about": about, "tensors": words_of(network, arrays)}
+    manifest = plain | {"about": about(network), "tensors": words_of(network, arrays)}
     first = {key: plain[key] for key in ("format", "schema", "title")}
     table = first | {"hashes": hashes_of(manifest, arrays)} | manifest
     text = json.dumps(table, indent=1, default=operator.index)

@@ -7,6 +7,7 @@ from dataclasses import asdict
 
 import numpy as np
 
+from ann_dc.evaluation.clamps.projection import clamped_rows
 from ann_dc.export.weights.manifest import FORMAT, SCHEMA, weight_names
 from ann_dc.network.cell import Connection, Template
 from ann_dc.network.metrics.contract import Kind, Metric
@@ -29,14 +30,25 @@ ABOUT = (
     "before the next one. Value of an input = (given - offset) / factor with `input_scale` (without"
     " it: as given). A pinned neuron has the value of its input at that stage, an absent one is 0; "
     "a shared one is a single neuron, in the last cell: all cells read it, and its drive is the sum"
-    " of those of all cells. Rails: d is 0 where x <= low and d < 0, or x >= high and d > 0; then M"
-    " d likewise; after a step of finite length x is clipped to its rails. M acts on live neurons: "
+    " of those of all cells. Rails: {rails}; after a step of finite length x is clipped to its "
+    "rails. M acts on live neurons: "
     "d of pinned, absent and other cells' shared ones is 0, and they do not move. States are in "
     "network units: user's value = zero + unit * state (zero 0 without the array). Connections "
     "compute multipliers too, and `duals`, `diodes` and `objectives` name them only: m = mu + rho c"
     " of a PI dual with residual c, m = max(0, z + w g) of a diode neuron z of a row g <= 0. "
 )
-"""The equation, in the words of a manifest; `METRICS` goes on with M."""
+"""The equation, in the words of a manifest, with a place for rails; `METRICS` goes on with M."""
+
+CUT = "d is 0 where x <= low and d < 0, or x >= high and d > 0; then M d likewise"
+PROJECTED = (
+    "the moves are v = M (d + r) with currents r of ideal diodes. Where x <= low, v >= 0, r >= 0 "
+    "and v r = 0; where x >= high, v <= 0, r <= 0 and v r = 0; elsewhere r = 0. So v is the argmin "
+    "of v' M^-1 v / 2 - d' v over all v that lead past no rail. To find r, hold the neurons C at "
+    "rails whose d points outward: v_C = 0 and r_C = -(M_CC)^-1 (M d)_C. Let go those whose r has "
+    "the wrong sign, hold those whose v has, until there is none; after 10 rounds exchange the last"
+    " of them only. A wrong r up to 1e-13 of the largest |d| + |r| of C counts as 0"
+)
+"""Rails in the words of a manifest: of neurons that M does not couple, and of those it does."""
 
 _PYRAMID = (
     "M = diag(1 / tau) + sum over levels l of H_l S_l H_l'. Each of the `chains` (q, t) has 2N "
@@ -86,6 +98,12 @@ stiffness by the second."""
 
 STIFFNESSES: dict[str, type[Stiffness]] = {"grid": Grid, "tree": Tree}
 """How a stiffness is built, by the name that the manifest has for it."""
+
+
+def about(network: Network) -> str:
+    """Return the equation of a network in words: for everybody who has its file alone."""
+    rails = PROJECTED if len(clamped_rows(network)) else CUT
+    return ABOUT.format(rails=rails) + METRICS[network.metric.kind]
 
 
 def manifest_of(network: Network) -> dict:

@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from clamped_runs import railed
+from designs import wired_with
 from fixed_points import PROBLEMS, in_integers, pressed, walk, walked
 
 import ann_dc
 from ann_dc.errors import ArgumentError, ExportError
 from ann_dc.export.fixed_point import Integers, fixed_point
-from ann_dc.export.fixed_point.arithmetic import formats
+from ann_dc.export.fixed_point.arithmetic import formats, program_of
 from ann_dc.export.reference import reference_vector
+from ann_dc.network.metrics import TimeConstants
 
 QUICK = ["double_integrator", "car", "bounds", "objectives"]
 
@@ -76,6 +79,19 @@ def test_rails_hold():
         assert ((low <= states) & (states <= high)).all()
         ends.append(((states == low) | (states == high)).any())
     assert any(ends)
+
+
+@pytest.mark.parametrize("kind", [ann_dc.Kind.GRID, ann_dc.Kind.TREE])
+def test_rails_of_coupled_neurons_are_refused_by_name(kind):
+    network = railed(wired_with("double_integrator", kind), 0.5, "u")
+    with pytest.raises(ExportError, match=rf"its {kind.value} couples neurons with rails \(u\.a\)"):
+        program_of(network, 0.1)
+    assert len(program_of(replace(network, metric=TimeConstants()), 0.1).limits) == network.size
+
+
+def test_rails_of_neurons_that_the_metric_does_not_couple_are_carried():
+    network = railed(wired_with("double_integrator", ann_dc.Kind.PYRAMID), 0.5, "u")
+    assert np.isfinite(program_of(network, 0.1).limits).any()
 
 
 def test_a_drive_that_a_rail_stops_does_not_saturate():

@@ -9,12 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import sympy as sp
+from clamped_runs import COUPLED, railed, run_with_changes
 from constrained import CONSTRAINED, integrator
 from designs import coordinated, designed, wired_with
 from minimax import CASES, car
 from random_networks import far_wired, random_network
 
 import ann_dc
+from ann_dc.evaluation import evaluator
 from ann_dc.export.plain import reader, weights_files
 from ann_dc.export.reference import EulerWalk, ReferenceVector
 from ann_dc.export.weights import content_hash, wiring_hash
@@ -98,20 +100,45 @@ def differences(folder, network, form="safetensors"):
     return {k: off / max(1.0, np.abs(vector.early[k]).max()) for k, off in told.items()}
 
 
-BY_DRIVES = [f"random, {kind.value}" for kind in Kind if kind is not Kind.TIME_CONSTANTS]
-by_drives = pytest.mark.xfail(
-    reason="the reader judges coupled neurons at rails by their drives", strict=True
-)
-every_network = [
-    pytest.param(name, marks=by_drives) if name in BY_DRIVES else name for name in NETWORKS
-]
-
-
-@pytest.mark.parametrize("name", every_network)
+@pytest.mark.parametrize("name", NETWORKS)
 def test_reader_of_the_readme_takes_the_steps_of_the_vector(name, tmp_path):
     off = differences(tmp_path, NETWORKS[name]())
     assert off.keys() == set(EARLY)
     assert max(off.values()) < 1e-12
+
+
+@pytest.mark.filterwarnings("ignore:unclosed file")
+@pytest.mark.parametrize("kind", COUPLED, ids=lambda kind: kind.name.lower())
+def test_reader_follows_the_rule_of_rails_where_the_held_set_changes_a_hundred_times(
+    kind, tmp_path, monkeypatch
+):
+    network, states, changes = run_with_changes(kind)
+    assert changes >= 100
+    for name, content in weights_files(network, steps_of(network)).items():
+        (tmp_path / name).write_bytes(content)
+    monkeypatch.setattr(sys, "argv", ["reader.py", str(tmp_path)])
+    names: dict = {}
+    exec(reader("network.safetensors").partition("v = json.load")[0], names)
+    for x in states:
+        expected = evaluator(network).rhs(x)
+        found = network.pack(names["moves"](names["state"](network.unpack(x))))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("kind", "is_clamped"),
+    [(Kind.GRID, True), (Kind.PYRAMID, False), (Kind.TIME_CONSTANTS, False)],
+    ids=["grid", "pyramid", "time constants"],
+)
+def test_texts_of_an_export_tell_the_rule_of_rails_of_coupled_controls(kind, is_clamped, tmp_path):
+    network = railed(wired_with("double_integrator", kind), 0.5, "u")
+    [done] = ann_dc.export_network(network, "weights", tmp_path)
+    text = (done.folder / "README.md").read_text()
+    [program] = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    about = json.loads((done.folder / "manifest.json").read_text())["about"]
+    for told in ("projected" in program, "v = M (d + r)" in about):
+        assert told == is_clamped
+    assert max(printed(done.folder, program).values()) < 1e-12
 
 
 def test_reader_of_an_npz_takes_the_steps_of_the_vector(tmp_path):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ann_dc.errors import ExportError
+from ann_dc.evaluation.clamps.projection import clamped_rows
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import PRODUCT as TAPE_PRODUCT, SUM as TAPE_SUM
 from ann_dc.export.fixed_point.arithmetic.metric_sums import add_pyramid, replace_by_stiffness
@@ -36,7 +38,20 @@ def program_of(network: Network, step: float) -> Program:
     Returns
     -------
     Program
+
+    Raises
+    ------
+    ExportError
+        If the metric couples neurons that have rails: sums cannot find who is held.
     """
+    coupled = [network.cell.neurons[row].name for row in clamped_rows(network)]
+    if coupled:
+        raise ExportError(
+            f"{network.title}: its {network.metric.kind.value} couples neurons with rails "
+            f"({', '.join(coupled)}), which integers hold one by one; design it with "
+            "kinds=[Kind.TIME_CONSTANTS] (--kinds time-constants), or take "
+            "dataclasses.replace(network, metric=TimeConstants())"
+        )
     writer = _Writer(network)
     writer.blocks()
     writer.drives()
