@@ -2,6 +2,7 @@
 
 A `Selection` says which; `neurons_of`, `blocks_of` and `connections_of` list what can be chosen,
 and `chosen` gives the names and the stages. What does not exist is refused, not left out.
+`clamped_rows` lists neurons by their rails.
 """
 
 from __future__ import annotations
@@ -82,6 +83,21 @@ def connections_of(network: Network) -> Known:
     """All connections of a network."""
     nodes = neurons_of(network) | blocks_of(network)
     return {c.name: (nodes[c.target][0], c.name, c.target) for c in network.cell.connections}
+
+
+def clamped_rows(network: Network) -> np.ndarray:
+    """Return the rows (K,) of the neurons with rails that the metric couples to others.
+
+    If there are none, all moves at rails follow from the drives of the neurons alone.
+
+    Parameters
+    ----------
+    network : Network
+    """
+    limits = [(n.limiter.low, n.limiter.high) for n in network.cell.neurons]
+    railed = np.isfinite(np.reshape(limits, (-1, 2))).any(axis=1)
+    with np.errstate(over="ignore"):  # a saved network may have time constants of any length
+        return np.flatnonzero(railed & network.metric.reach(network.row))
 
 
 def chosen(network: Network, where: Selection, known: Known) -> tuple[list[str], np.ndarray]:

@@ -1,1 +1,1 @@
-from .projection import clamped_rows as clamped_rows, projected as projected
+from .projection import projected as projected

@@ -16,7 +16,6 @@ import numpy as np
 
 from ann_dc.evaluation.rules import BLOCKS, PIVOTS, ROUNDING, lets_go, pushes_out
 from ann_dc.network.metrics.contract import Clamp
-from ann_dc.network.network import Network
 
 
 def projected(
@@ -79,18 +78,3 @@ def projected(
         held = held ^ wrong
         moves, currents = clamp(held)(drive)
     return np.where(coupled & pushes_out(x, np.real(moves), low, high), 0.0, moves)
-
-
-def clamped_rows(network: Network) -> np.ndarray:
-    """Return the rows (K,) of the neurons with rails that the metric couples to others.
-
-    If there are none, all moves at rails follow from the drives of the neurons alone.
-
-    Parameters
-    ----------
-    network : Network
-    """
-    limits = [(n.limiter.low, n.limiter.high) for n in network.cell.neurons]
-    railed = np.isfinite(np.reshape(limits, (-1, 2))).any(axis=1)
-    with np.errstate(over="ignore"):  # a saved network may have time constants of any length
-        return np.flatnonzero(railed & network.metric.reach(network.row))

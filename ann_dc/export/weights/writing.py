@@ -7,7 +7,6 @@ from dataclasses import asdict
 
 import numpy as np
 
-from ann_dc.evaluation.clamps.projection import clamped_rows
 from ann_dc.export.weights.manifest import FORMAT, SCHEMA, weight_names
 from ann_dc.network.cell import Connection, Template
 from ann_dc.network.metrics.contract import Kind, Metric
@@ -16,6 +15,7 @@ from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.metrics.stiffness import Stiffness
 from ann_dc.network.metrics.tree import Tree
 from ann_dc.network.network import Network
+from ann_dc.network.selection import clamped_rows
 from ann_dc.scale import Scale
 
 ABOUT = (

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ann_dc.errors import ExportError
-from ann_dc.evaluation.clamps.projection import clamped_rows
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import PRODUCT as TAPE_PRODUCT, SUM as TAPE_SUM
 from ann_dc.export.fixed_point.arithmetic.metric_sums import add_pyramid, replace_by_stiffness
@@ -24,6 +23,7 @@ from ann_dc.export.fixed_point.arithmetic.program import (
 from ann_dc.network.cell import ONE
 from ann_dc.network.functions import CODE
 from ann_dc.network.network import Network
+from ann_dc.network.selection import clamped_rows
 
 
 def program_of(network: Network, step: float) -> Program:
