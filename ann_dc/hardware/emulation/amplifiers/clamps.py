@@ -104,18 +104,22 @@ def add_clamps(assembly: Assembly, part: Integrator) -> Clamps:
         Without followers where it has none.
     """
     nodes, rails = AmplifierNodes(part.name), np.isfinite(assembly.circuit.rails(part))
-    if not (rails.any() or assembly.moving):
-        return Clamps(into=nodes.held)
-    assembly.sum(nodes.summed)
-    assembly.connect(nodes.summed, nodes.held, 1.0)
+    into = nodes.held
+    # a shared neuron reads others of its kind in the last cell only, which a sum would do in all
+    if (rails.any() or assembly.moving) and not assembly.schematic.collects(part.name):
+        into = nodes.summed
+        assembly.sum(into)
+        assembly.connect(into, nodes.held, 1.0)
     if assembly.moving:
         clamps = clamps_of(assembly.circuit, assembly.datasheet, part)
-        shares = {_add_clamp(assembly, part, clamp): CLAMP_SHARE for clamp in clamps}
-        return Clamps(into=nodes.summed, followers=shares)
+        shares = {_add_clamp(assembly, part, clamp, into): CLAMP_SHARE for clamp in clamps}
+        return Clamps(into=into, followers=shares)
+    if not rails.any():
+        return Clamps(into=into)
     _add_follower(assembly, part)
     return Clamps(
-        into=nodes.summed,
-        limiter=_given_way(assembly, part),
+        into=into,
+        limiter=_given_way(assembly, part, into),
         followers={nodes.clamps: CLAMP_SHARE * int(rails.sum())},
         shifts=tuple(_shifts(assembly, part)),
     )
@@ -146,11 +150,12 @@ def _carrying(assembly: Assembly, part: Integrator) -> np.ndarray:
     return CLAMP_LAG / assembly.omega + farads
 
 
-def _given_way(assembly: Assembly, part: Integrator) -> Limiter:
+def _given_way(assembly: Assembly, part: Integrator, into: str) -> Limiter:
     """Add how far clamps that conduct give way; the capacitor's limits, of a diode's drop."""
     nodes, circuit, a0 = AmplifierNodes(part.name), assembly.circuit, assembly.datasheet.a0
-    way = _carrying(assembly, part) / part.tau / a0
-    assembly.connect(nodes.summed, nodes.ground, -way / (1 + farads_over(assembly, part)))
+    if into == nodes.summed:
+        way = _carrying(assembly, part) / part.tau / a0
+        assembly.connect(into, nodes.ground, -way / (1 + farads_over(assembly, part)))
     drop, limiter = abs(circuit.value_of(part.name)) * CLAMP_DROP / a0, circuit.limiter(part)
     return Limiter(low=limiter.low - drop, high=limiter.high + drop)
 
@@ -179,14 +184,14 @@ def _reference(assembly: Assembly) -> float:
     return sheet.parasitics.bias_current * CLAMP_REFERENCE / sheet.gbw
 
 
-def _add_clamp(assembly: Assembly, part: Integrator, clamp: Clamp) -> str:
+def _add_clamp(assembly: Assembly, part: Integrator, clamp: Clamp, into: str) -> str:
     """Add a clamp that moves: op amp, diodes, and its share of the capacitor; what that is called.
 
     Its share ends at the virtual ground, and at what is called so.
     """
     nodes = clamp.nodes
     _add_comparator(assembly, part, clamp)
-    _add_current(assembly, part, clamp)
+    _add_current(assembly, part, clamp, into)
     lag = 1 / assembly.omega + _share_lag(assembly, part)
     assembly.neuron(nodes.share, lag, Origin(part.name))
     assembly.connect(nodes.op_amp, nodes.share, 1.0)
@@ -217,7 +222,7 @@ def _add_comparator(assembly: Assembly, part: Integrator, clamp: Clamp) -> None:
     _add_omega(assembly, nodes.short, nodes.op_amp, -clamp.side / thermal, begins)
 
 
-def _add_current(assembly: Assembly, part: Integrator, clamp: Clamp) -> None:
+def _add_current(assembly: Assembly, part: Integrator, clamp: Clamp, into: str) -> None:
     """Add what a clamp carries through its other diode, into the virtual ground."""
     nodes, out = clamp.nodes, clamp.side * clamp.thermal
     carrying = _carrying(assembly, part)
@@ -225,7 +230,7 @@ def _add_current(assembly: Assembly, part: Integrator, clamp: Clamp) -> None:
     begins = np.log(ohms * CLAMP_SATURATION / THERMAL)
     _add_omega(assembly, nodes.current, nodes.op_amp, 1 / out, begins)
     pull = np.where(part.present, part.tau, 0.0) / carrying
-    assembly.connect(nodes.current, AmplifierNodes(part.name).summed, -out * pull)
+    assembly.connect(nodes.current, into, -out * pull)
 
 
 def _add_omega(

@@ -27,6 +27,8 @@ weight one. While a circuit moves, its derivative is taken from what lags it by 
 .. math:: (1 + r G)\, \dot x = \Omega\,\Big(o - e - x / A_0 - \frac{r}{R} (A + \Gamma e - a)\Big) ,
           \qquad \dot a = \Omega\,(A + \Gamma e - a) .
 
+Neurons that all cells share have no such term: settling times differ by at most 0.03 % (100 ohm).
+
 A diode neuron is a PI cell whose op amp stands at y + D / 2; behind a diode of drop D / 2 its
 output is x = max(0, y). By min(0, y + D) through another diode it holds its virtual ground, at the
 noise gain of its inputs; between the two it has to move, and a share s seeps back:
@@ -121,7 +123,7 @@ def _integrator(assembly: Assembly, part: Integrator) -> None:
         assembly.connect(node, nodes.ground, -divider)
     gamma = assembly.conductance(part, ones)
     e = {nodes.ground: 1.0}
-    if assembly.moving and assembly.datasheet.rout:
+    if assembly.moving and assembly.datasheet.rout and clamps.into == nodes.summed:
         e = _trailed(assembly, part, gamma, 1 - clamps.share)
     _amplifier(assembly, nodes, e)
     add_capacitor(assembly, part, {nodes.ground: gamma}, part.tau, clamps.limiter)

@@ -13,6 +13,7 @@ from ann_dc.analysis import spectrum
 from ann_dc.backends.spice import CircuitRun, SpiceBackend, refined, span_of
 from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.fidelity import Specimen, predict
+from ann_dc.fidelity.specimen import transient_of
 from ann_dc.hardware.circuit import CLAMP_RESTING, CLAMP_SATURATION
 from ann_dc.hardware.emulation import Emulation, emulate_clamps
 from ann_dc.hardware.parts import TYPICAL, Parasitics, macro, presets
@@ -63,6 +64,33 @@ def test_clamps_that_are_off_damp_what_turns_by_what_they_lag(preset):
     outside = (2 + sheet.rout * sheet.gbw / 20e9) / (2 * np.pi * sheet.gbw)
     damped = growth(backend, oscillator(3.0)) - growth(backend, oscillator(np.inf))
     assert damped == pytest.approx(-0.4 * (inside + outside) / T, rel=0.1)
+
+
+def collecting(rail: float) -> Network:
+    """A shared neuron that settles to 0.6, or its rail, by what three cells send to it."""
+    decay = Connection(source="x", target="x", weight=np.array([0.0, 0.0, -1.0]))
+    cell = Cell(
+        neurons=(Neuron(name="x", shared=True, limiter=Limiter(high=rail)), Neuron(name="y")),
+        inputs=("given",),
+        connections=(*wired(("given", "y", 1.0), ("y", "y", -1.0), ("y", "x", 1.0)), decay),
+    )
+    return Network(stages=3, cell=cell, inputs={"given": [0.1, 0.2, 0.3]})
+
+
+@pytest.mark.parametrize("rout", [0.0, 50.0])
+@pytest.mark.parametrize("rail", [0.5, 0.7, np.inf])
+def test_emulated_shared_neuron_settles_as_all_cells_send(rail, rout):
+    level = macro(rout=rout)
+    circuit, probe = SpiceBackend(level=level).prepare(collecting(rail))
+    specimen = Specimen(circuit=circuit, level=level, probe=probe)
+    moved = transient_of(specimen)
+    assert moved.status.settled
+    for emulation, x in (
+        (specimen.emulation, specimen.settled),
+        (specimen.moving, moved.trajectory.final),
+    ):
+        row = emulation.network.neuron_index["x"]
+        assert emulation.network.unpack(x)[row, -1] == pytest.approx(min(rail, 0.6), rel=1e-4)
 
 
 @needs_ngspice
