@@ -1,7 +1,9 @@
 """The table of effects: the emulation says of each what ngspice does."""
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from by_hand import wired_by_hand
 from simulator import needs_ngspice
@@ -77,6 +79,19 @@ def test_an_output_current_that_is_not_refused_does_no_harm():
         check_currents(circuit, starved)
     backend = SpiceBackend(level=starved, require_stable=False)
     assert simulate(backend, circuit, probe, {}).control_error > 100 * row.measured_error
+
+
+@needs_ngspice
+@pytest.mark.parametrize("coulombs", [5e-12, 20e-12])
+def test_charge_of_reset_switches_leaves_no_ripple_at_the_end(coulombs):
+    """The trapezoidal rule alternates from step to step in a capacitor without a resistor."""
+    level = with_parasitics(macro(), switch_charge=coulombs)
+    backend = SpiceBackend(level=macro())
+    circuit, probe = backend.prepare(neighbour_wired("double_integrator", 3))
+    run = simulate(replace(backend, level=level), circuit, probe, {})
+    first, middle, last = run.trajectory.control_values[-3:]
+    ripple = np.abs(first - 2 * middle + last).max() / 4 / run.probe.control_size
+    assert ripple < 1e-3 * run.control_error
 
 
 @needs_ngspice
