@@ -112,7 +112,7 @@ FORMATS: dict[str, Format] = {
         write=analog_computer_files,
         check=analog_computer_check,
         carries="the whole flow, scaled to +-1 machine unit",
-        loses="routing to a machine's clusters",
+        loses="routing to a machine's clusters; rails of coupled neurons are refused by name",
     ),
     "c99": Format(
         title="C99 without floating point, which tests itself",

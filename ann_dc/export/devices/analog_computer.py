@@ -30,12 +30,11 @@ from ann_dc.export.devices.elements import (
     INTEGRATOR,
     PRODUCT,
     SUM,
-    SWITCH,
     Element,
     elements_of,
 )
 from ann_dc.export.devices.machine import Machine
-from ann_dc.export.reference.beside import check_vector, notes_of, vector_of
+from ann_dc.export.reference.beside import check_rails, check_vector, notes_of, vector_of
 from ann_dc.export.reference.places import Places
 from ann_dc.export.reference.rounding import compare
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
@@ -92,8 +91,8 @@ def analog_computer_files(
     Raises
     ------
     ExportError
-        If an option is below 1, the network does not settle in continuous time, or the vector is
-        another network's.
+        If an option is below 1, the metric couples neurons that have rails, the network does not
+        settle in continuous time, or the vector is another network's.
 
     Examples
     --------
@@ -108,6 +107,7 @@ def analog_computer_files(
         if given < 1:
             raise ExportError(f"{name}: expected a number from 1 on, got {given:g}")
     check_vector(network, vector)
+    check_rails(network, "integrators of an analog computer")
     elements = elements_of(network)
     scales = _scales(elements, headroom * _peaks(network, elements), largest)
     beta = _time_scale(elements, scales, largest)
@@ -194,8 +194,6 @@ def _scales(elements: Sequence[Element], wanted: np.ndarray, largest: float) -> 
             scales[k] = scales[e.reads[0]] * scales[e.reads[1]]
         elif e.kind == CONSTANT:
             scales[k] = abs(e.value) or 1.0
-        elif e.kind == SWITCH:
-            scales[k] = scales[e.reads[0]]
         elif e.kind == SUM:
             arriving = max((abs(w) * scales[p] for p, w in e.wires.items()), default=0.0)
             least = arriving / largest

@@ -15,14 +15,13 @@ from ann_dc.export.devices.elements import (
     KINDS,
     PRODUCT,
     SUM,
-    SWITCH,
     Element,
 )
 from ann_dc.export.devices.machine import Machine
 from ann_dc.export.weights.manifest import Table
 from ann_dc.network.functions import function_block
 
-READS = {PRODUCT: 2, FUNCTION: 1, SWITCH: 2}
+READS = {PRODUCT: 2, FUNCTION: 1}
 """How many elements one of a kind reads."""
 VALUES = {INTEGRATOR: "start", CONSTANT: "value"}
 """What the value of one of a kind is called."""
@@ -64,7 +63,7 @@ def _row(e: Element, scale: float) -> dict:
     row = {"name": e.name, "kind": e.kind, "scale": scale}
     if e.kind in VALUES:
         row[VALUES[e.kind]] = e.value / scale
-    if e.kind == INTEGRATOR:  # a switch looks at the rails of its integrator
+    if e.kind == INTEGRATOR:
         ends = {"low": e.low / scale, "high": e.high / scale}
         row |= {name: float(end) for name, end in ends.items() if np.isfinite(end)}
     if e.kind == FUNCTION:
@@ -118,17 +117,14 @@ def _element(row: Table, place: int, before: Sequence[Element]) -> Element:
         type(p) is int and 0 <= p < place for p in reads
     ):
         raise FileFormatError(f"{row.place}.reads: expected {READS.get(kind, 0)} earlier elements")
-    ends = before[reads[-1]] if kind == SWITCH else None
-    if ends is not None and ends.kind != INTEGRATOR:
-        raise FileFormatError(f"{row.place}.reads: a switch looks at an integrator")
     return Element(
         name=row.get("name", str),
         kind=kind,
         reads=tuple(reads),
         function=_function(row) if kind == FUNCTION else "",
         value=_number(row, VALUES[kind]) if kind in VALUES else 0.0,
-        low=ends.low if ends else _limit(row, "low", -np.inf),
-        high=ends.high if ends else _limit(row, "high", np.inf),
+        low=_limit(row, "low", -np.inf),
+        high=_limit(row, "high", np.inf),
     )
 
 

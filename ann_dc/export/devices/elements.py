@@ -1,4 +1,4 @@
-"""A network as elements of an analog computer: integrators, sums, products, functions, switches.
+"""A network as elements of an analog computer: integrators, sums, products, functions.
 
 Nothing is shared and nothing is implied: every stage has elements of its own, and what the metric
 does between drives and moves is wired as sums. A metric that is the inverse of a stiffness S is
@@ -19,8 +19,8 @@ from ann_dc.network.cell import ONE, Function, Product
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 
-KINDS = ("integrator", "constant", "sum", "product", "function", "switch")
-INTEGRATOR, CONSTANT, SUM, PRODUCT, FUNCTION, SWITCH = KINDS
+KINDS = ("integrator", "constant", "sum", "product", "function")
+INTEGRATOR, CONSTANT, SUM, PRODUCT, FUNCTION = KINDS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,14 +33,13 @@ class Element:
     wires : mapping of int to float
         What an integrator or a sum adds up: weight, by the place of the source.
     reads : tuple of int
-        Places of the factors of a product, the argument of a function, and what a switch lets
-        through with the integrator that it looks at.
+        Places of the factors of a product, and the argument of a function.
     function : str
         Which function.
     value : float
         Of a constant; of an integrator, at the start.
     low, high : float
-        Where an integrator stops; what a switch looks for.
+        Where an integrator stops.
     """
 
     name: str
@@ -56,12 +55,12 @@ class Element:
 def elements_of(network: Network) -> list[Element]:
     """The elements of a network, in network units; the first n are its integrators.
 
-    A sum stands behind what it reads, a switch lets its source through unless an integrator stands
-    at a rail and would be pushed out.
+    A sum stands behind what it reads.
 
     Parameters
     ----------
     network : Network
+        Without rails at neurons that its metric couples.
     """
     return _Wiring(network).elements
 
@@ -182,21 +181,9 @@ class _Wiring:
         return moves
 
     def _summed(self, component: int, wires: dict[int, float]) -> int:
-        """The drive of a neuron as a sum, switched off where it stands at a rail."""
-        integrator = self.elements[component]
-        name = f"drive {integrator.name}"
-        place = self._add(Element(name=name, kind=SUM, wires=wires))
-        if np.isinf([integrator.low, integrator.high]).all():
-            return place
-        return self._add(
-            Element(
-                name=f"switch {integrator.name}",
-                kind=SWITCH,
-                reads=(place, component),
-                low=integrator.low,
-                high=integrator.high,
-            )
-        )
+        """Add the drive of a neuron as a sum; return its place."""
+        name = f"drive {self.elements[component].name}"
+        return self._add(Element(name=name, kind=SUM, wires=wires))
 
     def _answers(self, spread, stiffness, drives: Mapping[int, int]) -> dict[int, int]:
         """Places of S^-1 spread' d, of the nodes that hear any of the drives."""

@@ -20,7 +20,6 @@ from ann_dc.export.devices.elements import (
     INTEGRATOR,
     PRODUCT,
     SUM,
-    SWITCH,
     Element,
 )
 from ann_dc.network.functions import function_block
@@ -42,7 +41,8 @@ class Machine:
         self.scales = np.ones(len(elements)) if scales is None else scales
         kinds = [e.kind for e in elements]
         self.integrators = np.flatnonzero([kind == INTEGRATOR for kind in kinds])
-        self._limits = np.array([(e.low, e.high) for e in elements]).reshape(-1, 2).T
+        limits = [(elements[i].low, elements[i].high) for i in self.integrators.tolist()]
+        self._limits = np.array(limits).reshape(-1, 2).T
         self._fixed = np.array([e.value if e.kind == CONSTANT else 0.0 for e in elements])
         self._weights = _weights(elements)
         self._moves = self._weights[self.integrators]
@@ -67,12 +67,12 @@ class Machine:
     def moves(self, x: np.ndarray) -> np.ndarray:
         """(n,): dX/dT of the integrators; none past its rail."""
         moves = self._moves @ self.values(x)
-        low, high = self._limits[:, self.integrators]
+        low, high = self._limits
         return np.where(pushes_out(x, moves, low, high), 0.0, moves)
 
     def within(self, x: np.ndarray) -> np.ndarray:
         """The state with every integrator between its rails."""
-        return np.clip(x, *self._limits[:, self.integrators])
+        return np.clip(x, *self._limits)
 
     def _rank(self, places: np.ndarray):
         """What computes the elements of one rank, in the values (E,) of all."""
@@ -117,21 +117,10 @@ class Machine:
 
         return compute
 
-    def _switches(self, places: list[int]):
-        x, neuron = np.array([self.elements[p].reads for p in places]).T
-        low, high = self._limits[:, places]
-
-        def compute(values: np.ndarray) -> None:
-            given = values[x]
-            values[places] = np.where(pushes_out(values[neuron], given, low, high), 0.0, given)
-
-        return compute
-
 
 _NO_SUMS = {
     PRODUCT: Machine._products,
     FUNCTION: Machine._functions,
-    SWITCH: Machine._switches,
 }
 
 

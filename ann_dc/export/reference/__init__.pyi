@@ -1,4 +1,5 @@
 from .beside import (
+    check_rails as check_rails,
     check_sums as check_sums,
     check_vector as check_vector,
     file_of as file_of,

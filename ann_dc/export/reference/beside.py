@@ -1,4 +1,7 @@
-"""What every export does with the files beside its own: a vector, tables of notes, hashes."""
+"""What every export does with the files beside its own: a vector, tables of notes, hashes.
+
+`check_rails` is for formats that cannot follow the vector where a metric couples neurons at rails.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.export.weights.hashes import content_hash
 from ann_dc.export.weights.manifest import Table, read_manifest
 from ann_dc.network.network import Network
+from ann_dc.network.selection import clamped_rows
 
 SUMS = "SHA256SUMS"
 
@@ -30,6 +34,32 @@ def check_vector(network: Network, vector: ReferenceVector) -> None:
         raise ExportError(
             f"vector: it is another network's than {network.title!r:.200}; take "
             "ann_dc.export.reference.reference_vector(network)"
+        )
+
+
+def check_rails(network: Network, parts: str) -> None:
+    """Refuse rails of neurons that the metric couples to others.
+
+    Moves at such rails are a projection in the norm of M^{-1}: which neurons are held is found by
+    pivoting.
+
+    Parameters
+    ----------
+    network : Network
+    parts : str
+        Parts of the format that would have to find them, a plural noun.
+
+    Raises
+    ------
+    ExportError
+    """
+    coupled = [network.cell.neurons[row].name for row in clamped_rows(network)]
+    if coupled:
+        raise ExportError(
+            f"{network.title}: its {network.metric.kind.value} couples neurons with rails "
+            f"({', '.join(coupled)}), which {parts} hold one by one; design it with "
+            "kinds=[Kind.TIME_CONSTANTS] (--kinds time-constants), or take "
+            "dataclasses.replace(network, metric=TimeConstants())"
         )
 
 

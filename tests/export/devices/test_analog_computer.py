@@ -4,19 +4,22 @@ import hashlib
 import json
 import math
 from collections import defaultdict
+from dataclasses import replace
 from functools import cache
 
 import constrained
 import minimax
 import numpy as np
 import pytest
+from clamped_runs import railed
+from designs import wired_with
 from scipy.integrate import solve_ivp
 
 import ann_dc
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.devices import analog_computer_check, analog_computer_files
-from ann_dc.export.reference import EulerWalk, reference_vector
-from ann_dc.network import Cell, Connection, Network, Neuron, Selection
+from ann_dc.export.reference import reference_vector
+from ann_dc.network import Cell, Connection, Network, Neuron
 
 FUNCTIONS = {"sin": math.sin, "cos": math.cos, "tan": math.tan, "rectify": lambda x: max(x, 0.0)}
 
@@ -49,8 +52,6 @@ class Loops:
             return sum(c * said[p] for p, c in self.wires[place])
         if e["kind"] == "product":
             return read[0] * read[1]
-        if e["kind"] == "switch":
-            return 0.0 if self._stands(e["reads"][1], read[1], read[0]) else read[0]
         argument = read[0] * self.elements[e["reads"][0]]["scale"]
         return FUNCTIONS[e["function"]](argument) / e["scale"]
 
@@ -134,22 +135,27 @@ def test_everything_is_within_machine_units(largest):
     assert at_integrators.max() == pytest.approx(largest)
 
 
-@pytest.mark.slow
-def test_rails_under_a_metric_switch_drives_off():
-    """Neurons that are held at rails for a while; a metric would hand their drives on."""
-    free = ann_dc.design(ann_dc.plants.lq(N=4, q_d=None)).network
-    assert free.metric.kind is not ann_dc.Kind.TIME_CONSTANTS
-    held = free.of_population("t")
-    limit = 1.02 * float(np.abs(free.pack(reference_vector(free).end))[held].max())
-    network = ann_dc.defects.rails(free, limit, Selection(populations=("t",)))
+@pytest.mark.parametrize("kind", [ann_dc.Kind.GRID, ann_dc.Kind.TREE])
+def test_rails_of_coupled_neurons_are_refused_by_name(kind):
+    network = railed(wired_with("double_integrator", kind), 0.5, "u")
     vector = reference_vector(network)
-    walk, x, stops = EulerWalk(network, vector.step), network.start_state, 0
-    for _ in range(50):
-        x = walk.after(x, 1)
-        stops += (np.abs(x[held]) == limit).any()
-    assert stops > 5
+    with pytest.raises(ExportError, match=rf"its {kind.value} couples neurons with rails \(u\.a\)"):
+        analog_computer_files(network, vector)
+
+
+def test_neurons_that_no_metric_couples_stop_at_their_rails():
+    problem = ann_dc.plants.double_integrator(N=4)
+    bounded = replace(problem, bounds={problem.controls[0]: (-27, 27)})
+    network = ann_dc.design(bounded, kinds=[ann_dc.Kind.PYRAMID]).network
+    vector = reference_vector(network)
+    controls = network.of_population("u")
+    limit = network.neuron("u.a").limiter.high
+    stands = np.abs(network.pack(vector.end)[controls]) == limit
+    np.testing.assert_array_equal(stands, [True, False, False, True])
     files = analog_computer_files(network, vector)
-    assert circuit_of(files)["count"]["switch"] == held.sum()
+    assert [e.get("high") is None for e in circuit_of(files)["elements"][: network.size]] == (
+        ~controls
+    ).tolist()
     assert "of its end" in analog_computer_check(files)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ann_dc.errors import ExportError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import PRODUCT as TAPE_PRODUCT, SUM as TAPE_SUM
 from ann_dc.export.fixed_point.arithmetic.metric_sums import add_pyramid, replace_by_stiffness
@@ -20,10 +19,10 @@ from ann_dc.export.fixed_point.arithmetic.program import (
     Listing,
     Program,
 )
+from ann_dc.export.reference.beside import check_rails
 from ann_dc.network.cell import ONE
 from ann_dc.network.functions import CODE
 from ann_dc.network.network import Network
-from ann_dc.network.selection import clamped_rows
 
 
 def program_of(network: Network, step: float) -> Program:
@@ -44,14 +43,7 @@ def program_of(network: Network, step: float) -> Program:
     ExportError
         If the metric couples neurons that have rails: sums cannot find who is held.
     """
-    coupled = [network.cell.neurons[row].name for row in clamped_rows(network)]
-    if coupled:
-        raise ExportError(
-            f"{network.title}: its {network.metric.kind.value} couples neurons with rails "
-            f"({', '.join(coupled)}), which integers hold one by one; design it with "
-            "kinds=[Kind.TIME_CONSTANTS] (--kinds time-constants), or take "
-            "dataclasses.replace(network, metric=TimeConstants())"
-        )
+    check_rails(network, "integers")
     writer = _Writer(network)
     writer.blocks()
     writer.drives()
