@@ -155,6 +155,7 @@ class SpiceBackend:
         check_series(self.series, level)
         check_rails(network, level)
         check_shared(network, level)
+        schematic = schematic_of(network, differential=level.technology.differential)
         probe = self._probe(network)
         radius = spectrum(network, probe.final).radius
         rules = ScalingRules(
@@ -166,7 +167,7 @@ class SpiceBackend:
         )
         run = ProbeRun(states=probe.states, times=probe.time, radius=radius)
         sizing = Sizing(
-            schematic=schematic_of(network, differential=level.technology.differential),
+            schematic=schematic,
             scaling=scale(network, run, rules),
             level=level,
             x=probe.final,

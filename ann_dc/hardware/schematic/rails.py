@@ -13,6 +13,7 @@ from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OpAmps
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+from ann_dc.network.selection import clamped_rows
 
 HIGHEST = 1.0
 """Full scale, in volts, up to which rails are built: the op amp of a clamp rests a diode drop
@@ -107,18 +108,22 @@ def check_parts(network: Network, fused: Container[str], *, differential: bool) 
     Raises
     ------
     NetworkError
-        Naming the neurons: only an integrator of its own has rails, and none in a differential
-        circuit.
+        Naming the neurons: only an integrator of its own has rails, none in a differential circuit,
+        and none that the metric couples to others.
     """
-    reached = network.metric.reach(network.row)
-    moved = {n.name for n, other in zip(network.cell.neurons, reached) if other}
-    names = [n for n in _railed(network) if differential or n in moved or n in fused]
+    coupled = [network.cell.neurons[row].name for row in clamped_rows(network)]
+    names = [n for n in _railed(network) if differential or n in coupled or n in fused]
     if names:
-        why = (
-            "differential parts have none"
-            if differential
-            else "only an integrator of its own has some, no dual and no node of a metric"
-        )
+        why = "only an integrator of its own has some, no dual"
+        if differential:
+            why = "differential parts have none"
+        elif coupled:
+            why = (
+                f"a clamp holds one integrator, and the {network.metric.kind.value} couples "
+                f"{', '.join(coupled)} to others; design the network with "
+                "kinds=[Kind.TIME_CONSTANTS] (--kinds time-constants), or, if only controls have "
+                "rails, with kinds=[Kind.PYRAMID]"
+            )
         raise NetworkError(f"circuit: rails of {', '.join(names)} cannot be built: {why}")
 
 

@@ -3,10 +3,11 @@
 from dataclasses import replace
 from functools import cache
 
+import clamped_runs
 import numpy as np
 import pytest
 from constrained import integrator, v
-from designs import designed
+from designs import designed, wired_with
 from problems import SUITE
 
 from ann_dc import levels, presets
@@ -89,6 +90,15 @@ def test_rails_that_no_part_has_are_refused():
     ]
     with pytest.raises(NetworkError, match=f"rails of {dual} cannot be built: only an integrator"):
         schematic_of(replace(network, cell=replace(network.cell, neurons=tuple(neurons))))
+
+
+@pytest.mark.parametrize("kind", [Kind.GRID, Kind.TREE])
+def test_rails_of_coupled_neurons_are_refused_before_a_run(kind):
+    """With these rails the target is out of reach, so that a run would not settle."""
+    network = clamped_runs.railed(wired_with("double_integrator", kind), 0.15, "u")
+    told = rf"rails of u\.a cannot be built: .* the {kind.value} couples u\.a to others"
+    with pytest.raises(NetworkError, match=told):
+        SpiceBackend(level=levels.macro()).prepare(network)
 
 
 def limited_speed() -> Network:
