@@ -8,7 +8,7 @@ import pytest
 from minimax import CASES, car, small
 from simulator import needs_ngspice
 
-from ann_dc import SpiceBackend, design, emulate, equilibrium, levels, spectrum
+from ann_dc import SpiceBackend, design, emulate, equilibrium, levels, presets, spectrum
 from ann_dc.backends.spice import refined
 from ann_dc.backends.spice.netlist import Simulation
 from ann_dc.backends.spice.ngspice import Ngspice
@@ -68,6 +68,16 @@ def test_shares_are_those_of_the_ode(name, level):
         assert run.control_error == pytest.approx(told.control_error, rel=0.1, abs=3e-5)
         run = refined(run, Ngspice(), MACRO.datasheet)
         assert run.settling_time() == pytest.approx(told.settling_time, rel=0.1)
+
+
+@needs_ngspice
+def test_shares_behind_output_resistances_settle_as_predicted():
+    level = presets.get("opa192_ad734")
+    run = SpiceBackend(level=level).run(network_of("both count"))
+    told = predict(run.circuit, level, run.probe)
+    assert run.control_error == pytest.approx(told.control_error, rel=0.01)
+    run = refined(run, Ngspice(), level.datasheet)
+    assert run.settling_time() == pytest.approx(told.settling_time, rel=0.01)
 
 
 @needs_ngspice
