@@ -442,8 +442,6 @@ def assert_stops_at_rails(kind: type[Evaluator], network: Network, size: float =
     assert resting.any()
     assert not jacobian[resting].any()
     assert_close(jacobian[~resting], complex_step(packed, x)[~resting])
-    if kind is TorchEvaluator and network.metric.kind is not Kind.TIME_CONSTANTS:
-        pytest.xfail("torch cuts the drives of coupled neurons by their own signs")
     assert_close(ours.rhs(x), reference.rhs(x))
 
 

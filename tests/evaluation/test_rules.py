@@ -19,13 +19,14 @@ from hypothesis import given, settings, strategies as st
 from random_metrics import random_metric, rows
 
 from ann_dc.analysis import equilibrium
+from ann_dc.backends.recurrent.cell import TorchEvaluator
 from ann_dc.evaluation import InterpretedEvaluator, ReferenceEvaluator, evaluator
 from ann_dc.evaluation.clamps import projected
 from ann_dc.evaluation.generated import Axis, GeneratedEvaluator, Lanes
 from ann_dc.network.metrics import Kind, Metric, Row
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
-EVALUATORS = (ReferenceEvaluator, InterpretedEvaluator, GeneratedEvaluator)
+EVALUATORS = (ReferenceEvaluator, InterpretedEvaluator, GeneratedEvaluator, TorchEvaluator)
 every_evaluator = pytest.mark.parametrize("kind", EVALUATORS, ids=lambda kind: kind.__name__)
 every_coupled = pytest.mark.parametrize("metric", COUPLED, ids=lambda kind: kind.name.lower())
 

@@ -44,9 +44,9 @@ class Step(nn.Module):
         layout = self.cell.layout
         flow = self.cell.flow_of(inputs.permute(1, 2, 0))
         state = layout.fill(x, flow.inputs)
-        drives = flow.read(state).drives
-        moved = state + step * flow.move(drives, state)
-        residual = flow.residuals(state, drives).amax(0)
+        reading = flow.read(state)
+        moved = state + step * flow.move(reading.arriving, state)
+        residual = flow.residuals(state, reading.drives).amax(0)
         return {"x": layout.pack(flow.within_rails(moved)), "residual": residual}
 
     def examples(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

@@ -92,7 +92,7 @@ def eliminate(stiffness: Stiffness, row: Row) -> Elimination:
     -------
     Elimination
     """
-    component, own, following = _blocks(stiffness, row)
+    component, own, following = blocks_of(stiffness, row)
     levels = []
     while True:
         inverse = np.linalg.inv(own[0::2])
@@ -109,8 +109,15 @@ def eliminate(stiffness: Stiffness, row: Row) -> Elimination:
         following = -right[: len(own) - 1] @ before[1:]
 
 
-def _blocks(stiffness: Stiffness, row: Row) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Components (blocks, b), S of every block and between one and the next."""
+def blocks_of(stiffness: Stiffness, row: Row) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return components (blocks, b), S of every block and between one and the next.
+
+    Parameters
+    ----------
+    stiffness : Stiffness
+    row : Row
+        That it fits.
+    """
     own, following = stiffness.blocks(row)
     is_target = np.isin(row.primal, row.chains[:, 1])
     first, second = np.flatnonzero(~is_target), np.flatnonzero(is_target)

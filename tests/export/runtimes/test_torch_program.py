@@ -13,13 +13,17 @@ import minimax
 import numpy as np
 import pytest
 import torch
+from clamped_runs import run_with_changes
+from onnx_runs import vector_of
 
 import ann_dc
+from ann_dc.backends.recurrent.cell import CellLayer
 from ann_dc.errors import ArgumentError, FileFormatError
 from ann_dc.evaluation import evaluator
 from ann_dc.export.reference import reference_vector
 from ann_dc.export.runtimes import torch_program_check, torch_program_files
-from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.network import Cell, Connection, Limiter, Network, Neuron, Role
+from ann_dc.network.metrics import Grid
 
 CASES = {
     "time constants": lambda: (
@@ -67,7 +71,7 @@ def loaded(files):
 def test_a_program_takes_the_steps_of_the_layer(case):
     """Whatever the states and the inputs of the samples are, to 1e-15 of the largest state."""
     network, vector, files = exported(case)
-    program, layer = loaded(files), ann_dc.CellLayer(network)
+    program, layer = loaded(files), CellLayer(network)
     rng = np.random.default_rng(7)
     for size in (1, 3, 64):
         x = torch.as_tensor(network.start_state + 0.01 * rng.standard_normal((size, network.size)))
@@ -127,6 +131,28 @@ def test_names_tell_what_tensors_are():
     np.testing.assert_array_equal(held["cell.weight.rows"][row], np.broadcast_to(weight, 2))
 
 
+def pulled() -> Network:
+    """A neuron at its rail, whose drive points outward, and another one that pulls it off."""
+    own, following = np.array([[[1.0, -0.5], [-0.5, 1.0]]]), np.zeros((0, 2, 2))
+    low = Limiter(low=0.0)
+    cell = Cell(
+        neurons=tuple(Neuron(name=n, role=Role.PRIMAL, limiter=low) for n in ("u.a", "u.b")),
+        inputs=("a", "b"),
+        connections=tuple(Connection(source=n, target=f"u.{n}") for n in ("a", "b")),
+    )
+    grid = Grid(own=own, following=following)
+    return Network(cell=cell, stages=1, inputs={"a": -1.0, "b": 4.0}, metric=grid)
+
+
+def test_a_program_moves_a_neuron_off_its_rail_where_another_one_pulls():
+    """With a drive of -1 it is pulled off, with -3 it is held: see `clamps.projected`."""
+    program = loaded(torch_program_files(pulled(), vector_of(pulled())))
+    inputs = torch.tensor([[[-1.0], [4.0]], [[-3.0], [4.0]]], dtype=torch.float64)
+    x, step = torch.zeros(2, 2, dtype=torch.float64), torch.tensor(0.5, dtype=torch.float64)
+    expected = torch.tensor([[4 / 3, 14 / 3], [0.0, 4.0]], dtype=torch.float64)
+    torch.testing.assert_close(program(x, inputs, step)["x"], 0.5 * expected)
+
+
 @pytest.mark.parametrize("wrong", [pytest.param(np.nan, marks=pytest.mark.slow), 1e-5])
 def test_a_program_with_another_residual_is_refused(wrong, monkeypatch):
     files, load = exported("time constants")[2], torch.export.load
@@ -147,6 +173,19 @@ def test_a_vector_with_another_end_is_refused():
         other = json.dumps(table | changed).encode()
         with pytest.raises(FileFormatError, match="the residual at the end"):
             torch_program_check({**files, "reference_vector.json": other})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [ann_dc.Kind.GRID, ann_dc.Kind.PYRAMID])
+def test_a_program_projects_moves_at_rails_as_the_layer(kind):
+    network, states, _ = run_with_changes(kind)
+    program, layer = loaded(torch_program_files(network, vector_of(network))), CellLayer(network)
+    inputs = torch.as_tensor(np.array([*network.input_values.values()]))
+    step = torch.tensor(0.1, dtype=torch.float64)
+    for size in (1, 3, 64):
+        x = torch.as_tensor(states[5 : 9 * size + 5 : 9])
+        found = program(x, inputs.expand(len(x), -1, -1).clone(), step)["x"]
+        torch.testing.assert_close(found, layer(x, step=0.1), rtol=0, atol=1e-14)
 
 
 def test_single_precision():

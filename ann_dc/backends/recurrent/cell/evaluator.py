@@ -61,7 +61,7 @@ class TorchEvaluator(Evaluator):
     def rhs(self, x: np.ndarray) -> np.ndarray:
         """dx/ds (n,), in network units."""
         state = self._state(x)
-        moves = self.flow.move(self.flow.read(state).drives, state)
+        moves = self.flow.move(self.flow.read(state).arriving, state)
         return self.flow.layout.pack(moves)[0].numpy()
 
     def move(self, drive: np.ndarray) -> np.ndarray:

@@ -43,7 +43,8 @@ def applied(matrices: torch.Tensor, vectors: torch.Tensor) -> torch.Tensor:
 
     Parameters
     ----------
-    matrices : (..., a, b) tensor
+    matrices : (..., a, b) or (..., a, b, B) tensor
+        The same for all samples, or one a sample.
     vectors : (..., b, B) tensor
 
     Examples
@@ -52,12 +53,58 @@ def applied(matrices: torch.Tensor, vectors: torch.Tensor) -> torch.Tensor:
     tensor([[21.],
             [43.]])
     """
-    columns = matrices.unsqueeze(-1).unbind(-2)
+    if matrices.dim() == vectors.dim():
+        matrices = matrices.unsqueeze(-1)
+    columns = matrices.unbind(-2)
     entries = vectors.unsqueeze(-3).unbind(-2)
     result = columns[0] * entries[0]
     for column, entry in zip(columns[1:], entries[1:]):
         result = torch.addcmul(result, column, entry)
     return result
+
+
+def product(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+    """Matrices (..., a, b, B) times matrices (..., b, c, B), as (..., a, c, B).
+
+    Parameters
+    ----------
+    first : (..., a, b, B) tensor
+    second : (..., b, c, B) tensor
+    """
+    columns, rows = first.unsqueeze(-2).unbind(-3), second.unsqueeze(-4).unbind(-3)
+    result = columns[0] * rows[0]
+    for column, row in zip(columns[1:], rows[1:]):
+        result = torch.addcmul(result, column, row)
+    return result
+
+
+def inverted(matrices: torch.Tensor) -> torch.Tensor:
+    """Inverses of symmetric positive definite matrices (..., b, b, B), swept row by row.
+
+    Parameters
+    ----------
+    matrices : (..., b, b, B) tensor
+
+    Examples
+    --------
+    >>> inverted(torch.tensor([[4.0, 2.0], [2.0, 2.0]])[..., None])[..., 0]
+    tensor([[ 0.5000, -0.5000],
+            [-0.5000,  1.0000]])
+
+    References
+    ----------
+    .. [1] J. H. Goodnight, A tutorial on the SWEEP operator, The American Statistician 33, 1979,
+       149-158.
+    """
+    minus = -torch.eye(matrices.shape[-2]).to(matrices)[..., None]
+    others = 1.0 + minus
+    kept = others[:, :, None] * others[:, None]
+    for k in range(len(minus)):
+        column = torch.addcmul(minus[k], matrices[..., k, :], others[k])
+        along = column / matrices[..., k, k : k + 1, :]
+        outer = column.unsqueeze(-2) * along.unsqueeze(-3)
+        matrices = matrices * kept[k] - outer
+    return -matrices
 
 
 class _SameEverywhere:

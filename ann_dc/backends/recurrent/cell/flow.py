@@ -27,6 +27,14 @@ class Reading(NamedTuple):
     """What goes into each function block that has a limited domain, (N, B) or (N, 1)."""
     drives: torch.Tensor
     """(P, N, B): what arrives at the neurons; zero where one is pinned, absent or at its rail."""
+    pressing: torch.Tensor | None = None
+    """(P, N, B): what arrives at neurons at rails that the metric couples and points outward; None
+    if it couples no neuron with rails."""
+
+    @property
+    def arriving(self) -> torch.Tensor:
+        """(P, N, B): the drives, those of coupled neurons whatever their rails."""
+        return self.drives if self.pressing is None else self.drives + self.pressing
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,20 +91,73 @@ class Flow:
         layout = self.layout
         arguments, drives = layout.read(self.constants.weights, self.inputs, state)
         drives = layout.gathered(drives) * layout.live[:, self.first : self.last]
-        if layout.railed:
-            drives = torch.where(self._pushes_out(state, drives), 0.0, drives)
-        return Reading(arguments, drives)
+        if not layout.railed:
+            return Reading(arguments, drives)
+        outward = self._pushes_out(state, drives)
+        cut = torch.where(outward, 0.0, drives)
+        if not len(layout.clamped):
+            return Reading(arguments, cut)
+        return Reading(arguments, cut, torch.where(outward & layout.coupled, drives, 0.0))
 
     def nodes(self, state: torch.Tensor) -> list[torch.Tensor]:
         """Values, (N, B) or (N, 1) each, of all nodes at a state (P, N, B)."""
         tape = self.layout.tape
         return tape.evaluate(self.constants.weights, self.inputs, state)[0]
 
-    def move(self, drives: torch.Tensor, state: torch.Tensor) -> torch.Tensor:
-        """M d (P, N, B); no neuron moves past a rail."""
+    def move(self, arriving: torch.Tensor, state: torch.Tensor) -> torch.Tensor:
+        """Return dx/ds (P, N, B): the projection of M d on what the rails allow.
+
+        Parameters
+        ----------
+        arriving, state : (P, N, B) tensor
+            As `read` says it, and the state whose rails hold.
+        """
         layout = self.layout
-        moves = layout.spread(layout.metric(self.constants, drives) * layout.live)
+        moves = self._projected(arriving, state)
+        if moves is None:
+            moves = layout.metric(self.constants, arriving)
+        moves = layout.spread(moves * layout.live)
         return torch.where(self._pushes_out(state, moves), 0.0, moves) if layout.railed else moves
+
+    def _projected(self, arriving: torch.Tensor, state: torch.Tensor) -> torch.Tensor | None:
+        """Moves of neurons some of which stand at rails; see `ann_dc.evaluation.clamps`.
+
+        None if no neuron that the metric couples stands at one. All samples exchange their neurons
+        in the same rounds; one that has none to exchange stays as it is.
+        """
+        places = self.layout.clamped
+        if not len(places):
+            return None
+        rows = places // state.shape[1]
+        low, high = self.layout.low[rows, 0], self.layout.high[rows, 0]
+        x, given = state.flatten(0, 1)[places], arriving.flatten(0, 1)[places]
+        at_rail, is_traced = (x <= low) | (x >= high), torch.compiler.is_compiling()
+        if not is_traced and not at_rail.any():
+            return None
+        order = torch.arange(len(places), device=x.device)[:, None]
+
+        def judged(held: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+            moves, currents = self.layout.metric.clamped(self.constants, arriving, places, held)
+            size = torch.where(held, given.abs() + currents.abs(), 0.0).amax(0)
+            lets_go = rules.lets_go(x, currents, low, high, rules.ROUNDING * size)
+            out = rules.pushes_out(x, moves.flatten(0, 1)[places], low, high)
+            return torch.where(held, lets_go, at_rail & out), moves
+
+        def is_wrong(turn, held, wrong, moves):
+            return wrong.any() & (turn < rules.PIVOTS)
+
+        def exchanged(turn, held, wrong, moves):
+            last = torch.where(wrong, order, -1).amax(0)
+            held = held ^ (wrong & ((order == last) | (turn < rules.BLOCKS)))
+            return turn + 1, held, *judged(held)
+
+        held = at_rail & rules.pushes_out(x, given, low, high)
+        found = order.new_zeros(()), held, *judged(held)
+        if is_traced:
+            return torch.while_loop(is_wrong, exchanged, found)[-1]
+        while is_wrong(*found):
+            found = exchanged(*found)
+        return found[-1]
 
     def _pushes_out(self, state: torch.Tensor, push: torch.Tensor) -> torch.Tensor:
         return rules.pushes_out(state, push, self.layout.low, self.layout.high)

@@ -290,7 +290,7 @@ class CellLayer(nn.Module):
         """
         flow = self.flow(inputs)
         state = self.fill(self.states_of(x, flow.inputs.shape[-1]), flow.inputs)
-        moved = state + step * flow.move(flow.read(state).drives, state)
+        moved = state + step * flow.move(flow.read(state).arriving, state)
         return self.pack(flow.within_rails(moved))
 
     def trained(self) -> Network:

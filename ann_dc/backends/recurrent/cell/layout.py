@@ -21,6 +21,7 @@ from ann_dc.evaluation.rules import RoleRows
 from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.metrics.stiffness import Stiffness
 from ann_dc.network.network import Network
+from ann_dc.network.selection import clamped_rows
 
 
 class Layout(nn.Module):
@@ -48,6 +49,10 @@ class Layout(nn.Module):
     """(P, 1, 1): lower rails, in network units; minus infinity where there is none."""
     high: torch.Tensor
     """(P, 1, 1): upper rails."""
+    coupled: torch.Tensor
+    """(P, 1, 1) booleans: whether the metric moves a neuron with the drives of others too."""
+    clamped: torch.Tensor
+    """(K,): places, in a flattened (P, N), of the neurons with rails that the metric couples."""
     places: torch.Tensor
     """(n,): place of every component of a state vector in a flattened (P, N)."""
     pins: torch.Tensor
@@ -78,6 +83,8 @@ class Layout(nn.Module):
             "live": torch.as_tensor(network.live[:, :, None]).to(dtype),
             "low": torch.as_tensor(numbers.limits[:, :1, None]).to(dtype),
             "high": torch.as_tensor(numbers.limits[:, 1:, None]).to(dtype),
+            "coupled": torch.as_tensor(network.metric.reach(network.row)[:, None, None]),
+            "clamped": torch.as_tensor(_clamped_places(network)),
             "places": torch.as_tensor(numbers.places @ [network.stages, 1]),
             "input_scales": torch.as_tensor(_input_scales(network)).to(dtype),
             "pins": torch.as_tensor(_pins(network)),
@@ -140,10 +147,16 @@ class Layout(nn.Module):
 def _metric_layer(network: Network, dtype: torch.dtype) -> nn.Module:
     metric = network.metric
     if isinstance(metric, Stiffness):
-        return EliminationLayer(metric, network.row, dtype=dtype)
+        is_clamped = len(clamped_rows(network)) > 0
+        return EliminationLayer(metric, network.row, dtype=dtype, is_clamped=is_clamped)
     if isinstance(metric, Pyramid):
         return PyramidLayer(evaluator(network).tape, network.stages, dtype=dtype)
     return TimeConstantsLayer()
+
+
+def _clamped_places(network: Network) -> np.ndarray:
+    places = network.places[np.isin(network.places[:, 0], clamped_rows(network))]
+    return np.sort(places @ [network.stages, 1])
 
 
 def _input_scales(network: Network) -> np.ndarray:

@@ -4,6 +4,9 @@ A pyramid goes down to t and q and back up over the stage axis: the hats of the 
 matrix while it is small, every coarser level is halves of the one before. A stiffness is solved by
 elimination, level by level, whether it is built as a grid or as a tree. See
 `ann_dc.network.metrics`.
+
+While neurons are held at rails (`ann_dc.evaluation.clamps`), every sample has a stiffness of its
+own, which is eliminated anew; under a pyramid, M among the held neurons is inverted.
 """
 
 from __future__ import annotations
@@ -13,11 +16,12 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from torch import nn
+from torch.nn.functional import pad
 
-from ann_dc.backends.recurrent.cell.fixed_order import applied, total
+from ann_dc.backends.recurrent.cell.fixed_order import applied, inverted, product, total
 from ann_dc.evaluation.tape import Tape
 from ann_dc.network.metrics.contract import Row
-from ann_dc.network.metrics.elimination import Level, eliminate
+from ann_dc.network.metrics.elimination import Level, blocks_of, eliminate
 from ann_dc.network.metrics.stiffness import Stiffness
 
 
@@ -92,6 +96,31 @@ class PyramidLayer(nn.Module):
         added = moves.flatten(0, 1).index_add(0, self.chain, up.reshape(-1, samples))
         return added.reshape(moves.shape)
 
+    def clamped(
+        self, constants: Constants, drives: torch.Tensor, places: torch.Tensor, held: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Moves (P, N, B) and currents (K, B) while neurons at some places are held.
+
+        Parameters
+        ----------
+        constants : Constants
+        drives : (P, N, B) tensor
+        places : (K,) tensor
+            In a flattened (P, N), of neurons with rails.
+        held : (K, B) tensor of bool
+        """
+        unit, marks = torch.eye(len(places)).to(drives), held.to(drives.dtype)
+        units = drives.new_zeros(drives[..., 0].numel(), len(places)).index_copy(0, places, unit)
+        units = units.reshape(*drives.shape[:2], -1)
+        within = self(constants, units).flatten(0, 1)[places][..., None]
+        matrix = within * marks[:, None] * marks + unit[..., None] * (1 - marks)
+        pull = self(constants, drives).flatten(0, 1)[places]
+        currents = -applied(inverted(matrix), pull * marks) * marks
+        pushed = drives.flatten(0, 1).index_add(0, places, currents).reshape(drives.shape)
+        moves = self(constants, pushed).flatten(0, 1)
+        moves = moves.index_copy(0, places, moves[places] * (1 - marks))
+        return moves.reshape(drives.shape), currents
+
     def _down(self, chain: torch.Tensor) -> torch.Tensor:
         """What the points of the finest level hear (points, C B) of a chain (2 N, C B)."""
         return total(self.weight * chain[self.heard])
@@ -147,6 +176,8 @@ class EliminationLayer(nn.Module):
     row : Row
         Of the network.
     dtype : torch.dtype
+    is_clamped : bool
+        True if neurons that it couples have rails.
 
     Attributes
     ----------
@@ -156,13 +187,19 @@ class EliminationLayer(nn.Module):
         One where there is a neuron, else zero.
     alone : (P, 1, 1) tensor
         One where a neuron moves with its own drive alone, else zero.
+    own, following : (blocks, b, b, 1) tensors
+        S of every block, and between it and the next, if ``is_clamped``.
     """
 
     places: torch.Tensor
     present: torch.Tensor
     alone: torch.Tensor
+    own: torch.Tensor
+    following: torch.Tensor
 
-    def __init__(self, stiffness: Stiffness, row: Row, *, dtype: torch.dtype) -> None:
+    def __init__(
+        self, stiffness: Stiffness, row: Row, *, dtype: torch.dtype, is_clamped: bool = False
+    ) -> None:
         super().__init__()
         found = eliminate(stiffness, row)
         flat = np.flatnonzero(row.rates.T > 0)  # of the state vector, by stage
@@ -179,32 +216,76 @@ class EliminationLayer(nn.Module):
             tables[f"down_{number}"] = torch.as_tensor(down, dtype=dtype)
             tables[f"up_{number}"] = torch.as_tensor(up, dtype=dtype)
         self.depth = len(found.levels)
+        if is_clamped:
+            _, own, following = blocks_of(stiffness, row)
+            tables["own"] = torch.as_tensor(own, dtype=dtype)[..., None]
+            tables["following"] = _padded(torch.as_tensor(following, dtype=dtype), 0, 1)[..., None]
         for name, table in tables.items():
             self.register_buffer(name, table, persistent=False)
 
     def forward(self, constants: Constants, drives: torch.Tensor) -> torch.Tensor:
         """M d (P, N, B), for drives (P, N, B)."""
-        root = torch.sqrt(constants.rates.flatten(0, 1)[self.places]) * self.present
-        pushed = drives.flatten(0, 1)[self.places] * root
-        solved = self._solve(pushed.reshape(-1, self.size, pushed.shape[-1])).flatten(0, 1) * root
+        root = self._root(constants)
+        pushed = (drives.flatten(0, 1)[self.places] * root).unflatten(0, (-1, self.size))
+        solved = self._solve(pushed, self._levels).flatten(0, 1) * root
+        return self._placed(constants, drives, solved)
+
+    def clamped(
+        self, constants: Constants, drives: torch.Tensor, places: torch.Tensor, held: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """As `PyramidLayer.clamped`."""
+        root, of_block = self._root(constants), (-1, self.size)
+        marks = torch.zeros_like(drives).flatten(0, 1)
+        marks = marks.index_copy(0, places, held.to(drives.dtype))[self.places] * self.present
+        marks = marks.unflatten(0, of_block)
+        free, unit = 1 - marks, torch.eye(self.size).to(drives)[..., None]
+        own, following = self.own, self.following[:-1]
+        own_free = own * free[:, :, None] * free[:, None] + unit * marks[:, None]
+        following_free = following * free[:-1, :, None] * free[1:, None]
+        pushed = (drives.flatten(0, 1)[self.places] * root).unflatten(0, of_block) * free
+        solved = self._solve(pushed, _eliminated(own_free, following_free)) * free
+        pull = applied(own, solved)
+        pull = pull + _padded(applied(following, solved[1:]), 0, 1)
+        pull = pull + _padded(applied(following.transpose(1, 2), solved[:-1]), 1, 0)
+        pull = pull.flatten(0, 1) * self.present / (root + (1 - self.present))
+        pull = torch.zeros_like(drives).flatten(0, 1).index_add(0, self.places, pull)[places]
+        currents = torch.where(held, pull - drives.flatten(0, 1)[places], 0.0)
+        return self._placed(constants, drives, solved.flatten(0, 1) * root), currents
+
+    def _root(self, constants: Constants) -> torch.Tensor:
+        """T^{1/2} (blocks b, 1) of the neurons of every block; zero where there is none."""
+        return torch.sqrt(constants.rates.flatten(0, 1)[self.places]) * self.present
+
+    def _placed(
+        self, constants: Constants, drives: torch.Tensor, solved: torch.Tensor
+    ) -> torch.Tensor:
+        """Moves (P, N, B): what is solved (blocks b, B), and rates of the neurons beside."""
         moves = drives * (constants.rates * self.alone)
         return moves.flatten(0, 1).index_add(0, self.places, solved).reshape(drives.shape)
 
-    def _solve(self, rest: torch.Tensor) -> torch.Tensor:
+    @property
+    def _levels(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
+        """Tables of all levels, as `_stacked` has them."""
+        numbers = range(self.depth)
+        return [(getattr(self, f"down_{n}"), getattr(self, f"up_{n}")) for n in numbers]
+
+    def _solve(
+        self, rest: torch.Tensor, levels: list[tuple[torch.Tensor, torch.Tensor]]
+    ) -> torch.Tensor:
         """`Elimination.solve`, of drives (blocks, b, B)."""
         done = []
-        for number in range(self.depth):
+        for down, _ in levels:
             ready, rest = rest[0::2], rest[1::2]
-            own, on_left, on_right = self._parts(f"down_{number}", ready)
+            own, on_left, on_right = self._parts(down, ready)
             done.append(own)
             if len(rest):
                 behind = on_right[1:]
                 rest = rest - on_left[: len(rest)]
                 rest = torch.cat([rest[: len(behind)] - behind, rest[len(behind) :]])
         solved = done.pop()
-        for number in reversed(range(self.depth - 1)):
+        for _, up in reversed(levels[:-1]):
             own, none = done.pop(), torch.zeros_like(solved[:1])
-            ahead, behind = self._parts(f"up_{number}", solved)
+            ahead, behind = self._parts(up, solved)
             missing = len(own) - len(ahead)
             own = own - torch.cat([ahead, none[:missing]])
             own = own - torch.cat([none, behind[: len(own) - 1]])
@@ -215,10 +296,35 @@ class EliminationLayer(nn.Module):
                 solved = torch.stack([own, solved], dim=1).flatten(0, 1)
         return solved
 
-    def _parts(self, name: str, vectors: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    def _parts(self, table: torch.Tensor, vectors: torch.Tensor) -> tuple[torch.Tensor, ...]:
         """The parts, (blocks, b, B) each, of a table's product with vectors (blocks, b, B)."""
-        product = applied(getattr(self, name), vectors)
-        return product.unflatten(1, (-1, self.size)).unbind(1)
+        return applied(table, vectors).unflatten(1, (-1, self.size)).unbind(1)
+
+
+def _eliminated(
+    own: torch.Tensor, following: torch.Tensor
+) -> list[tuple[torch.Tensor, torch.Tensor]]:
+    """`eliminate` for blocks (blocks, b, b, B): tables of all levels, as `_stacked` has them."""
+    levels, size = [], own.shape[1]
+    while True:
+        inverse, odd = inverted(own[0::2]), len(own) // 2
+        ahead = _padded(following[0::2], 0, len(inverse) - odd)
+        beside = torch.cat([ahead, _padded(following[1::2].transpose(1, 2), 1, 0)], dim=2)
+        hats = product(beside.transpose(1, 2), inverse)
+        left, right = hats[:odd, :size].transpose(1, 2), hats[1:, size:].transpose(1, 2)
+        missing = odd - len(right)
+        up = torch.cat([left, _padded(right, 0, missing)], dim=1)
+        levels.append((torch.cat([inverse, hats], dim=1), up))
+        if not odd:
+            return levels
+        fill = product(hats, beside)
+        own = own[1::2] - fill[:odd, :size, :size] - _padded(fill[1:, size:, size:], 0, missing)
+        following = -fill[1:odd, size:, :size]
+
+
+def _padded(rows: torch.Tensor, before: int, after: int) -> torch.Tensor:
+    """The rows with so many rows of zeros on either side."""
+    return pad(rows, (0,) * 2 * (rows.dim() - 1) + (before, after))
 
 
 def _stacked(level: Level) -> tuple[np.ndarray, np.ndarray]:

@@ -33,12 +33,12 @@ def move_of(
 
 def _simultaneous(flow, state, step):
     reading = flow.read(state)
-    return reading, flow.move(reading.drives, state)
+    return reading, flow.move(reading.arriving, state)
 
 
 def _two_phase(flow, state, step):
     reading = flow.read(state)
-    first = flow.move(reading.drives, state).index_fill(0, flow.layout.duals, 0.0)
+    first = flow.move(reading.arriving, state).index_fill(0, flow.layout.duals, 0.0)
     fresh = flow.within_rails(state + step * first)
     second = flow.read(fresh).drives * flow.constants.rates
     return reading, first.index_copy(0, flow.layout.duals, second[flow.layout.duals])
@@ -50,7 +50,7 @@ def _stage_by_stage(flow, state, step):
     seen, moved = [], state
     for k in range(stages):  # one tick of the clock: the one cell there is serves stage k
         first, last = max(k - reach, 0), min(k + reach + 1, stages)
-        drive = flow.window(first, last).read(moved[:, first:last]).drives[:, k - first]
+        drive = flow.window(first, last).read(moved[:, first:last]).arriving[:, k - first]
         seen.append(drive)
         fresh = flow.within_rails(
             (moved[:, k] + step * drive * flow.constants.rates[:, k])[:, None]

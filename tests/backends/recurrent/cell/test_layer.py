@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 from cell_layers import assert_close, wire, with_factors
-from designs import coordinated, designed, near_start, small
+from clamped_runs import COUPLED, railed, rails_of, run_with_changes
+from designs import coordinated, designed, near_start, small, wired_with
 from problems import SUITE
 
 from ann_dc.backends.recurrent import FixedStep, RecurrentLayer
@@ -16,15 +17,18 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation import InterpretedEvaluator, evaluator
 from ann_dc.network import FUNCTIONS, Cell, Limiter, Network, Neuron, Sum, Template
 
+every_coupled = pytest.mark.parametrize("kind", COUPLED, ids=lambda kind: kind.name.lower())
+
 
 def assert_is_the_reference(network: Network, x: np.ndarray, relative=1e-12, **options) -> None:
     """Drives, move, residuals and Jacobian of states (B, n), against NumPy and the kernel."""
     cell, kernel = CellLayer(network, **options), InterpretedEvaluator(network)
     flow = cell.flow()
     state = cell.fill(torch.as_tensor(x).to(cell.start.rows), flow.inputs)
-    drives = flow.read(state).drives
+    reading = flow.read(state)
+    drives = reading.drives
     assert_close(drives.permute(2, 0, 1), evaluator(network).drives(x), relative)
-    assert_close(cell.pack(flow.move(drives, state)), evaluator(network).rhs(x), relative)
+    assert_close(cell.pack(flow.move(reading.arriving, state)), evaluator(network).rhs(x), relative)
     residuals = [kernel.residuals(sample) for sample in x]
     assert_close(flow.residuals(state, drives).T, residuals, relative)
     entries = [kernel.jacobian_entries(sample) for sample in x]
@@ -106,19 +110,12 @@ def test_neighbours_and_the_left_end():
     x, y = np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0])
     layer, state = CellLayer(network), torch.as_tensor(np.stack([x, y]))[:, :, None]
     flow = layer.flow()
-    move = flow.move(flow.read(state).drives, state)[:, :, 0]
+    move = flow.move(flow.read(state).arriving, state)[:, :, 0]
     np.testing.assert_allclose(move[0], (np.array([1, 10, 100]) * [5, 6, 0] + 0.5) / 2)
     np.testing.assert_allclose(move[1], 3 * np.array([7, 1, 2]))
 
 
 # ---- rails -------------------------------------------------------------------------------------
-
-
-def railed(network: Network, size: float) -> Network:
-    """The same network with every neuron between -size and size."""
-    rails = Limiter(low=-size, high=size)
-    neurons = tuple(replace(n, limiter=rails) for n in network.cell.neurons)
-    return replace(network, cell=replace(network.cell, neurons=neurons))
 
 
 @pytest.mark.parametrize("name", ["car", "double_integrator", "van_der_pol"])
@@ -136,12 +133,7 @@ def between_rails(network: Network, size: float) -> np.ndarray:
     )
 
 
-by_drives = pytest.mark.xfail(
-    reason="torch cuts the drives of coupled neurons by their own signs", strict=True
-)
-
-
-@pytest.mark.parametrize("wired", [small, pytest.param(coordinated, marks=by_drives)])
+@pytest.mark.parametrize("wired", [small, coordinated])
 def test_a_step_stops_at_the_rails(wired):
     network = railed(wired("car"), 0.5)
     x = between_rails(network, 0.5)
@@ -149,10 +141,70 @@ def test_a_step_stops_at_the_rails(wired):
     assert_close(after, (x + 0.3 * evaluator(network).rhs(x)).clip(-0.5, 0.5))
 
 
-@by_drives
 def test_coordinators_stop_at_the_rails():
     network = railed(coordinated("car"), 0.5)
     assert_is_the_reference(network, between_rails(network, 0.5))
+
+
+@every_coupled
+def test_samples_at_rails_have_the_same_bits_alone_and_in_a_batch(kind):
+    network, states, _ = run_with_changes(kind)
+    layer, x = CellLayer(network), torch.as_tensor(states[::7])
+    batch = layer(x, step=0.1)
+    expected = [evaluator(network).rhs(sample) for sample in states[::7]]
+    low, high = rails_of(network)
+    assert_close(batch, (states[::7] + 0.1 * np.array(expected)).clip(low, high))
+    for sample in range(0, len(x), 5):
+        assert torch.equal(layer(x[sample], step=0.1)[0], batch[sample])
+
+
+@every_coupled
+def test_samples_at_rails_in_single_precision_move_as_in_double(kind):
+    network, states, _ = run_with_changes(kind)
+    single = CellLayer(network, dtype=torch.float32)(torch.as_tensor(states).float(), step=0.1)
+    assert_close(single, CellLayer(network)(torch.as_tensor(states), step=0.1), 1e-4)
+
+
+@every_coupled
+def test_trained_time_constants_at_rails_move_as_those_of_the_trained_network(kind):
+    network, states, _ = run_with_changes(kind)
+    layer, flow = with_factors(network, 12), with_factors(network, 12).flow()
+    state = layer.fill(torch.as_tensor(states[::20]), flow.inputs)
+    with torch.no_grad():
+        moves = layer.pack(flow.move(flow.read(state).arriving, state))
+    trained = evaluator(layer.trained())
+    assert_close(moves, [trained.rhs(x) for x in states[::20]])
+
+
+@every_coupled
+def test_gradients_at_rails_are_those_of_the_neurons_that_are_free(kind):
+    """In states beyond their rails, where a small change of them holds the same neurons."""
+    network = railed(wired_with("double_integrator", kind), 0.2)
+    layer = with_factors(network, 12)
+    x = np.random.default_rng(7).uniform(-0.4, 0.4, (2, network.size))
+    x = torch.as_tensor(x).requires_grad_()
+    q_d = torch.tensor([1.0, -1.0], dtype=torch.float64, requires_grad=True)
+    factors = layer.log_gain.rows.detach().requires_grad_()
+
+    def moves(x: torch.Tensor, q_d: torch.Tensor, factors: torch.Tensor) -> torch.Tensor:
+        given = x, {"q_d.x": q_d}
+        return torch.func.functional_call(Moves(layer), {"layer.log_gain.rows": factors}, given)
+
+    assert (moves(x, q_d, factors) == 0).any()
+    assert torch.autograd.gradcheck(moves, (x, q_d, factors))
+
+
+class Moves(torch.nn.Module):
+    """The moves (B, n) of a layer, as a module."""
+
+    def __init__(self, layer: CellLayer) -> None:
+        super().__init__()
+        self.layer = layer
+
+    def forward(self, x: torch.Tensor, inputs: dict) -> torch.Tensor:
+        flow = self.layer.flow(inputs)
+        state = self.layer.fill(x, flow.inputs)
+        return self.layer.pack(flow.move(flow.read(state).arriving, state))
 
 
 @pytest.mark.parametrize("drive", [-1.0, 1.0])

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from clamped_runs import COUPLED, railed, rails_of, unrailed
 from designs import coordinated, designed, near_start, small, wired_with
 
 from ann_dc.backends import OdeBackend, Settling
@@ -13,7 +14,9 @@ from ann_dc.backends.recurrent import (
     SIMULTANEOUS,
     STAGE_BY_STAGE,
     TWO_PHASE,
+    FixedStep,
     Order,
+    RecurrentBackend,
     dual_limit,
 )
 from ann_dc.backends.recurrent.cell import CellLayer, TorchTape
@@ -237,3 +240,21 @@ def test_samples_have_steps_of_their_own(order):
     _, move = move_of(order, flow, state, torch.as_tensor(steps, dtype=torch.float64))
     alone = [moved(order, network, x[[i]], step)[0] for i, step in enumerate(steps)]
     assert_close(layer.pack(move), alone)
+
+
+# ---- rails of coupled neurons ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", ORDERS.values(), ids=str)
+@pytest.mark.parametrize("kind", COUPLED, ids=lambda kind: kind.name.lower())
+def test_layers_at_rails_take_the_steps_of_generated_code(kind, order):
+    network = railed(wired_with("double_integrator", kind), 0.3, "u", "q", "t")
+    low, high = rails_of(network)
+    noise = 0.4 * np.random.default_rng(3).standard_normal((5, network.size))
+    starts = (network.start_state + noise).clip(low, high)
+    step = FixedStep(step=0.2 / evaluator(unrailed(network)).fastest_rate(starts[0]))
+    backend = RecurrentBackend(order=order, step=step, limit=40)
+    in_code = backend.run_batch(network, {}, starts).states
+    assert ((in_code == low) | (in_code == high)).any()
+    end = backend.layer(network).settle(torch.as_tensor(starts), limit=40)
+    assert_close(end.states, in_code)
