@@ -27,14 +27,14 @@ class Reading(NamedTuple):
     """What goes into each function block that has a limited domain, (N, B) or (N, 1)."""
     drives: torch.Tensor
     """(P, N, B): what arrives at the neurons; zero where one is pinned, absent or at its rail."""
-    pressing: torch.Tensor | None = None
-    """(P, N, B): what arrives at neurons at rails that the metric couples and points outward; None
-    if it couples no neuron with rails."""
+    uncut: torch.Tensor | None = None
+    """(P, N, B): the drives, those of coupled neurons whatever their rails; None if no neuron with
+    rails is coupled by the metric."""
 
     @property
     def arriving(self) -> torch.Tensor:
-        """(P, N, B): the drives, those of coupled neurons whatever their rails."""
-        return self.drives if self.pressing is None else self.drives + self.pressing
+        """(P, N, B): the drives that the metric spreads."""
+        return self.drives if self.uncut is None else self.uncut
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +93,10 @@ class Flow:
         drives = layout.gathered(drives) * layout.live[:, self.first : self.last]
         if not layout.railed:
             return Reading(arguments, drives)
-        outward = self._pushes_out(state, drives)
-        cut = torch.where(outward, 0.0, drives)
+        cut = torch.where(self._pushes_out(state, drives), 0.0, drives)
         if not len(layout.clamped):
             return Reading(arguments, cut)
-        return Reading(arguments, cut, torch.where(outward & layout.coupled, drives, 0.0))
+        return Reading(arguments, cut, torch.where(layout.coupled, drives, cut))
 
     def nodes(self, state: torch.Tensor) -> list[torch.Tensor]:
         """Values, (N, B) or (N, 1) each, of all nodes at a state (P, N, B)."""
@@ -113,51 +112,54 @@ class Flow:
             As `read` says it, and the state whose rails hold.
         """
         layout = self.layout
-        moves = self._projected(arriving, state)
-        if moves is None:
-            moves = layout.metric(self.constants, arriving)
+        moves = layout.metric(self.constants, arriving)
+        if len(layout.clamped):
+            moves = self._projected(moves, arriving, state)
         moves = layout.spread(moves * layout.live)
         return torch.where(self._pushes_out(state, moves), 0.0, moves) if layout.railed else moves
 
-    def _projected(self, arriving: torch.Tensor, state: torch.Tensor) -> torch.Tensor | None:
-        """Moves of neurons some of which stand at rails; see `ann_dc.evaluation.clamps`.
+    def _projected(
+        self, moves: torch.Tensor, arriving: torch.Tensor, state: torch.Tensor
+    ) -> torch.Tensor:
+        """Moves while rails hold neurons, from those without rails: see `evaluation.clamps`.
 
-        None if no neuron that the metric couples stands at one. All samples exchange their neurons
-        in the same rounds; one that has none to exchange stays as it is.
+        All samples exchange neurons in the same rounds, those that have none wrong take no part.
         """
         places = self.layout.clamped
-        if not len(places):
-            return None
+        x, order = state.flatten(0, 1)[places], torch.arange(len(places), device=state.device)
         rows = places // state.shape[1]
         low, high = self.layout.low[rows, 0], self.layout.high[rows, 0]
-        x, given = state.flatten(0, 1)[places], arriving.flatten(0, 1)[places]
-        at_rail, is_traced = (x <= low) | (x >= high), torch.compiler.is_compiling()
-        if not is_traced and not at_rail.any():
-            return None
-        order = torch.arange(len(places), device=x.device)[:, None]
 
-        def judged(held: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        def exchanged(turn, held, wrong, arriving, x):
+            last = torch.where(wrong, order[:, None], -1).amax(0)
+            held = held ^ (wrong & ((order[:, None] == last) | (turn < rules.BLOCKS)))
             moves, currents = self.layout.metric.clamped(self.constants, arriving, places, held)
+            given, found = arriving.flatten(0, 1)[places], moves.flatten(0, 1)[places]
             size = torch.where(held, given.abs() + currents.abs(), 0.0).amax(0)
             lets_go = rules.lets_go(x, currents, low, high, rules.ROUNDING * size)
-            out = rules.pushes_out(x, moves.flatten(0, 1)[places], low, high)
-            return torch.where(held, lets_go, at_rail & out), moves
+            return held, torch.where(held, lets_go, rules.pushes_out(x, found, low, high)), moves
 
-        def is_wrong(turn, held, wrong, moves):
-            return wrong.any() & (turn < rules.PIVOTS)
-
-        def exchanged(turn, held, wrong, moves):
-            last = torch.where(wrong, order, -1).amax(0)
-            held = held ^ (wrong & ((order == last) | (turn < rules.BLOCKS)))
-            return turn + 1, held, *judged(held)
-
-        held = at_rail & rules.pushes_out(x, given, low, high)
-        found = order.new_zeros(()), held, *judged(held)
-        if is_traced:
-            return torch.while_loop(is_wrong, exchanged, found)[-1]
-        while is_wrong(*found):
-            found = exchanged(*found)
-        return found[-1]
+        held = torch.zeros_like(x, dtype=torch.bool)
+        wrong, turn = rules.pushes_out(x, moves.flatten(0, 1)[places], low, high), 0
+        if torch.compiler.is_compiling():
+            return torch.while_loop(
+                lambda turn, held, wrong, moves: wrong.any() & (turn < rules.PIVOTS),
+                lambda turn, held, wrong, moves: (
+                    turn + 1,
+                    *exchanged(turn, held, wrong, arriving, x),
+                ),
+                (order.new_zeros(()), held, wrong, moves),
+            )[-1]
+        while turn < rules.PIVOTS and wrong.any():
+            some = wrong.any(0).nonzero()[:, 0]
+            parts = (tensor[..., some] for tensor in (held, wrong, arriving, x))
+            found = exchanged(turn, *parts)
+            held, wrong, moves = (
+                whole.index_copy(-1, some, part)
+                for whole, part in zip((held, torch.zeros_like(wrong), moves), found)
+            )
+            turn += 1
+        return moves
 
     def _pushes_out(self, state: torch.Tensor, push: torch.Tensor) -> torch.Tensor:
         return rules.pushes_out(state, push, self.layout.low, self.layout.high)
