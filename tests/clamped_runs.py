@@ -4,8 +4,9 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from designs import wired_with
+from designs import small, wired_with
 
+from ann_dc.analysis import equilibrium
 from ann_dc.evaluation import evaluator
 from ann_dc.network import Limiter, Network
 from ann_dc.network.metrics import Kind
@@ -37,6 +38,16 @@ def at_rails(network: Network, seed: int) -> np.ndarray:
     low, high = rails_of(network)
     size = np.where(np.isfinite(high), high, 0.3)
     return np.random.default_rng(seed).uniform(-2 * size, 2 * size).clip(low, high)
+
+
+@cache
+def resting_at_rails(name: str, population: str) -> tuple[float, np.ndarray]:
+    """Rails a little below where a population settles, and where the network rests then."""
+    plain = small(name)
+    free = equilibrium(plain, plain.start_state)
+    own = [n.population == population for n in plain.cell.neurons]
+    size = 0.95 * float(np.abs(free[np.array(own)[plain.places[:, 0]]]).max())
+    return size, equilibrium(railed(plain, size, population), free)
 
 
 @cache

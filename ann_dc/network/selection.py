@@ -95,7 +95,7 @@ def clamped_rows(network: Network) -> np.ndarray:
     network : Network
     """
     limits = [(n.limiter.low, n.limiter.high) for n in network.cell.neurons]
-    railed = np.isfinite(np.reshape(limits, (-1, 2))).any(axis=1)
+    railed = np.isfinite(np.reshape(limits, (-1, 2))).any(axis=1) & network.live.any(axis=1)
     with np.errstate(over="ignore"):  # a saved network may have time constants of any length
         return np.flatnonzero(railed & network.metric.reach(network.row))
 

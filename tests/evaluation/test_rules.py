@@ -7,18 +7,24 @@ by a line in `EVALUATORS`.
 
 import ctypes
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 import scipy.linalg
 import scipy.optimize
-from clamped_runs import COUPLED, at_rails, railed, rails_of, run_with_changes, unrailed
-from designs import small, wired_with
+from clamped_runs import (
+    COUPLED,
+    at_rails,
+    railed,
+    rails_of,
+    resting_at_rails,
+    run_with_changes,
+    unrailed,
+)
+from designs import wired_with
 from hypothesis import given, settings, strategies as st
 from random_metrics import random_metric, rows
 
-from ann_dc.analysis import equilibrium
 from ann_dc.backends.recurrent.cell import TorchEvaluator
 from ann_dc.evaluation import InterpretedEvaluator, ReferenceEvaluator, evaluator
 from ann_dc.evaluation.clamps import projected
@@ -153,16 +159,6 @@ def test_a_neighbour_pulls_a_neuron_off_its_rail_against_its_drive(metric, kind)
         held += int(((inward * drive > 0) & (moves == 0)).sum())
     assert off
     assert held
-
-
-@cache
-def resting_at_rails(name: str, population: str) -> tuple[float, np.ndarray]:
-    """Rails a little below where a population settles, and where the network rests then."""
-    plain = small(name)
-    free = equilibrium(plain, plain.start_state)
-    own = [n.population == population for n in plain.cell.neurons]
-    size = 0.95 * float(np.abs(free[np.array(own)[plain.places[:, 0]]]).max())
-    return size, equilibrium(railed(plain, size, population), free)
 
 
 @every_evaluator

@@ -40,6 +40,7 @@ class Graph:
     def __init__(self, dtype: Any, outside: Graph | None = None, own: Iterable[str] = ()) -> None:
         self.dtype, self.outside = np.dtype(dtype), outside
         self.nodes: list[Any] = []
+        self.inside = "" if outside is None else f"{outside.inside}body/"
         self._own = set(own)
         self._known: dict[tuple, str] = {}
         self._tables: dict[str, Any] = {} if outside is None else outside._tables
@@ -66,8 +67,7 @@ class Graph:
             return self.outside.op(kind, *inputs, **attributes)
         key = kind, inputs, tuple(attributes.items())
         if key not in self._known:
-            inside = "" if self.outside is None else "body/"
-            name = f"{inside}{self._about}/{kind}_{len(self.nodes)}"
+            name = f"{self.inside}{self._about}/{kind}_{len(self.nodes)}"
             self._known[key] = self.named(name, kind, *inputs, **attributes)
         return self._known[key]
 
@@ -137,14 +137,20 @@ class Graph:
         return self.op("ReduceMax", tensor, self.integers(axis), keepdims=0)
 
     def loop(
-        self, body: Graph, most: str, carried: dict[str, str], following: Sequence[str], going: str
+        self,
+        body: Graph,
+        most: str,
+        carried: dict[str, str],
+        following: Sequence[str],
+        going: str,
+        prefix: str = "",
     ) -> Sequence[str]:
         """What a loop carries, at its end.
 
         Parameters
         ----------
         body : Graph
-            That was given the names "turn" and "still", and those of ``carried``.
+            That was given the names "turn" and "still", after the prefix, and those of ``carried``.
         most : str
             Number of turns, at most.
         carried : dict of str to str
@@ -153,10 +159,12 @@ class Graph:
             What each is after a turn.
         going : str
             Whether there is another turn.
+        prefix : str
+            Of names that another loop in the graph or around it has too.
         """
         from onnx import helper
 
-        inner = body._typed([("turn", np.int64, []), ("still", np.bool_, [])])
+        inner = body._typed([(f"{prefix}turn", np.int64, []), (f"{prefix}still", np.bool_, [])])
         inner += [helper.make_empty_tensor_value_info(name) for name in carried]
         outputs = [helper.make_empty_tensor_value_info(name) for name in (going, *following)]
         graph = helper.make_graph(body._used([going, *following]), "body", inner, outputs)

@@ -2,12 +2,17 @@
 
 All work on tensors (P N, B): neuron by neuron the stages, samples last. A grid and a tree are
 solved by the same elimination (see `ann_dc.network.metrics`), level by level.
+
+Where neurons that a metric couples stand at rails, a loop exchanges moves and currents in the
+table (M_RR, (M d)_R) of the R neurons with rails, one neuron a turn. Neurons are held and let go in
+the rounds of `ann_dc.evaluation.clamps`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from ann_dc.evaluation.rules import BLOCKS, PIVOTS, ROUNDING
 from ann_dc.export.onnx.graph import Graph
 from ann_dc.network.metrics.elimination import Level, eliminate
 from ann_dc.network.metrics.pyramid import Pyramid, hat_positions
@@ -68,6 +73,102 @@ def where_there(network: Network, graph: Graph, number: int, row: str) -> str:
         return row
     name = f"there.{network.cell.neurons[number].name}"
     return graph.op("Where", graph.table(name, live[:, None], np.bool_), row, graph.number(0.0))
+
+
+# ---- rails of coupled neurons --------------------------------------------------------------------
+
+
+def clamped(
+    graph: Graph, count: int, table: str, given: str, at_rails: tuple[str, str], batch: str
+) -> tuple[str, str]:
+    """Who is held at rails, booleans (R, B), and the currents (R, B) of the diodes there.
+
+    Parameters
+    ----------
+    graph : Graph
+    count : int
+        R, neurons with rails.
+    table : str
+        (R, R + 1, B): the metric among them, and their moves without rails.
+    given : str
+        (R, B): their drives.
+    at_rails : tuple of str
+        Booleans (R, B): who stands at a lower rail, and at an upper one.
+    batch : str
+        Number of samples, as a shape (1,).
+    """
+    none = graph.op("Less", graph.op("Abs", given), graph.number(0.0))
+    rounds = graph.op("Expand", graph.table("clamp.round", 0, np.int64), batch)
+    carried = {"table": table, "held": none, "pending": none, "rounds": rounds}
+    carried = {f"clamp {name}": start for name, start in carried.items()}
+    body = Graph(graph.dtype, graph, own=["clamp turn", "clamp still", *carried])
+    body.about("clamp")
+    ends = _exchanged(body, count, given, *at_rails)
+    for name, tensor in ends.items():
+        body.named(name, "Identity", tensor)
+    most = graph.table("clamp.turns", BLOCKS * count + PIVOTS, np.int64)
+    found = graph.loop(body, most, carried, [*ends][:-1], [*ends][-1], "clamp ")
+    currents = graph.op("Where", found[1], _last(graph, found[0], count), graph.number(0.0))
+    return found[1], currents
+
+
+def _last(graph: Graph, table: str, count: int) -> str:
+    """Currents of held neurons and moves of free ones (R, B): the last column of a table."""
+    return graph.op("Gather", table, graph.table("clamp.last", count, np.int64), axis=1)
+
+
+def _exchanged(body: Graph, count: int, given: str, at_low: str, at_high: str) -> dict[str, str]:
+    """One turn of the loop: what it carries, then whether there is another one."""
+    op, zero, one = body.op, body.number(0.0), body.table("one more", 1, np.int64)
+    held, pending, rounds = "clamp held", "clamp pending", "clamp rounds"
+    last = _last(body, "clamp table", count)
+    sizes = op("Where", held, op("Add", op("Abs", given), op("Abs", last)), zero)
+    slack = op("Mul", body.largest(sizes, 0), body.number(ROUNDING))
+    found = op("Where", op("And", held, op("LessOrEqual", op("Abs", last), slack)), zero, last)
+    wrong_low = op("And", at_low, op("Less", found, zero))
+    wrong = op("Or", wrong_low, op("And", at_high, op("Greater", found, zero)))
+    order = body.table("clamp.order", np.arange(count)[:, None], np.int64)
+    final = body.largest(op("Where", wrong, order, body.table("clamp.before", -1, np.int64)), 0)
+    early = op("Less", rounds, body.table("clamp.blocks", BLOCKS, np.int64))
+    wrong = op("And", wrong, op("Or", early, op("Equal", order, final)))
+    waits = _any(body, pending, 0)
+    todo = op("Or", pending, op("And", wrong, op("Less", waits, one)))
+    places = op("Where", todo, order, body.table("clamp.beyond", count, np.int64))
+    here = op("Equal", order, op("ReduceMin", places, body.integers(0), keepdims=0))
+    unit = op("Where", here, body.number(1.0), zero)
+    return {
+        "clamp next table": _pivoted(body, count, unit),
+        "clamp next held": op("Xor", held, here),
+        "clamp next pending": op("Xor", todo, here),
+        "clamp next rounds": op("Add", rounds, op("Sub", one, waits)),
+        "clamp going": op("Equal", _any(body, todo, 0, 1), one),
+    }
+
+
+def _any(graph: Graph, marks: str, *axes: int) -> str:
+    """One if there is a mark along axes, which go, else zero."""
+    from onnx import TensorProto
+
+    counted = graph.op("Cast", marks, to=TensorProto.INT64)
+    return graph.op("ReduceMax", counted, graph.integers(*axes), keepdims=0)
+
+
+def _pivoted(body: Graph, count: int, unit: str) -> str:
+    """The table after a neuron, one in ``unit`` (R, B), has exchanged its move and its current."""
+    op, one, table = body.op, body.number(1.0), "clamp table"
+    rows, columns = body.integers(0), body.integers(1)
+    across = body.stacked(unit, _none(body, unit))
+    other, beside = op("Sub", one, unit), op("Sub", one, across)
+    square = op("Slice", table, rows, body.integers(count), columns)
+    column = op("ReduceSum", op("Mul", square, op("Unsqueeze", unit, rows)), columns, keepdims=0)
+    row = op("ReduceSum", op("Mul", table, op("Unsqueeze", unit, columns)), rows, keepdims=0)
+    pivot = op("ReduceSum", op("Mul", column, unit), rows, keepdims=0)
+    pivot = op("Where", op("Equal", pivot, body.number(0.0)), one, pivot)  # a sample that is done
+    down = op("Add", op("Mul", column, other), unit)
+    along = op("Div", op("Sub", op("Mul", row, beside), across), pivot)
+    kept = op("Mul", op("Unsqueeze", other, columns), op("Unsqueeze", beside, rows))
+    outer = op("Mul", op("Unsqueeze", down, columns), op("Unsqueeze", along, rows))
+    return op("Sub", op("Mul", table, kept), outer)
 
 
 # ---- pyramid -------------------------------------------------------------------------------------

@@ -18,8 +18,9 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION, RoleRows
 from ann_dc.export.onnx.cell import CellReading
 from ann_dc.export.onnx.graph import Graph
-from ann_dc.export.onnx.metrics import moves, there, where_there
+from ann_dc.export.onnx.metrics import clamped, moves, there, where_there
 from ann_dc.network.network import Network
+from ann_dc.network.selection import clamped_rows
 
 BATCH = "B"
 
@@ -133,7 +134,7 @@ class _Flow:
             every = graph.op("Expand", "inputs", self.batch)
             place = graph.table(f"input.{name}", number, np.int64)
             self._inputs.append(graph.op("Gather", every, place, axis=0))
-        self._outer = graph
+        self._outer, self._clamped = graph, clamped_rows(network)
 
     def filled(self, states: str) -> str:
         """State (P N, B) from states (P, N, B): pinned neurons at their inputs, absent at zero."""
@@ -177,13 +178,19 @@ class _Flow:
     def step(self, graph: Graph, state: str, sides: dict[str, str]) -> tuple[str, str, str]:
         """The state after a step; the residual before it, and the size of the state, (B,) each."""
         network, reading = self.network, self.reading(graph, state)
-        rows = [
-            where_there(network, graph, number, self._cut(graph, number, drive, reading))
-            for number, drive in enumerate(reading.drives())
-        ]
+        rows, arriving = [], []
+        for number, drive in enumerate(reading.drives()):
+            cut = self._cut(graph, number, drive, reading)
+            rows.append(where_there(network, graph, number, cut))
+            own = drive if number in self._clamped else cut
+            arriving.append(where_there(network, graph, number, own))
         graph.about("metric")
         drives = graph.stacked(*rows)
-        moved = graph.op("Mul", moves(network, graph, drives), "step")
+        if len(self._clamped):
+            moved = self._projected(graph, state, graph.stacked(*arriving))
+        else:
+            moved = moves(network, graph, drives)
+        moved = graph.op("Mul", moved, "step")
         following = self._within_rails(graph, graph.op("Add", state, moved))
         is_inside = reading.is_inside(sides)
         graph.about("residual")
@@ -210,6 +217,37 @@ class _Flow:
                 stopped = graph.op("And", stands, graph.op(pushes, drive, zero))
                 drive = graph.op("Where", stopped, zero, drive)
         return drive
+
+    def _projected(self, graph: Graph, state: str, drives: str) -> str:
+        """Moves (P N, B): the projection of M d on what the rails allow.
+
+        The drives are those of coupled neurons whatever their rails.
+        """
+        network, zero = self.network, graph.number(0.0)
+        component = np.flatnonzero(np.isin(network.places[:, 0], self._clamped))
+        places, count = network.places[component] @ [network.stages, 1], len(component)
+        limits = evaluator(network).tape.limits[network.places[component, 0]]
+        within = network.metric.moves(network.row, np.eye(network.size)[component])[:, component]
+        place = graph.table("clamp.places", places, np.int64)
+        free = moves(network, graph, drives)
+        x, pull, given = (graph.op("Gather", rows, place, axis=0) for rows in (state, free, drives))
+        at_rails = (
+            graph.op("LessOrEqual", x, graph.table("clamp.low", limits[:, :1])),
+            graph.op("GreaterOrEqual", x, graph.table("clamp.high", limits[:, 1:])),
+        )
+        shape = graph.stacked(graph.integers(count, count), self.batch)
+        table = graph.op("Expand", graph.table("clamp.metric", within[:, :, None]), shape)
+        table = graph.op("Concat", table, graph.op("Unsqueeze", pull, graph.integers(1)), axis=1)
+        held, currents = clamped(graph, count, table, given, at_rails, self.batch)
+        numbers = np.full(network.live.size, count)
+        numbers[places] = np.arange(count)
+        numbers = graph.table("clamp.numbers", numbers, np.int64)
+        elsewhere = graph.op("Mul", graph.rows(currents, 0, 1), zero)
+        pushed = graph.op("Gather", graph.stacked(currents, elsewhere), numbers, axis=0)
+        held = graph.stacked(graph.op("Where", held, graph.number(1.0), zero), elsewhere)
+        held = graph.op("Greater", graph.op("Gather", held, numbers, axis=0), zero)
+        moved = moves(network, graph, graph.op("Add", drives, pushed))
+        return graph.op("Where", held, zero, moved)
 
     def _within_rails(self, graph: Graph, state: str) -> str:
         """The state with every neuron between its rails; inputs have none."""

@@ -17,7 +17,7 @@ import numpy as np
 from ann_dc.errors import AnnDcError, FileFormatError
 from ann_dc.export.onnx.files import SETTLE, STEP
 from ann_dc.export.onnx.metadata import DIGEST, digest, metadata
-from ann_dc.export.onnx.sizes import check_sizes
+from ann_dc.export.onnx.sizes import check_sizes, loops_in
 from ann_dc.export.reference.beside import file_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 
@@ -31,11 +31,11 @@ GIVEN = {
 }
 FOUND = {STEP: ("next_states", "residual"), SETTLE: ("settled_states", "residual", "steps")}
 OPERATIONS = {
-    "Abs", "Acos", "Add", "And", "Asin", "Atan", "Cast", "Concat", "Cos", "Cosh", "Div", "Exp",
-    "Expand", "Gather", "Greater", "GreaterOrEqual", "Identity", "Less", "LessOrEqual", "Log",
-    "Loop", "MatMul", "Max", "Min", "Mul", "Neg", "Reciprocal", "ReduceMax", "ReduceMin",
-    "ReduceSum", "Reshape", "Shape", "Sin", "Sinh", "Slice", "Sqrt", "Sub", "Tan", "Tanh",
-    "Unsqueeze", "Where",
+    "Abs", "Acos", "Add", "And", "Asin", "Atan", "Cast", "Concat", "Cos", "Cosh", "Div", "Equal",
+    "Exp", "Expand", "Gather", "Greater", "GreaterOrEqual", "Identity", "Less", "LessOrEqual",
+    "Log", "Loop", "MatMul", "Max", "Min", "Mul", "Neg", "Or", "Reciprocal", "ReduceMax",
+    "ReduceMin", "ReduceSum", "Reshape", "Shape", "Sin", "Sinh", "Slice", "Sqrt", "Sub", "Tan",
+    "Tanh", "Unsqueeze", "Where", "Xor",
 }  # fmt: skip
 """All that a network is written with."""
 
@@ -145,11 +145,11 @@ def _check_graph(name: str, graph: Any, depth: int = 0) -> None:
 
 
 def _check_attribute(name: str, kind: str, attribute: Any, depth: int) -> None:
-    """Numbers and types; of a loop that is in no other, its body."""
+    """Numbers and types; of a loop that is in one other at most, its body."""
     if attribute.HasField("t") or attribute.tensors or attribute.graphs:
         raise FileFormatError(f"{name}: {kind} has tensors of its own")
     if attribute.HasField("g"):
-        if kind != "Loop" or depth:
+        if kind != "Loop" or depth > 1:
             raise FileFormatError(f"{name}: a graph in {kind}")
         _check_graph(name, attribute.g, depth + 1)
 
@@ -167,8 +167,9 @@ def _check_tensors(name: str, graph: Any, vector: ReferenceVector) -> None:
     if sizes[:2] != list(vector.start.shape) or len(sizes) != 3:
         raise FileFormatError(f"{name}: expected states {vector.start.shape} a sample")
     most = REACH * (vector.start.size + 8)
+    turns = {loop.input[0] for _, loop in loops_in(name, graph) if loop.input}
     for table in graph.initializer:
-        if table.data_type != TensorProto.INT64:
+        if table.data_type != TensorProto.INT64 or table.name in turns:  # a loop's: see `sizes`
             continue
         with refused(name):
             values = numpy_helper.to_array(table)

@@ -2,15 +2,18 @@
 
 The package onnx infers the shape of every tensor from those of the states and inputs that a check
 gives. The body of a loop is taken as one turn of it, which has to give back the shapes that it got.
+The loop to settling turns as often as it is told to; one that finds who is held at rails, in it or
+alone, has a number of turns in the file.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ann_dc.errors import FileFormatError
+from ann_dc.evaluation.rules import BLOCKS, PIVOTS
 from ann_dc.export.onnx.graph import OPSET
 from ann_dc.export.reference.vector import ReferenceVector
 
@@ -36,29 +39,56 @@ def check_sizes(name: str, graph: Any, vector: ReferenceVector) -> None:
     ------
     FileFormatError
     """
-    loops = [node for node in graph.node if node.op_type == "Loop"]
-    if len(loops) > 1:
-        raise FileFormatError(f"{name}: has more than one loop")
-    for loop in loops:
-        _check_turns(name, graph, loop)
+    loops = list(loops_in(name, graph))
+    tables = {table.name: table for table in graph.initializer}
+    for around, loop in loops:
+        _check_turns(name, around, loop, tables, BLOCKS * vector.start.size + PIVOTS)
     shapes = _shapes(name, graph, vector)
-    tables = max((math.prod(table.dims) for table in graph.initializer), default=0)
+    largest = max((math.prod(table.dims) for table in graph.initializer), default=0)
     given = SAMPLES * (vector.start.size + sum(map(len, vector.inputs.values())))
-    most = GROWTH * (given + tables)
+    most = GROWTH * (given + largest)
     for tensor, shape in shapes.items():
         if shape is None or math.prod(shape) > most:
             raise FileFormatError(f"{name}: {tensor!r:.60} is large, or of unknown size")
-    for loop in loops:
+    for _, loop in loops:
         body = _body(loop)
         for before, after in zip(loop.input[2:], body.output[1:]):
             if shapes[before] != shapes[after.name]:
                 raise FileFormatError(f"{name}: {after.name!r:.60} grows from turn to turn")
 
 
-def _check_turns(name: str, graph: Any, loop: Any) -> None:
-    """A loop turns as often as it is told to, and once more."""
-    tables = {table.name for table in graph.initializer}
-    sums = [node for node in graph.node if loop.input and loop.input[0] in node.output]
+def loops_in(name: str, graph: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield a graph and its loop, then those of the loop's body.
+
+    Parameters
+    ----------
+    name : str
+        Of the file.
+    graph : onnx.GraphProto
+
+    Raises
+    ------
+    FileFormatError
+        If a graph has more than one loop.
+    """
+    loops = [node for node in graph.node if node.op_type == "Loop"]
+    if len(loops) > 1:
+        raise FileFormatError(f"{name}: has more than one loop")
+    for loop in loops:
+        yield graph, loop
+        yield from loops_in(name, _body(loop))
+
+
+def _check_turns(name: str, around: Any, loop: Any, tables: Mapping[str, Any], most: int) -> None:
+    """A loop turns as often as it is told to, and once more, or as often as a table says."""
+    from onnx import numpy_helper
+
+    told = loop.input[0] if loop.input else ""
+    if told in tables:
+        turns = numpy_helper.to_array(tables[told])
+        if turns.ndim == 0 and turns <= most:
+            return
+    sums = [node for node in around.node if told in node.output]
     bounded = len(sums) == 1 and sums[0].op_type == "Add" and "limit" in sums[0].input
     if not bounded or not set(sums[0].input) <= {"limit", *tables}:
         raise FileFormatError(f"{name}: its loop has no limit")
@@ -93,7 +123,7 @@ def _shapes(name: str, graph: Any, vector: ReferenceVector) -> dict[str, Shape |
 
 
 def _unrolled(graph: Any, flat: Any) -> Iterator[Any]:
-    """The nodes of a graph, one turn of its loop in the loop's place."""
+    """The nodes of a graph, one turn of every loop in the loop's place."""
     from onnx import TensorProto, helper
 
     for node in graph.node:
@@ -109,7 +139,7 @@ def _unrolled(graph: Any, flat: Any) -> Iterator[Any]:
         flat.initializer.extend(body.initializer)
         for carried, own in zip(node.input[2:], body.input[2:]):
             yield helper.make_node("Identity", [carried], [own.name])
-        yield from body.node
+        yield from _unrolled(body, flat)
         for own, ended in zip(body.output[1:], node.output):
             yield helper.make_node("Identity", [own.name], [ended])
 

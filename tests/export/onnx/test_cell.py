@@ -2,10 +2,22 @@
 
 import numpy as np
 import pytest
+from clamped_runs import (
+    COUPLED,
+    railed,
+    rails_of,
+    resting_at_rails,
+    run_with_changes,
+    unrailed,
+)
+from designs import wired_with
 from hypothesis import given, settings, strategies as st
 from onnx_runs import OnnxNetwork, Walk
 from random_networks import far_wired, random_network
 
+from ann_dc.evaluation import evaluator
+from ann_dc.export.onnx import onnx_check, onnx_files
+from ann_dc.export.reference import reference_vector
 from ann_dc.network import Network
 from ann_dc.network.metrics import Kind
 
@@ -13,22 +25,20 @@ STEP = 0.1
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def some_states(network: Network, seed: int, samples: int, room: float = 0.0) -> np.ndarray:
-    """State vectors (B, n) between the rails, or so far inside them."""
+def some_states(network: Network, seed: int, samples: int) -> np.ndarray:
+    """State vectors (B, n) between the rails."""
     rng = np.random.default_rng(seed)
     limits = [(neuron.limiter.low, neuron.limiter.high) for neuron in network.cell.neurons]
     low, high = np.array(limits)[network.places[:, 0]].T
     spread = rng.uniform(-0.8, 0.8, (samples, network.size))
-    return np.clip(network.start_state + spread, low + room, high - room)
+    return np.clip(network.start_state + spread, low, high)
 
 
 @settings(max_examples=20, deadline=None)
 @given(seed=SEEDS, kind=st.sampled_from(Kind))
 def test_a_step_is_the_networks(seed, kind):
     network = random_network(seed, kind)
-    # the graph still judges coupled neurons at rails by their drives
-    room = 0.0 if kind is Kind.TIME_CONSTANTS else 1e-3
-    onnx, starts = OnnxNetwork(network), some_states(network, seed, 3, room)
+    onnx, starts = OnnxNetwork(network), some_states(network, seed, 3)
     states = np.moveaxis(network.unpack(starts), 0, -1)
     following, residual = onnx.step(states, STEP)
     for sample, start in enumerate(starts):
@@ -40,10 +50,37 @@ def test_a_step_is_the_networks(seed, kind):
             np.testing.assert_allclose(following[..., sample], walk.states, rtol=0, atol=1e-11)
 
 
+@pytest.mark.parametrize("kind", COUPLED, ids=lambda kind: kind.name.lower())
+def test_steps_follow_the_rule_of_rails_where_the_held_set_changes_a_hundred_times(kind):
+    """All states of a run at once, each with neurons of its own that are held."""
+    network, states, changes = run_with_changes(kind)
+    assert changes >= 100
+    step = 0.2 / evaluator(unrailed(network)).fastest_rate(network.start_state)
+    onnx, given = OnnxNetwork(network), np.moveaxis(network.unpack(states), 0, -1)
+    found = network.pack(np.moveaxis(onnx.step(given, step)[0], -1, 0)) - states
+    low, high = rails_of(network)
+    moves = step * np.array([evaluator(network).rhs(x) for x in states])
+    expected = (states + moves).clip(low, high) - states
+    rounding = np.finfo(float).eps * np.abs(states).max(axis=1)
+    off = np.abs(found - expected).max(axis=1)
+    assert (off <= 1e-12 * np.abs(expected).max(axis=1) + rounding).all()
+
+
+@pytest.mark.parametrize(("kind", "population"), [(Kind.PYRAMID, "q"), (Kind.GRID, "u")])
+def test_files_of_clamped_networks_settle_where_their_vector_does(kind, population):
+    size, _ = resting_at_rails("lq_unst", population)
+    network = railed(wired_with("lq_unst", kind), size, population)
+    vector = reference_vector(network)
+    low, high = rails_of(network)
+    end = network.pack(vector.end)
+    assert ((end == low) | (end == high)).any()
+    assert "settled after" in onnx_check(onnx_files(network, vector))
+
+
 @settings(max_examples=8, deadline=None)
-@given(seed=SEEDS)
-def test_float32_is_close(seed):
-    network = random_network(seed)
+@given(seed=SEEDS, kind=st.sampled_from(Kind))
+def test_float32_is_close(seed, kind):
+    network = random_network(seed, kind)
     states = np.moveaxis(network.unpack(some_states(network, seed, 4)), 0, -1)
     double, single = (OnnxNetwork(network, p).step(states, STEP) for p in ("float64", "float32"))
     assert single[0].dtype == np.float32
