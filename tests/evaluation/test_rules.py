@@ -24,6 +24,7 @@ from clamped_runs import (
 from designs import wired_with
 from hypothesis import given, settings, strategies as st
 from random_metrics import random_metric, rows
+from random_networks import random_network
 
 from ann_dc.backends.recurrent.cell import TorchEvaluator
 from ann_dc.evaluation import InterpretedEvaluator, ReferenceEvaluator, evaluator
@@ -208,6 +209,22 @@ def test_derivatives_of_the_flow_hold_neurons_that_rest(population, metric, kind
     for _ in range(20):
         v = stepped @ (v / np.linalg.norm(v))
     assert ours.fastest_rate(x) == pytest.approx(np.linalg.norm(v), rel=1e-9)
+
+
+@every_coupled
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_moves_at_rails_of_random_networks_are_those_of_numpy(metric, seed):
+    network = random_network(seed, metric)
+    low, high = rails_of(network)
+    spread = np.random.default_rng(seed).uniform(-2.0, 2.0, (3, network.size))
+    for x in (network.start_state + spread).clip(low, high):
+        with np.errstate(all="ignore"):
+            expected = evaluator(network).rhs(x)
+        for kind in (InterpretedEvaluator, TorchEvaluator):
+            found = kind(network).rhs(x)
+            if np.isfinite(expected).all():
+                assert_close(found, expected, 1e-11)
 
 
 # ---- runs ----------------------------------------------------------------------------------------
