@@ -125,10 +125,13 @@ class Flow:
 
         All samples exchange neurons in the same rounds, those that have none wrong take no part.
         """
-        places = self.layout.clamped
-        x, order = state.flatten(0, 1)[places], torch.arange(len(places), device=state.device)
-        rows = places // state.shape[1]
+        places, is_traced = self.layout.clamped, torch.compiler.is_compiling()
+        x, rows = state.flatten(0, 1)[places], places // state.shape[1]
         low, high = self.layout.low[rows, 0], self.layout.high[rows, 0]
+        if not is_traced:  # only those that stand at a rail in any sample
+            near = ((x <= low) | (x >= high)).any(1)
+            places, x, low, high = places[near], x[near], low[near], high[near]
+        order = torch.arange(len(places), device=x.device)
 
         def exchanged(turn, held, wrong, arriving, x):
             last = torch.where(wrong, order[:, None], -1).amax(0)
@@ -141,7 +144,7 @@ class Flow:
 
         held = torch.zeros_like(x, dtype=torch.bool)
         wrong, turn = rules.pushes_out(x, moves.flatten(0, 1)[places], low, high), 0
-        if torch.compiler.is_compiling():
+        if is_traced:
             return torch.while_loop(
                 lambda turn, held, wrong, moves: wrong.any() & (turn < rules.PIVOTS),
                 lambda turn, held, wrong, moves: (
