@@ -58,6 +58,14 @@ class Deadline:
         self.interrupted = False
         self._before: Any = None
 
+    def early(self, share: float) -> Deadline:
+        """A deadline that comes after a share of the seconds, so that a later part has some."""
+        sooner = Deadline(self, self.seconds)
+        sooner.end = (
+            self.end - (1 - share) * self.seconds if self.seconds < float("inf") else self.end
+        )
+        return sooner
+
     def __call__(self, line: str) -> None:
         """Hand a line on."""
         self.check()

@@ -7,20 +7,14 @@ design(network), run(network). Here the way may be entered with a problem at any
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import Annotated, overload
 
 from ann_dc.analysis.objectives import Objective
-from ann_dc.backends import status
 from ann_dc.backends.ode import OdeBackend
-from ann_dc.backends.recorder import Recorder
-from ann_dc.backends.run import Backend, Run, within
-from ann_dc.backends.settling import Settling
-from ann_dc.backends.status import Outcome, Status
+from ann_dc.backends.run import Backend, within
 from ann_dc.decomposition.equations import StageEquations, decompose
 from ann_dc.decomposition.form import CORRECTED, Form
 from ann_dc.errors import DesignError, FormError
-from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.families.family import Over
 from ann_dc.families.family_design import FamilyDesign, design_family
 from ann_dc.gain_design import procedure
@@ -28,23 +22,25 @@ from ann_dc.gain_design.choice import free
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.rules.gains import Gains, apply_gains
 from ann_dc.gain_design.rules.recipe import Recipe
-from ann_dc.gain_design.scheduled_run import LONGEST_RUN, trusting
+from ann_dc.gain_design.scheduled_run import LONGEST_RUN, no_finder, trusting
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, NotEmpty, NotNegative, Own, Positive
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
-from ann_dc.optimality.prospects.boundedness import Unbounded
-from ann_dc.optimality.prospects.infeasible import Infeasible
-from ann_dc.optimality.prospects.prospect import Hopeless, Prospect
-from ann_dc.phases import phase
+from ann_dc.optimality.prospects.prospect import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.start import Start
-from ann_dc.progress import Deadline, Progress, Stopped, silent
-from ann_dc.solution.doubt import cost_of, doubt_of, path_of
-from ann_dc.solution.solution import Solution, certificate_of
+from ann_dc.progress import Deadline, Progress, silent
+from ann_dc.solution.doubt import cost_of, doubt_of
+from ann_dc.solution.finding import finder_of
+from ann_dc.solution.running import solution_of
+from ann_dc.solution.solution import Solution
 from ann_dc.synthesis import synthesis
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain, continuous
+
+OF_DESIGN = 0.7
+"""Share of the seconds of a limit that a design may take; the run of its network has the rest."""
 
 
 @checked
@@ -117,19 +113,22 @@ def solve(
     network = synthesize(equations, start=start)
     backend = backend or OdeBackend(progress=progress)
     ode = continuous(backend) if form.oracle_gain else None
-    prospect = Prospect(problem=problem)
     with Deadline(progress, float("inf") if limit is None else limit) as deadline:
+        prospect = Prospect(problem=problem, progress=deadline)
         if gains is None:
             lender = form.designable
             gains = procedure.design(
                 network if form == lender else synthesize(decompose(problem, lender), start=start),
                 kinds=backend.kinds if kinds is None else kinds,
-                progress=deadline,
+                progress=deadline.early(OF_DESIGN),
                 doubt=doubt_of(prospect, network),
                 cost=cost_of(problem, network),
+                finder=finder_of(problem, network),
             )
         designed = gains if isinstance(gains, Design) else None
         frozen = apply_gains(network, gains.gains if isinstance(gains, Design) else gains)
+        if designed is not None and designed.start:
+            frozen = frozen.with_start(designed.network.start_state)
         if ode is not None:
             if designed is None:
                 raise FormError(
@@ -137,54 +136,9 @@ def solve(
                     "gains= out"
                 )
             backend = OracleBackend(ode=ode, gain=OracleGain(settled=designed.state, low=1e-3))
-        run = _run(within(backend, deadline), frozen, designed)
-    solution = Solution(
-        problem=problem,
-        equations=equations,
-        network=frozen,
-        run=run,
-        certificate=certificate_of(problem, frozen, run.trajectory.final),
-        design=designed,
-    )
-    return solution if solution.certified else _explained(solution, prospect)
-
-
-@phase("run")
-def _run(backend: Backend, network: Network, designed: Design | None) -> Run:
-    """The run of a frozen network; where the design was ended, where it was then."""
-    try:
-        if designed is not None and designed.first.ended is not None:
-            raise designed.first.ended
-        return backend.run(network)
-    except Stopped as end:
-        x = network.start_state if designed is None else designed.state
-        residuals, recorder = fast_evaluator(network).residuals(x), Recorder(network)
-        recorder.record(0.0, x, residuals)
-        told = (
-            _hopeless(end.found, 0.0)
-            if isinstance(end, Hopeless)
-            else status.stopped(residuals, 0.0, str(end))
+        return solution_of(
+            problem, equations, frozen, designed, within(backend, deadline), prospect
         )
-        return recorder.run(0.0, x, told, Settling(), 0)
-
-
-def _hopeless(found: Infeasible | Unbounded, now: float) -> Status:
-    tell = status.infeasible if isinstance(found, Infeasible) else status.unbounded
-    return tell(found.message, now)
-
-
-def _explained(solution: Solution, prospect: Prospect) -> Solution:
-    """What failed, with the reason where it is the problem's."""
-    known = (Outcome.STOPPED, Outcome.INFEASIBLE, Outcome.UNBOUNDED)
-    minimum = solution.status.settled and solution.certificate.second_order
-    if minimum or solution.status.outcome in known:
-        return solution
-    found = prospect.look(*path_of(solution.network, solution.trajectory.final))
-    if found is None:
-        return solution
-    told = _hopeless(found, solution.status.time)
-    run = replace(solution.run, status=told, settling_time=float("nan"))
-    return replace(solution, run=run)
 
 
 @checked
@@ -318,10 +272,14 @@ def design(
             )
         return design_family(source, over, kinds=kinds, progress=progress)
     if isinstance(source, Network):
-        network, doubt, cost = source, trusting, free
+        network, doubt, cost, finder = source, trusting, free, no_finder
     else:
         network = synthesize(source)
-        doubt, cost = doubt_of(Prospect(problem=source), network), cost_of(source, network)
+        doubt, cost = (
+            doubt_of(Prospect(problem=source, progress=progress), network),
+            cost_of(source, network),
+        )
+        finder = finder_of(source, network)
     return procedure.design(
         network,
         kinds=kinds,
@@ -331,4 +289,5 @@ def design(
         progress=progress,
         doubt=doubt,
         cost=cost,
+        finder=finder,
     )

@@ -46,6 +46,7 @@ class Outcome(enum.Enum):
     LEFT_DOMAIN = "left the domain of a function block"
     STALLED = "stalled: the KKT residual fell no further"
     STOPPED = "stopped before its end"
+    FOUND = "the optimum is known, but no network was seen to settle there"
     INFEASIBLE = "infeasible: no controls reach the target"
     UNBOUNDED = "unbounded: the cost has no minimum"
 
@@ -249,6 +250,32 @@ def stopped(residuals: tuple[float, float], now: float, why: str) -> Status:
     return Status(outcome=Outcome.STOPPED, message=message, neuron=None, time=now)
 
 
+def found(by: str, network: Status) -> Status:
+    """An optimum that is known although the network did not settle there.
+
+    Parameters
+    ----------
+    by : str
+        Who found it.
+    network : Status
+        How the network's run ended.
+
+    Examples
+    --------
+    >>> from ann_dc.backends import not_settled
+    >>> print(found("the interior point", not_settled((1e-5, 2e-3), 40.0, "900 steps were done")))
+    found by the interior point; no network with constant gains was seen to settle there (not
+    settled after 40 unit time constants: KKT residual 2.0e-03 when 900 steps were done)
+    """
+    if network.outcome is Outcome.STOPPED:
+        message = f"{network.message}; the optimum was found by {by}"
+        return replace(network, message=message)
+    why = f"no network with constant gains was seen to settle there ({network.message})"
+    return Status(
+        outcome=Outcome.FOUND, message=f"found by {by}; {why}", neuron=None, time=network.time
+    )
+
+
 def infeasible(why: str, now: float) -> Status:
     """A target that cannot be met.
 
@@ -336,8 +363,9 @@ def with_growth(
     told = ", ".join(sorted(names, key=lambda name: name not in rows)[:NAMED])
     so_far = status.message.removesuffix(f"; {elsewhere(network)}")  # from there they would, too
     message = (
-        f"{so_far}; the multipliers {told} grow steadily, as they do where constraints "
-        "contradict each other: loosen one of them, make it soft, or change the target"
+        f"{so_far}; the multipliers {told} grow steadily: if constraints contradict each other, "
+        "loosen one of them, make it soft, or change the target; else a network with these gains "
+        "does not settle"
     )
     return replace(status, message=message)
 

@@ -7,13 +7,16 @@ the best is slow, another first run may find another settled point, or lead to o
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.second_order import threshold_of
 from ann_dc.errors import AnnDcError, NetworkError
 from ann_dc.gain_design.freeze import (
     RECIPES,
@@ -23,9 +26,18 @@ from ann_dc.gain_design.freeze import (
     compare,
     steadier,
 )
-from ann_dc.gain_design.rehearsal import ELSEWHERE, distance, rehearse, rehearsed
-from ann_dc.gain_design.rules.grid_gains import SettledPoint
-from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, Recipe
+from ann_dc.gain_design.presets import presets_of
+from ann_dc.gain_design.rehearsal import (
+    ELSEWHERE,
+    HASTY,
+    PATIENT,
+    Patience,
+    distance,
+    rehearse,
+    rehearsed,
+)
+from ann_dc.gain_design.rules.grid_gains import ABOVE_THRESHOLD, SettledPoint
+from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, Recipe, closed_form
 from ann_dc.gain_design.scheduled_run import EQUAL_ROWS, FirstRun, first_run
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.progress import Progress, Stopped
@@ -38,6 +50,10 @@ DIFFERENT = 1e-3
 
 STRAYS = 4
 """Other settled points that are looked at where networks stray."""
+
+STIFFER = (10.0, 100.0, 1000.0)
+"""Factors on the penalty that are tried if no network settles: where controls have low prices, the
+closed form's penalty lets a path fall off the constraints."""
 
 MUCH_FASTER = 1.5
 """How many times faster networks have to settle there to be taken."""
@@ -71,6 +87,20 @@ def recipe_of_first_run(recipe: Recipe | None) -> Recipe:
     return recipe
 
 
+def boost_of(settled: SettledPoint) -> float:
+    """Factor on the closed form's penalties that takes them above rho*, at least one.
+
+    Parameters
+    ----------
+    settled : SettledPoint
+        An optimum that no run has settled at: no watchdog has raised its penalties.
+    """
+    duals = [settled.network.neuron_index[dual.neuron] for dual in settled.network.cell.duals]
+    penalties = closed_form(settled.linear, WITH_COORDINATORS).rho[duals]
+    least = ABOVE_THRESHOLD * threshold_of(settled.saddle) / penalties.mean()
+    return max(1.0, least) if np.isfinite(least) else 1.0
+
+
 @dataclass(frozen=True)
 class Choice:
     """The kinds that are allowed, in turn, until one is near the limit.
@@ -92,13 +122,49 @@ class Choice:
     first: FirstRun
     progress: Progress
     cost: Cost = free
+    _seen: list[tuple[SettledPoint, Candidate]] = field(
+        default_factory=list, init=False, repr=False
+    )
 
-    def at(self, settled: SettledPoint) -> tuple[Candidate, ...]:
+    def best(
+        self, settled: SettledPoint, limit: int
+    ) -> tuple[SettledPoint, tuple[Candidate, ...], str]:
+        """Compare candidates where the first run ended, elsewhere, and from presets.
+
+        Parameters
+        ----------
+        settled : SettledPoint
+            Where the first run ended.
+        limit : int
+            Steps of another first run.
+
+        Returns
+        -------
+        settled : SettledPoint
+            To which the best belongs.
+        found : tuple of Candidate
+            The best first.
+        start : str
+            From which presets it settles; empty for the network's own start.
+        """
+        patience = HASTY if self.first.found_by else PATIENT
+        found, start = self.at(settled, patience), ""
+        if self.first.found_by:
+            settled, found, start = self._preset(settled, found)
+        if self.first.settled and not found[0].settling < np.inf:
+            settled, found = self._followed(settled, found)
+        if self.first.settled and not self.first.found_by:
+            with suppress(Stopped):  # what was compared here stands
+                settled, found = self._elsewhere(settled, found, limit)
+            settled, found, start = self._preset(settled, found)
+        return settled, found, start
+
+    def at(self, settled: SettledPoint, patience: Patience = PATIENT) -> tuple[Candidate, ...]:
         """All candidates at a settled point, the best first."""
         found = ()
         for kind in self._useful():
             compared = self._compared(settled, kind)
-            found = rehearsed(settled, (*found, *compared), self.progress)
+            found = self._rehearsed(settled, (*found, *compared), patience)
             if found and found[0].settling < np.inf and found[0].ratio < NEAR_LIMIT:
                 break
         if not found:
@@ -106,8 +172,29 @@ class Choice:
             return (candidate_of(settled, self.recipe or RECIPES[self.kinds[0]], 1.0),)
         return found
 
-    def at_once(self, settled: SettledPoint) -> Candidate:
-        """A candidate without any comparison: the first run's, or one without coordinators."""
+    def _rehearsed(
+        self,
+        settled: SettledPoint,
+        candidates: Iterable[Candidate],
+        patience: Patience = PATIENT,
+    ) -> tuple[Candidate, ...]:
+        take = self._taker(settled)
+        return rehearsed(settled, candidates, self.progress, take=take, patience=patience)
+
+    def _taker(self, settled: SettledPoint) -> Callable[[Candidate], None]:
+        return lambda candidate: self._seen.append((settled, candidate))
+
+    def best_so_far(self, settled: SettledPoint) -> tuple[SettledPoint, Candidate]:
+        """The best of what was compared until time was up, with the point that it belongs to.
+
+        Without one that attracts: the first run's gains, or some without coordinators.
+        """
+        known = [pair for pair in self._seen if np.isfinite(pair[1].ratio)]
+        if known:
+            return min(known, key=lambda pair: pair[1].rank)
+        return settled, self._at_once(settled)
+
+    def _at_once(self, settled: SettledPoint) -> Candidate:
         recipe = recipe_of_first_run(self.recipe)
         if recipe.kind not in self.kinds and Kind.TIME_CONSTANTS in self.kinds:
             recipe = RECIPES[Kind.TIME_CONSTANTS]
@@ -123,33 +210,82 @@ class Choice:
 
     def _compared(self, settled: SettledPoint, kind: Kind) -> tuple[Candidate, ...]:
         fixed = self.recipe if self.recipe is not None and self.recipe.kind is kind else None
-        return compare(settled, kind, self.first.boost, self.progress, recipe=fixed)
+        return compare(
+            settled,
+            kind,
+            self.first.boost,
+            self.progress,
+            recipe=fixed,
+            take=self._taker(settled),
+        )
 
-    def followed(
+    def _followed(
         self, settled: SettledPoint, found: tuple[Candidate, ...]
     ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
         """The freeze where networks settle to, if none settles where the first run did.
 
-        Steadier networks are asked too: some settle there after all, others show where else.
+        Networks with larger penalties and steadier ones are asked too: some settle there after
+        all, others show where else.
         """
         if found[0].settling < np.inf:
             return settled, found
         best, there = self._from_strays(settled, found)
-        if not there:
-            found = tuple(sorted((*found, *self._steadier(settled)), key=lambda c: c.rank))
-            if not found[0].settling < np.inf:
-                best, there = self._from_strays(settled, found)
+        for more in (self._stiffer, self._steadier):
+            if not there and not found[0].settling < np.inf:
+                found = tuple(sorted((*found, *more(settled)), key=lambda c: c.rank))
+                if not found[0].settling < np.inf:
+                    best, there = self._from_strays(settled, found)
         return (best, there) if there else (settled, found)
 
+    def _stiffer(self, settled: SettledPoint) -> list[Candidate]:
+        return self._rehearsals(
+            settled, "stiffer", lambda kind: [(RECIPES[kind], boost) for boost in STIFFER]
+        )
+
     def _steadier(self, settled: SettledPoint) -> list[Candidate]:
+        return self._rehearsals(
+            settled, "steadier", lambda kind: [(recipe, 1.0) for recipe in steadier(kind)]
+        )
+
+    def _rehearsals(
+        self,
+        settled: SettledPoint,
+        word: str,
+        recipes: Callable[[Kind], list[tuple[Recipe, float]]],
+    ) -> list[Candidate]:
+        """Rehearse networks in closed form, of every kind that is useful."""
         rehearsals = []
         for kind in (kind for kind in self._useful() if kind not in (Kind.GRID, Kind.TREE)):
-            for recipe in steadier(kind):
-                candidate = candidate_of(settled, recipe, self.first.boost)
+            for recipe, boost in recipes(kind):
+                candidate = candidate_of(settled, recipe, boost * self.first.boost)
                 if np.isfinite(candidate.ratio):
-                    self.progress(f"freeze: steadier {kind.value}")
+                    self.progress(f"freeze: {word} {kind.value}")
                     rehearsals.append(rehearse(settled, candidate, progress=self.progress))
         return rehearsals
+
+    def _preset(
+        self, settled: SettledPoint, found: tuple[Candidate, ...]
+    ) -> tuple[SettledPoint, tuple[Candidate, ...], str]:
+        """The same candidates from presets, if none settles from the network's own start.
+
+        Returns
+        -------
+        settled : SettledPoint
+            Of a network with that start.
+        found : tuple of Candidate
+        start : str
+            Which preset; empty for the network's own start.
+        """
+        if found[0].settling < np.inf:
+            return settled, found, ""
+        anew = [replace(candidate, settling=float("nan"), stray=None) for candidate in found]
+        for words, state in presets_of(settled.network, settled.state):
+            started = settled.network.with_start(state)
+            from_there = SettledPoint(Linearisation(started).at(settled.state), settled.state)
+            again = self._rehearsed(from_there, anew)
+            if again[0].settling < np.inf:
+                return from_there, again, words
+        return settled, found, ""
 
     def _from_strays(
         self, settled: SettledPoint, found: tuple[Candidate, ...]
@@ -191,7 +327,7 @@ class Choice:
         except AnnDcError:
             return ()
 
-    def elsewhere(
+    def _elsewhere(
         self, settled: SettledPoint, found: tuple[Candidate, ...], limit: int
     ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
         """The freeze where a run with equal rows leads to, if networks are much faster there.
@@ -221,7 +357,7 @@ class Choice:
         other = SettledPoint(settled.linear.at(self.first.state), self.first.state)
         there = self._at_another(other)
         try:
-            return self.followed(other, there) if there else (other, there)
+            return self._followed(other, there) if there else (other, there)
         except Stopped:
             raise
         except AnnDcError:

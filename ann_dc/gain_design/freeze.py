@@ -244,6 +244,7 @@ def compare(
     progress: Progress = silent,
     *,
     recipe: Recipe | None = None,
+    take: Callable[[Candidate], None] = lambda candidate: None,
 ) -> tuple[Candidate, ...]:
     """The candidates of one kind of metric.
 
@@ -257,13 +258,15 @@ def compare(
         Takes one line a spectrum.
     recipe : Recipe, optional
         Compare its penalties only, not other ways to weigh the rows.
+    take : callable
+        Takes every candidate as soon as its spectrum is known.
 
     Returns
     -------
     tuple of Candidate
         All that were tried, in the order of trying; none where there is no grid.
     """
-    tried = _Tried(settled, kind, progress)
+    tried = _Tried(settled, kind, progress, take)
     own = RECIPES[kind]
     rows = [recipe] if recipe else [replace(own, sweeps=sweeps) for sweeps in SWEEPS]
     long = settled.network.stages > LONG_ROW
@@ -293,6 +296,7 @@ class _Tried:
     settled: SettledPoint
     kind: Kind
     progress: Progress
+    take: Callable[[Candidate], None]
     candidates: list[Candidate] = field(default_factory=list)
 
     def ratio(self, recipe: Recipe, boost: float) -> float:
@@ -305,6 +309,7 @@ class _Tried:
         except AnnDcError:  # no such grid here: another recipe may have one
             return np.inf
         self.candidates.append(found)
+        self.take(found)
         return found.ratio if found.ratio > 0 else np.inf  # nan: the numbers overflow
 
 

@@ -13,8 +13,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -24,7 +23,7 @@ from ann_dc.analysis.objectives import Objective
 from ann_dc.analysis.second_order import threshold_of
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.choice import Choice, Cost, free, recipe_of_first_run
+from ann_dc.gain_design.choice import Choice, Cost, boost_of, free, recipe_of_first_run
 from ann_dc.gain_design.freeze import (
     RECIPES,
     Candidate,
@@ -36,8 +35,10 @@ from ann_dc.gain_design.rules.recipe import Recipe
 from ann_dc.gain_design.scheduled_run import (
     LONGEST_RUN,
     Doubt,
+    Finder,
     FirstRun,
     first_run,
+    no_finder,
     trusting,
 )
 from ann_dc.hints.checked import checked
@@ -65,6 +66,8 @@ class Design:
     state : (n,) array
         The settled point to which the gains belong: where the first run ended, or another one to
         which the frozen network settled from its start.
+    start : str
+        Which preset the network starts from; empty if it starts where the given one does.
     best : Candidate
         The metric, the factors and the penalty that won, with the spectrum at the settled point.
     candidates : tuple of Candidate
@@ -86,6 +89,7 @@ class Design:
     gains: Gains
     first: FirstRun
     state: np.ndarray
+    start: str
     best: Candidate
     candidates: tuple[Candidate, ...]
     rho_star: float
@@ -94,6 +98,16 @@ class Design:
     def settled(self) -> bool:
         """Whether the first run settled."""
         return self.first.settled
+
+    @property
+    def others(self) -> tuple[Candidate, ...]:
+        """Candidates beside the best that settled in a rehearsal, the fastest first."""
+        return tuple(c for c in self.candidates if c is not self.best and c.settling < np.inf)
+
+    def with_candidate(self, candidate: Candidate) -> Design:
+        """The same design with the gains of another of its candidates."""
+        network = apply_gains(self.network, candidate.gains)
+        return replace(self, network=network, gains=candidate.gains, best=candidate)
 
     @property
     def reason(self) -> str:
@@ -138,9 +152,9 @@ class Design:
         ended = f": {self.first.ended}" if self.first.ended else ""
         return "\n".join(
             [
-                f"first run      {'settled' if self.first.settled else 'did not settle'} in "
-                f"{self.first.steps} recurrent steps{ended}",
+                f"first run      {_ending(self.first)}{ended}",
                 f"frozen with    {self.best}",
+                *([f"starts from    {self.start}"] if self.start else []),
                 f"because        {self.reason}",
                 f"rho            {min(duals.values()):.3g} .. {max(duals.values()):.3g} "
                 f"(rho* = {self.rho_star:.3g})",
@@ -150,6 +164,12 @@ class Design:
                 f"fastest time constants = {predicted:.3g} unit time constants",
             ]
         )
+
+
+def _ending(first: FirstRun) -> str:
+    ended = "settled" if first.settled and not first.found_by else "did not settle"
+    found = f"; {first.found_by} found the optimum" if first.found_by else ""
+    return f"{ended} in {first.steps} recurrent steps{found}"
 
 
 @checked
@@ -163,6 +183,7 @@ def design(
     progress: Progress = silent,
     doubt: Doubt = trusting,
     cost: Cost = free,
+    finder: Finder = no_finder,
 ) -> Design:
     """Choose rho, time constants and metric of a network.
 
@@ -189,6 +210,8 @@ def design(
         Asked where the first run stalls.
     cost : Cost
         Of a settled point: a faster network is not taken where it settles to one that costs more.
+    finder : Finder
+        Asked for an optimum if the first run does not settle soon.
 
     Returns
     -------
@@ -216,34 +239,38 @@ def design(
     allowed = _wirable(network, _allowed(kinds) if recipe is None else (recipe.kind,))
     with np.errstate(all="ignore"):  # a run that overflows is data
         first = first_run(
-            network, recipe_of_first_run(recipe), limit=limit, progress=progress, doubt=doubt
+            network,
+            recipe_of_first_run(recipe),
+            limit=limit,
+            progress=progress,
+            doubt=doubt,
+            finder=finder,
         )
         settled = SettledPoint(Linearisation(network).at(first.state), first.state)
+        if first.found_by:
+            first = replace(first, boost=boost_of(settled))
         freeze = Choice(allowed, recipe, first, progress, cost)
-        found = ()
+        found, start = (), ""
         try:
-            settled, found = _compared(freeze, settled, limit)
+            settled, found, start = _compared(freeze, settled, limit)
             if refine is not None and np.isfinite(found[0].ratio):
                 better = refined(settled, found[0], progress, objective=refine)
                 found = found if better is found[0] else (better, *found)
         except Stopped:
-            found = found or (freeze.at_once(settled),)
-        return _frozen(settled, first, found[0], found)
+            if not found:
+                settled, best = freeze.best_so_far(settled)
+                found = (best,)
+        return _frozen(settled, first, found, start)
 
 
 @phase("gains")
 def _compared(
     freeze: Choice, settled: SettledPoint, limit: int
-) -> tuple[SettledPoint, tuple[Candidate, ...]]:
-    """The settled point that is kept, and all candidates there, the best first."""
+) -> tuple[SettledPoint, tuple[Candidate, ...], str]:
+    """The settled point that is kept, all candidates there, and which presets they start from."""
     if freeze.first.ended:
         raise freeze.first.ended
-    found = freeze.at(settled)
-    if freeze.first.settled:
-        settled, found = freeze.followed(settled, found)
-        with suppress(Stopped):  # what was compared here stands
-            settled, found = freeze.elsewhere(settled, found, limit)
-    return settled, found
+    return freeze.best(settled, limit)
 
 
 def _allowed(kinds: Iterable[Kind]) -> tuple[Kind, ...]:
@@ -284,10 +311,10 @@ def _verdict(candidate: Candidate) -> str:
 
 
 def _frozen(
-    settled: SettledPoint, first: FirstRun, best: Candidate, candidates: tuple[Candidate, ...]
+    settled: SettledPoint, first: FirstRun, found: tuple[Candidate, ...], start: str
 ) -> Design:
     """The network with the gains of the best candidate as its constants."""
-    network, gains = settled.network, best.gains
+    network, gains = settled.network, found[0].gains
     if not (np.isfinite(gains.rate).all() and (gains.rate > 0).all()):
         raise DesignError(
             f"{network.title}: the gains overflow; choose units in which states and controls are "
@@ -299,7 +326,8 @@ def _frozen(
         gains=gains,
         first=first,
         state=settled.state,
-        best=best,
-        candidates=candidates,
+        start=start,
+        best=found[0],
+        candidates=found,
         rho_star=known,
     )

@@ -8,7 +8,7 @@ other can be faster.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -35,15 +35,32 @@ TRANSIENT = 500.0
 """Fastest time constants that the way to the neighbourhood of the settled point may take."""
 PATIENCE = 3.0
 """How many times the predicted settling is waited for beyond that."""
-LONGEST = 60_000
-"""Steps after which a rehearsal is given up."""
 AT_BEST = 0.5
 """Settling over its prediction, at best: what cannot win even so is not rehearsed. On a long row,
 where a rehearsal takes seconds, settling and prediction are taken for the same."""
-FAILURES = 3
-"""Rehearsals of candidates of one kind that may fail before the kind is given up."""
 ELSEWHERE = 0.05
 """Distance, relative to the largest primal neuron, from which on a run has ended elsewhere."""
+
+
+class Patience(NamedTuple):
+    """How long rehearsals are waited for.
+
+    Attributes
+    ----------
+    steps : int
+        After which a rehearsal is given up.
+    failures : int
+        Rehearsals of candidates of one kind that may fail before the kind is given up.
+    """
+
+    steps: int
+    failures: int
+
+
+PATIENT = Patience(steps=60_000, failures=3)
+"""Where the network itself has found the settled point."""
+HASTY = Patience(steps=10_000, failures=1)
+"""Where its first run failed and presets remain to be tried."""
 
 
 def rehearse(
@@ -51,6 +68,7 @@ def rehearse(
     candidate: Candidate,
     within: float = np.inf,
     progress: Progress = silent,
+    patience: Patience = PATIENT,
 ) -> Candidate:
     """Run a network with a candidate's constant gains from its start.
 
@@ -64,6 +82,7 @@ def rehearse(
         Fastest time constants after which it is of no use any more.
     progress : Progress
         Takes a line every now and then, if it takes long.
+    patience : Patience
 
     Returns
     -------
@@ -77,7 +96,13 @@ def rehearse(
     limit = min(TRANSIENT + PATIENCE * due, within - rest)
     x = network.start_state.copy()
     elapsed, outcome = run_with_constants(
-        trial, x, pace, limit=limit, tolerance=TOLERANCE, progress=progress
+        trial,
+        x,
+        pace,
+        limit=limit,
+        tolerance=TOLERANCE,
+        progress=progress,
+        longest=patience.steps,
     )
     if outcome != SETTLED:
         return replace(candidate, settling=np.inf)
@@ -115,6 +140,7 @@ def run_with_constants(
     limit: float,
     tolerance: float,
     progress: Progress = silent,
+    longest: int = PATIENT.steps,
 ) -> tuple[float, int]:
     """Forward Euler steps, small against the fastest mode of the moment.
 
@@ -131,6 +157,8 @@ def run_with_constants(
         KKT residual at which it has settled.
     progress : Progress
         Takes a line every now and then.
+    longest : int
+        Steps after which it is given up.
 
     Returns
     -------
@@ -144,7 +172,7 @@ def run_with_constants(
     rails = trial.tape.limits[trial.tape.places[:, 0]]
     bounds = Bounds(slew=free, box=rails, guard=guard)
     elapsed, steps, outcome, told = 0.0, 0, RAN, Paced(progress)
-    while outcome == RAN and elapsed < limit and steps < LONGEST:
+    while outcome == RAN and elapsed < limit and steps < longest:
         stiffer = max(trial.fastest_rate(x, iterations=8) / pace.radius, 1.0)
         step = pace.step / stiffer
         done, _, outcome = trial.recur(x, step, bounds, count=CHUNK, tolerance=tolerance)
@@ -165,7 +193,12 @@ def distance(settled: SettledPoint, x: np.ndarray) -> float:
 
 @phase("rehearsals")
 def rehearsed(
-    settled: SettledPoint, candidates: Iterable[Candidate], progress: Progress = silent
+    settled: SettledPoint,
+    candidates: Iterable[Candidate],
+    progress: Progress = silent,
+    *,
+    take: Callable[[Candidate], None] = lambda candidate: None,
+    patience: Patience = PATIENT,
 ) -> tuple[Candidate, ...]:
     """Candidates with how they settled from the start, the best first.
 
@@ -177,6 +210,9 @@ def rehearsed(
         One or more; those that have been rehearsed are not rehearsed again.
     progress : Progress
         Takes one line a rehearsal.
+    take : callable
+        Takes every candidate as soon as it is rehearsed.
+    patience : Patience
 
     Returns
     -------
@@ -188,10 +224,11 @@ def rehearsed(
     at_best = 1.0 if settled.network.stages > LONG_ROW else AT_BEST
     for number, candidate in enumerate(sorted(candidates, key=lambda found: found.rank[1]), 1):
         expected = at_best * candidate.ratio * np.log(1 / SETTLING)
-        hopeless = failures.get(candidate.kind, 0) >= FAILURES or not expected < fastest
+        hopeless = failures.get(candidate.kind, 0) >= patience.failures or not expected < fastest
         if np.isnan(candidate.settling) and not hopeless:
             progress(f"freeze: rehearsal {number}")
-            candidate = rehearse(settled, candidate, within=fastest, progress=progress)
+            candidate = rehearse(settled, candidate, fastest, progress, patience)
+            take(candidate)
             if candidate.settling == fastest == np.inf:
                 failures[candidate.kind] = failures.get(candidate.kind, 0) + 1
         fastest = min(fastest, candidate.rank[0])

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -70,8 +70,32 @@ Doubt: TypeAlias = Callable[[np.ndarray], None]
 holds it; raises `Stopped` where there is nothing to be found."""
 
 
+class Found(NamedTuple):
+    """An optimum that a search found.
+
+    Attributes
+    ----------
+    state : (n,) array
+        Equilibrium of the network.
+    by : str
+        Name of the search.
+    """
+
+    state: np.ndarray
+    by: str
+
+
+Finder: TypeAlias = Callable[[np.ndarray, Progress], Found | None]
+"""Asked once, at a state (n,) of a run that does not settle soon; returns a certified optimum, None
+if it finds none."""
+
+
 def trusting(x: np.ndarray) -> None:
     """No doubt at any state ``x``: a run that stalls goes on."""
+
+
+def no_finder(x: np.ndarray, progress: Progress) -> Found | None:
+    """No optimum from any state ``x``: the run is on its own."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,6 +113,8 @@ class FirstRun:
         Factor on the penalties that the watchdog arrived at.
     ended : Stopped or None
         Who ended it before it settled, and why.
+    found_by : str
+        Name of the search that found the state, an optimum; empty if the run itself settled there.
     """
 
     state: np.ndarray
@@ -96,6 +122,7 @@ class FirstRun:
     steps: int
     boost: float
     ended: Stopped | None = None
+    found_by: str = ""
 
 
 @phase("first run")
@@ -108,6 +135,7 @@ def first_run(
     equal_rows: int = EQUAL_ROWS,
     progress: Progress = silent,
     doubt: Doubt = trusting,
+    finder: Finder = no_finder,
 ) -> FirstRun:
     """Run a network from its start until its relative KKT residual is below ``tolerance``.
 
@@ -126,21 +154,25 @@ def first_run(
         Takes one line a chunk.
     doubt : Doubt
         Asked where the run stalls.
+    finder : Finder
+        Asked when the run is lost, or has not settled after ``equal_rows`` steps.
 
     Returns
     -------
     FirstRun
         However it ended.
     """
-    return _Schedule(network, recipe, equal_rows, doubt).run(tolerance, limit, progress)
+    return _Schedule(network, recipe, equal_rows, doubt, finder).run(tolerance, limit, progress)
 
 
 class _Schedule:
     """A first run under way: state, penalty boost, slew and watchdog."""
 
-    def __init__(self, network: Network, recipe: Recipe, equal_rows: int, doubt: Doubt) -> None:
+    def __init__(
+        self, network: Network, recipe: Recipe, equal_rows: int, doubt: Doubt, finder: Finder
+    ) -> None:
         self.network, self.recipe, self.equal_rows = network, recipe, equal_rows
-        self.doubt, self.linear = doubt, Linearisation(network)
+        self.doubt, self.finder, self.linear = doubt, finder, Linearisation(network)
         self.start = network.start_state
         self.guard = fast_evaluator(network).domain_guard(self.start)
         self.box = safe_bounds(network, self.start)
@@ -166,10 +198,11 @@ class _Schedule:
         return slew[self.network.places[:, 0]]
 
     def run(self, tolerance: float, limit: int, progress: Progress) -> FirstRun:
-        outcome, ended = RAN, None
+        outcome, ended, found_by = RAN, None, ""
         try:
-            while self.steps < limit and outcome != SETTLED:
+            while self.steps < limit and outcome != SETTLED and not found_by:
                 outcome, last = self._advance(tolerance)
+                found_by = self._found_by(outcome, progress)
                 progress(
                     f"first run: step {self.steps}, KKT residual {last:.1e}, "
                     f"penalty x {self.boost:g}"
@@ -180,10 +213,11 @@ class _Schedule:
             ended = end
         return FirstRun(
             state=self.x,
-            settled=outcome == SETTLED,
+            settled=outcome == SETTLED or bool(found_by),
             steps=self.steps,
             boost=self.boost,
             ended=ended,
+            found_by=found_by,
         )
 
     def _advance(self, tolerance: float) -> tuple[int, float]:
@@ -206,6 +240,17 @@ class _Schedule:
         if late and not self.recipe.sweeps:
             self._equilibrate()
         return outcome, last
+
+    def _found_by(self, outcome: int, progress: Progress) -> str:
+        """Name who has found an optimum, which is the state then; the finder is asked once."""
+        if outcome == SETTLED or (outcome != LOST and self.steps < self.equal_rows):
+            return ""
+        finder, self.finder = self.finder, no_finder
+        found = finder(self.x, progress)
+        if found is None:
+            return ""
+        self.x, self.boost = found.state, 1.0
+        return found.by
 
     def _look_ahead(self, before: np.ndarray) -> None:
         """A chunk that took a share too far is taken back, for the next one to be more careful."""

@@ -88,7 +88,7 @@ def caption(
 def title(solution: Solution) -> str:
     """The caption, and below it how the run ended."""
     words = solution.status.outcome.name.lower().replace("_", " ")
-    if solution.status.settled:
+    if solution.status.settled or solution.certified:
         kind = "certified optimum" if solution.certified else "NOT certified"
         words += f", {kind}, objective {solution.objective:.7g}"
         words += f" {solution.problem.cost_unit}" if solution.problem.cost_unit else ""

@@ -19,6 +19,7 @@ import numpy as np
 
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
+from ann_dc.problem.constraints.domain import into_domain, within_domain
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.excursions import bridge_variance
 from ann_dc.scale import Scale
@@ -179,8 +180,7 @@ class _Path:
 
     def __init__(self, problem: OptimalControlProblem, q: np.ndarray) -> None:
         self.problem, self.functions, self.q = problem, problem.functions, q
-        self.fixed = np.array(problem.fixed)
-        self.known = problem.known_scales
+        self.fixed, self.known = np.array(problem.fixed), problem.known_scales
         self.loose = ~np.array(problem.fixed_start) & np.isnan(self.known)
         self.span = np.abs(q[:, -1] - q[:, 0])
         self.cheapest = self._cheapest()
@@ -206,7 +206,7 @@ class _Path:
         return self.functions.hessian(self._from, u, np.zeros_like(self.q[:, 1:]))
 
     def _cheapest(self) -> np.ndarray:
-        """Controls (m, N) at which the cost along the line is least, seen from zero controls."""
+        """Controls (m, N) at which the cost along the line is least, from zero; in its domain."""
         n, u = self.problem.n, np.zeros((self.problem.m, self.problem.horizon))
         _, slope = self.functions.cost_gradient(self._from, u)
         for k, own in enumerate(np.moveaxis(self._hessian(u)[n:, n:], -1, 0)):
@@ -215,7 +215,7 @@ class _Path:
                 size = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
                 inverse = np.linalg.pinv(size[:, None] * own * size, rcond=1e-9, hermitian=True)
                 u[:, k] = -size * (inverse @ (size * slope[:, k]))
-        return u
+        return into_domain(self.problem, self._from, u)
 
     def _look(self, u: np.ndarray) -> None:
         """Slopes and curvatures along the line with other controls."""
@@ -269,7 +269,7 @@ class _Path:
         weighted = np.moveaxis(self.first_B / scale[:, None, None] * cheap[:, None], -1, 0)
         inverse = np.linalg.pinv(weighted, rcond=1e-6)
         step = np.einsum("kij,jk->ik", inverse, self.gap / scale[:, None])
-        return self.cheapest + cheap[:, None] * step
+        return within_domain(self.problem, self._from, self.cheapest, cheap[:, None] * step)
 
     def _variance(self, scale: np.ndarray) -> np.ndarray:
         price = self._control_cost(scale)

@@ -14,6 +14,7 @@ from ann_dc.errors import ProblemError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Index, Shape
 from ann_dc.hints.words import such_as
+from ann_dc.problem.constraints.domain import culprit, terms
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import straight_line
 
@@ -165,28 +166,18 @@ def check_start(problem: OptimalControlProblem, start: Start) -> None:
             f"start: expected q and u of shapes {expected[0]} and {expected[1]}, got "
             f"{start.q.shape} and {start.u.shape}; line_start(problem) makes one"
         )
-    q, functions = start.q[:, :-1], problem.functions
-    for name, parts in (
-        ("the map f", (functions.map(q, start.u), *functions.map_jacobian(q, start.u))),
-        ("the cost", (functions.cost(q, start.u), *functions.cost_gradient(q, start.u))),
-        *_rows_by_name(problem, q, start.u),
-    ):
-        bad = np.zeros(problem.horizon, bool)
-        for part in parts:
-            bad |= ~np.isfinite(part).reshape(-1, problem.horizon).all(axis=0)
-        if bad.any():
-            k = int(np.flatnonzero(bad)[0])
-            state = ", ".join(f"{s} = {v:g}" for s, v in zip(problem.states, q[:, k]))
-            raise ProblemError(
-                f"start: {name} or its slope has no finite value at stage {k} ({state}); q_0, q_d "
-                "and the start have to lie inside the domain of every function "
-                "(give start=)"
-            )
-
-
-def _rows_by_name(
-    problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray
-) -> list[tuple[str, tuple[np.ndarray, ...]]]:
-    """Value and slope of every inequality of the stages, with what it is called."""
-    rows = zip(problem.inequalities, *problem.functions.rows(q, u))
-    return [(f"the inequality {row.name}", (value, slope)) for row, value, slope in rows]
+    q = start.q[:, :-1]
+    for name, expressions, good in terms(problem, q, start.u):
+        if good.all():
+            continue
+        k = int(np.flatnonzero(~good)[0])
+        symbols = (*problem.states, *problem.controls)
+        values = dict(zip(symbols, map(float, (*q[:, k], *start.u[:, k]))))
+        at = ", ".join(f"{symbol} = {value:g}" for symbol, value in values.items())
+        given = {symbol: float(rows[k]) for symbol, rows in problem.inputs.items()}
+        found = culprit(expressions, values | given)
+        raise ProblemError(
+            f"start: {name} or its slope has no finite value at stage {k} ({at})"
+            f"{f', because of {found}' if found else ''}; q_0, q_d and the start have to lie "
+            "inside the domain of every function (give start=)"
+        )

@@ -95,6 +95,8 @@ def design_dict(design: Design) -> dict[str, Any]:
         "network": design.network.title,
         "settled": design.settled,
         "steps": design.first.steps,
+        "found_by": design.first.found_by,
+        "start": design.start,
         "rho_star": design.rho_star,
         "radius": design.spectrum.radius,
         "abscissa": design.spectrum.abscissa,

@@ -11,6 +11,7 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.run import Backend
 from ann_dc.export.weights.network_file import save as save_network
+from ann_dc.gain_design.neighbourhood import neighbourhood
 from ann_dc.optimality.complementarity import Complementarity
 from ann_dc.progress import Progress, silent
 from ann_dc.report.json_file import write_json
@@ -57,6 +58,11 @@ def _inequalities(kept: Complementarity | None) -> dict[str, str]:
 def _times(solution: Solution, recurrence: str | None) -> dict[str, str]:
     told = "{1:.4g} fastest time constants = {0:.4g} unit time constants".format
     times, run, design = {}, solution.run, solution.design
+    if design is not None and design.first.found_by:
+        times["optimum found by"] = design.first.found_by
+    if design is not None and design.start:
+        times["network starts from"] = f"{design.start} as presets, not from the given start"
+        times["neighbourhood"] = str(neighbourhood(design))
     if recurrence is not None:
         times["recurrence"] = recurrence
     if solution.status.settled:

@@ -102,17 +102,23 @@ class Solution(Record):
 
     @property
     def certified(self) -> bool:
-        """Whether the network settled and what it settled to is an optimum, of both orders."""
-        return self.status.settled and self.certificate.certified
+        """Whether the answer is an optimum, of both orders.
+
+        That of a network that settled; or, as ``status`` tells, one that the design found and no
+        network was seen to settle to.
+        """
+        told = (Outcome.SETTLED, Outcome.FOUND, Outcome.STOPPED)
+        return self.status.outcome in told and self.certificate.certified
 
     @property
     def verdict(self) -> str:
         """Why the answer is certified, or why not."""
         if self.status.outcome in (Outcome.INFEASIBLE, Outcome.UNBOUNDED):
             return self.status.outcome.value
-        if not self.status.settled:
+        if not (self.status.settled or self.certified):
             return "the network did not settle"
-        return self.certificate.reason
+        without = "" if self.status.settled else ", but no network settled there"
+        return self.certificate.reason + without
 
     @cached_property
     def time(self) -> np.ndarray:

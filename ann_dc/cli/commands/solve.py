@@ -156,7 +156,7 @@ def solve(
     list_files(written, quiet=quiet)
     if progress.interrupted:
         raise typer.Exit(130)
-    raise typer.Exit(0 if solution.certified else 1)
+    raise typer.Exit(0 if solution.status.settled and solution.certified else 1)
 
 
 def _deadline(progress: Progress, seconds: float | None) -> Deadline:

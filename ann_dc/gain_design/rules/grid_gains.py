@@ -15,7 +15,7 @@ that the start is no stiffer than the end. The duals' rates are eta W.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -27,9 +27,14 @@ from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.saddle import Saddle, saddle_of
 from ann_dc.errors import DesignError
 from ann_dc.evaluation.generated.choice import FastEvaluator, fast_evaluator
-from ann_dc.evaluation.tape import Tape
+from ann_dc.evaluation.tape import STATE, Tape
 from ann_dc.gain_design.rules.gains import Gains, tape_with
-from ann_dc.gain_design.rules.recipe import Recipe, weights_of_rows
+from ann_dc.gain_design.rules.recipe import (
+    WITH_COORDINATORS,
+    Recipe,
+    closed_form,
+    weights_of_rows,
+)
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.metrics.grid import Grid
 from ann_dc.network.metrics.stiffness import Stiffness
@@ -89,6 +94,11 @@ class SettledPoint:
         return evaluator.resting(self.state, evaluator.drives(self.state))
 
     @cached_property
+    def primal(self) -> np.ndarray:
+        """(z,) components of all primal neurons, those at a rail too."""
+        return np.flatnonzero(self.linear.primal[self.network.places[:, 0]])
+
+    @cached_property
     def _evaluator(self) -> FastEvaluator:
         return fast_evaluator(self.network)
 
@@ -114,7 +124,7 @@ class SettledPoint:
         """Weights (P,) of the dual neurons' rows, read-only; see `weights_of_rows`."""
         key = recipe.sweeps, recipe.by_reach, frozenset(recipe.row.items())
         if key not in self._weights:
-            self._weights[key] = weights_of_rows(self.linear, recipe)
+            self._weights[key] = _with_diodes(self.linear, recipe)
             self._weights[key].setflags(write=False)
         return self._weights[key]
 
@@ -124,6 +134,16 @@ class SettledPoint:
         if key not in self._shadows:
             self._shadows[key] = self.saddle.shadow_range(weights)
         return self._shadows[key]
+
+
+def _with_diodes(linear: Linearisation, recipe: Recipe) -> np.ndarray:
+    """Weights (P,) of all rows; those of inequalities relate to the others as in closed form."""
+    weights = weights_of_rows(linear, recipe)
+    if linear.diode.any():
+        rho = closed_form(linear, replace(WITH_COORDINATORS, sweeps=recipe.sweeps)).rho
+        duals = [linear.network.neuron_index[d.neuron] for d in linear.network.cell.duals]
+        weights[linear.diode] = rho[linear.diode] * weights[duals].mean() / rho[duals].mean()
+    return weights
 
 
 def grid_gains_of(
@@ -151,63 +171,85 @@ def grid_gains_of(
     DesignError
         If the penalty lies below rho*, so that the stiffness is not positive definite.
     """
-    network, saddle = points[0].network, points[0].saddle
-    for settled in points:
-        _check(settled, recipe.kind)
-    row = weights[network.places[saddle.dual, 0]]
-    low, high = _shadow_range(points, row)
-    common = max(-ABOVE_THRESHOLD * low, OF_SHADOW * high) * recipe.penalty * boost
-    if not common > 0:
-        raise DesignError(
-            f"{network.title}: no multiplier answers a push, so there is no penalty for a "
-            f"{recipe.kind.value}; use time constants alone"
-        )
+    network = points[0].network
+    _check(network, recipe.kind)
+    low, high = _shadow_range(points, weights)
+    common = max(-ABOVE_THRESHOLD * low, OF_SHADOW * high)
+    if not 0 < common < np.inf:  # no multiplier answers a push: any penalty will do
+        common = 1.0
+    common *= recipe.penalty * boost
     if not common > -low:
         raise DesignError(
             f"{network.title}: a {recipe.kind.value} needs penalties above rho* = {-low:.3g} times "
             f"the row weights, got {common:.3g}; give a recipe with penalty > "
             f"{-low / common * recipe.penalty:.3g} instead of {recipe.penalty:g}"
         )
-    penalty, rho = common * row, common * weights
-    G = sum(
-        settled.augmented(penalty) + sparse.diags_array(recipe.path * (settled.changes.T @ penalty))
-        for settled in points
-    ) / len(points)
+    rho = common * weights
+    G = sum(_felt(settled, rho, recipe.path) for settled in points) / len(points)
     diagonal, stiffness = stiffness_of(network, G, recipe.kind)
     eta = [
         recipe.dual_coupling if neuron.population == "beta" else recipe.dual
         for neuron in network.cell.neurons
     ]
     rate = np.broadcast_to((eta * rho)[:, None], network.live.shape).copy()
-    place = network.places[saddle.primal]
+    place = network.places[points[0].primal]
     rate[place[:, 0], place[:, 1]] = 1 / diagonal
     return Gains(rho=rho, rate=np.where(rate > 0, rate, 1.0), metric=stiffness)
 
 
-def _shadow_range(points: Sequence[SettledPoint], row: np.ndarray) -> tuple[float, float]:
-    """Ends of the shadow stiffness at all points, for weights (d,) of the rows."""
-    try:
-        ranges = [settled.shadow_range(row) for settled in points]
-    except (np.linalg.LinAlgError, RuntimeError) as error:
-        raise DesignError(
-            f"{points[0].network.title}: the settled point is not isolated (its KKT matrix is "
-            "singular), so there is no stiffness for a grid; use a pyramid"
-        ) from error
-    return min(low for low, _ in ranges), max(high for _, high in ranges)
+def _felt(settled: SettledPoint, rho: np.ndarray, path: float) -> Any:
+    """Return the stiffness (z, z) over all primal neurons, sparse.
+
+    That of H + A'WA and the path term; a neuron that rests at a rail has its own alone, by
+    Jacobi's rule.
+    """
+    saddle, place = settled.saddle, settled.network.places
+    penalty = rho[place[saddle.dual, 0]]
+    G = sparse.coo_array(
+        settled.augmented(penalty) + sparse.diags_array(path * (settled.changes.T @ penalty))
+    )
+    free = np.searchsorted(settled.primal, saddle.primal)
+    resting = np.setdiff1d(np.arange(len(settled.primal)), free)
+    linear, neuron = settled.linear, place[settled.primal[resting], 0]
+    curvature = np.maximum(linear.cost_curvature(), 0.0).max(axis=1)
+    own = (curvature + linear.row_sums(rho).max(axis=1))[neuron]
+    own = np.where(own > 0, own, 1.0)
+    rows, columns = G.coords
+    at = np.concatenate([free[rows], resting]), np.concatenate([free[columns], resting])
+    size = len(settled.primal)
+    return sparse.csr_array(
+        sparse.coo_array((np.concatenate([G.data, own]), at), shape=(size, size))
+    )
 
 
-def _check(settled: SettledPoint, kind: Kind) -> None:
-    """Refuse a point where H and A are not those of a minimum without rails."""
-    network = settled.network
-    if settled.resting.any():
+def _shadow_range(points: Sequence[SettledPoint], weights: np.ndarray) -> tuple[float, float]:
+    """Ends of the shadow stiffness at all points, for weights (P,) of the rows.
+
+    Zero where no neuron is free to answer a push, or rows depend on each other.
+    """
+    ends = []
+    for settled in points:
+        row = weights[settled.network.places[settled.saddle.dual, 0]]
+        try:
+            ends.append(settled.shadow_range(row))
+        except (np.linalg.LinAlgError, RuntimeError) as error:
+            if not settled.resting.any():
+                raise DesignError(
+                    f"{points[0].network.title}: the settled point is not isolated (its KKT matrix "
+                    "is singular), so there is no stiffness for a grid; use a pyramid"
+                ) from error
+            ends.append((0.0, 0.0))
+    found = [pair for pair in ends if np.isfinite(pair).all()] or [(0.0, 0.0)]
+    return min(low for low, _ in found), max(high for _, high in found)
+
+
+def _check(network: Network, kind: Kind) -> None:
+    """Refuse a network with neurons that H and A do not know."""
+    tape = fast_evaluator(network).tape
+    if (tape.roles == STATE).any() or network.cell.objectives:
         raise DesignError(
-            f"{network.title}: {network.label(int(np.argmax(settled.resting)))} stands at a rail "
-            f"at the settled point, and a {kind.value} needs one inside the rails; use a pyramid"
-        )
-    if len(settled.saddle.primal) + len(settled.saddle.dual) < network.size:
-        raise DesignError(
-            f"{network.title}: has neurons that are neither primal nor dual, or inequalities that "
-            f"do not press, for which a {kind.value} has no stiffness; use a pyramid"
+            f"{network.title}: has neurons that are neither primal nor dual, for which a "
+            f"{kind.value} has no stiffness; use a pyramid"
         )
 
 

@@ -20,6 +20,7 @@ from ann_dc.optimality.soft_rows import penalty
 from ann_dc.problem.constraints.bounds import NO_BOUND
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
+from ann_dc.progress import Progress, silent
 
 BOTTOMLESS = 1e10
 """Cost below zero, in the scale of the cost, that no problem with a minimum comes to; times the
@@ -61,7 +62,9 @@ class Unbounded:
     message: str
 
 
-def without_minimum(problem: OptimalControlProblem, path: Path) -> Unbounded | None:
+def without_minimum(
+    problem: OptimalControlProblem, path: Path, progress: Progress = silent
+) -> Unbounded | None:
     """Whether a cost falls without end from a path that meets the constraints.
 
     Parameters
@@ -69,6 +72,8 @@ def without_minimum(problem: OptimalControlProblem, path: Path) -> Unbounded | N
     problem : OptimalControlProblem
     path : Path
         That meets the constraints.
+    progress : Progress
+        Takes a line a step.
 
     Returns
     -------
@@ -93,14 +98,15 @@ def without_minimum(problem: OptimalControlProblem, path: Path) -> Unbounded | N
     if all(problem.fixed_start) and np.isfinite(problem.control_limits).all():
         return None
     with np.errstate(all="ignore"):
-        return _Descent(problem, path).run()
+        return _Descent(problem, path, progress).run()
 
 
 class _Descent:
     """A path on its way down."""
 
-    def __init__(self, problem: OptimalControlProblem, path: Path) -> None:
-        self.problem, self.path, self.search = problem, path, Search(problem)
+    def __init__(self, problem: OptimalControlProblem, path: Path, progress: Progress) -> None:
+        self.problem, self.path, self.progress = problem, path, progress
+        self.search = Search(problem, progress=progress)
         self.scales = natural_scales(problem)
         self.rng = np.random.default_rng(0)
         self.cost = self._cost(path)
@@ -110,6 +116,7 @@ class _Descent:
     def run(self) -> Unbounded | None:
         failures = 0
         for _ in range(STEPS):
+            self.progress(f"prospects: cost {self.cost:.3g} on its way down")
             direction = self._direction(PUSHES[failures])
             if direction is None:
                 return None

@@ -16,6 +16,7 @@ import numpy as np
 from ann_dc.optimality.prospects.search import Path, Search
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales, straight_line
+from ann_dc.progress import Progress, silent
 
 STARTS = (1.0, 1.0, 5.0)
 """Sizes of the random controls, in their scales, from which further searches begin."""
@@ -29,7 +30,9 @@ SAME = 0.01
 """Share by which their violations may differ."""
 
 
-def feasible_path(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray) -> Path:
+def feasible_path(
+    problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray, progress: Progress = silent
+) -> Path:
     """The path of least violation that searches from a path and from other starts find.
 
     Parameters
@@ -38,6 +41,8 @@ def feasible_path(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray) 
     q : (n, N+1) array
         States with the end, in the user's units: where the first search begins.
     u : (m, N) array
+    progress : Progress
+        Takes a line an iteration.
 
     Returns
     -------
@@ -53,7 +58,7 @@ def feasible_path(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray) 
     >>> feasible_path(problem, line.q, line.u).met
     True
     """
-    search, found = Search(problem), []
+    search, found = Search(problem, progress=progress), []
     with np.errstate(all="ignore"):
         for start in _starts(problem, q, u) if not search.is_held else _wide_starts(problem, q, u):
             found.append(search.least_violation(*start))

@@ -17,6 +17,7 @@ from ann_dc.optimality.prospects.search import Path, Search
 from ann_dc.problem.constraints.inequality import Inequality
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
+from ann_dc.progress import Progress, silent
 
 OUT_OF_REACH = 1e-4
 """Miss of a component at the end, or distance to a row, in scales, from which on it is told."""
@@ -50,7 +51,9 @@ class Infeasible:
     message: str
 
 
-def out_of_reach(problem: OptimalControlProblem, path: Path) -> Infeasible | None:
+def out_of_reach(
+    problem: OptimalControlProblem, path: Path, progress: Progress = silent
+) -> Infeasible | None:
     """Which components of the target, or which inequalities, cannot be met, from a path at rest.
 
     Parameters
@@ -58,6 +61,8 @@ def out_of_reach(problem: OptimalControlProblem, path: Path) -> Infeasible | Non
     problem : OptimalControlProblem
     path : Path
         Of least violation.
+    progress : Progress
+        Takes a line an iteration.
 
     Returns
     -------
@@ -84,9 +89,11 @@ def out_of_reach(problem: OptimalControlProblem, path: Path) -> Infeasible | Non
         return None
     if problem.inequalities or problem.end_inequalities:
         bare = _without_rows(problem)
-        alone = feasible_path(bare, path.q, path.u)
-        return _exceeded(problem, path) if alone.met else out_of_reach(bare, alone)
-    path = _weighed(problem, path)
+        alone = feasible_path(bare, path.q, path.u, progress)
+        if alone.met:
+            return _exceeded(problem, _weighed(problem, path, progress))
+        return out_of_reach(bare, alone, progress)
+    path = _weighed(problem, path, progress)
     miss, fixed = path.gap[:, -1], np.array(problem.fixed)
     worst = [i for i in np.argsort(-np.abs(miss)) if fixed[i] and abs(miss[i]) > OUT_OF_REACH]
     if not worst:
@@ -114,17 +121,16 @@ def _without_rows(problem: OptimalControlProblem) -> OptimalControlProblem:
     return replace(problem, bounds=limits, **bare)
 
 
-def _weighed(problem: OptimalControlProblem, path: Path) -> Path:
+def _weighed(problem: OptimalControlProblem, path: Path, progress: Progress) -> Path:
     """What becomes of a path where the map is weighed heavily."""
     with np.errstate(all="ignore"):
         for weight in WEIGHTS:
-            path = Search(problem, weight).least_violation(path.q, path.u)
+            path = Search(problem, weight, progress).least_violation(path.q, path.u)
     return path
 
 
 def _exceeded(problem: OptimalControlProblem, path: Path) -> Infeasible | None:
-    """The inequalities that a path to the target has to exceed."""
-    path = _weighed(problem, path)
+    """The inequalities that a path to the target has to exceed, from one that is weighed."""
     rows = Search(problem).rows.worst(path.distance)
     rows = [row for row in rows if row.distance > OUT_OF_REACH]
     if not rows:

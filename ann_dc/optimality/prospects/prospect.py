@@ -16,7 +16,7 @@ from ann_dc.optimality.prospects.infeasible import Infeasible, out_of_reach
 from ann_dc.optimality.prospects.search import Path
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
-from ann_dc.progress import Stopped
+from ann_dc.progress import Progress, Stopped, silent
 
 SAMPLES = 2000
 """Points at which the cost is looked at."""
@@ -49,6 +49,8 @@ class Prospect:
     Attributes
     ----------
     problem : OptimalControlProblem
+    progress : Progress
+        Takes a line an iteration.
     feasible : Path or None
         A path that meets the constraints, once one is known.
     asked : int
@@ -60,6 +62,7 @@ class Prospect:
     """
 
     problem: OptimalControlProblem
+    progress: Progress = silent
     feasible: Path | None = None
     asked: int = field(default=0, init=False)
     followed: bool = field(default=False, init=False)
@@ -108,14 +111,14 @@ class Prospect:
         {'q_d.y': ...}
         """
         if self.feasible is None:
-            path = feasible_path(self.problem, q, u)
+            path = feasible_path(self.problem, q, u, self.progress)
             if not path.met:
-                return out_of_reach(self.problem, path)
+                return out_of_reach(self.problem, path, self.progress)
             self.feasible = path
         if not self.followed:
             self.followed = True
             if self._dips:
-                self.bottomless = without_minimum(self.problem, self.feasible)
+                self.bottomless = without_minimum(self.problem, self.feasible, self.progress)
         return self.bottomless
 
     @property

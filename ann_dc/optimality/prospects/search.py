@@ -20,6 +20,7 @@ from ann_dc.optimality.prospects.linear_model import LinearModel
 from ann_dc.optimality.prospects.rows import RowDistances
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
+from ann_dc.progress import Progress, silent
 
 MET = 1e-9
 """Violation, in scales of the states, at which the constraints count as met."""
@@ -81,10 +82,14 @@ class Search:
     weight : float
         Of the map, over that of what may be missed: the inequality rows, or the target where there
         are none.
+    progress : Progress
+        Takes a line an iteration.
     """
 
-    def __init__(self, problem: OptimalControlProblem, weight: float = 1.0) -> None:
-        self.problem, scales = problem, natural_scales(problem)
+    def __init__(
+        self, problem: OptimalControlProblem, weight: float = 1.0, progress: Progress = silent
+    ) -> None:
+        self.problem, scales, self.progress = problem, natural_scales(problem), progress
         self.state, self.control = scales.state_factors[:, None], scales.control_factors[:, None]
         self.low, self.high = problem.control_limits.T[:, :, None]
         self.free = np.ones((problem.n, problem.horizon + 1), bool)
@@ -173,6 +178,7 @@ class Search:
         for _ in range(iterations):
             if path.met or not np.isfinite(path.violation):
                 return path
+            self.progress(f"prospects: a path that misses the constraints by {path.violation:.1e}")
             sizes.append(self._size(path))
             if len(sizes) > PATIENCE and sizes[-1] > (1 - STALLED) * sizes[-1 - PATIENCE]:
                 return replace(path, at_rest=True)

@@ -1,0 +1,149 @@
+"""The run of a designed network, and the answer: where it settled, or what is known without it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.backends import status
+from ann_dc.backends.recorder import Recorder
+from ann_dc.backends.run import Backend, Run
+from ann_dc.backends.settling import Settling
+from ann_dc.backends.status import Outcome, Status
+from ann_dc.decomposition.equations import StageEquations
+from ann_dc.errors import NetworkError
+from ann_dc.evaluation.generated.choice import fast_evaluator
+from ann_dc.gain_design.procedure import Design
+from ann_dc.network.network import Network
+from ann_dc.optimality.prospects.boundedness import Unbounded
+from ann_dc.optimality.prospects.infeasible import Infeasible
+from ann_dc.optimality.prospects.prospect import Hopeless, Prospect
+from ann_dc.phases import phase
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.progress import Stopped
+from ann_dc.solution.doubt import path_of
+from ann_dc.solution.solution import Solution, certificate_of
+
+CANDIDATES = 3
+"""Designed networks that are run until one settles."""
+
+
+def solution_of(
+    problem: OptimalControlProblem,
+    equations: StageEquations,
+    network: Network,
+    designed: Design | None,
+    backend: Backend,
+    prospect: Prospect,
+) -> Solution:
+    """Run a frozen network and certify the answer.
+
+    If the run does not settle, networks with the next best gains are run; if none settles where
+    the design knows a certified optimum, that is the answer.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    equations : StageEquations
+    network : Network
+        Frozen; with the best gains of the design.
+    designed : Design or None
+    backend : Backend
+    prospect : Prospect
+        Of the problem; asked why a run failed.
+
+    Returns
+    -------
+    Solution
+    """
+    found = _solution(problem, equations, network, designed, _run(backend, network, designed))
+    if found.certified or designed is None:
+        return _explained(found, prospect)
+    if designed.settled and found.status.outcome is not Outcome.STOPPED:
+        for candidate in designed.others[: CANDIDATES - 1]:
+            other = designed.with_candidate(candidate)
+            again = _run(backend, other.network, other)
+            settled = _solution(problem, equations, other.network, other, again)
+            if settled.certified:
+                return settled
+    return _known(found) or _explained(found, prospect)
+
+
+def _solution(
+    problem: OptimalControlProblem,
+    equations: StageEquations,
+    network: Network,
+    designed: Design | None,
+    run: Run,
+) -> Solution:
+    return Solution(
+        problem=problem,
+        equations=equations,
+        network=network,
+        run=run,
+        certificate=certificate_of(problem, network, run.trajectory.final),
+        design=designed,
+    )
+
+
+@phase("run")
+def _run(backend: Backend, network: Network, designed: Design | None) -> Run:
+    """Run a frozen network; if its design was ended, record the state of that moment."""
+    try:
+        if designed is not None and designed.first.ended is not None:
+            raise designed.first.ended
+        return backend.run(network)
+    except Stopped as end:
+        x = network.start_state if designed is None else designed.state
+        if isinstance(end, Hopeless):
+            return _recorded(network, x, _hopeless(end.found, 0.0))
+        residuals = fast_evaluator(network).residuals(x)
+        return _recorded(network, x, status.stopped(residuals, 0.0, str(end)))
+
+
+def _recorded(network: Network, x: np.ndarray, told: Status) -> Run:
+    """A run of one state (n,)."""
+    recorder = Recorder(network)
+    recorder.record(0.0, x, fast_evaluator(network).residuals(x))
+    return recorder.run(0.0, x, told, Settling(), 0)
+
+
+def _known(failed: Solution) -> Solution | None:
+    """The optimum that the design of a network knows which did not settle there; None without."""
+    design, network = failed.design, failed.network
+    if design is None or not design.settled:
+        return None
+    try:
+        state = equilibrium(network, design.state)  # a first run leaves 1e-8 of a residual
+    except NetworkError:
+        state = design.state
+    certificate = certificate_of(failed.problem, network, state)
+    if not certificate.certified:
+        return None
+    told = status.found(design.first.found_by or "the first run", failed.status)
+    run = _recorded(network, state, told)
+    return replace(failed, run=run, certificate=certificate)
+
+
+def _hopeless(found: Infeasible | Unbounded, now: float) -> Status:
+    tell = status.infeasible if isinstance(found, Infeasible) else status.unbounded
+    return tell(found.message, now)
+
+
+def _explained(solution: Solution, prospect: Prospect) -> Solution:
+    """What failed, with the reason where it is the problem's."""
+    known = (Outcome.STOPPED, Outcome.INFEASIBLE, Outcome.UNBOUNDED)
+    minimum = solution.status.settled and solution.certificate.second_order
+    if solution.certified or minimum or solution.status.outcome in known:
+        return solution
+    try:
+        found = prospect.look(*path_of(solution.network, solution.trajectory.final))
+    except Stopped:
+        return solution
+    if found is None:
+        return solution
+    told = _hopeless(found, solution.status.time)
+    run = replace(solution.run, status=told, settling_time=float("nan"))
+    return replace(solution, run=run)

@@ -1,0 +1,76 @@
+"""The answer where a network does not settle, and what is known without it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import ann_dc
+from ann_dc.backends import status
+from ann_dc.backends.recorder import Recorder
+from ann_dc.backends.settling import Settling
+from ann_dc.backends.status import Outcome
+from ann_dc.evaluation.generated.choice import fast_evaluator
+from ann_dc.network.metrics.contract import ALL_KINDS
+from ann_dc.progress import Stopped, silent
+
+
+@dataclass(frozen=True)
+class Never:
+    """A backend on which no network settles; it counts the networks that it is given."""
+
+    seen: list
+    progress: object = silent
+    stops: bool = False
+
+    kinds = ALL_KINDS
+
+    def run(self, network):
+        self.seen.append(network)
+        if self.stops:
+            raise Stopped("somebody pressed a key")
+        x = network.start_state
+        residuals, recorder = fast_evaluator(network).residuals(x), Recorder(network)
+        recorder.record(0.0, x, residuals)
+        told = status.not_settled(residuals, 7.0, "a test said so")
+        return recorder.run(0.0, x, told, Settling(), 0)
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return ann_dc.plants.double_integrator(N=8)
+
+
+def test_known_optimum_is_the_answer_if_no_network_settles_there(problem):
+    found = ann_dc.solve(problem, backend=Never([]))
+    assert found.status.outcome is Outcome.FOUND
+    assert found.certified
+    assert not found.status.settled
+    assert "found by the first run" in found.status.message
+    assert "a test said so" in found.status.message
+    assert found["a"] == pytest.approx(ann_dc.solve(problem)["a"], abs=1e-6)
+
+
+def test_next_best_networks_run_before_one_gives_up(problem):
+    backend = Never([])
+    found = ann_dc.solve(problem, backend=backend)
+    settled = 1 + len(found.design.others)
+    assert len(backend.seen) == min(settled, 3)
+    assert settled > 1
+    gains = [network.metric.kind for network in backend.seen]
+    assert gains[0] is found.design.best.kind
+
+
+def test_stopped_run_says_so_beside_the_known_optimum(problem):
+    found = ann_dc.solve(problem, backend=Never([], stops=True))
+    assert found.status.outcome is Outcome.STOPPED
+    assert found.certified
+    assert "somebody pressed a key; the optimum was found by" in found.status.message
+
+
+def test_gains_by_hand_leave_nothing_known(problem):
+    gains = ann_dc.design(problem).gains
+    found = ann_dc.solve(problem, gains=gains, backend=Never([]))
+    assert found.status.outcome is Outcome.NOT_SETTLED
+    assert not found.certified
+    assert np.isnan(found.settling_time)
