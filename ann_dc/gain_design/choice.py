@@ -16,12 +16,10 @@ import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.analysis.second_order import threshold_of
 from ann_dc.errors import AnnDcError, NetworkError
 from ann_dc.gain_design.freeze import (
     RECIPES,
     Candidate,
-    at_another,
     candidate_of,
     compare,
     steadier,
@@ -32,12 +30,13 @@ from ann_dc.gain_design.rehearsal import (
     HASTY,
     PATIENT,
     Patience,
+    at_another,
     distance,
     rehearse,
     rehearsed,
 )
-from ann_dc.gain_design.rules.grid_gains import ABOVE_THRESHOLD, SettledPoint
-from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, Recipe, closed_form
+from ann_dc.gain_design.rules.grid_gains import SettledPoint
+from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, Recipe
 from ann_dc.gain_design.scheduled_run import EQUAL_ROWS, FirstRun, first_run
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.progress import Progress, Stopped
@@ -85,20 +84,6 @@ def recipe_of_first_run(recipe: Recipe | None) -> Recipe:
     if recipe is None or recipe.kind in (Kind.GRID, Kind.TREE):
         return WITH_COORDINATORS
     return recipe
-
-
-def boost_of(settled: SettledPoint) -> float:
-    """Factor on the closed form's penalties that takes them above rho*, at least one.
-
-    Parameters
-    ----------
-    settled : SettledPoint
-        An optimum that no run has settled at: no watchdog has raised its penalties.
-    """
-    duals = [settled.network.neuron_index[dual.neuron] for dual in settled.network.cell.duals]
-    penalties = closed_form(settled.linear, WITH_COORDINATORS).rho[duals]
-    least = ABOVE_THRESHOLD * threshold_of(settled.saddle) / penalties.mean()
-    return max(1.0, least) if np.isfinite(least) else 1.0
 
 
 @dataclass(frozen=True)

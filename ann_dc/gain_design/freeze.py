@@ -222,21 +222,6 @@ def steadier(kind: Kind) -> tuple[Recipe, ...]:
     )
 
 
-def at_another(settled: SettledPoint, candidate: Candidate) -> Candidate:
-    """The same gains at another settled point, not rehearsed yet.
-
-    Parameters
-    ----------
-    settled : SettledPoint
-        The other one.
-    candidate : Candidate
-    """
-    found = spectrum_with(settled, candidate.gains)
-    return Candidate(
-        recipe=candidate.recipe, boost=candidate.boost, gains=candidate.gains, spectrum=found
-    )
-
-
 def compare(
     settled: SettledPoint,
     kind: Kind,

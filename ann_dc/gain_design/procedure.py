@@ -23,14 +23,14 @@ from ann_dc.analysis.objectives import Objective
 from ann_dc.analysis.second_order import threshold_of
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.choice import Choice, Cost, boost_of, free, recipe_of_first_run
+from ann_dc.gain_design.choice import Choice, Cost, free, recipe_of_first_run
 from ann_dc.gain_design.freeze import (
     RECIPES,
     Candidate,
 )
 from ann_dc.gain_design.refinement import refined
 from ann_dc.gain_design.rules.gains import Gains, apply_gains
-from ann_dc.gain_design.rules.grid_gains import SettledPoint
+from ann_dc.gain_design.rules.grid_gains import SettledPoint, boost_of
 from ann_dc.gain_design.rules.recipe import Recipe
 from ann_dc.gain_design.scheduled_run import (
     LONGEST_RUN,

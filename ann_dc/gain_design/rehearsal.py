@@ -18,7 +18,7 @@ from ann_dc.analysis.spectra import Spectrum
 from ann_dc.evaluation.domains import Bounds
 from ann_dc.evaluation.generated.choice import FastEvaluator
 from ann_dc.evaluation.rules import RAN, SETTLED, SMALLEST_POSITION
-from ann_dc.gain_design.freeze import LONG_ROW, Candidate
+from ann_dc.gain_design.freeze import LONG_ROW, Candidate, spectrum_with
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.phases import phase
 from ann_dc.progress import Paced, Progress, silent
@@ -189,6 +189,21 @@ def distance(settled: SettledPoint, x: np.ndarray) -> float:
     primal = settled.linear.primal[settled.network.places[:, 0]]
     aim = settled.state[primal]
     return float(np.abs(x[primal] - aim).max() / max(np.abs(aim).max(), SMALLEST_POSITION))
+
+
+def at_another(settled: SettledPoint, candidate: Candidate) -> Candidate:
+    """The same gains at another settled point, not rehearsed yet.
+
+    Parameters
+    ----------
+    settled : SettledPoint
+        The other one.
+    candidate : Candidate
+    """
+    found = spectrum_with(settled, candidate.gains)
+    return Candidate(
+        recipe=candidate.recipe, boost=candidate.boost, gains=candidate.gains, spectrum=found
+    )
 
 
 @phase("rehearsals")

@@ -25,6 +25,7 @@ from scipy import sparse
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.saddle import Saddle, saddle_of
+from ann_dc.analysis.second_order import threshold_of
 from ann_dc.errors import DesignError
 from ann_dc.evaluation.generated.choice import FastEvaluator, fast_evaluator
 from ann_dc.evaluation.tape import STATE, Tape
@@ -134,6 +135,20 @@ class SettledPoint:
         if key not in self._shadows:
             self._shadows[key] = self.saddle.shadow_range(weights)
         return self._shadows[key]
+
+
+def boost_of(settled: SettledPoint) -> float:
+    """Factor on the closed form's penalties that takes them above rho*, at least one.
+
+    Parameters
+    ----------
+    settled : SettledPoint
+        An optimum that no run has settled at: no watchdog has raised its penalties.
+    """
+    duals = [settled.network.neuron_index[dual.neuron] for dual in settled.network.cell.duals]
+    penalties = closed_form(settled.linear, WITH_COORDINATORS).rho[duals]
+    least = ABOVE_THRESHOLD * threshold_of(settled.saddle) / penalties.mean()
+    return max(1.0, least) if np.isfinite(least) else 1.0
 
 
 def _with_diodes(linear: Linearisation, recipe: Recipe) -> np.ndarray:
