@@ -117,17 +117,20 @@ def solve(
         prospect = Prospect(problem=problem, progress=deadline)
         if gains is None:
             lender = form.designable
+            lent = (
+                network if form == lender else synthesize(decompose(problem, lender), start=start)
+            )
             gains = procedure.design(
-                network if form == lender else synthesize(decompose(problem, lender), start=start),
+                lent,
                 kinds=backend.kinds if kinds is None else kinds,
                 progress=deadline.early(OF_DESIGN),
                 doubt=doubt_of(prospect, network),
                 cost=cost_of(problem, network),
-                finder=finder_of(problem, network),
+                finder=finder_of(problem, lent),
             )
         designed = gains if isinstance(gains, Design) else None
         frozen = apply_gains(network, gains.gains if isinstance(gains, Design) else gains)
-        if designed is not None and designed.start:
+        if designed is not None and designed.start and form == form.designable:
             frozen = frozen.with_start(designed.network.start_state)
         if ode is not None:
             if designed is None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.errors import AnnDcError, NetworkError
+from ann_dc.errors import AnnDcError, DesignError, NetworkError
 from ann_dc.gain_design.freeze import (
     RECIPES,
     Candidate,
@@ -183,7 +183,13 @@ class Choice:
         recipe = recipe_of_first_run(self.recipe)
         if recipe.kind not in self.kinds and Kind.TIME_CONSTANTS in self.kinds:
             recipe = RECIPES[Kind.TIME_CONSTANTS]
-        return candidate_of(settled, recipe, self.first.boost)
+        try:
+            return candidate_of(settled, recipe, self.first.boost)
+        except DesignError as error:
+            raise DesignError(
+                f"{settled.network.title}: the gains overflow ({error}); choose units in which "
+                "states and controls are near 1"
+            ) from error
 
     def _useful(self) -> tuple[Kind, ...]:
         """No tree where there is a grid, which is the same metric; no grid without an optimum."""

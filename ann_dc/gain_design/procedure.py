@@ -315,11 +315,6 @@ def _frozen(
 ) -> Design:
     """The network with the gains of the best candidate as its constants."""
     network, gains = settled.network, found[0].gains
-    if not (np.isfinite(gains.rate).all() and (gains.rate > 0).all()):
-        raise DesignError(
-            f"{network.title}: the gains overflow; choose units in which states and controls are "
-            "near 1"
-        )
     known = threshold_of(settled.saddle) if first.settled else float("nan")
     return Design(
         network=apply_gains(network, gains),

@@ -45,6 +45,9 @@ ENDS = {
     Outcome.LEFT_DOMAIN: left_domain(ROW, 0, 1, 7.0),
     Outcome.STALLED: stalled((1e-9, 1e-2), 7.0, "nothing moves", "start elsewhere"),
     Outcome.STOPPED: stopped((1e-9, 1e-2), 7.0, "someone pressed Ctrl-C"),
+    Outcome.FOUND: status.found(
+        "the interior point", not_settled((1e-9, 1e-2), 7.0, "time was up")
+    ),
     Outcome.INFEASIBLE: infeasible("no controls reach q_d.x", 7.0),
     Outcome.UNBOUNDED: unbounded("the cost has no minimum", 7.0),
 }
@@ -56,6 +59,7 @@ FIRST_WORDS = {
     Outcome.LEFT_DOMAIN: "left the domain of",
     Outcome.STALLED: "stalled after",
     Outcome.STOPPED: "stopped after",
+    Outcome.FOUND: "found by the interior point",
     Outcome.INFEASIBLE: "infeasible: no controls",
     Outcome.UNBOUNDED: "unbounded: the cost",
 }
