@@ -18,11 +18,11 @@ from ann_dc.errors import DesignError, FormError
 from ann_dc.families.family import Over
 from ann_dc.families.family_design import FamilyDesign, design_family
 from ann_dc.gain_design import procedure
-from ann_dc.gain_design.choice import free
+from ann_dc.gain_design.knowledge import NOTHING
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.rules.gains import Gains, apply_gains
 from ann_dc.gain_design.rules.recipe import Recipe
-from ann_dc.gain_design.scheduled_run import LONGEST_RUN, no_finder, trusting
+from ann_dc.gain_design.scheduled_run import LONGEST_RUN
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, NotEmpty, NotNegative, Own, Positive
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
@@ -32,8 +32,7 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.start import Start
 from ann_dc.progress import Deadline, Progress, silent
-from ann_dc.solution.doubt import cost_of, doubt_of
-from ann_dc.solution.finding import finder_of
+from ann_dc.solution.knowledge import knowledge_of
 from ann_dc.solution.running import solution_of
 from ann_dc.solution.solution import Solution
 from ann_dc.synthesis import synthesis
@@ -124,9 +123,7 @@ def solve(
                 lent,
                 kinds=backend.kinds if kinds is None else kinds,
                 progress=deadline.early(OF_DESIGN),
-                doubt=doubt_of(prospect, network),
-                cost=cost_of(problem, network),
-                finder=finder_of(problem, lent),
+                knowledge=knowledge_of(prospect, lent),
             )
         designed = gains if isinstance(gains, Design) else None
         frozen = apply_gains(network, gains.gains if isinstance(gains, Design) else gains)
@@ -275,14 +272,10 @@ def design(
             )
         return design_family(source, over, kinds=kinds, progress=progress)
     if isinstance(source, Network):
-        network, doubt, cost, finder = source, trusting, free, no_finder
+        network, knowledge = source, NOTHING
     else:
         network = synthesize(source)
-        doubt, cost = (
-            doubt_of(Prospect(problem=source, progress=progress), network),
-            cost_of(source, network),
-        )
-        finder = finder_of(source, network)
+        knowledge = knowledge_of(Prospect(problem=source, progress=progress), network)
     return procedure.design(
         network,
         kinds=kinds,
@@ -290,7 +283,5 @@ def design(
         refine=refine,
         limit=limit,
         progress=progress,
-        doubt=doubt,
-        cost=cost,
-        finder=finder,
+        knowledge=knowledge,
     )

@@ -345,7 +345,7 @@ def test_numbers_that_overflow_are_told():
     """In scales of its own no number is too large, but for what cannot be multiplied at all."""
     answer = solve(plants.car(q_d=(1e100, 1, 0, 0)), backend=OdeBackend(most_steps=50))
     assert not answer.certified
-    with pytest.raises(DesignError, match="gains overflow.*choose units"):
+    with pytest.raises(DesignError, match=r"gains overflow.*choose units"):
         solve(plants.car(q_d=(1e300, 1, 0, 0)))
 
 

@@ -250,32 +250,6 @@ def stopped(residuals: tuple[float, float], now: float, why: str) -> Status:
     return Status(outcome=Outcome.STOPPED, message=message, neuron=None, time=now)
 
 
-def found(by: str, network: Status) -> Status:
-    """An optimum that is known although the network did not settle there.
-
-    Parameters
-    ----------
-    by : str
-        Who found it.
-    network : Status
-        How the network's run ended.
-
-    Examples
-    --------
-    >>> from ann_dc.backends import not_settled
-    >>> print(found("the interior point", not_settled((1e-5, 2e-3), 40.0, "900 steps were done")))
-    found by the interior point; no network with constant gains was seen to settle there (not
-    settled after 40 unit time constants: KKT residual 2.0e-03 when 900 steps were done)
-    """
-    if network.outcome is Outcome.STOPPED:
-        message = f"{network.message}; the optimum was found by {by}"
-        return replace(network, message=message)
-    why = f"no network with constant gains was seen to settle there ({network.message})"
-    return Status(
-        outcome=Outcome.FOUND, message=f"found by {by}; {why}", neuron=None, time=network.time
-    )
-
-
 def infeasible(why: str, now: float) -> Status:
     """A target that cannot be met.
 

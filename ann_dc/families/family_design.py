@@ -34,7 +34,7 @@ from ann_dc.network.network import Network
 from ann_dc.optimality.prospects.prospect import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
-from ann_dc.solution.doubt import doubt_of
+from ann_dc.solution.knowledge import knowledge_of
 from ann_dc.synthesis.synthesis import synthesize
 
 POINTS = 16
@@ -177,8 +177,14 @@ def _settled_points(
         for number, sample in enumerate(samples, 1):
             progress(f"settled point {number} of {len(samples)}")
             network = family.network_of(sample) if sample else family.network
-            doubt = doubt_of(Prospect(problem=family.problem_of(sample)), network)
-            found = first_run(network, WITH_COORDINATORS, limit=LONGEST_RUN, doubt=doubt)
+            prospect = Prospect(problem=family.problem_of(sample), progress=progress)
+            found = first_run(
+                network,
+                WITH_COORDINATORS,
+                limit=LONGEST_RUN,
+                progress=progress,
+                knowledge=knowledge_of(prospect, network),
+            )
             if found.ended is not None:
                 why = f"{told(sample)}: {found.ended}" if sample else str(found.ended)
             elif found.settled:

@@ -29,7 +29,7 @@ from ann_dc.prefixes import counted
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start
 from ann_dc.progress import Progress, silent
-from ann_dc.solution.doubt import cost_of, doubt_of
+from ann_dc.solution.knowledge import knowledge_of
 from ann_dc.solution.solution import Solution, certificate_of
 from ann_dc.synthesis.row import start_values
 from ann_dc.synthesis.synthesis import synthesize
@@ -218,8 +218,7 @@ def multistart(
         first,
         kinds=kinds,
         progress=progress,
-        doubt=doubt_of(Prospect(problem=problem), first),
-        cost=cost_of(problem, first),
+        knowledge=knowledge_of(Prospect(problem=problem, progress=progress), first),
     )
     network = designed.network
     x = np.stack([start_values(network, start) for start in made])

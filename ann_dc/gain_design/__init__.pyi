@@ -5,6 +5,9 @@ from .freeze import (
     compare as compare,
     downhill as downhill,
 )
+from .knowledge import Knowledge as Knowledge
+from .neighbourhood import SAMPLES as SAMPLES, neighbourhood as neighbourhood
+from .presets import KNOTS as KNOTS, NEARBY as NEARBY, presets_of as presets_of
 from .procedure import Design as Design, design as design
 from .refinement import (
     Freedom as Freedom,

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from ann_dc.gain_design.freeze import (
     compare,
     steadier,
 )
+from ann_dc.gain_design.knowledge import NOTHING, Cost
 from ann_dc.gain_design.presets import presets_of
 from ann_dc.gain_design.rehearsal import (
     ELSEWHERE,
@@ -64,15 +64,6 @@ NEAR_LIMIT = 6.0
 """Ratio, three times the limit of 2, below which no slower kind of metric is compared any more."""
 
 
-Cost: TypeAlias = Callable[[np.ndarray], float]
-"""What a settled point (n,) costs."""
-
-
-def free(x: np.ndarray) -> float:
-    """Nothing: where the cost is not known, all settled points are alike."""
-    return 0.0
-
-
 def recipe_of_first_run(recipe: Recipe | None) -> Recipe:
     """The factors of the first run, which has no grid: it knows no settled point yet.
 
@@ -106,7 +97,7 @@ class Choice:
     recipe: Recipe | None
     first: FirstRun
     progress: Progress
-    cost: Cost = free
+    cost: Cost = NOTHING.cost
     _seen: list[tuple[SettledPoint, Candidate]] = field(
         default_factory=list, init=False, repr=False
     )

@@ -23,24 +23,17 @@ from ann_dc.analysis.objectives import Objective
 from ann_dc.analysis.second_order import threshold_of
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.choice import Choice, Cost, free, recipe_of_first_run
+from ann_dc.gain_design.choice import Choice, recipe_of_first_run
 from ann_dc.gain_design.freeze import (
     RECIPES,
     Candidate,
 )
+from ann_dc.gain_design.knowledge import NOTHING, Knowledge
 from ann_dc.gain_design.refinement import refined
 from ann_dc.gain_design.rules.gains import Gains, apply_gains
 from ann_dc.gain_design.rules.grid_gains import SettledPoint, boost_of
 from ann_dc.gain_design.rules.recipe import Recipe
-from ann_dc.gain_design.scheduled_run import (
-    LONGEST_RUN,
-    Doubt,
-    Finder,
-    FirstRun,
-    first_run,
-    no_finder,
-    trusting,
-)
+from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Own
 from ann_dc.hints.words import such_as
@@ -181,9 +174,7 @@ def design(
     refine: Objective | None = None,
     limit: int = LONGEST_RUN,
     progress: Progress = silent,
-    doubt: Doubt = trusting,
-    cost: Cost = free,
-    finder: Finder = no_finder,
+    knowledge: Knowledge = NOTHING,
 ) -> Design:
     """Choose rho, time constants and metric of a network.
 
@@ -206,12 +197,8 @@ def design(
     progress : Progress
         Takes one line at a time on what is going on; where it raises `Stopped`, the design ends
         with the closed form at the state of that moment.
-    doubt : Doubt
-        Asked where the first run stalls.
-    cost : Cost
-        Of a settled point: a faster network is not taken where it settles to one that costs more.
-    finder : Finder
-        Asked for an optimum if the first run does not settle soon.
+    knowledge : Knowledge
+        Of the problem behind the network.
 
     Returns
     -------
@@ -243,13 +230,12 @@ def design(
             recipe_of_first_run(recipe),
             limit=limit,
             progress=progress,
-            doubt=doubt,
-            finder=finder,
+            knowledge=knowledge,
         )
         settled = SettledPoint(Linearisation(network).at(first.state), first.state)
         if first.found_by:
             first = replace(first, boost=boost_of(settled))
-        freeze = Choice(allowed, recipe, first, progress, cost)
+        freeze = Choice(allowed, recipe, first, progress, knowledge.cost)
         found, start = (), ""
         try:
             settled, found, start = _compared(freeze, settled, limit)

@@ -9,14 +9,12 @@ the run starts again; so does one beyond `LARGEST_BOOST`, with smaller moves, wh
 keeps that penalty. A run that has not settled with equal rows after `EQUAL_ROWS` steps goes on
 with equilibrated ones, which make slow problems several times faster and quick ones a bit slower.
 Where a run stalls, or settles at a saddle, someone who knows the problem may be asked whether there
-is anything to be found (`Doubt`).
+is anything to be found (`Knowledge`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -27,6 +25,7 @@ from ann_dc.evaluation.generated.choice import FastEvaluator, fast_evaluator
 from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.evaluation.rules import LOST, RAN, SETTLED
 from ann_dc.evaluation.tape import Tape
+from ann_dc.gain_design.knowledge import NOTHING, Knowledge
 from ann_dc.gain_design.rules.gains import tape_with
 from ann_dc.gain_design.rules.recipe import Recipe, closed_form
 from ann_dc.network.network import Network
@@ -65,38 +64,6 @@ AWAY = 0.5
 """How far from where it is a run then looks, at least, for the slopes of objectives; twice as far
 each time, and a tenth less after every chunk that is kept."""
 
-Doubt: TypeAlias = Callable[[np.ndarray], None]
-"""Asked at a state (n,) where a run stalls, overflows, leaves a domain, or settles where no penalty
-holds it; raises `Stopped` where there is nothing to be found."""
-
-
-class Found(NamedTuple):
-    """An optimum that a search found.
-
-    Attributes
-    ----------
-    state : (n,) array
-        Equilibrium of the network.
-    by : str
-        Name of the search.
-    """
-
-    state: np.ndarray
-    by: str
-
-
-Finder: TypeAlias = Callable[[np.ndarray, Progress], Found | None]
-"""Asked once, at a state (n,) of a run that does not settle soon; returns a certified optimum, None
-if it finds none."""
-
-
-def trusting(x: np.ndarray) -> None:
-    """No doubt at any state ``x``: a run that stalls goes on."""
-
-
-def no_finder(x: np.ndarray, progress: Progress) -> Found | None:
-    """No optimum from any state ``x``: the run is on its own."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstRun:
@@ -134,8 +101,7 @@ def first_run(
     limit: int = LONGEST_RUN,
     equal_rows: int = EQUAL_ROWS,
     progress: Progress = silent,
-    doubt: Doubt = trusting,
-    finder: Finder = no_finder,
+    knowledge: Knowledge = NOTHING,
 ) -> FirstRun:
     """Run a network from its start until its relative KKT residual is below ``tolerance``.
 
@@ -152,27 +118,26 @@ def first_run(
         Steps after which the rows are equilibrated.
     progress : Progress
         Takes one line a chunk.
-    doubt : Doubt
-        Asked where the run stalls.
-    finder : Finder
-        Asked when the run is lost, or has not settled after ``equal_rows`` steps.
+    knowledge : Knowledge
+        Its doubt is asked where the run stalls; its finder when the run is lost, or has not settled
+        after ``equal_rows`` steps.
 
     Returns
     -------
     FirstRun
         However it ended.
     """
-    return _Schedule(network, recipe, equal_rows, doubt, finder).run(tolerance, limit, progress)
+    return _Schedule(network, recipe, equal_rows, knowledge).run(tolerance, limit, progress)
 
 
 class _Schedule:
     """A first run under way: state, penalty boost, slew and watchdog."""
 
     def __init__(
-        self, network: Network, recipe: Recipe, equal_rows: int, doubt: Doubt, finder: Finder
+        self, network: Network, recipe: Recipe, equal_rows: int, knowledge: Knowledge
     ) -> None:
         self.network, self.recipe, self.equal_rows = network, recipe, equal_rows
-        self.doubt, self.finder, self.linear = doubt, finder, Linearisation(network)
+        self.knowledge, self.linear, self.is_asked = knowledge, Linearisation(network), False
         self.start = network.start_state
         self.guard = fast_evaluator(network).domain_guard(self.start)
         self.box = safe_bounds(network, self.start)
@@ -208,7 +173,7 @@ class _Schedule:
                     f"penalty x {self.boost:g}"
                 )
             if outcome == SETTLED and not saddle_of(self.network, self.x).is_minimum:
-                self.doubt(self.x)
+                self.knowledge.doubt(self.x)
         except Stopped as end:
             ended = end
         return FirstRun(
@@ -227,7 +192,7 @@ class _Schedule:
         self._look_ahead(before)
         self.steps, self.age = self.steps + done, self.age + done
         if outcome == LOST:
-            self.doubt(self.x)
+            self.knowledge.doubt(self.x)
             self._recover()
         elif outcome != SETTLED:
             self._watch(last)
@@ -243,10 +208,11 @@ class _Schedule:
 
     def _found_by(self, outcome: int, progress: Progress) -> str:
         """Name who has found an optimum, which is the state then; the finder is asked once."""
-        if outcome == SETTLED or (outcome != LOST and self.steps < self.equal_rows):
+        is_early = outcome != LOST and self.steps < self.equal_rows
+        if outcome == SETTLED or self.is_asked or is_early:
             return ""
-        finder, self.finder = self.finder, no_finder
-        found = finder(self.x, progress)
+        self.is_asked = True
+        found = self.knowledge.finder(self.x, progress)
         if found is None:
             return ""
         self.x, self.boost = found.state, 1.0
@@ -315,7 +281,7 @@ class _Schedule:
         if self.age - WARM_UP < PATIENCE:
             return
         if self.window > IMPROVEMENT * self.best:
-            self.doubt(self.x)
+            self.knowledge.doubt(self.x)
             self.boost *= 2
             if self.window > ADRIFT:
                 self._begin()

@@ -1,5 +1,7 @@
-from .doubt import doubt_of as doubt_of, path_of as path_of
+from .finding import path_of as path_of
+from .knowledge import knowledge_of as knowledge_of
 from .loading import load_solution as load_solution
+from .running import found_without as found_without
 from .solution import (
     Solution as Solution,
     certificate_of as certificate_of,

@@ -10,18 +10,29 @@ from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.scheduled_run import Finder, Found
+from ann_dc.gain_design.knowledge import Finder, Found
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate, certify
 from ann_dc.optimality.interior_point.search import Extremum, interior_point
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start, line_start, random_start
 from ann_dc.progress import Progress
-from ann_dc.solution.doubt import path_of
 from ann_dc.synthesis.row import start_values
 
 RANDOM_STARTS = 4
 """Searches from random paths: a problem with several optima often has a cheaper one."""
+
+
+def path_of(network: Network, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """States (n, N+1) with the end, and controls (m, N), of a state vector of a problem's network.
+
+    Parameters
+    ----------
+    network : Network
+    x : (n,) array
+    """
+    q, u, t, *_ = kkt_point(network, x)
+    return np.column_stack([q, t[:, -1]]), u
 
 
 def state_of(problem: OptimalControlProblem, network: Network, found: Extremum) -> np.ndarray:

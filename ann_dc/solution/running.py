@@ -23,7 +23,7 @@ from ann_dc.optimality.prospects.prospect import Hopeless, Prospect
 from ann_dc.phases import phase
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Stopped
-from ann_dc.solution.doubt import path_of
+from ann_dc.solution.finding import path_of
 from ann_dc.solution.solution import Solution, certificate_of
 
 CANDIDATES = 3
@@ -129,9 +129,33 @@ def _known(failed: Solution) -> Solution | None:
     certificate = certificate_of(failed.problem, network, state)
     if not certificate.certified:
         return None
-    told = status.found(design.first.found_by or "the first run", failed.status)
+    told = found_without(design.first.found_by or "the first run", failed.status)
     run = _recorded(network, state, told)
     return replace(failed, run=run, certificate=certificate)
+
+
+def found_without(by: str, network: Status) -> Status:
+    """Return the status of an optimum that is known although no network settled there.
+
+    Parameters
+    ----------
+    by : str
+        Who found it.
+    network : Status
+        How the network's run ended.
+
+    Examples
+    --------
+    >>> from ann_dc.backends import not_settled
+    >>> print(found_without("the search", not_settled((1e-5, 2e-3), 40.0, "900 steps were done")))
+    found by the search; no network with constant gains was seen to settle there (not settled after
+    40 unit time constants: KKT residual 2.0e-03 when 900 steps were done)
+    """
+    if network.outcome is Outcome.STOPPED:
+        return replace(network, message=f"{network.message}; the optimum was found by {by}")
+    why = f"no network with constant gains was seen to settle there ({network.message})"
+    message = f"found by {by}; {why}"
+    return Status(outcome=Outcome.FOUND, message=message, neuron=None, time=network.time)
 
 
 def _hopeless(found: Infeasible | Unbounded, now: float) -> Status:

@@ -102,11 +102,7 @@ class Solution(Record):
 
     @property
     def certified(self) -> bool:
-        """Whether the answer is an optimum, of both orders.
-
-        That of a network that settled; or, as ``status`` tells, one that the design found and no
-        network was seen to settle to.
-        """
+        """Whether the answer is an optimum: of a network that settled, or as ``status`` tells."""
         told = (Outcome.SETTLED, Outcome.FOUND, Outcome.STOPPED)
         return self.status.outcome in told and self.certificate.certified
 
@@ -115,10 +111,10 @@ class Solution(Record):
         """Why the answer is certified, or why not."""
         if self.status.outcome in (Outcome.INFEASIBLE, Outcome.UNBOUNDED):
             return self.status.outcome.value
-        if not (self.status.settled or self.certified):
-            return "the network did not settle"
-        without = "" if self.status.settled else ", but no network settled there"
-        return self.certificate.reason + without
+        if self.status.settled:
+            return self.certificate.reason
+        known = f"{self.certificate.reason}, but " if self.certified else ""
+        return f"{known}the network did not settle"
 
     @cached_property
     def time(self) -> np.ndarray:
@@ -139,8 +135,7 @@ class Solution(Record):
     def chosen_step(self) -> str:
         """The step length and the total time in words; at which bound, where it lies at one."""
         problem, dt = self.problem, self.problem.dt
-        values = self.step_length, self.total_time
-        length, total = (problem.timed(f"{value:.6g}") for value in values)
+        length, total = (problem.timed(f"{v:.6g}") for v in (self.step_length, self.total_time))
         bound = dt.bound_at(self.step_length) if isinstance(dt, StepLength) else ""
         at = f" (its {bound} bound)" if bound else ""
         return f"{length}{at}, {lasting(problem.horizon)} {total}"
@@ -262,6 +257,7 @@ class Solution(Record):
         """Plain data for JSON: status, figures and values."""
         settled, kept = self.status.settled, self.certificate.complementarity
         soft, largest = self.certificate.soft_rows, self.certificate.largest
+        fastest = self.settling_in_fastest_time_constants if settled else None
         return {
             "problem": self.problem.name,
             "form": str(self.equations.form),
@@ -280,9 +276,7 @@ class Solution(Record):
             "second_order": self.certificate.second_order if self.certificate.first_order else None,
             "rollout_error": self.rollout_error,
             "settling_time": self.settling_time if settled else None,
-            "settling_in_fastest_time_constants": (
-                self.settling_in_fastest_time_constants if settled else None
-            ),
+            "settling_in_fastest_time_constants": fastest,
             "steps": self.run.steps,
             "settling_steps": self.run.settling_steps,
             "settling_verified": self.run.verified,

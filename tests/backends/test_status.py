@@ -24,6 +24,7 @@ from ann_dc.backends import (
 )
 from ann_dc.errors import NetworkError
 from ann_dc.network import ONE, Cell, Connection, Function, Limiter, Network, Neuron, Product
+from ann_dc.solution import found_without
 
 CELL = Cell(
     neurons=(Neuron(name="q.x"), Neuron(name="q.v")),
@@ -45,9 +46,7 @@ ENDS = {
     Outcome.LEFT_DOMAIN: left_domain(ROW, 0, 1, 7.0),
     Outcome.STALLED: stalled((1e-9, 1e-2), 7.0, "nothing moves", "start elsewhere"),
     Outcome.STOPPED: stopped((1e-9, 1e-2), 7.0, "someone pressed Ctrl-C"),
-    Outcome.FOUND: status.found(
-        "the interior point", not_settled((1e-9, 1e-2), 7.0, "time was up")
-    ),
+    Outcome.FOUND: found_without("the search", not_settled((1e-9, 1e-2), 7.0, "time was up")),
     Outcome.INFEASIBLE: infeasible("no controls reach q_d.x", 7.0),
     Outcome.UNBOUNDED: unbounded("the cost has no minimum", 7.0),
 }
@@ -59,7 +58,7 @@ FIRST_WORDS = {
     Outcome.LEFT_DOMAIN: "left the domain of",
     Outcome.STALLED: "stalled after",
     Outcome.STOPPED: "stopped after",
-    Outcome.FOUND: "found by the interior point",
+    Outcome.FOUND: "found by the search",
     Outcome.INFEASIBLE: "infeasible: no controls",
     Outcome.UNBOUNDED: "unbounded: the cost",
 }

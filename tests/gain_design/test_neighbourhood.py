@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from ann_dc import design, plants
-from ann_dc.gain_design.neighbourhood import SAMPLES, neighbourhood
+from ann_dc.gain_design import SAMPLES, neighbourhood
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ann_dc import design, plants
-from ann_dc.gain_design.presets import KNOTS, NEARBY, presets_of
+from ann_dc.gain_design import KNOTS, NEARBY, presets_of
 from ann_dc.network import Role
 
 

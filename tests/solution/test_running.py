@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 
 import ann_dc
-from ann_dc.backends import status
-from ann_dc.backends.recorder import Recorder
-from ann_dc.backends.settling import Settling
-from ann_dc.backends.status import Outcome
-from ann_dc.evaluation.generated.choice import fast_evaluator
-from ann_dc.network.metrics.contract import ALL_KINDS
+from ann_dc.backends import Outcome, Recorder, Settling, not_settled
+from ann_dc.evaluation.generated import fast_evaluator
+from ann_dc.network.metrics import ALL_KINDS
 from ann_dc.progress import Stopped, silent
 
 
@@ -32,7 +29,7 @@ class Never:
         x = network.start_state
         residuals, recorder = fast_evaluator(network).residuals(x), Recorder(network)
         recorder.record(0.0, x, residuals)
-        told = status.not_settled(residuals, 1e4, "a test said so")
+        told = not_settled(residuals, 1e4, "a test said so")
         return recorder.run(0.0, x, told, Settling(), 0)
 
 

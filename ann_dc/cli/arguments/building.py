@@ -17,7 +17,7 @@ from ann_dc.network.network import Network
 from ann_dc.optimality.prospects.prospect import Hopeless, Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
-from ann_dc.solution.doubt import doubt_of
+from ann_dc.solution.knowledge import knowledge_of
 from ann_dc.solver import synthesize
 
 
@@ -40,8 +40,8 @@ def network_to_build(
     if simulated:
         find_ngspice()
     network, prospect = synthesize(problem), Prospect(problem=problem)
-    doubt = doubt_of(prospect, network)
-    designed = design(network, kinds=(kind,), progress=progress, doubt=doubt)
+    knowledge = knowledge_of(prospect, network)
+    designed = design(network, kinds=(kind,), progress=progress, knowledge=knowledge)
     if designed.settled:
         return designed.network
     if isinstance(designed.first.ended, Hopeless):

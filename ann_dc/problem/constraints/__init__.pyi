@@ -5,6 +5,12 @@ from .bounds import (
     limits_of as limits_of,
     rows_of as rows_of,
 )
+from .domain import (
+    culprit as culprit,
+    defined as defined,
+    into_domain as into_domain,
+    within_domain as within_domain,
+)
 from .inequality import (
     SIGNS as SIGNS,
     Inequality as Inequality,

@@ -6,7 +6,7 @@ import sympy as sp
 
 import ann_dc
 from ann_dc.errors import ProblemError
-from ann_dc.problem.constraints.domain import culprit, defined, into_domain, within_domain
+from ann_dc.problem.constraints import culprit, defined, into_domain, within_domain
 
 c, k, a, b = sp.symbols("c k a b")
 

@@ -7,7 +7,7 @@ import pytest
 
 import ann_dc
 from ann_dc.optimality import Hopeless, Prospect
-from ann_dc.solution import doubt_of, path_of
+from ann_dc.solution import knowledge_of, path_of
 
 CART = ann_dc.plants.double_integrator(N=5)
 
@@ -20,11 +20,11 @@ def test_a_path_has_its_end_whatever_neurons_there_are(bounds):
     q, u = path_of(network, network.start_state)
     np.testing.assert_allclose(q, start.q)
     np.testing.assert_allclose(u, start.u)
-    doubt_of(Prospect(problem=problem), network)(network.start_state)
+    knowledge_of(Prospect(problem=problem), network).doubt(network.start_state)
 
 
 def test_a_target_out_of_reach_stays_so_with_bounds():
     problem = replace(CART, horizon=1, bounds={"a": (-99, 99)})
     network = ann_dc.synthesize(problem)
     with pytest.raises(Hopeless, match=r"no controls reach q_d\.x = 1"):
-        doubt_of(Prospect(problem=problem), network)(network.start_state)
+        knowledge_of(Prospect(problem=problem), network).doubt(network.start_state)

@@ -1,0 +1,28 @@
+"""What a design asks of a problem: is there an optimum, where, at what cost?"""
+
+from __future__ import annotations
+
+from ann_dc.evaluation.populations import kkt_point
+from ann_dc.gain_design.knowledge import Knowledge
+from ann_dc.network.network import Network
+from ann_dc.optimality.certificate import certify
+from ann_dc.optimality.prospects.prospect import Prospect
+from ann_dc.solution.finding import finder_of, path_of
+
+
+def knowledge_of(prospect: Prospect, network: Network) -> Knowledge:
+    """What a design may ask of the problem behind its network.
+
+    Parameters
+    ----------
+    prospect : Prospect
+        Of the problem.
+    network : Network
+        Synthesized from it.
+    """
+    problem = prospect.problem
+    return Knowledge(
+        doubt=lambda x: prospect.doubt(*path_of(network, x)),
+        cost=lambda x: certify(problem, *kkt_point(network, x)).objective,
+        finder=finder_of(problem, network),
+    )
