@@ -28,7 +28,7 @@ from ann_dc.progress import Progress, silent
 TOLERANCE = 1e-11
 """Scaled error of a point that has converged: at weakly active rows a point is off by its root."""
 ACCEPTABLE = 1e-8
-"""Scaled error of a point that has converged if rounding admits no further step."""
+"""Scaled error of a point that has converged if rounding spoils the steps after it."""
 BARRIER = 0.1
 """First barrier parameter t."""
 ITERATIONS = 400
@@ -134,25 +134,37 @@ class _Search:
         self.filter: list[tuple[float, float]] = []
         self.shift = self.forced = 0.0
         self.restorations = self.nudges = 0
+        self.closest, self.smallest = self.model, ACCEPTABLE
 
     def run(self) -> Extremum:
         """Take Newton steps until the error is small, or until no step is possible."""
         for iteration in range(ITERATIONS):
             if not self.model.is_finite:
                 return self.result("the problem has no finite value at the start", iteration)
-            if self.model.error(0.0) < TOLERANCE:
+            self.note()
+            if self.smallest < TOLERANCE:
                 if self.nudges == NUDGES or self.model.step(self.t, 0.0) is not None:
                     return self.result("converged", iteration)
                 self.nudge()
             self.decrease()
             if failure := self.advance():
-                is_close = self.model.error(0.0) < ACCEPTABLE
-                return self.result("converged" if is_close else failure, iteration)
+                return self.ended(failure, iteration)
             self.progress(
                 f"interior point: iteration {iteration + 1}, t = {self.t:.0e}, "
                 f"infeasibility {self.model.infeasibility:.1e}"
             )
-        return self.result(f"not converged in {ITERATIONS} iterations", ITERATIONS)
+        return self.ended(f"not converged in {ITERATIONS} iterations", ITERATIONS)
+
+    def note(self) -> None:
+        """Keep the point if its error is the smallest so far."""
+        if (error := self.model.error(0.0)) < self.smallest:
+            self.closest, self.smallest = self.model, error
+
+    def ended(self, failure: str, iteration: int) -> Extremum:
+        """Return the result where no step is possible: the closest point if that is acceptable."""
+        if self.smallest < ACCEPTABLE:
+            self.model, failure = self.closest, "converged"
+        return self.result(failure, iteration)
 
     def advance(self) -> str:
         """Take a step, or say why none is possible."""
@@ -178,6 +190,7 @@ class _Search:
         q, u = barrier.users(*beside)
         mu = (point.mu * barrier.frame.cost / barrier.frame.state).T
         self.model = Model(barrier, barrier.start(q, u, mu, self.t))
+        self.closest, self.smallest = self.model, ACCEPTABLE
         self.filter.clear()
 
     def step(self) -> Point | None:
