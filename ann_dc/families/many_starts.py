@@ -17,13 +17,15 @@ from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.recurrent.rules.orders import TWO_PHASE
 from ann_dc.decomposition.equations import StageEquations, decompose
-from ann_dc.families.optima import Optimum, sorted_out
+from ann_dc.families.optima import SAME, Optimum, sorted_out
 from ann_dc.families.seeded_starts import LONGEST, checked_starts, seeded_starts
 from ann_dc.gain_design import procedure
+from ann_dc.gain_design.knowledge import NOTHING
 from ann_dc.gain_design.procedure import Design
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import NotEmpty, Own
 from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 from ann_dc.optimality.prospects.prospect import Prospect
 from ann_dc.prefixes import counted
 from ann_dc.problem.declaration import OptimalControlProblem
@@ -104,11 +106,22 @@ class Multistart:
             Place among ``optima``.
         """
         start = self.optima[index].starts[0] if self.optima else 0
-        network, designed = self.batch.network, self.design
+        network = self.batch.network
         network = network.with_start(start_values(network, self.starts[start]))
-        if self.optima and not self.optima[index].frozen:
-            designed = procedure.design(network, kinds=self.backend.kinds)
-            network = designed.network
+        if not self.optima or self.optima[index].frozen:
+            return self._ran(network, self.design)
+        known = knowledge_of(Prospect(problem=self.problem), network)
+        known = known._replace(finder=NOTHING.finder)  # it could lead to another optimum
+        designed = procedure.design(network, kinds=self.backend.kinds, knowledge=known)
+        own = self._ran(designed.network, designed)
+        for other in designed.alternatives():
+            if np.isclose(own.objective, self.optima[index].objective, rtol=SAME):
+                break
+            own = self._ran(other.network, other)
+        return own
+
+    def _ran(self, network: Network, designed: Design) -> Solution:
+        """Run a frozen network and certify where it ended."""
         run = self.backend.run(network)
         return Solution(
             problem=self.problem,

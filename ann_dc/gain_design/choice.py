@@ -36,7 +36,7 @@ from ann_dc.gain_design.rehearsal import (
     rehearsed,
 )
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
-from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, Recipe
+from ann_dc.gain_design.rules.recipe import Recipe, recipe_of_first_run
 from ann_dc.gain_design.scheduled_run import EQUAL_ROWS, FirstRun, first_run
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.progress import Progress, Stopped
@@ -62,19 +62,6 @@ DEARER = 1e-4
 
 NEAR_LIMIT = 6.0
 """Ratio, three times the limit of 2, below which no slower kind of metric is compared any more."""
-
-
-def recipe_of_first_run(recipe: Recipe | None) -> Recipe:
-    """The factors of the first run, which has no grid: it knows no settled point yet.
-
-    Parameters
-    ----------
-    recipe : Recipe or None
-        Fixed by the caller.
-    """
-    if recipe is None or recipe.kind in (Kind.GRID, Kind.TREE):
-        return WITH_COORDINATORS
-    return recipe
 
 
 @dataclass(frozen=True)
@@ -123,17 +110,25 @@ class Choice:
         start : str
             From which presets it settles; empty for the network's own start.
         """
-        patience = HASTY if self.first.found_by else PATIENT
-        found, start = self.at(settled, patience), ""
+        found = self.at(settled, HASTY if self.first.found_by else PATIENT)
+        if not self.first.settled:
+            return settled, found, ""
         if self.first.found_by:
             settled, found, start = self._preset(settled, found)
-        if self.first.settled and not found[0].settling < np.inf:
-            settled, found = self._followed(settled, found)
-        if self.first.settled and not self.first.found_by:
-            with suppress(Stopped):  # what was compared here stands
-                settled, found = self._elsewhere(settled, found, limit)
-            settled, found, start = self._preset(settled, found)
-        return settled, found, start
+            return (*self._followed(settled, found), start)
+        other, there = self._followed(settled, found)
+        if self._is_dearer(other, settled):
+            near, again, start = self._preset(settled, found)
+            if again[0].settling < np.inf:
+                return near, again, start
+        with suppress(Stopped):  # what was compared here stands
+            other, there = self._elsewhere(other, there, limit)
+        return self._preset(other, there)
+
+    def _is_dearer(self, other: SettledPoint, settled: SettledPoint) -> bool:
+        """Return True if another settled point costs more than one."""
+        here = self.cost(settled.state)
+        return self.cost(other.state) > here + DEARER * abs(here)
 
     def at(self, settled: SettledPoint, patience: Patience = PATIENT) -> tuple[Candidate, ...]:
         """All candidates at a settled point, the best first."""
@@ -330,9 +325,8 @@ class Choice:
         other, there = replace(self, first=second)._led_to(settled)
         if not there or found[0].rank[0] <= MUCH_FASTER * there[0].rank[0]:
             return settled, found
-        here = self.cost(settled.state)
-        dearer = self.cost(other.state) > here + DEARER * abs(here)
-        return (settled, found) if dearer and found[0].settling < np.inf else (other, there)
+        is_dearer = found[0].settling < np.inf and self._is_dearer(other, settled)
+        return (settled, found) if is_dearer else (other, there)
 
     def _led_to(self, settled: SettledPoint) -> tuple[SettledPoint, tuple[Candidate, ...]]:
         """The freeze where this first run leads to; no candidates where there is no metric."""

@@ -12,7 +12,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -23,16 +24,17 @@ from ann_dc.analysis.objectives import Objective
 from ann_dc.analysis.second_order import threshold_of
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.choice import Choice, recipe_of_first_run
+from ann_dc.gain_design.choice import Choice
 from ann_dc.gain_design.freeze import (
     RECIPES,
     Candidate,
 )
 from ann_dc.gain_design.knowledge import NOTHING, Knowledge
+from ann_dc.gain_design.presets import presets_of
 from ann_dc.gain_design.refinement import refined
 from ann_dc.gain_design.rules.gains import Gains, apply_gains
 from ann_dc.gain_design.rules.grid_gains import SettledPoint, boost_of
-from ann_dc.gain_design.rules.recipe import Recipe
+from ann_dc.gain_design.rules.recipe import Recipe, recipe_of_first_run
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Own
@@ -41,6 +43,9 @@ from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
 from ann_dc.phases import phase
 from ann_dc.progress import Progress, Stopped, silent
+
+ALTERNATIVES = 2
+"""Other gains that are run where those of a design end elsewhere."""
 
 
 @such_as("ann_dc.design(problem)")
@@ -92,15 +97,17 @@ class Design:
         """Whether the first run settled."""
         return self.first.settled
 
-    @property
-    def others(self) -> tuple[Candidate, ...]:
-        """Candidates beside the best that settled in a rehearsal, the fastest first."""
-        return tuple(c for c in self.candidates if c is not self.best and c.settling < np.inf)
+    def alternatives(self) -> Iterator[Design]:
+        """Yield designs for the same settled point, for when a run of this one ends elsewhere.
 
-    def with_candidate(self, candidate: Candidate) -> Design:
-        """The same design with the gains of another of its candidates."""
-        network = apply_gains(self.network, candidate.gains)
-        return replace(self, network=network, gains=candidate.gains, best=candidate)
+        With other gains that settled in a rehearsal, the fastest first; then from presets.
+        """
+        others = (c for c in self.candidates if c is not self.best and c.settling < np.inf)
+        for candidate in itertools.islice(others, ALTERNATIVES):
+            network = apply_gains(self.network, candidate.gains)
+            yield replace(self, network=network, gains=candidate.gains, best=candidate)
+        for words, state in () if self.start else presets_of(self.network, self.state):
+            yield replace(self, network=self.network.with_start(state), start=words)
 
     @property
     def reason(self) -> str:

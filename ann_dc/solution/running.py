@@ -26,9 +26,6 @@ from ann_dc.progress import Stopped
 from ann_dc.solution.finding import path_of
 from ann_dc.solution.solution import Solution, certificate_of
 
-CANDIDATES = 3
-"""Designed networks that are run until one settles."""
-
 
 def solution_of(
     problem: OptimalControlProblem,
@@ -63,8 +60,7 @@ def solution_of(
     if found.certified or designed is None or is_studied or _was_short(found, designed):
         return _explained(found, prospect)
     if designed.settled and found.status.outcome is not Outcome.STOPPED:
-        for candidate in designed.others[: CANDIDATES - 1]:
-            other = designed.with_candidate(candidate)
+        for other in designed.alternatives():
             again = _run(backend, other.network, other)
             settled = _solution(problem, equations, other.network, other, again)
             if settled.certified:

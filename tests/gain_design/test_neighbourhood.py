@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from ann_dc import design, plants
-from ann_dc.gain_design import SAMPLES, neighbourhood
+from ann_dc.gain_design import SAMPLES, apply_gains, neighbourhood
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +26,6 @@ def test_same_seed_draws_the_same_samples():
 
 def test_network_with_penalties_below_the_threshold_settles_from_fewer_samples():
     car = design(plants.car())
-    worse = replace(car.best, gains=replace(car.gains, rho=1e-3 * car.gains.rho))
-    found = neighbourhood(car.with_candidate(worse))
+    worse = replace(car.gains, rho=1e-3 * car.gains.rho)
+    found = neighbourhood(replace(car, network=apply_gains(car.network, worse)))
     assert found.starts[0][1] < SAMPLES

@@ -12,7 +12,7 @@ from problems import SUITE
 from ann_dc.backends import OdeBackend, Settling
 from ann_dc.errors import DesignError
 from ann_dc.evaluation import evaluator, kkt_point
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design, freeze
+from ann_dc.gain_design import WITHOUT_COORDINATORS, Knowledge, design, freeze
 from ann_dc.network import Cell, Connection, Network, Neuron
 from ann_dc.network.metrics import Kind
 from ann_dc.optimality import certify
@@ -197,7 +197,8 @@ def test_a_faster_network_is_not_taken_where_it_settles_to_what_costs_more():
     problem = CONSTRAINED["car_disc4"].problem
     network = synthesize(problem)
     cost = lambda x: certify(problem, *kkt_point(network, x)).objective  # noqa: E731
-    taken, kept = design(network, cost=cost), design(network, cost=lambda x: -cost(x))
+    known = Knowledge(cost=cost), Knowledge(cost=lambda x: -cost(x))
+    taken, kept = (design(network, knowledge=own) for own in known)
     assert taken.best.settling < kept.best.settling < np.inf
     assert cost(taken.state) < cost(kept.state) - 1.0
 

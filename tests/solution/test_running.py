@@ -51,8 +51,9 @@ def test_known_optimum_is_the_answer_if_no_network_settles_there(problem):
 def test_next_best_networks_run_before_one_gives_up(problem):
     backend = Never([])
     found = ann_dc.solve(problem, backend=backend)
-    settled = 1 + len(found.design.others)
-    assert len(backend.seen) == min(settled, 3)
+    settled = sum(candidate.settling < np.inf for candidate in found.design.candidates)
+    presets = 2  # of a short row: the path and a state near the optimum
+    assert len(backend.seen) == min(settled, 3) + presets
     assert settled > 1
     gains = [network.metric.kind for network in backend.seen]
     assert gains[0] is found.design.best.kind

@@ -125,6 +125,19 @@ WITHOUT_COORDINATORS = Recipe(
 """Factors for neighbour wiring alone."""
 
 
+def recipe_of_first_run(recipe: Recipe | None) -> Recipe:
+    """Return the factors of a first run, which has no grid: it knows no settled point yet.
+
+    Parameters
+    ----------
+    recipe : Recipe or None
+        Fixed by the caller.
+    """
+    if recipe is None or recipe.kind in (Kind.GRID, Kind.TREE):
+        return WITH_COORDINATORS
+    return recipe
+
+
 def base_penalty(linear: Linearisation | MeanLinearisation) -> float:
     """rho_0: the largest ratio of cost curvature to squared constraint gain of a neuron.
 
