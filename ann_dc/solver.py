@@ -29,6 +29,7 @@ from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
 from ann_dc.optimality.prospects.prospect import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.idle import held
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.start import Start
 from ann_dc.progress import Deadline, Progress, silent
@@ -108,6 +109,7 @@ def solve(
     >>> solution["x"][2:].round(3).tolist()
     [0.2, 0.5, 0.8, 1.0]
     """
+    problem = held(problem)
     equations = decompose(problem, form)
     network = synthesize(equations, start=start)
     backend = backend or OdeBackend(progress=progress)
@@ -270,12 +272,13 @@ def design(
                 "over: a family needs the problem itself, whose optima it certifies, and neither "
                 "recipe= nor refine="
             )
-        return design_family(source, over, kinds=kinds, progress=progress)
+        return design_family(held(source), over, kinds=kinds, progress=progress)
     if isinstance(source, Network):
         network, knowledge = source, NOTHING
     else:
-        network = synthesize(source)
-        knowledge = knowledge_of(Prospect(problem=source, progress=progress), network)
+        problem = held(source)
+        network = synthesize(problem)
+        knowledge = knowledge_of(Prospect(problem=problem, progress=progress), network)
     return procedure.design(
         network,
         kinds=kinds,

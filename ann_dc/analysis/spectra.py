@@ -128,16 +128,24 @@ def spectrum_of(
     Returns
     -------
     Spectrum
+        Of one eigenvalue that is no number where the network has none: values overflow, or it is
+        singular.
     """
     drive_jacobian = evaluator.drive_jacobian(x)
+    unknown = Spectrum(eigenvalues=np.array([complex(np.nan, np.nan)]))
     if not np.isfinite(drive_jacobian.data).all():  # a run that overflowed has no spectrum
-        return Spectrum(eigenvalues=np.array([complex(np.nan, np.nan)]))
+        return unknown
     free = evaluator.free(x)
     if len(x) <= (DENSE_LIMIT if dense is None else dense):
         flow = dense_flow(metric, row, drive_jacobian, free)
+        if not np.isfinite(flow).all():
+            return unknown
         eigenvalues = scipy.linalg.eigvals(flow, check_finite=False)
         return Spectrum(eigenvalues=np.asarray(eigenvalues))
-    ends = spectrum_ends(evaluator, metric, row, drive_jacobian, free, progress)
+    try:
+        ends = spectrum_ends(evaluator, metric, row, drive_jacobian, free, progress)
+    except (RuntimeError, np.linalg.LinAlgError):  # SuperLU's and ARPACK's word for singular
+        return unknown
     return Spectrum(eigenvalues=ends)
 
 

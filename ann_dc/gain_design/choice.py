@@ -110,12 +110,11 @@ class Choice:
         start : str
             From which presets it settles; empty for the network's own start.
         """
-        found = self.at(settled, HASTY if self.first.found_by else PATIENT)
+        if self.first.found_by:
+            return self._found(settled)
+        found = self.at(settled)
         if not self.first.settled:
             return settled, found, ""
-        if self.first.found_by:
-            settled, found, start = self._preset(settled, found)
-            return (*self._followed(settled, found), start)
         other, there = self._followed(settled, found)
         if self._is_dearer(other, settled):
             near, again, start = self._preset(settled, found)
@@ -125,15 +124,34 @@ class Choice:
             other, there = self._elsewhere(other, there, limit)
         return self._preset(other, there)
 
+    def _found(self, settled: SettledPoint) -> tuple[SettledPoint, tuple[Candidate, ...], str]:
+        """Return the same at an optimum that a search found.
+
+        Time constants alone, whose spectra take longest, come after presets of faster kinds.
+        """
+        kinds = self._useful()
+        fast = tuple(kind for kind in kinds if kind is not Kind.TIME_CONSTANTS)
+        found, start = self.at(settled, HASTY, fast or kinds), ""
+        there, again, start = self._preset(settled, found)
+        if not again[0].settling < np.inf and len(fast) < len(kinds) and fast:
+            found = (*found, *self.at(settled, HASTY, kinds[len(fast) :]))
+            there, again, start = self._preset(settled, tuple(sorted(found, key=lambda c: c.rank)))
+        return (*self._followed(there, again), start)
+
     def _is_dearer(self, other: SettledPoint, settled: SettledPoint) -> bool:
         """Return True if another settled point costs more than one."""
         here = self.cost(settled.state)
         return self.cost(other.state) > here + DEARER * abs(here)
 
-    def at(self, settled: SettledPoint, patience: Patience = PATIENT) -> tuple[Candidate, ...]:
-        """All candidates at a settled point, the best first."""
+    def at(
+        self,
+        settled: SettledPoint,
+        patience: Patience = PATIENT,
+        kinds: tuple[Kind, ...] | None = None,
+    ) -> tuple[Candidate, ...]:
+        """All candidates at a settled point, the best first; of some kinds, or of all."""
         found = ()
-        for kind in self._useful():
+        for kind in kinds or self._useful():
             compared = self._compared(settled, kind)
             found = self._rehearsed(settled, (*found, *compared), patience)
             if found and found[0].settling < np.inf and found[0].ratio < NEAR_LIMIT:

@@ -106,7 +106,9 @@ class Design:
         for candidate in itertools.islice(others, ALTERNATIVES):
             network = apply_gains(self.network, candidate.gains)
             yield replace(self, network=network, gains=candidate.gains, best=candidate)
-        for words, state in () if self.start else presets_of(self.network, self.state):
+        presets = [*presets_of(self.network, self.state)]
+        tried = [preset.words for preset in presets].index(self.start) + 1 if self.start else 0
+        for words, state in presets[tried:]:
             yield replace(self, network=self.network.with_start(state), start=words)
 
     @property

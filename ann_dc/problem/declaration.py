@@ -55,6 +55,9 @@ from ann_dc.problem.objectives.several import (
 from ann_dc.records import Record
 from ann_dc.scale import Scale
 
+HOLD = "hold_{}"
+"""Name of the input that weighs how a control is held where it has no effect; see `idle.held`."""
+
 
 @such_as("ann_dc.plants.car()")
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -233,6 +236,11 @@ class OptimalControlProblem(Measured, Several, Record):
         return formula if isinstance(dt, float) else formula.xreplace({dt.symbol: dt.expression})
 
     @property
+    def held(self) -> tuple[sp.Symbol, ...]:
+        """Controls that are held at stages where they have no effect; see `idle.held`."""
+        return tuple(c for c in self.controls if sp.Symbol(HOLD.format(c)) in self.inputs)
+
+    @property
     def n(self) -> int:
         """Number of state components."""
         return len(self.states)
@@ -327,6 +335,7 @@ class OptimalControlProblem(Measured, Several, Record):
             "at the end": self.terminal_constraints,
             "bounds": self.bounds,
             "soft": self.soft,
+            "held where it has no effect": self.held,
         }
         return (
             f"{self.name}: {counted(self.n, 'states')} ({', '.join(map(str, self.states))}), "

@@ -20,7 +20,7 @@ import numpy as np
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 from ann_dc.problem.constraints.domain import into_domain, within_domain
-from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.declaration import HOLD, OptimalControlProblem
 from ann_dc.problem.excursions import bridge_variance
 from ann_dc.scale import Scale
 
@@ -147,12 +147,10 @@ def straight_line(problem: OptimalControlProblem) -> StraightLine:
     Parameters
     ----------
     problem : OptimalControlProblem
-
-    Returns
-    -------
-    StraightLine
+        What holds controls without effect does not count.
     """
     with np.errstate(all="ignore"):
+        problem = problem.with_inputs(**{HOLD.format(c): 0.0 for c in problem.held})
         first, last = problem.ends
         share = np.linspace(0.0, 1.0, problem.horizon + 1)
         return _Path(problem, first[:, None] + (last - first)[:, None] * share).fitted()
