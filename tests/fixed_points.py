@@ -17,6 +17,7 @@ import ann_dc
 from ann_dc.export.fixed_point import FixedPoint, fixed_point
 from ann_dc.export.reference import ReferenceVector, reference_vector
 from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
+from ann_dc.network.metrics import ALL_KINDS
 
 PROBLEMS = {
     "double_integrator": lambda: ann_dc.plants.double_integrator(N=4),
@@ -35,8 +36,10 @@ PROBLEMS = {
 
 @cache
 def walked(name: str, kind: ann_dc.Kind | None = None) -> tuple[Network, ReferenceVector]:
-    kinds = {} if kind is None else {"kinds": [kind]}
-    network = ann_dc.design(PROBLEMS[name](), **kinds).network
+    problem = PROBLEMS[name]()
+    # integers hold rails one by one: no metric may couple them
+    kinds = [ann_dc.Kind.PYRAMID] if problem.bounds else ALL_KINDS
+    network = ann_dc.design(problem, kinds=kinds if kind is None else [kind]).network
     return network, reference_vector(network)
 
 

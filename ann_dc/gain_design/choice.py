@@ -130,13 +130,12 @@ class Choice:
         Time constants alone, whose spectra take longest, come after presets of faster kinds.
         """
         kinds = self._useful()
-        fast = tuple(kind for kind in kinds if kind is not Kind.TIME_CONSTANTS)
-        found, start = self.at(settled, HASTY, fast or kinds), ""
-        there, again, start = self._preset(settled, found)
-        if not again[0].settling < np.inf and len(fast) < len(kinds) and fast:
-            found = (*found, *self.at(settled, HASTY, kinds[len(fast) :]))
-            there, again, start = self._preset(settled, tuple(sorted(found, key=lambda c: c.rank)))
-        return (*self._followed(there, again), start)
+        fast = tuple(kind for kind in kinds if kind is not Kind.TIME_CONSTANTS) or kinds
+        there, found, start = self._preset(settled, self.at(settled, HASTY, fast))
+        if not found[0].settling < np.inf and fast != kinds:
+            found = (*found, *self.at(settled, HASTY, (Kind.TIME_CONSTANTS,)))
+            there, found, start = self._preset(settled, tuple(sorted(found, key=lambda c: c.rank)))
+        return (*self._followed(there, found), start)
 
     def _is_dearer(self, other: SettledPoint, settled: SettledPoint) -> bool:
         """Return True if another settled point costs more than one."""
@@ -156,8 +155,7 @@ class Choice:
             found = self._rehearsed(settled, (*found, *compared), patience)
             if found and found[0].settling < np.inf and found[0].ratio < NEAR_LIMIT:
                 break
-        if not found:
-            # the only kind that is allowed has no metric here: let it say why
+        if not found:  # the only kind that is allowed has no metric here: let it say why
             return (candidate_of(settled, self.recipe or RECIPES[self.kinds[0]], 1.0),)
         return found
 
@@ -225,36 +223,24 @@ class Choice:
         if found[0].settling < np.inf:
             return settled, found
         best, there = self._from_strays(settled, found)
-        for more in (self._stiffer, self._steadier):
+        for recipes in (_stiffer, steadier):
             if not there and not found[0].settling < np.inf:
-                found = tuple(sorted((*found, *more(settled)), key=lambda c: c.rank))
+                more = self._rehearsals(settled, recipes)
+                found = tuple(sorted((*found, *more), key=lambda c: c.rank))
                 if not found[0].settling < np.inf:
                     best, there = self._from_strays(settled, found)
         return (best, there) if there else (settled, found)
 
-    def _stiffer(self, settled: SettledPoint) -> list[Candidate]:
-        return self._rehearsals(
-            settled, "stiffer", lambda kind: [(RECIPES[kind], boost) for boost in STIFFER]
-        )
-
-    def _steadier(self, settled: SettledPoint) -> list[Candidate]:
-        return self._rehearsals(
-            settled, "steadier", lambda kind: [(recipe, 1.0) for recipe in steadier(kind)]
-        )
-
     def _rehearsals(
-        self,
-        settled: SettledPoint,
-        word: str,
-        recipes: Callable[[Kind], list[tuple[Recipe, float]]],
+        self, settled: SettledPoint, recipes: Callable[[Kind], tuple[Recipe, ...]]
     ) -> list[Candidate]:
         """Rehearse networks in closed form, of every kind that is useful."""
         rehearsals = []
         for kind in (kind for kind in self._useful() if kind not in (Kind.GRID, Kind.TREE)):
-            for recipe, boost in recipes(kind):
-                candidate = candidate_of(settled, recipe, boost * self.first.boost)
+            for recipe in recipes(kind):
+                candidate = candidate_of(settled, recipe, self.first.boost)
                 if np.isfinite(candidate.ratio):
-                    self.progress(f"freeze: {word} {kind.value}")
+                    self.progress(f"freeze: another {kind.value}")
                     rehearsals.append(rehearse(settled, candidate, progress=self.progress))
         return rehearsals
 
@@ -356,3 +342,9 @@ class Choice:
             raise
         except AnnDcError:
             return other, there
+
+
+def _stiffer(kind: Kind) -> tuple[Recipe, ...]:
+    """Return recipes of a kind with larger penalties."""
+    own = RECIPES[kind]
+    return tuple(replace(own, penalty=factor * own.penalty) for factor in STIFFER)

@@ -52,7 +52,7 @@ def presets_of(network: Network, state: np.ndarray) -> Iterator[Preset]:
     Examples
     --------
     >>> from ann_dc import design, plants
-    >>> designed = design(plants.double_integrator(N=12))
+    >>> designed = design(plants.double_integrator(N=13))
     >>> for preset in presets_of(designed.network, designed.state):
     ...     print(preset.words)
     6 stages of the found path

@@ -57,7 +57,7 @@ def solution_of(
     """
     found = _solution(problem, equations, network, designed, _run(backend, network, designed))
     is_studied = equations.form != equations.form.designable  # its own start and run are the answer
-    if found.certified or designed is None or is_studied or _was_short(found, designed):
+    if found.certified or designed is None or is_studied or _is_of_backend(found, designed):
         return _explained(found, prospect)
     if designed.settled and found.status.outcome is not Outcome.STOPPED:
         for other in designed.alternatives():
@@ -68,10 +68,15 @@ def solution_of(
     return _known(found) or _explained(found, prospect)
 
 
-def _was_short(found: Solution, designed: Design) -> bool:
-    """Return True if the backend allows less time than the rehearsal took to settle."""
+def _is_of_backend(found: Solution, designed: Design) -> bool:
+    """Return True if a run failed by its backend's own limit or step.
+
+    The rehearsal of the same gains settled, in more time or with shorter steps.
+    """
+    settled, outcome = designed.best.settling, found.status.outcome
     elapsed = found.status.time * designed.spectrum.radius
-    return found.status.outcome is Outcome.NOT_SETTLED and elapsed < designed.best.settling < np.inf
+    was_short = outcome is Outcome.NOT_SETTLED and elapsed < settled
+    return settled < np.inf and (was_short or outcome is Outcome.DIVERGED)
 
 
 def _solution(
@@ -143,7 +148,8 @@ def found_without(by: str, network: Status) -> Status:
     Examples
     --------
     >>> from ann_dc.backends import not_settled
-    >>> print(found_without("the search", not_settled((1e-5, 2e-3), 40.0, "900 steps were done")))
+    >>> run = not_settled((1e-5, 2e-3), 40.0, "900 steps were done")
+    >>> print(found_without("the search", run))  # doctest: +NORMALIZE_WHITESPACE
     found by the search; no network with constant gains was seen to settle there (not settled after
     40 unit time constants: KKT residual 2.0e-03 when 900 steps were done)
     """
