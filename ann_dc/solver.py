@@ -14,6 +14,7 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.run import Backend, within
 from ann_dc.decomposition.equations import StageEquations, decompose
 from ann_dc.decomposition.form import CORRECTED, Form
+from ann_dc.decomposition.idle import held
 from ann_dc.errors import DesignError, FormError
 from ann_dc.families.family import Over
 from ann_dc.families.family_design import FamilyDesign, design_family
@@ -29,7 +30,6 @@ from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
 from ann_dc.optimality.prospects.prospect import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.idle import held
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.start import Start
 from ann_dc.progress import Deadline, Progress, silent

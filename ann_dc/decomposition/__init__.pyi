@@ -11,5 +11,6 @@ from .form import (
     LowerForm as LowerForm,
     switch as switch,
 )
+from .idle import held as held, idle_controls as idle_controls
 from .inequalities import InequalityRow as InequalityRow
 from .latex import as_latex as as_latex

@@ -4,7 +4,6 @@ from .declaration import OptimalControlProblem as OptimalControlProblem
 from .excursions import bridge_variance as bridge_variance
 from .expression import FUNCTIONS as FUNCTIONS, parse_expression as parse_expression
 from .free_time import StepLength as StepLength
-from .idle import held as held, idle_controls as idle_controls
 from .scales import (
     Scales as Scales,
     natural_scales as natural_scales,

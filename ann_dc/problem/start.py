@@ -174,7 +174,7 @@ def check_start(problem: OptimalControlProblem, start: Start) -> None:
         symbols = (*problem.states, *problem.controls)
         values = dict(zip(symbols, map(float, (*q[:, k], *start.u[:, k]))))
         at = ", ".join(f"{symbol} = {value:g}" for symbol, value in values.items())
-        given = {symbol: float(rows[k]) for symbol, rows in problem.inputs.items()}
+        given = {symbol: float(np.asarray(rows)[k]) for symbol, rows in problem.inputs.items()}
         found = culprit(expressions, values | given)
         raise ProblemError(
             f"start: {name} or its slope has no finite value at stage {k} ({at})"

@@ -107,7 +107,7 @@ def within_domain(problem: Any, q: np.ndarray, u: np.ndarray, step: np.ndarray) 
     u, step : (m, N) arrays
         Controls in the domain, and what is added to them.
     """
-    share = np.ones(u.shape[1])
+    share, bad = np.ones(u.shape[1]), np.zeros(u.shape[1], bool)
     for _ in range(HALVINGS):
         bad = ~defined(problem, q, u + share * step)
         if not bad.any():
@@ -116,7 +116,7 @@ def within_domain(problem: Any, q: np.ndarray, u: np.ndarray, step: np.ndarray) 
     return u + np.where(bad, 0.0, share) * step
 
 
-def culprit(expressions: Iterable[sp.Expr], values: dict[sp.Symbol, float]) -> str:
+def culprit(expressions: Iterable[Any], values: dict[Any, float]) -> str:
     """Return the first function in some expressions that is not finite with its slope, as text.
 
     Parameters

@@ -8,6 +8,7 @@ every optimum of the held problem is one of the problem, at the same cost.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -72,13 +73,14 @@ def held(problem: OptimalControlProblem) -> OptimalControlProblem:
     idle = np.zeros((0, 0)) if problem.objectives else idle_controls(problem)
     if not idle.any():
         return problem
-    scales, cost, inputs = natural_scales(problem), problem.cost, dict(problem.inputs)
-    for control, scale, limits, stages in zip(
+    scales, cost = natural_scales(problem), problem.cost
+    inputs: dict[Any, Any] = dict(problem.inputs)
+    for control, scale, (low, high), stages in zip(
         problem.controls, scales.controls, problem.control_limits, idle.T
     ):
         if stages.any():
             weight = sp.Symbol(HOLD.format(control))
-            value = _inside(*limits, scale.factor)
+            value = _inside(low, high, scale.factor)
             cost += weight * (control - value) ** 2 / 2
             inputs[weight] = scales.cost / scale.factor**2 * stages
     return replace(problem, cost=cost, inputs=inputs)
