@@ -56,7 +56,7 @@ from ann_dc.records import Record
 from ann_dc.scale import Scale
 
 HOLD = "hold_{}"
-"""Name of the input that weighs how a control is held where it has no effect; see `decomposition.idle.held`."""
+"""Name of the input that weighs how a control is held where it has no effect (`decomposition.held`)."""
 
 
 @such_as("ann_dc.plants.car()")
@@ -237,7 +237,7 @@ class OptimalControlProblem(Measured, Several, Record):
 
     @property
     def held(self) -> tuple[sp.Symbol, ...]:
-        """Controls that are held at stages where they have no effect; see `decomposition.idle.held`."""
+        """Controls that are held at stages where they have no effect (`decomposition.held`)."""
         return tuple(c for c in self.controls if sp.Symbol(HOLD.format(c)) in self.inputs)
 
     @property
