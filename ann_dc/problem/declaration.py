@@ -56,7 +56,7 @@ from ann_dc.records import Record
 from ann_dc.scale import Scale
 
 HOLD = "hold_{}"
-"""Name of the input that weighs how a control is held where it has no effect (`decomposition.held`)."""
+"""Input that weighs how a control is held where it has no effect (`decomposition.held`)."""
 
 
 @such_as("ann_dc.plants.car()")
