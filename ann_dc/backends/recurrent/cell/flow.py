@@ -8,7 +8,7 @@ stages, samples.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 
@@ -136,7 +136,8 @@ class Flow:
         def exchanged(turn, held, wrong, arriving, x):
             last = torch.where(wrong, order[:, None], -1).amax(0)
             held = held ^ (wrong & ((order[:, None] == last) | (turn < rules.BLOCKS)))
-            moves, currents = self.layout.metric.clamped(self.constants, arriving, places, held)
+            clamped: Any = self.layout.metric.clamped
+            moves, currents = clamped(self.constants, arriving, places, held)
             given, found = arriving.flatten(0, 1)[places], moves.flatten(0, 1)[places]
             size = torch.where(held, given.abs() + currents.abs(), 0.0).amax(0)
             lets_go = rules.lets_go(x, currents, low, high, rules.ROUNDING * size)
