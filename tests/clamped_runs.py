@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 from designs import small, wired_with
 
 from ann_dc.analysis import equilibrium
@@ -12,6 +13,11 @@ from ann_dc.network import Limiter, Network
 from ann_dc.network.metrics import Kind
 
 COUPLED = (Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE)
+
+OF_RUNS = tuple(
+    pytest.param(kind, marks=() if kind is Kind.GRID else pytest.mark.slow) for kind in COUPLED
+)
+"""The same for tests of whole runs, which take seconds; `make slow` runs three of them."""
 
 
 def railed(network: Network, size: float, *populations: str) -> Network:

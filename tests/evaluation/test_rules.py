@@ -14,6 +14,7 @@ import scipy.linalg
 import scipy.optimize
 from clamped_runs import (
     COUPLED,
+    OF_RUNS,
     at_rails,
     railed,
     rails_of,
@@ -230,13 +231,8 @@ def test_moves_at_rails_of_random_networks_are_those_of_numpy(metric, seed):
 # ---- runs ----------------------------------------------------------------------------------------
 
 
-@every_evaluator
-@pytest.mark.parametrize(
-    "metric",
-    [Kind.GRID, Kind.PYRAMID]
-    + [pytest.param(kind, marks=pytest.mark.slow) for kind in (Kind.TREE, Kind.COUPLED_PYRAMID)],
-    ids=lambda kind: kind.name.lower(),
-)
+@pytest.mark.parametrize("kind", EVALUATORS[1:], ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("metric", OF_RUNS, ids=lambda kind: kind.name.lower())
 def test_evaluators_agree_along_a_run_whose_held_set_changes_a_hundred_times(metric, kind):
     network, states, changes = run_with_changes(metric)
     assert changes >= 100

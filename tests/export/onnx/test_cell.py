@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from clamped_runs import (
-    COUPLED,
+    OF_RUNS,
     railed,
     rails_of,
     resting_at_rails,
@@ -50,7 +50,7 @@ def test_a_step_is_the_networks(seed, kind):
             np.testing.assert_allclose(following[..., sample], walk.states, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("kind", COUPLED, ids=lambda kind: kind.name.lower())
+@pytest.mark.parametrize("kind", OF_RUNS, ids=lambda kind: kind.name.lower())
 def test_steps_follow_the_rule_of_rails_where_the_held_set_changes_a_hundred_times(kind):
     """All states of a run at once, each with neurons of its own that are held."""
     network, states, changes = run_with_changes(kind)

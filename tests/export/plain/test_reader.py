@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import sympy as sp
-from clamped_runs import COUPLED, railed, run_with_changes
+from clamped_runs import OF_RUNS, railed, run_with_changes
 from constrained import CONSTRAINED, integrator
 from designs import coordinated, designed, wired_with
 from minimax import CASES, car
@@ -108,7 +108,7 @@ def test_reader_of_the_readme_takes_the_steps_of_the_vector(name, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:unclosed file")
-@pytest.mark.parametrize("kind", COUPLED, ids=lambda kind: kind.name.lower())
+@pytest.mark.parametrize("kind", OF_RUNS, ids=lambda kind: kind.name.lower())
 def test_reader_follows_the_rule_of_rails_where_the_held_set_changes_a_hundred_times(
     kind, tmp_path, monkeypatch
 ):

@@ -144,6 +144,7 @@ def pulled() -> Network:
     return Network(cell=cell, stages=1, inputs={"a": -1.0, "b": 4.0}, metric=grid)
 
 
+@pytest.mark.slow
 def test_a_program_moves_a_neuron_off_its_rail_where_another_one_pulls():
     """With a drive of -1 it is pulled off, with -3 it is held: see `clamps.projected`."""
     program = loaded(torch_program_files(pulled(), vector_of(pulled())))

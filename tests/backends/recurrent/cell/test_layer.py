@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from cell_layers import assert_close, wire, with_factors
-from clamped_runs import COUPLED, railed, rails_of, run_with_changes
+from clamped_runs import COUPLED, OF_RUNS, railed, rails_of, run_with_changes
 from designs import coordinated, designed, near_start, small, wired_with
 from problems import SUITE
 
@@ -176,7 +176,7 @@ def test_trained_time_constants_at_rails_move_as_those_of_the_trained_network(ki
     assert_close(moves, [trained.rhs(x) for x in states[::20]])
 
 
-@every_coupled
+@pytest.mark.parametrize("kind", OF_RUNS, ids=lambda kind: kind.name.lower())
 def test_gradients_at_rails_are_those_of_the_neurons_that_are_free(kind):
     """In states beyond their rails, where a small change of them holds the same neurons."""
     network = railed(wired_with("double_integrator", kind), 0.2)
