@@ -15,6 +15,7 @@ from ann_dc.backends.status import Outcome, Status
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.generated.choice import fast_evaluator
+from ann_dc.gain_design.choice import DEARER
 from ann_dc.gain_design.procedure import Design
 from ann_dc.network.network import Network
 from ann_dc.optimality.prospects.boundedness import Unbounded
@@ -37,8 +38,9 @@ def solution_of(
 ) -> Solution:
     """Run a frozen network and certify the answer.
 
-    If the run does not settle, networks with the next best gains are run; if none settles where
-    the design knows a certified optimum, that is the answer.
+    If the run does not settle, or at an optimum that costs more than that of the design, networks
+    with the next best gains and presets are run. The cheapest certified answer is taken; if none
+    settles, it is the optimum that the design knows.
 
     Parameters
     ----------
@@ -57,15 +59,30 @@ def solution_of(
     """
     found = _solution(problem, equations, network, designed, _run(backend, network, designed))
     is_studied = equations.form != equations.form.designable  # its own start and run are the answer
-    if found.certified or designed is None or is_studied or _is_of_backend(found, designed):
+    if designed is None or is_studied or _is_of_backend(found, designed):
         return _explained(found, prospect)
-    if designed.settled and found.status.outcome is not Outcome.STOPPED:
-        for other in designed.alternatives():
-            again = _run(backend, other.network, other)
-            settled = _solution(problem, equations, other.network, other, again)
-            if settled.certified:
-                return settled
+    dearest = _dearest(problem, designed)
+    others = designed.alternatives() if designed.settled else iter(())
+    answers = [found]
+    while answers[-1].status.outcome is not Outcome.STOPPED:
+        if answers[-1].certified and answers[-1].objective <= dearest:
+            return answers[-1]
+        if (other := next(others, None)) is None:
+            break
+        run = _run(backend, other.network, other)
+        answers.append(_solution(problem, equations, other.network, other, run))
+    certified = [answer for answer in answers if answer.certified]
+    if certified:
+        return min(certified, key=lambda answer: answer.objective)
     return _known(found) or _explained(found, prospect)
+
+
+def _dearest(problem: OptimalControlProblem, designed: Design) -> float:
+    """Largest objective at which a run has settled where its design did, or at a cheaper point."""
+    if not designed.settled:
+        return float("inf")
+    aim = certificate_of(problem, designed.network, designed.state).objective
+    return aim + DEARER * abs(aim)
 
 
 def _is_of_backend(found: Solution, designed: Design) -> bool:

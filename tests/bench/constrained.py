@@ -1,8 +1,9 @@
 """Inequalities: 26 problems with rows and limits, designed from the line and run frozen.
 
-Every problem is designed with one setting, and the frozen network runs in continuous time from the
-line. It counts when it settles to a certified optimum, violation and complementarity included,
-whose objective IPOPT, started there, confirms to 1e-5. Failures are listed, not hidden.
+Every problem is solved with one setting, and the frozen network runs in continuous time from the
+line, or from the presets that the row names. It counts when it settles to a certified optimum,
+violation and complementarity included, whose objective IPOPT, started there, confirms to 1e-5.
+Failures are listed, not hidden.
 """
 
 import argparse
@@ -20,7 +21,6 @@ from constrained import CONSTRAINED
 from reference import ipopt
 
 import ann_dc
-from ann_dc.solution import certificate_of, path_of
 
 AGREE = 1e-5
 """Relative difference of objectives, at most; a better one counts too."""
@@ -40,7 +40,7 @@ class Row:
 
     def figure(self) -> Figure:
         """Settling, beside the first run and what was settled to."""
-        first = f"first run {'settled' if self.first else 'had not settled'} in {self.steps} steps"
+        first = f"optimum {'known' if self.first else 'not known'} after {self.steps} steps"
         return Figure(
             name=f"{self.name}: settling to 1e-6",
             value=f"{self.settling:.0f} fastest time constants" if self.frozen else "never",
@@ -52,18 +52,17 @@ class Row:
 def measure(name: str) -> Row:
     """Design a problem from the line and run the frozen network."""
     problem, began = CONSTRAINED[name].problem, time.perf_counter()
-    designed = ann_dc.design(problem)
-    run = ann_dc.OdeBackend(verify=False).run(designed.network)
-    proof = certificate_of(problem, designed.network, run.trajectory.final)
+    answer = ann_dc.solve(problem, backend=ann_dc.OdeBackend(verify=False))
+    designed, run, proof = answer.design, answer.run, answer.certificate
     frozen, remark = run.status.settled and proof.certified, str(run.status)
     if frozen:
-        best = ipopt(problem, guess=path_of(designed.network, run.trajectory.final)).objective
+        best = ipopt(problem, guess=(answer["q"].T, answer["u"].T)).objective
         apart = (proof.objective - best) / abs(best)
         frozen = apart < AGREE
         remark = (
             f"{'certified' if frozen else 'NOT the optimum'}, E = {proof.objective:.6g}, "
             f"{apart:+.0e} of it from IPOPT's; {proof.complementarity.counts}; "
-            f"ratio {designed.spectrum.ratio:.1f}"
+            f"ratio {designed.spectrum.ratio:.1f}; from {designed.start or 'the line'}"
         )
     elif run.status.settled:
         remark = proof.reason
@@ -84,7 +83,7 @@ def figures(names: Sequence[str] = tuple(CONSTRAINED), processes: int = 2) -> It
     whole = len(rows) == len(CONSTRAINED)
     first, frozen = sum(row.first for row in rows), sum(row.frozen for row in rows)
     yield Figure(
-        name="design runs that settle from the line",
+        name="designs that know an optimum",
         value=f"{first} of {len(rows)}",
         good=not whole or first >= 22,
     )

@@ -4,12 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from constrained import CONSTRAINED
 
 import ann_dc
 from ann_dc.backends import Outcome, Recorder, Settling, not_settled
 from ann_dc.evaluation.generated import fast_evaluator
 from ann_dc.network.metrics import ALL_KINDS
 from ann_dc.progress import Stopped, silent
+from ann_dc.solution import certificate_of
 
 
 @dataclass(frozen=True)
@@ -72,3 +74,14 @@ def test_gains_by_hand_leave_nothing_known(problem):
     assert found.status.outcome is Outcome.NOT_SETTLED
     assert not found.certified
     assert np.isnan(found.settling_time)
+
+
+@pytest.mark.slow
+def test_run_that_settles_at_a_dearer_optimum_is_not_the_answer():
+    """Euler steps of a rehearsal and the ODE lead to different optima: 172.4 and 226.9."""
+    problem = CONSTRAINED["car_disc3"].problem
+    solution = ann_dc.solve(problem)
+    aim = certificate_of(problem, solution.network, solution.design.state)
+    assert solution.certified
+    assert solution.status.settled
+    assert solution.objective == pytest.approx(aim.objective, rel=1e-6)
