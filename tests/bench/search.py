@@ -157,7 +157,7 @@ def _shares(kind: str, rows: list[Row]) -> Iterator[Figure]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("families", nargs="*", default=list(FAMILIES), choices=[*FAMILIES, []])
+    parser.add_argument("families", nargs="*", metavar="FAMILY", help=", ".join(FAMILIES))
     parser.add_argument("--seeds", type=int, default=len(SEEDS))
     given = parser.parse_args()
-    sys.exit(show(figures(given.families, range(given.seeds))))
+    sys.exit(show(figures(given.families or tuple(FAMILIES), range(given.seeds))))
