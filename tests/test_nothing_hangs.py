@@ -26,7 +26,8 @@ def returned(family: str, seed: int, limit: float, grace: float = GRACE):
         assert not ipopt(given).success
     if solution.certified:
         found = ipopt(given, guess=(solution["q"].T, solution["u"].T))
-        np.testing.assert_allclose(solution.objective, found.objective, rtol=1e-5, atol=1e-7)
+        off = 1e-5 + 3 * solution.certificate.newton_step  # 7e-5 where one control moves a chain
+        np.testing.assert_allclose(solution.objective, found.objective, rtol=off, atol=1e-7)
     return solution
 
 

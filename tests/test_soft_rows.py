@@ -70,7 +70,7 @@ def test_a_price_above_the_multiplier_gives_the_hard_optimum():
     """The L1 penalty is exact."""
     soft, hard = ann_dc.solve(softened("dint_v", 30)), ann_dc.solve(CONSTRAINED["dint_v"].problem)
     np.testing.assert_allclose(soft["u"], hard["u"], atol=1e-7)
-    assert soft.certificate.objective == pytest.approx(hard.certificate.objective, rel=1e-8)
+    assert soft.certificate.objective == pytest.approx(hard.certificate.objective, rel=1e-7)
     kept = soft.certificate.soft_rows
     assert (kept.at_price, kept.yielding, kept.worst, kept.cost) == (
         0, 0, "", pytest.approx(0, abs=1e-8)
