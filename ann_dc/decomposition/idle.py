@@ -62,13 +62,10 @@ def held(problem: OptimalControlProblem) -> OptimalControlProblem:
 
     Examples
     --------
-    >>> x, v, a = sp.symbols("x v a")
-    >>> problem = OptimalControlProblem(
-    ...     states=(x, v), controls=(a,), dynamics=(v, a), dt=0.1, cost=x**2, horizon=4,
-    ...     q_0=(1, 0), bounds={a: (-1, 1)})
-    >>> print(held(problem))  # doctest: +NORMALIZE_WHITESPACE
-    problem: 2 states (x, v), 1 control (a), 4 stages of 0.1 s, free at the end: x, v, bounds: a,
-    held where it has no effect: a
+    >>> from ann_dc import plants
+    >>> car = plants.car()
+    >>> held(car) is car
+    True
     """
     idle = np.zeros((0, 0)) if problem.objectives else idle_controls(problem)
     if not idle.any():

@@ -1,4 +1,4 @@
-"""What a design may ask of the problem behind its network."""
+"""Questions of a design to the problem behind its network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How wide the neighbourhood is in which a network with the same constants settles, by samples."""
+"""Sample the neighbourhood in which a network with the same constants settles."""
 
 from __future__ import annotations
 

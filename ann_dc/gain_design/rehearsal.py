@@ -44,7 +44,7 @@ ELSEWHERE = 0.05
 
 
 class Patience(NamedTuple):
-    """How long rehearsals are waited for.
+    """Effort that rehearsals may take.
 
     Attributes
     ----------
@@ -59,9 +59,9 @@ class Patience(NamedTuple):
 
 
 PATIENT = Patience(steps=60_000, failures=3)
-"""Where the network itself has found the settled point."""
+"""For settled points that the network itself has found."""
 HASTY = Patience(steps=10_000, failures=1)
-"""Where its first run failed and presets remain to be tried; for all kinds but grids."""
+"""For points that a search found, where presets remain to be tried; for all kinds but grids."""
 
 
 def rehearse(

@@ -1,4 +1,4 @@
-"""What a design asks of a problem: is there an optimum, where, at what cost?"""
+"""Answers of a problem to its design: is there an optimum, where, at what cost?"""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ann_dc.solution.finding import finder_of, path_of
 
 
 def knowledge_of(prospect: Prospect, network: Network) -> Knowledge:
-    """What a design may ask of the problem behind its network.
+    """Return the answers of the problem behind a network.
 
     Parameters
     ----------

@@ -183,7 +183,7 @@ def _hopeless(found: Infeasible | Unbounded, now: float) -> Status:
 
 
 def _explained(solution: Solution, prospect: Prospect) -> Solution:
-    """What failed, with the reason where it is the problem's."""
+    """Return the failure, with the reason if it is the problem's."""
     known = (Outcome.STOPPED, Outcome.INFEASIBLE, Outcome.UNBOUNDED)
     minimum = solution.status.settled and solution.certificate.second_order
     if solution.certified or minimum or solution.status.outcome in known:

@@ -102,7 +102,7 @@ class Solution(Record):
 
     @property
     def certified(self) -> bool:
-        """Whether the answer is an optimum: of a network that settled, or as ``status`` tells."""
+        """True if the answer is an optimum: of a network that settled, or as ``status`` tells."""
         told = (Outcome.SETTLED, Outcome.FOUND, Outcome.STOPPED)
         return self.status.outcome in told and self.certificate.certified
 

@@ -81,7 +81,7 @@ def where_there(network: Network, graph: Graph, number: int, row: str) -> str:
 def clamped(
     graph: Graph, count: int, table: str, given: str, at_rails: tuple[str, str], batch: str
 ) -> tuple[str, str]:
-    """Who is held at rails, booleans (R, B), and the currents (R, B) of the diodes there.
+    """Neurons that are held at rails, booleans (R, B), and currents (R, B) of the diodes there.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What every export does with the files beside its own: a vector, tables of notes, hashes.
+"""Files beside those of an export: a vector, tables of notes, hashes.
 
 `check_rails` is for formats that cannot follow the vector where a metric couples neurons at rails.
 """

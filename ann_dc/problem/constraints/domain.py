@@ -1,4 +1,4 @@
-"""Where a problem is defined: paths at which map, cost and inequalities have finite slopes.
+"""Domain of a problem: paths at which map, cost and inequalities have finite slopes.
 
 ``log(c)`` and its slope are not finite at c = 0, ``sqrt(a**2 + b**2)`` has no slope where a and b
 are zero. A start there is moved into the domain.
@@ -15,7 +15,7 @@ import sympy as sp
 SIZES = (1.0, 0.1, 10.0, 0.01, 100.0)
 """Controls that are tried where the cheapest ones lie outside the domain."""
 HALVINGS = 20
-"""How often a step that leads out of the domain is halved."""
+"""Halvings of a step that leads out of the domain, at most."""
 
 
 def terms(problem: Any, q: np.ndarray, u: np.ndarray) -> list[tuple[str, Any, np.ndarray]]:
