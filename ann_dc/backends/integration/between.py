@@ -106,7 +106,7 @@ def last_exit(system, aside, h, ends, tolerance):
 
     Parameters
     ----------
-    system : Interpreted or Generated
+    system : System
     aside : Aside
         Overwritten.
     h : float

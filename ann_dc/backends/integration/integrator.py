@@ -237,7 +237,7 @@ def advance(system, rows, course, ends, log):
 
     Parameters
     ----------
-    system : Interpreted or Generated
+    system : System
     rows : Rows
     course : Course
         Overwritten.
@@ -277,7 +277,7 @@ def draw(system, rows, course, ends, places, known, times):
 
     Parameters
     ----------
-    system : Interpreted or Generated
+    system : System
     rows : Rows
     course : Course
         Overwritten.

@@ -1,50 +1,44 @@
-"""What is integrated: a tape that loops interpret, or generated code, behind a few functions.
-
-Compiled loops choose by the type of the record, when they are compiled. In Python these functions
-do nothing.
-"""
+"""What is integrated: code at addresses, generated for a network or interpreting its tape."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import overload
+from numba import types
+from numba.np.numpy_support import carray
 
 from ann_dc.evaluation import loops
 from ann_dc.evaluation.domains import DomainGuard
+from ann_dc.evaluation.formulas import called_by_address, inlined, inner
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.generated.plan import Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.loops import Workspace
 from ann_dc.evaluation.tape import Tape
-from ann_dc.evaluation.vector_code.calls import call
+from ann_dc.evaluation.vector_code.calls import (
+    WIDTH,
+    call,
+    cube,
+    entries,
+    floats,
+    integer_matrix,
+    integer_vector,
+    integers,
+    matrix,
+    vector,
+)
 from ann_dc.evaluation.vector_code.step_code import UNROLLED, step_code
 
-_OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
+class System(NamedTuple):
+    """Functions at addresses; states are flat, with a ghost chunk at either end.
 
-class Interpreted(NamedTuple):
-    """A tape, whose states are vectors (n,)."""
-
-    tape: Tape
-    """What is evaluated."""
-    work: Workspace
-    """Where."""
-    guard: DomainGuard
-    """Domains of the function blocks."""
-    ghost: int
-    """None: 0."""
-    size: int
-    """n."""
-    live: int
-    """n."""
-
-
-class Generated(NamedTuple):
-    """Generated code, whose states are tables with a ghost chunk at either end, flat."""
+    The ghosts of a vector (n,) have no numbers.
+    """
 
     rhs: int
     """Address of ``rhs``."""
@@ -59,7 +53,7 @@ class Generated(NamedTuple):
     table: np.ndarray
     """Addresses of all tables."""
     found: np.ndarray
-    """(3 lanes,): what is given back."""
+    """(3,) at least: what is given back."""
     ghost: int
     """Numbers of a ghost chunk."""
     size: int
@@ -76,7 +70,7 @@ class Integrand:
 
     Attributes
     ----------
-    system : Interpreted or Generated
+    system : System
     state : callable
         A state vector (n,) as the system has it.
     chosen : (n,) array of int
@@ -87,7 +81,7 @@ class Integrand:
         What has the memory that compiled code knows by address.
     """
 
-    system: Interpreted | Generated
+    system: System
     state: Callable[[np.ndarray], np.ndarray]
     chosen: np.ndarray
     length: int
@@ -96,17 +90,46 @@ class Integrand:
 
 def interpreted(compiled: InterpretedEvaluator, guard: DomainGuard) -> Integrand:
     """Loops over a tape, within the domains of its function blocks."""
-    size = len(compiled.tape.places)
-    system = Interpreted(compiled.tape, compiled.work, guard, ghost=0, size=size, live=size)
-    chosen = np.arange(size)
-    return Integrand(system=system, state=np.copy, chosen=chosen, length=size, owner=compiled)
+    size, code = len(compiled.tape.places), loop_code()
+    steps = step_code(Axis.STAGES.lanes, is_shared=True)
+    arrays = [_contiguous(array) for array in (*compiled.tape, *compiled.work, *guard)]
+    system = System(
+        rhs=code["rhs"].address,
+        residuals=code["residuals"].address,
+        keep=code["keep"].address if np.isfinite(compiled.tape.limits).any() else 0,
+        combine=steps["combine"],
+        error=steps["error"],
+        table=np.array([size, *entries(arrays)], np.int64),
+        found=np.zeros(3),
+        ghost=0,
+        size=size,
+        live=size,
+        padded=_padded(size),
+    )
+    reserve = np.zeros(system.padded - size)
+    return Integrand(
+        system=system,
+        state=lambda x: np.concatenate([x, reserve]),
+        chosen=np.arange(size),
+        length=system.padded,
+        owner=(compiled, arrays, code),
+    )
+
+
+def _padded(size: int) -> int:
+    """Round up to whole blocks of vector code."""
+    return -(-size // UNROLLED) * UNROLLED
+
+
+def _contiguous(array: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(array, np.int64 if array.dtype.kind in "iu" else np.float64)
 
 
 def generated(lanes: Lanes, guard: DomainGuard) -> Integrand:
     """The code of a network, within the domains of its function blocks."""
     entry, steps = lanes.entry, step_code(lanes.lanes, is_shared=lanes.plan.axis is Axis.STAGES)
     lanes.watch(guard)
-    system = Generated(
+    system = System(
         rhs=entry.rhs,
         residuals=entry.residuals,
         keep=entry.keep if lanes.plan.railed else 0,
@@ -117,7 +140,7 @@ def generated(lanes: Lanes, guard: DomainGuard) -> Integrand:
         ghost=entry.ghost,
         size=entry.size,
         live=entry.live,
-        padded=-(-entry.size // UNROLLED) * UNROLLED,
+        padded=_padded(entry.size),
     )
     reserve = np.zeros(UNROLLED)
     return Integrand(
@@ -129,161 +152,134 @@ def generated(lanes: Lanes, guard: DomainGuard) -> Integrand:
     )
 
 
-def _only_compiled(system: Any) -> Any:
-    raise NotImplementedError(f"{type(system).__name__}: compiled loops call this")
+# ---- loops over a tape, as code at addresses -----------------------------------------------------
+
+_COUNT = len((*Tape._fields, *Workspace._fields, *DomainGuard._fields))
+(
+    _BLOCKS, _DRIVES, _SOURCES, _WEIGHTS, _RATES, _LIMITS, _ROLES, _PLACES, _SHARED, _PINS, _SLOTS,
+    _ENTRIES, _SLOT_START, _CHAINS, _GRIDS, _GRID_STARTS, _HATS, _SHARES, _COUPLED, _FACTOR,
+    _FACTOR_COLUMNS, _STIFF, _REACHED,
+    _VALUES, _ARRIVED, _MOVES, _NODES, _ARRIVING, _CLAMP,
+    _DOMAINS, _SIGNS,
+) = range(1, 1 + WIDTH * _COUNT, WIDTH)  # fmt: skip
 
 
-def slope(system: Any, x: np.ndarray, out: np.ndarray) -> bool:
-    """dx/ds of a state into ``out``; False where a function block is outside its domain."""
-    return _only_compiled(system)
+@inner
+def _tape(table):
+    return Tape(
+        integer_matrix(table, _BLOCKS), integer_matrix(table, _DRIVES),
+        integer_matrix(table, _SOURCES), matrix(table, _WEIGHTS), matrix(table, _RATES),
+        matrix(table, _LIMITS), integer_vector(table, _ROLES), integer_matrix(table, _PLACES),
+        integer_vector(table, _SHARED), matrix(table, _PINS), integer_matrix(table, _SLOTS),
+        integer_matrix(table, _ENTRIES), matrix(table, _SLOT_START), integer_matrix(table, _CHAINS),
+        cube(table, _GRIDS), integer_vector(table, _GRID_STARTS), integer_vector(table, _HATS),
+        vector(table, _SHARES), integer_matrix(table, _COUPLED), vector(table, _FACTOR),
+        integer_vector(table, _FACTOR_COLUMNS), matrix(table, _STIFF),
+        integer_vector(table, _REACHED),
+    )  # fmt: skip
 
 
-def residuals(system: Any, x: np.ndarray) -> tuple[float, float, float]:
-    """Both, and the largest magnitude, of the state at which the slope was last asked for."""
-    return _only_compiled(system)
+@inner
+def _workspace(table):
+    return Workspace(
+        matrix(table, _VALUES), matrix(table, _ARRIVED), matrix(table, _MOVES),
+        matrix(table, _NODES), matrix(table, _ARRIVING), integer_vector(table, _CLAMP),
+    )  # fmt: skip
 
 
-def kept(system: Any, x: np.ndarray) -> None:
-    """A state back to the rails that a step went past."""
-    return _only_compiled(system)
+@inner
+def _opened(table):
+    return carray(integers(table), (1 + WIDTH * _COUNT,))
 
 
-def combined(system: Any, rows: Any, stage: int, course: Any, h: float) -> None:
-    """The state ahead: x plus h times the weighted slopes of a stage."""
-    return _only_compiled(system)
+def _rhs(table, x, out):
+    table = _opened(table)
+    tape, work, size = _tape(table), _workspace(table), (table[0],)
+    loops.rhs(tape, work, carray(floats(x), size), carray(floats(out), size))
+    guard = DomainGuard(matrix(table, _DOMAINS), matrix(table, _SIGNS))
+    return 1 if loops.first_outside(tape, work, guard)[0] >= 0 else 0
 
 
-def squares(system: Any, rows: Any, course: Any, rtol: float, atol: float) -> tuple[float, float]:
-    """Sums of the squares of both error estimates, each over the tolerance there."""
-    return _only_compiled(system)
+def _residuals(table, x, out):
+    table, largest = _opened(table), 0.0
+    state, found = carray(floats(x), (table[0],)), carray(floats(out), (3,))
+    for i in range(state.shape[0]):
+        largest = max(largest, abs(state[i]))
+    found[0], found[1] = loops.residuals(_tape(table), _workspace(table))
+    found[2] = largest
+    return 0
 
 
-def _is_generated(system: Any) -> bool:
-    return getattr(system, "instance_class", None) is Generated
+def _keep(table, x, out):
+    table = _opened(table)
+    loops.keep_within_rails(_tape(table), carray(floats(out), (table[0],)))
+    return 0
 
 
-@overload(slope, jit_options=_OPTIONS)
-def _slope(system, x, out):
-    if _is_generated(system):
-
-        def generated(system, x, out):
-            addresses = (system.table.ctypes.data, x.ctypes.data, out.ctypes.data)
-            return call(system.rhs, addresses, ()) == 0
-
-        return generated
-
-    def interpreted(system, x, out):
-        loops.rhs(system.tape, system.work, x, out)
-        return loops.first_outside(system.tape, system.work, system.guard)[0] < 0
-
-    return interpreted
+@cache
+def loop_code() -> dict[str, Any]:
+    """Return what generated code has besides, for any tape, each with its ``address``."""
+    signature = types.int64(types.int64, types.int64, types.int64)
+    functions = {"rhs": _rhs, "residuals": _residuals, "keep": _keep}
+    return {name: called_by_address(code, signature) for name, code in functions.items()}
 
 
-@overload(residuals, jit_options=_OPTIONS)
-def _residuals(system, x):
-    if _is_generated(system):
-
-        def generated(system, x):
-            found = system.found
-            addresses = (system.table.ctypes.data, x.ctypes.data, found.ctypes.data)
-            call(system.residuals, addresses, ())
-            return found[0], found[1], found[2]
-
-        return generated
-
-    def interpreted(system, x):
-        largest = 0.0
-        for i in range(x.shape[0]):
-            largest = max(largest, abs(x[i]))
-        constraint, stationarity = loops.residuals(system.tape, system.work)
-        return constraint, stationarity, largest
-
-    return interpreted
+# ---- as compiled loops call it -------------------------------------------------------------------
 
 
-@overload(kept, jit_options=_OPTIONS)
-def _kept(system, x):
-    if _is_generated(system):
-
-        def generated(system, x):
-            if system.keep != 0:
-                call(system.keep, (system.table.ctypes.data, x.ctypes.data, x.ctypes.data), ())
-
-        return generated
-
-    def interpreted(system, x):
-        loops.keep_within_rails(system.tape, x)
-
-    return interpreted
+@inlined
+def slope(system, x, out):
+    """Write dx/ds of a state; return False if a function block is outside its domain."""
+    addresses = (system.table.ctypes.data, x.ctypes.data, out.ctypes.data)
+    return call(system.rhs, addresses, ()) == 0
 
 
-@overload(combined, jit_options=_OPTIONS)
-def _combined(system, rows, stage, course, h):
-    if _is_generated(system):
-
-        def generated(system, rows, stage, course, h):
-            first, last = rows.starts[stage], rows.starts[stage + 1]
-            course.scales[0] = h
-            addresses = (
-                course.ahead.ctypes.data + 8 * system.ghost,
-                course.x.ctypes.data + 8 * system.ghost,
-                course.slopes.ctypes.data,
-                rows.weights.ctypes.data + 8 * first,
-                course.offsets.ctypes.data + 8 * first,
-                course.scales.ctypes.data,
-            )
-            call(system.combine, addresses, (last - first, system.padded))
-
-        return generated
-
-    def interpreted(system, rows, stage, course, h):
-        x, ahead, slopes = course.x, course.ahead, course.slopes
-        for i in range(x.shape[0]):
-            ahead[i] = x[i]
-        for j in range(rows.starts[stage], rows.starts[stage + 1]):
-            share, slope_j = h * rows.weights[j], slopes[rows.which[j]]
-            for i in range(x.shape[0]):
-                ahead[i] += share * slope_j[i]
-
-    return interpreted
+@inlined
+def residuals(system, x):
+    """Return both, and the largest magnitude, of the state whose slope was last asked for."""
+    found = system.found
+    addresses = (system.table.ctypes.data, x.ctypes.data, found.ctypes.data)
+    call(system.residuals, addresses, ())
+    return found[0], found[1], found[2]
 
 
-@overload(squares, jit_options=_OPTIONS)
-def _squares(system, rows, course, rtol, atol):
-    if _is_generated(system):
+@inlined
+def kept(system, x):
+    """Put a state back to the rails that a step went past."""
+    if system.keep != 0:
+        call(system.keep, (system.table.ctypes.data, x.ctypes.data, x.ctypes.data), ())
 
-        def generated(system, rows, course, rtol, atol):
-            stages = rows.starts.shape[0] - 3
-            first, middle, last = rows.starts[stages], rows.starts[stages + 1], rows.starts[-1]
-            course.scales[0], course.scales[1] = rtol, atol
-            addresses = (
-                course.x.ctypes.data + 8 * system.ghost,
-                course.ahead.ctypes.data + 8 * system.ghost,
-                course.slopes.ctypes.data,
-                rows.weights.ctypes.data + 8 * first,
-                course.offsets.ctypes.data + 8 * first,
-                course.scales.ctypes.data,
-                system.found.ctypes.data,
-            )
-            call(system.error, addresses, (middle - first, last - first, system.padded))
-            return system.found[0], system.found[1]
 
-        return generated
+@inlined
+def combined(system, rows, stage, course, h):
+    """Write the state ahead: x plus h times the weighted slopes of a stage."""
+    first, last = rows.starts[stage], rows.starts[stage + 1]
+    course.scales[0] = h
+    addresses = (
+        course.ahead.ctypes.data + 8 * system.ghost,
+        course.x.ctypes.data + 8 * system.ghost,
+        course.slopes.ctypes.data,
+        rows.weights.ctypes.data + 8 * first,
+        course.offsets.ctypes.data + 8 * first,
+        course.scales.ctypes.data,
+    )
+    call(system.combine, addresses, (last - first, system.padded))
 
-    def interpreted(system, rows, course, rtol, atol):
-        x, ahead, slopes = course.x, course.ahead, course.slopes
-        stages = rows.starts.shape[0] - 3
-        middle = rows.starts[stages + 1]
-        first_sum = second_sum = 0.0
-        for i in range(x.shape[0]):
-            first = second = 0.0
-            for j in range(rows.starts[stages], middle):
-                first += rows.weights[j] * slopes[rows.which[j], i]
-            for j in range(middle, rows.starts[-1]):
-                second += rows.weights[j] * slopes[rows.which[j], i]
-            scale = atol + rtol * max(abs(x[i]), abs(ahead[i]))
-            first_sum += (first / scale) ** 2
-            second_sum += (second / scale) ** 2
-        return first_sum, second_sum
 
-    return interpreted
+@inlined
+def squares(system, rows, course, rtol, atol):
+    """Return sums of the squares of both error estimates, each over the tolerance there."""
+    stages = rows.starts.shape[0] - 3
+    first, middle, last = rows.starts[stages], rows.starts[stages + 1], rows.starts[-1]
+    course.scales[0], course.scales[1] = rtol, atol
+    addresses = (
+        course.x.ctypes.data + 8 * system.ghost,
+        course.ahead.ctypes.data + 8 * system.ghost,
+        course.slopes.ctypes.data,
+        rows.weights.ctypes.data + 8 * first,
+        course.offsets.ctypes.data + 8 * first,
+        course.scales.ctypes.data,
+        system.found.ctypes.data,
+    )
+    call(system.error, addresses, (middle - first, last - first, system.padded))
+    return system.found[0], system.found[1]

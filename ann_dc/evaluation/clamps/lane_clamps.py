@@ -11,9 +11,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
 from numba.np.numpy_support import carray
 
 from ann_dc.evaluation import rules
@@ -21,6 +19,17 @@ from ann_dc.evaluation.clamps.pivots import clamp, is_railed
 from ann_dc.evaluation.clamps.solves import UNKNOWN, Couplings, Hold
 from ann_dc.evaluation.formulas import called_by_address, inner
 from ann_dc.evaluation.tape import Tape
+from ann_dc.evaluation.vector_code.calls import (
+    WIDTH,
+    cube,
+    entries,
+    floats,
+    integer_matrix,
+    integer_vector,
+    integers,
+    matrix,
+    vector,
+)
 
 _pushes_out = inner(rules.pushes_out)
 
@@ -85,12 +94,7 @@ class LaneClamps:
             "rates_of_lanes": given.get("rates_of_lanes", np.zeros(0)),
             "roots": given.get("roots", np.zeros(0)),
         }
-        head = [lanes]
-        for name in ARRAYS:
-            array = self.arrays[name]
-            sizes = (*array.shape, 1, 1, 1)[:3]
-            head += [array.ctypes.data, *sizes]
-        self.table = np.array(head, np.int64)
+        self.table = np.array([lanes, *entries(self.arrays[name] for name in ARRAYS)], np.int64)
 
     def renumber(self, tape: Tape) -> None:
         """Take over the numbers of another tape of the same wiring."""
@@ -102,59 +106,31 @@ class LaneClamps:
 # ---- as compiled code sees the table -------------------------------------------------------------
 
 
-def _pointer(kind: Any) -> Any:
-    def typed(typingctx, address):
-        def generate(context, builder, signature, values):
-            width = ir.DoubleType() if kind is types.float64 else ir.IntType(64)
-            return builder.inttoptr(values[0], width.as_pointer())
-
-        return types.CPointer(kind)(types.int64), generate
-
-    return intrinsic(typed)
-
-
-_floats, _integers = _pointer(types.float64), _pointer(types.int64)
-_HEAD, _EACH = 1, 4
+_FIRST = 1
 (
     _DRIVES, _RATES_OF_LANES, _ROOTS, _AT, _STATE_AT, _VALUES, _ARRIVING, _MOVES, _NODES, _HELD,
     _FACTOR, _RATES, _LIMITS, _REACHED, _CHAINS, _GRIDS, _GRID_STARTS, _HATS, _SHARES, _COUPLED,
     _STIFF,
-) = range(len(ARRAYS))  # fmt: skip
-
-
-def _view(pointed: Any, axes: int) -> Any:
-    """Compile a view of one array of the table, of a kind and a number of axes."""
-
-    @inner
-    def view(table, which):
-        at = _HEAD + _EACH * which
-        sizes = table[at + 1], table[at + 2], table[at + 3]
-        return carray(pointed(table[at]), sizes[:axes])
-
-    return view
-
-
-_vector, _matrix, _cube = (_view(_floats, axes) for axes in (1, 2, 3))
-_integer_vector, _integer_matrix = (_view(_integers, axes) for axes in (1, 2))
+) = range(_FIRST, _FIRST + WIDTH * len(ARRAYS), WIDTH)  # fmt: skip
 
 
 @inner
 def _couplings(table, lane):
-    rates = _cube(table, _RATES)
+    rates = cube(table, _RATES)
     return Couplings(
-        rates[min(lane, rates.shape[0] - 1)], _matrix(table, _LIMITS),
-        _integer_vector(table, _REACHED),
-        _integer_matrix(table, _CHAINS), _cube(table, _GRIDS),
-        _integer_vector(table, _GRID_STARTS), _integer_vector(table, _HATS),
-        _vector(table, _SHARES), _integer_matrix(table, _COUPLED), _matrix(table, _STIFF),
+        rates[min(lane, rates.shape[0] - 1)], matrix(table, _LIMITS),
+        integer_vector(table, _REACHED),
+        integer_matrix(table, _CHAINS), cube(table, _GRIDS),
+        integer_vector(table, _GRID_STARTS), integer_vector(table, _HATS),
+        vector(table, _SHARES), integer_matrix(table, _COUPLED), matrix(table, _STIFF),
     )  # fmt: skip
 
 
 @inner
 def _hold(table, lane):
     return Hold(
-        _matrix(table, _VALUES), _matrix(table, _ARRIVING), _matrix(table, _MOVES),
-        _matrix(table, _NODES), _cube(table, _HELD)[lane], _cube(table, _FACTOR)[lane],
+        matrix(table, _VALUES), matrix(table, _ARRIVING), matrix(table, _MOVES),
+        matrix(table, _NODES), cube(table, _HELD)[lane], cube(table, _FACTOR)[lane],
     )  # fmt: skip
 
 
@@ -204,13 +180,13 @@ def _scatter(couplings, hold, places, tables, out, lane):
 
 
 def _clamp_lanes(table, x, out):
-    head = carray(_integers(table), (_HEAD + _EACH * len(ARRAYS),))
+    head = carray(integers(table), (_FIRST + WIDTH * len(ARRAYS),))
     places, drives = (
-        (_integer_matrix(head, _AT), _integer_matrix(head, _STATE_AT)),
-        _vector(head, _DRIVES),
+        (integer_matrix(head, _AT), integer_matrix(head, _STATE_AT)),
+        vector(head, _DRIVES),
     )
-    states, moves = carray(_floats(x), drives.shape), carray(_floats(out), drives.shape)
-    tables = states, drives, _vector(head, _RATES_OF_LANES), _vector(head, _ROOTS)
+    states, moves = carray(floats(x), drives.shape), carray(floats(out), drives.shape)
+    tables = states, drives, vector(head, _RATES_OF_LANES), vector(head, _ROOTS)
     for lane in range(head[0]):
         couplings = _couplings(head, lane)
         if _is_at_rail(couplings, places[1], states, lane):

@@ -1,12 +1,37 @@
-"""Calls from compiled loops to code at an address: ``i64 f(ptr, ..., i64, ...)``."""
+"""Calls from compiled loops to code at an address, ``i64 f(ptr, ..., i64, ...)``, and its arrays.
+
+Arrays are handed over as a table of integers: `WIDTH` for each, its address and three sizes.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
+from numba.extending import intrinsic, register_jitable
+from numba.np.numpy_support import carray
+
+WIDTH = 4
+"""Integers that a table has for each array."""
+
+
+def entries(arrays: Iterable[np.ndarray]) -> list[int]:
+    """Return what a table has for contiguous arrays, which have to live as long as it.
+
+    Parameters
+    ----------
+    arrays : iterable of array
+        Of 64-bit numbers and at most three axes.
+    """
+    found = []
+    for array in arrays:
+        assert array.flags.c_contiguous
+        assert array.dtype in (np.float64, np.int64), array.dtype
+        found += [array.ctypes.data, *(*array.shape, 1, 1, 1)[:3]]
+    return found
 
 
 def _call(typingctx, address, pointers, numbers):
@@ -40,3 +65,33 @@ def _call(typingctx, address, pointers, numbers):
 
 call: Any = intrinsic(_call)
 """`_call`, as compiled loops have it."""
+
+
+def _pointer(kind: Any) -> Any:
+    def typed(typingctx, address):
+        def generate(context, builder, signature, values):
+            width = ir.DoubleType() if kind is types.float64 else ir.IntType(64)
+            return builder.inttoptr(values[0], width.as_pointer())
+
+        return types.CPointer(kind)(types.int64), generate
+
+    return intrinsic(typed)
+
+
+floats, integers = _pointer(types.float64), _pointer(types.int64)
+"""Pointer to numbers at an address, for compiled loops."""
+
+
+def _view(pointed: Any, axes: int) -> Any:
+    """Compile a view of the array whose entry begins at a place of a table."""
+
+    @register_jitable
+    def view(table, at):
+        sizes = table[at + 1], table[at + 2], table[at + 3]
+        return carray(pointed(table[at]), sizes[:axes])
+
+    return view
+
+
+vector, matrix, cube = (_view(floats, axes) for axes in (1, 2, 3))
+integer_vector, integer_matrix = (_view(integers, axes) for axes in (1, 2))
