@@ -174,7 +174,7 @@ def grid_node(nodes: Nodes, values: Values, text: CellText, part: GridNode) -> N
         ground = text.value(f"rg_{alias}", 1.0 / missing)
         for half, node in enumerate(here):
             text.card(f"Rg{half}_{alias}", (node, "0"), ground, {}, counts_as="resistor")
-    else:
+    elif missing < 0:  # zero where nothing but the own integrator leads to the node
         text.card(
             f"Rg_{alias}", here, text.value(f"rg_{alias}", 2.0 / missing), {}, counts_as="negative"
         )
