@@ -218,7 +218,7 @@ def study_circuit(
     run = _run(backend, built, deck) if simulated else None
     prediction, unpredicted = (None, found) if isinstance(found, Unpredicted) else (found, None)
     backend.progress("demand of the metric")
-    demand, undemanded = _demand(network, probe.final)
+    demand, undemanded = _demand(circuit.schematic.network, probe.final)
     return CircuitStudy(
         circuit=circuit,
         deck=deck,

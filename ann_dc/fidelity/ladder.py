@@ -186,7 +186,7 @@ def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
     first = Measured(
         name="ODE",
         group=Group.DIGITAL,
-        error=_distance(network, probe, probe.final),
+        error=_distance(probe.network, probe, probe.final),
         settling=control_settling(probe) * circuit.scaling.time,
     )
     return first, probe
@@ -218,8 +218,7 @@ def _cpu_rung(timing: SolverTiming) -> Measured:
 
 def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
     """Return the error of the controls at a state, relative to the equilibrium's."""
-    rest = equilibrium(network, probe.final)
-    wanted = control_values(network, rest)
+    wanted = control_values(probe.network, equilibrium(probe.network, probe.final))
     off = np.abs(control_values(network, x) - wanted).max()
     return float(off / size_of(wanted, probe.control_reach))
 

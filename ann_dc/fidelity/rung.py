@@ -108,7 +108,7 @@ def rungs(
     >>> [rung.name for rung in rungs(network, probe) if rung.group is Group.ALONE][:3]
     ['gain 1e+06 alone', 'slew 20 V/us alone', 'rails 14.5 V alone']
     """
-    step = SLOWEST * stability_limit(network, probe.final)
+    step = SLOWEST * stability_limit(probe.network, probe.final)
     boards = {name: with_rails(network, presets.get(name)) for name in presets.names()}
     return (
         Rung(name="behavioural", level=BEHAVIOURAL),

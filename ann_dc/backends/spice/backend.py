@@ -15,19 +15,19 @@ from typing import Annotated, TypeAlias
 import numpy as np
 
 from ann_dc.analysis.spectra import spectrum
-from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.backends.spice.circuit_run import CircuitRun, check_full_scale
 from ann_dc.backends.spice.netlist.deck import Deck, deck_of
 from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.pdk.files import PACKAGE
+from ann_dc.backends.spice.probe import probed
 from ann_dc.backends.spice.refinement import read_timed
 from ann_dc.backends.spice.span import span_of
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, snapped
-from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ProbeRun, ScalingRules, scale
+from ann_dc.hardware.circuit.scaling import HEADROOM, MARGIN, ScalingRules
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.states import pole_spectrum
@@ -49,9 +49,6 @@ from ann_dc.progress import Progress, silent
 NODE_LAG = 1e-3
 """Of a grid's nodes, in the network's fastest time constants."""
 Headroom: TypeAlias = Annotated[float, Range(words="a number, 1 or more", low=1.0)]
-
-PROBE = OdeBackend(method=DOP853, verify=False)
-"""The run that a circuit is scaled by and compared with."""
 
 
 @checked
@@ -139,6 +136,7 @@ class SpiceBackend:
         Returns
         -------
         circuit : Circuit
+            Of the given network, or of one with rows in the place of rails of coupled neurons.
         probe : Trajectory
             The ideal network's run that it was scaled by.
 
@@ -155,9 +153,6 @@ class SpiceBackend:
         check_series(self.series, level)
         check_rails(network, level)
         check_shared(network, level)
-        schematic = schematic_of(network, differential=level.technology.differential)
-        probe = self._probe(network)
-        radius = spectrum(network, probe.final).radius
         rules = ScalingRules(
             gbw=level.datasheet.usable_bandwidth,
             margin=self.margin or MARGIN,
@@ -165,16 +160,16 @@ class SpiceBackend:
             headroom=self.headroom,
             intervals=self.intervals,
         )
-        run = ProbeRun(states=probe.states, times=probe.time, radius=radius)
+        found = probed(network, rules, self.progress)
         sizing = Sizing(
-            schematic=schematic,
-            scaling=scale(network, run, rules),
+            schematic=schematic_of(found.network, differential=level.technology.differential),
+            scaling=found.scaling,
             level=level,
-            x=probe.final,
+            x=found.trajectory.final,
             margin=self.margin,
-            lag=self.node_lag / radius,
+            lag=self.node_lag / found.rate,
         )
-        return sized_circuit(sizing, progress=self.progress), probe
+        return sized_circuit(sizing, progress=self.progress), found.trajectory
 
     @checked
     def deviations(self, circuit: Circuit) -> dict[str, np.ndarray]:
@@ -277,17 +272,6 @@ class SpiceBackend:
         self.progress(f"ngspice, {self.level.name} level")
         raw = ngspice_of(self).run(deck.text, end_time=deck.end)
         return read_timed((circuit, deck, raw, probe), ngspice_of(self), self.level.datasheet)
-
-    def _probe(self, network: Network) -> Trajectory:
-        self.progress("probe run")
-        run = replace(PROBE, progress=self.progress).run(network)
-        if not run.status.settled:
-            alone = network.metric.kind is Kind.TIME_CONSTANTS and bool(network.cell.duals)
-            means = "; another metric may settle: Kind.PYRAMID (ann-dc circuit --metric pyramid)"
-            raise NetworkError(
-                f"circuit: the network has to settle to be scaled; {run.status}" + means * alone
-            )
-        return run.trajectory
 
 
 @checked

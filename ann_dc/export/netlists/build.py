@@ -176,7 +176,7 @@ def _built(network: Network, level: str, series: Series) -> Build:
         backend = SpiceBackend(level=made, series=series)
         specimen, doubts = _specimen(backend, network), []
         if made.emulated:
-            specimen = _without_ringing(backend, specimen)
+            specimen = _without_ringing(backend, specimen, network)
             doubts += _lost(specimen)
         error = _control_error(specimen)
         doubts += _coarse(specimen, error)
@@ -203,9 +203,8 @@ def _specimen(backend: SpiceBackend, network: Network) -> Specimen:
     return Specimen(circuit=circuit, level=backend.level, probe=probe, deviations=off)
 
 
-def _without_ringing(backend: SpiceBackend, specimen: Specimen) -> Specimen:
+def _without_ringing(backend: SpiceBackend, specimen: Specimen, network: Network) -> Specimen:
     """The same, or one with faster op amps: other metrics always ask for more than is usual."""
-    network = specimen.circuit.schematic.network
     usual = network.metric.kind is Kind.TIME_CONSTANTS
     if usual and pole_spectrum(specimen.emulation, specimen.probe.final).abscissa < 0:
         return specimen

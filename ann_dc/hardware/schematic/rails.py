@@ -120,9 +120,8 @@ def check_parts(network: Network, fused: Container[str], *, differential: bool) 
         elif coupled:
             why = (
                 f"a clamp holds one integrator, and the {network.metric.kind.value} couples "
-                f"{', '.join(coupled)} to others; design the network with "
-                "kinds=[Kind.TIME_CONSTANTS] (--kinds time-constants), or, if only controls have "
-                "rails, with kinds=[Kind.PYRAMID]"
+                f"{', '.join(coupled)} to others; take the circuit of SpiceBackend.prepare, whose "
+                "network has rows in the place of such rails"
             )
         raise NetworkError(f"circuit: rails of {', '.join(names)} cannot be built: {why}")
 

@@ -15,6 +15,15 @@ from .margins import (
     is_stable as is_stable,
     least_margin as least_margin,
 )
+from .rail_rows import (
+    BANDWIDTH as BANDWIDTH,
+    FASTER as FASTER,
+    GAIN as GAIN,
+    INTO as INTO,
+    SLOWER as SLOWER,
+    intervals_of_inputs as intervals_of_inputs,
+    with_rail_rows as with_rail_rows,
+)
 from .resistors import (
     CURRENT as CURRENT,
     GROUND as GROUND,

@@ -93,12 +93,11 @@ def test_rails_that_no_part_has_are_refused():
 
 
 @pytest.mark.parametrize("kind", [Kind.GRID, Kind.TREE])
-def test_rails_of_coupled_neurons_are_refused_before_a_run(kind):
-    """With these rails the target is out of reach, so that a run would not settle."""
+def test_rails_of_coupled_neurons_without_rows_are_refused(kind):
     network = clamped_runs.railed(wired_with("double_integrator", kind), 0.15, "u")
-    told = rf"rails of u\.a cannot be built: .* the {kind.value} couples u\.a to others"
+    told = rf"rails of u\.a cannot be built: .* the {kind.value} couples u\.a to others; .*rows"
     with pytest.raises(NetworkError, match=told):
-        SpiceBackend(level=levels.macro()).prepare(network)
+        schematic_of(network)
 
 
 def limited_speed() -> Network:

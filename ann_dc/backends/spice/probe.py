@@ -1,0 +1,112 @@
+"""Probe runs: what the ideal network does, by which its circuit is scaled.
+
+The probe is run in continuous time: it says how many volts a unit of every node is, how long to
+simulate, and what the circuit is compared with. Rails of coupled neurons become rows before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ann_dc.analysis.spectra import spectrum
+from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.backends.trajectory import Trajectory
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.circuit.scaling import ProbeRun, Scaling, ScalingRules, scale
+from ann_dc.hardware.schematic.schematic import schematic_of
+from ann_dc.hardware.sizing.rail_rows import BANDWIDTH, intervals_of_inputs, with_rail_rows
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
+from ann_dc.network.selection import clamped_rows
+from ann_dc.progress import Progress
+
+PROBE = OdeBackend(method=DOP853, verify=False)
+"""The run that a circuit is scaled by and compared with."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Probed:
+    """A network with its probe run and the scaling of its circuit.
+
+    Attributes
+    ----------
+    network : Network
+        The network that is built.
+    trajectory : Trajectory
+        Its run.
+    rate : float
+        Fastest rate that op amps are sized for, in units of 1 / network time.
+    scaling : Scaling
+    """
+
+    network: Network
+    trajectory: Trajectory
+    rate: float
+    scaling: Scaling
+
+
+def probed(network: Network, rules: ScalingRules, progress: Progress) -> Probed:
+    """Run a network and scale its circuit, with rows in the place of rails of coupled neurons.
+
+    Parameters
+    ----------
+    network : Network
+    rules : ScalingRules
+    progress : Progress
+
+    Returns
+    -------
+    Probed
+
+    Raises
+    ------
+    NetworkError
+        If the network does not settle, so that there is nothing to scale by.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.hardware.circuit import ScalingRules
+    >>> from ann_dc.progress import silent
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.GRID]).network
+    >>> found = probed(network, ScalingRules(), silent)
+    >>> found.network is network
+    True
+    """
+    if not len(clamped_rows(network)):
+        return _probed(network, rules, progress)
+    known = {n: ends for n, ends in rules.intervals.items() if n in network.node_index}
+    found = _probed(network, replace(rules, intervals=known), progress)
+    rows = with_rail_rows(network, found.scaling, found.rate)
+    found = _probed(rows, rules, progress, BANDWIDTH * found.rate)
+    wide = intervals_of_inputs(schematic_of(rows), found.scaling, found.rate, rules.headroom)
+    wider = replace(rules, intervals=wide | dict(rules.intervals))
+    return replace(found, scaling=_scaling(found.trajectory, wider, found.rate))
+
+
+def _probed(
+    network: Network, rules: ScalingRules, progress: Progress, least: float = 0.0
+) -> Probed:
+    """Run a network and scale its circuit for the rate of its fastest mode, or the ``least``."""
+    trajectory = _run(network, progress)
+    rate = max(spectrum(network, trajectory.final).radius, least)
+    scaling = _scaling(trajectory, rules, rate)
+    return Probed(network=network, trajectory=trajectory, rate=rate, scaling=scaling)
+
+
+def _scaling(probe: Trajectory, rules: ScalingRules, rate: float) -> Scaling:
+    run = ProbeRun(states=probe.states, times=probe.time, radius=rate)
+    return scale(probe.network, run, rules)
+
+
+def _run(network: Network, progress: Progress) -> Trajectory:
+    progress("probe run")
+    run = replace(PROBE, progress=progress).run(network)
+    if not run.status.settled:
+        alone = network.metric.kind is Kind.TIME_CONSTANTS and bool(network.cell.duals)
+        means = "; another metric may settle: Kind.PYRAMID (ann-dc circuit --metric pyramid)"
+        raise NetworkError(
+            f"circuit: the network has to settle to be scaled; {run.status}" + means * alone
+        )
+    return run.trajectory

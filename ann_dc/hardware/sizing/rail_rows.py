@@ -1,0 +1,208 @@
+r"""Rails of coupled neurons as rows: diode neurons that hold what a metric couples to others.
+
+At a rail the moves are the projection v = M (d + lambda), lambda the currents of ideal diodes. In a
+circuit of own integrators D, z = z_0 + M D, the current of a rail therefore ends where the drive of
+its neuron does, D' = d + lambda; a stop of z alone would let D run on. The diode neuron of the row
+s (z - rail) <= 0, with s = 1 for the upper and -1 for the lower rail, gives this current:
+
+.. math:: \lambda = -s\, m, \quad m = \max(0, y + w\, s\, (z - rail)), \qquad
+    \tau\, \dot y = m - y .
+
+It settles with z at the rail and m = s d, which is the equilibrium of the projection. On its way it
+is a proportional and integral controller of z. With w = omega / M_ii and tau = `SLOWER` / omega it
+crosses over at omega = `FASTER` times the network's fastest rate. The larger omega is, the closer
+the course is to the projection, and the slower is the circuit, whose op amps have to be faster.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.hardware.circuit.scaling import Scaling
+from ann_dc.hardware.schematic.elements import Integrator, PICell
+from ann_dc.hardware.schematic.metric_wiring import OWN
+from ann_dc.hardware.schematic.schematic import Schematic
+from ann_dc.network.cell import ONE, Cell, Function, Limiter, Neuron, Role, Sum
+from ann_dc.network.duals import DiodeDual
+from ann_dc.network.ends import Absent
+from ann_dc.network.network import Network
+from ann_dc.network.rewiring import wire
+from ann_dc.network.selection import clamped_rows
+
+FASTER = 4.0
+"""omega over the fastest rate of the network."""
+
+SLOWER = 4.0
+"""omega tau: the integral part begins that far below the cross-over."""
+
+BANDWIDTH = 2 * FASTER
+"""Rate that op amps are sized for, over the fastest one: a loop of a row has several of them."""
+
+GAIN = 2.0
+"""Sum of the input gains of a PI cell, at most: its bandwidth falls with them."""
+
+INTO = 1.0
+"""What arrives at an own integrator in full scales per 1 / rate, at most, for the same reason."""
+
+
+def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
+    """Replace the rails of coupled neurons by rows.
+
+    Parameters
+    ----------
+    network : Network
+        With a metric that couples neurons with rails.
+    scaling : Scaling
+        Of the network. Rails beyond full scale are omitted, as those of other neurons are.
+    rate : float
+        Fastest rate of the network, in units of 1 / network time.
+
+    Returns
+    -------
+    Network
+        Starts with the currents of the projection at the start of the given network.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from ann_dc.hardware.circuit import ProbeRun, scale
+    >>> from ann_dc.network import Cell, Network
+    >>> from ann_dc.network.metrics import Grid
+    >>> held = Neuron(name="x", role=Role.PRIMAL, limiter=Limiter(high=0.5))
+    >>> ties = Grid(own=np.full((2, 1, 1), 1.0), following=np.full((1, 1, 1), -0.5))
+    >>> pushed = Cell(neurons=(held,), connections=(wire(ONE, "x"), wire("x", "x", -1.0)))
+    >>> row = Network(stages=2, cell=pushed, metric=ties)
+    >>> probe = ProbeRun(states=np.array([[0.0] * 2, [0.5] * 2]), times=np.arange(2.0), radius=1.0)
+    >>> found = with_rail_rows(row, scale(row, probe), 1.0)
+    >>> [diode.multiplier for diode in found.cell.diodes], len(clamped_rows(found))
+    (['zeta_high.x'], 0)
+    """
+    coupled = {network.cell.neurons[row].name: row for row in clamped_rows(network)}
+    neurons = [
+        replace(n, limiter=Limiter()) if n.name in coupled else n for n in network.cell.neurons
+    ]
+    free = replace(network, cell=replace(network.cell, neurons=tuple(neurons)))
+    response, pushed = _response(network), _currents(network, free)
+    cell, start, absent = free.cell, dict(network.start), list(network.absent)
+    for name, row in coupled.items():
+        live = network.live[row]
+        w = FASTER * rate / np.where(live, response[row], 1.0)
+        for word, side, rail in _rails(network.cell.neurons[row], scaling):
+            diode = _diode(f"{word}.{name}")
+            cell = _with_row(cell, diode, name, (side, rail), w, SLOWER / FASTER / rate)
+            start[diode.neuron] = np.maximum(-side * pushed[row], 0.0)
+            absent += [Absent(neuron=diode.neuron, stage=int(k)) for k in np.flatnonzero(~live)]
+    return replace(free, cell=cell, start=start, absent=tuple(absent))
+
+
+def _rails(neuron: Neuron, scaling: Scaling) -> Iterator[tuple[str, float, float]]:
+    """Return word, side and value of the rails within full scale."""
+    for word, side in (("low", -1.0), ("high", 1.0)):
+        rail = getattr(neuron.limiter, word)
+        if abs(rail) <= scaling.unit[neuron.name]:
+            yield word, side, rail
+
+
+def _diode(place: str) -> DiodeDual:
+    return DiodeDual(
+        neuron=f"z_{place}", residual=f"g_{place}", sum=f"s_{place}", multiplier=f"zeta_{place}"
+    )
+
+
+def _response(network: Network) -> np.ndarray:
+    """Return M_ii of all neurons (P, N)."""
+    response = np.zeros(network.live.shape)
+    response[tuple(network.places.T)] = evaluator(network).metric.diagonal()
+    return response
+
+
+def _currents(network: Network, free: Network) -> np.ndarray:
+    """Return lambda (P, N) at the start; ``free`` is the network without the rails."""
+    x = network.start_state
+    drives = network.pack(evaluator(free).drives(x))
+    moves = evaluator(network).rhs(x)
+    return network.unpack(network.metric.inverse(network.row)(moves) - drives)
+
+
+def _with_row(
+    cell: Cell, diode: DiodeDual, neuron: str, rail: tuple[float, float], w: np.ndarray, tau: float
+) -> Cell:
+    """Add the diode neuron of one rail, (side, value), to a cell."""
+    side, value = rail
+    ends = (
+        wire(neuron, diode.residual, side),
+        wire(ONE, diode.residual, -side * value),
+        wire(diode.neuron, diode.sum),
+        wire(diode.residual, diode.sum, w),
+        wire(diode.multiplier, diode.neuron),
+        wire(diode.neuron, diode.neuron, -1.0),
+        wire(diode.multiplier, neuron, -side),
+    )
+    blocks = (
+        Sum(name=diode.residual),
+        Sum(name=diode.sum),
+        Function(name=diode.multiplier, function="rectify", x=diode.sum),
+    )
+    return replace(
+        cell,
+        neurons=(*cell.neurons, Neuron(name=diode.neuron, tau=tau, role=Role.DUAL)),
+        blocks=(*cell.blocks, *blocks),
+        connections=(*cell.connections, *(end for end in ends if np.any(end.weight))),
+        diodes=(*cell.diodes, diode),
+    )
+
+
+def intervals_of_inputs(
+    schematic: Schematic, scaling: Scaling, rate: float, headroom: float
+) -> dict[str, tuple[float, float]]:
+    """Return intervals of PI cells and own integrators whose inputs would make them slow.
+
+    The bandwidth of an amplifier falls with what arrives at its virtual ground, in its own full
+    scales. With these intervals it is at most `GAIN` for a PI cell, `INTO` for an own integrator.
+
+    Parameters
+    ----------
+    schematic : Schematic
+    scaling : Scaling
+    rate : float
+        Rate that op amps are sized for, in units of 1 / network time.
+    headroom : float
+        Full scale over the ends of an interval.
+
+    Returns
+    -------
+    dict of node name to (low, high)
+        As `ScalingRules` takes them; only those that are wider than the probe run asks for.
+
+    Examples
+    --------
+    PI cells of a large penalty have large gains, and get larger units:
+
+    >>> from ann_dc import plants, synthesize
+    >>> from ann_dc.hardware.circuit import ProbeRun, scale
+    >>> from ann_dc.hardware.schematic import schematic_of
+    >>> network = synthesize(plants.double_integrator(N=5), rho=20.0)
+    >>> states = network.start_state[None].repeat(2, axis=0)
+    >>> scaling = scale(network, ProbeRun(states=states, times=np.arange(2.0), radius=1.0))
+    >>> found = intervals_of_inputs(schematic_of(network), scaling, 1.0, 1.2)
+    >>> sorted(found)
+    ['b.v', 'b.x', 'm.v', 'm.x']
+    """
+    units, found = dict(scaling.unit), dict[str, tuple[float, float]]()
+    for part in sorted(schematic.parts, key=lambda part: isinstance(part, Integrator)):
+        if isinstance(part, PICell):
+            times, most = part.rho, GAIN
+        elif part.name.startswith(OWN) and isinstance(part, Integrator):
+            times, most = 1.0, INTO * rate
+        else:
+            continue
+        arriving = [np.abs(wire.weight) * times * units[wire.source] for wire in part.wires]
+        unit = float(np.sum(arriving, axis=0).max()) / most
+        if unit > units[part.name]:
+            units[part.name] = unit
+            found[part.name] = -unit / headroom, unit / headroom
+    return found
