@@ -227,6 +227,22 @@ def test_left_the_domain_of_tan():
     assert run.status.time < 1e-3
 
 
+@pytest.mark.parametrize("stages", [1, 40])
+def test_an_implicit_step_with_a_jacobian_that_is_not_finite_ends_the_run(stages):
+    """x' = -1 - sqrt(x) leaves the domain within a step; LU of nan, dense or sparse, raises."""
+    ends = (("one", "x"), ("root", "x"))
+    cell = Cell(
+        neurons=(Neuron(name="x"),),
+        blocks=(Function(name="root", function="sqrt", x="x"),),
+        connections=tuple(Connection(source=s, target=t, weight=-1.0) for s, t in ends),
+    )
+    network = Network(stages=stages, cell=cell, start={"x": 0.3})
+    run = OdeBackend(method=ode.BDF, verify=False).run(network)
+    assert run.status.outcome is Outcome.DIVERGED
+    left = 2 * (np.sqrt(0.3) - np.log1p(np.sqrt(0.3)))
+    assert run.trajectory.time[-1] == pytest.approx(left, rel=1e-3)
+
+
 def test_a_reciprocal_keeps_its_side_of_the_pole():
     """x' = 1/x - 2 from -1 falls away from the pole; x' = -1/x from 1 falls into it."""
     cell = Cell(

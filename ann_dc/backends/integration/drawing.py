@@ -159,7 +159,10 @@ def take_step(solver: Any, method: Method, compiled: Evaluator, worst: float) ->
     if not method.implicit:
         share = share_of_tolerance(worst, method.rtol)
         solver.rtol, solver.atol = method.rtol * share, method.atol * share
-    message = solver.step()
+    try:
+        message = solver.step()
+    except (RuntimeError, ValueError) as error:  # of a Jacobian that is not finite, by its LU
+        solver.status, message = "failed", f"the matrix of an implicit step: {error}"
     within = within_rails(compiled, solver.y)
     if "f" in vars(solver) and not np.array_equal(within, solver.y):
         solver.y, solver.f = within, solver.fun(solver.t, within)
