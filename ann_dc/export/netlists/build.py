@@ -71,6 +71,9 @@ class Build:
         What it is built of.
     series : Series
         Where its resistors and capacitors come from; the deck has their values.
+    given : Network
+        The network that files are of; `network` has rows in the place of its rails that a metric
+        couples.
     circuit : Circuit
     probe : Trajectory
         The ideal network's run that it was scaled by, and that it is compared with.
@@ -86,6 +89,7 @@ class Build:
 
     level: Level
     series: Series
+    given: Network
     circuit: Circuit
     probe: Trajectory
     deck: Deck
@@ -189,6 +193,7 @@ def _built(network: Network, level: str, series: Series) -> Build:
     return Build(
         level=made,
         series=series,
+        given=network,
         circuit=circuit,
         probe=probe,
         deck=deck,

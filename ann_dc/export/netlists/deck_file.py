@@ -152,7 +152,7 @@ def claims_of(build: Build) -> tuple[str, str]:
     build : Build
     """
     error = f"{build.control_error:.1e} of {build.probe.size_in_words}"
-    return f"{CONTENT} {content_hash(build.network)}", f"{ACCURACY} {error}"
+    return f"{CONTENT} {content_hash(build.given)}", f"{ACCURACY} {error}"
 
 
 def checked_claims(name: str, lines: Iterable[str], vector: ReferenceVector) -> str:

@@ -4,6 +4,7 @@ import re
 import subprocess
 import warnings
 
+import constrained
 import numpy as np
 import pytest
 from simulator import needs_ngspice
@@ -53,6 +54,17 @@ def test_a_deck_of_a_foundrys_transistors_holds_their_models(small):
     assert "Apache License" in text
     assert ".options scale=1u" in text
     assert ".model sky130_fd_pr__nfet_g5v0d10v5__model" in text
+
+
+def test_netlists_with_rows_for_rails_are_of_the_network_with_rails():
+    """A tree hands the currents of rails on, so that rows stand in their place in the circuit."""
+    problem = constrained.integrator(N=4, dt=0.5, bounds={"a": (-1.1, 1.1)})
+    network = ann_dc.design(problem, kinds=[ann_dc.Kind.TREE]).network
+    vector = reference_vector(network)
+    for make, check in ((pack_files, pack_check), (kicad_files, kicad_check)):
+        files = make(network, vector)
+        assert any(b"zeta_high_u_a" in content for content in files.values())
+        assert f"of the network {vector.content[:12]}" in check(files)
 
 
 @pytest.fixture(scope="module")
