@@ -243,6 +243,17 @@ def cart() -> OptimalControlProblem:
     )  # fmt: skip
 
 
+def bioreactor() -> OptimalControlProblem:
+    """Cells that grow on what is fed; the feed ends at its limit."""
+    cells, food, feed = sp.symbols("cells food feed")
+    grown = cells * food / (1 + food)
+    return OptimalControlProblem(
+        states=(cells, food), controls=(feed,), dt=0.25, horizon=8, name="bioreactor",
+        dynamics=(grown - feed * cells, feed * (2 - food) - grown), cost=feed**2,
+        q_0=(0.8, 0.5), q_d=(1, None), bounds={feed: (0, 0.3)},
+    )  # fmt: skip
+
+
 def past_disc():
     """A point that walks around a disc, which most of its stages do not touch."""
     right, up = sp.symbols("right up")

@@ -81,8 +81,8 @@ def test_a_rail_beyond_full_scale_becomes_no_row():
 
 
 @cache
-def limited():
-    problem = integrator(N=8, dt=0.25, bounds={a: (-1.2, 1.2)})
+def limited(most=1.2):
+    problem = integrator(N=8, dt=0.25, bounds={a: (-most, most)})
     return design(problem, kinds=[Kind.GRID]).network
 
 
@@ -95,6 +95,13 @@ def test_a_network_with_rows_settles_where_its_rails_let_it():
     held = np.isclose(np.abs(wanted), np.abs(wanted).max(), rtol=1e-9)
     assert held.sum() == 2
     np.testing.assert_allclose(settled, wanted, atol=1e-6 * np.abs(wanted).max())
+
+
+def test_a_circuit_that_reaches_no_rail_is_as_fast_as_one_without_rails():
+    network = limited(50.0)
+    found = probed(network, ScalingRules(), silent)
+    assert not found.network.cell.diodes
+    assert found.rate == pytest.approx(spectrum(network, found.trajectory.final).radius, rel=1e-6)
 
 
 def test_amplifiers_of_a_circuit_with_rows_have_room_for_their_inputs():
