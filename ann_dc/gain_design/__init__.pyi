@@ -7,7 +7,6 @@ from .freeze import (
 )
 from .knowledge import Knowledge as Knowledge
 from .neighbourhood import SAMPLES as SAMPLES, neighbourhood as neighbourhood
-from .presets import KNOTS as KNOTS, NEARBY as NEARBY, presets_of as presets_of
 from .procedure import Design as Design, design as design
 from .refinement import (
     Freedom as Freedom,
@@ -17,6 +16,8 @@ from .refinement import (
 )
 from .rehearsal import rehearse as rehearse, rehearsed as rehearsed
 from .rules import (
+    KNOTS as KNOTS,
+    NEARBY as NEARBY,
     WITH_COORDINATORS as WITH_COORDINATORS,
     WITHOUT_COORDINATORS as WITHOUT_COORDINATORS,
     Gains as Gains,
@@ -26,5 +27,6 @@ from .rules import (
     closed_form as closed_form,
     equilibrated as equilibrated,
     hand_gains as hand_gains,
+    presets_of as presets_of,
     stiffness_of as stiffness_of,
 )

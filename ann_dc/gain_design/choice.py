@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -24,10 +25,8 @@ from ann_dc.gain_design.freeze import (
     steadier,
 )
 from ann_dc.gain_design.knowledge import NOTHING, Cost
-from ann_dc.gain_design.presets import presets_of
 from ann_dc.gain_design.rehearsal import (
     ELSEWHERE,
-    HASTY,
     PATIENT,
     Patience,
     at_another,
@@ -36,6 +35,7 @@ from ann_dc.gain_design.rehearsal import (
     rehearsed,
 )
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
+from ann_dc.gain_design.rules.presets import presets_of
 from ann_dc.gain_design.rules.recipe import Recipe, recipe_of_first_run
 from ann_dc.gain_design.scheduled_run import EQUAL_ROWS, FirstRun, first_run
 from ann_dc.network.metrics.contract import Kind
@@ -64,6 +64,11 @@ NEAR_LIMIT = 6.0
 """Ratio, three times the limit of 2, below which no slower kind of metric is compared any more."""
 
 
+Frozen: TypeAlias = tuple[SettledPoint, tuple[Candidate, ...], str]
+"""A settled point, candidates for it with the best first, and the preset from which that settles;
+no preset is the network's own start."""
+
+
 @dataclass(frozen=True)
 class Choice:
     """The kinds that are allowed, in turn, until one is near the limit.
@@ -89,9 +94,7 @@ class Choice:
         default_factory=list, init=False, repr=False
     )
 
-    def best(
-        self, settled: SettledPoint, limit: int
-    ) -> tuple[SettledPoint, tuple[Candidate, ...], str]:
+    def best(self, settled: SettledPoint, limit: int) -> Frozen:
         """Compare candidates where the first run ended, elsewhere, and from presets.
 
         Parameters
@@ -110,8 +113,6 @@ class Choice:
         start : str
             From which presets it settles; empty for the network's own start.
         """
-        if self.first.found_by:
-            return self._found(settled)
         found = self.at(settled)
         if not self.first.settled:
             return settled, found, ""
@@ -124,35 +125,16 @@ class Choice:
             other, there = self._elsewhere(other, there, limit)
         return self._preset(other, there)
 
-    def _found(self, settled: SettledPoint) -> tuple[SettledPoint, tuple[Candidate, ...], str]:
-        """Return the same at an optimum that a search found.
-
-        Time constants alone, whose spectra take longest, come after presets of faster kinds.
-        """
-        kinds = self._useful()
-        fast = tuple(kind for kind in kinds if kind is not Kind.TIME_CONSTANTS) or kinds
-        there, found, start = self._preset(settled, self.at(settled, HASTY, fast))
-        if not found[0].settling < np.inf and fast != kinds:
-            found = (*found, *self.at(settled, HASTY, (Kind.TIME_CONSTANTS,)))
-            there, found, start = self._preset(settled, tuple(sorted(found, key=lambda c: c.rank)))
-        return (*self._followed(there, found), start)
-
     def _is_dearer(self, other: SettledPoint, settled: SettledPoint) -> bool:
         """Return True if another settled point costs more than one."""
         here = self.cost(settled.state)
         return self.cost(other.state) > here + DEARER * abs(here)
 
-    def at(
-        self,
-        settled: SettledPoint,
-        patience: Patience = PATIENT,
-        kinds: tuple[Kind, ...] | None = None,
-    ) -> tuple[Candidate, ...]:
-        """All candidates at a settled point, the best first; of some kinds, or of all."""
+    def at(self, settled: SettledPoint) -> tuple[Candidate, ...]:
+        """All candidates at a settled point, the best first."""
         found = ()
-        for kind in kinds or self._useful():
-            compared = self._compared(settled, kind)
-            found = self._rehearsed(settled, (*found, *compared), patience)
+        for kind in self._useful():
+            found = self._rehearsed(settled, (*found, *self._compared(settled, kind)))
             if found and found[0].settling < np.inf and found[0].ratio < NEAR_LIMIT:
                 break
         if not found:  # the only kind that is allowed has no metric here: let it say why
@@ -201,7 +183,9 @@ class Choice:
         others = tuple(kind for kind in kinds if kind not in (Kind.GRID, Kind.TREE))
         return kinds if self.first.settled else others or (Kind.PYRAMID,)
 
-    def _compared(self, settled: SettledPoint, kind: Kind) -> tuple[Candidate, ...]:
+    def _compared(
+        self, settled: SettledPoint, kind: Kind, *, penalty: float = 1.0, is_brief: bool = False
+    ) -> tuple[Candidate, ...]:
         fixed = self.recipe if self.recipe is not None and self.recipe.kind is kind else None
         return compare(
             settled,
@@ -209,6 +193,8 @@ class Choice:
             self.first.boost,
             self.progress,
             recipe=fixed,
+            penalty=penalty,
+            is_brief=is_brief,
             take=self._taker(settled),
         )
 
@@ -245,9 +231,13 @@ class Choice:
         return rehearsals
 
     def _preset(
-        self, settled: SettledPoint, found: tuple[Candidate, ...]
-    ) -> tuple[SettledPoint, tuple[Candidate, ...], str]:
-        """The same candidates from presets, if none settles from the network's own start.
+        self,
+        settled: SettledPoint,
+        found: tuple[Candidate, ...],
+        patience: Patience = PATIENT,
+        names: tuple[str, ...] = (),
+    ) -> Frozen:
+        """The same candidates from presets, all or some by name, if none settles yet.
 
         Returns
         -------
@@ -259,11 +249,12 @@ class Choice:
         """
         if found[0].settling < np.inf:
             return settled, found, ""
-        anew = [replace(candidate, settling=float("nan"), stray=None) for candidate in found]
         for words, state in presets_of(settled.network, settled.state):
+            if names and words not in names:
+                continue
             started = settled.network.with_start(state)
             from_there = SettledPoint(Linearisation(started).at(settled.state), settled.state)
-            again = self._rehearsed(from_there, anew)
+            again = self._rehearsed(from_there, anew(found), patience)
             if again[0].settling < np.inf:
                 return from_there, again, words
         return settled, found, ""
@@ -342,6 +333,11 @@ class Choice:
             raise
         except AnnDcError:
             return other, there
+
+
+def anew(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Return candidates as if they had not been rehearsed."""
+    return [replace(candidate, settling=float("nan"), stray=None) for candidate in candidates]
 
 
 def _stiffer(kind: Kind) -> tuple[Recipe, ...]:

@@ -229,6 +229,8 @@ def compare(
     progress: Progress = silent,
     *,
     recipe: Recipe | None = None,
+    penalty: float = 1.0,
+    is_brief: bool = False,
     take: Callable[[Candidate], None] = lambda candidate: None,
 ) -> tuple[Candidate, ...]:
     """The candidates of one kind of metric.
@@ -243,6 +245,10 @@ def compare(
         Takes one line a spectrum.
     recipe : Recipe, optional
         Compare its penalties only, not other ways to weigh the rows.
+    penalty : float
+        Factor on the penalties of the kind's own recipe.
+    is_brief : bool
+        Compare penalties for one way to weigh the rows, as on a long row.
     take : callable
         Takes every candidate as soon as its spectrum is known.
 
@@ -252,7 +258,7 @@ def compare(
         All that were tried, in the order of trying; none where there is no grid.
     """
     tried = _Tried(settled, kind, progress, take)
-    own = RECIPES[kind]
+    own = replace(RECIPES[kind], penalty=penalty * RECIPES[kind].penalty)
     rows = [recipe] if recipe else [replace(own, sweeps=sweeps) for sweeps in SWEEPS]
     long = settled.network.stages > LONG_ROW
     if kind in (Kind.GRID, Kind.TREE):
@@ -266,7 +272,9 @@ def compare(
     else:
         first = boost
         for row in rows if recipe else (*rows, replace(own, by_reach=True)):
-            if long and any(candidate.ratio < np.inf for candidate in tried.candidates):
+            if (long or is_brief) and any(
+                candidate.ratio < np.inf for candidate in tried.candidates
+            ):
                 tried.ratio(row, boost)
             else:
                 at = lambda factor, row=row: tried.ratio(row, factor)  # noqa: E731

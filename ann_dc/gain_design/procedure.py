@@ -25,15 +25,16 @@ from ann_dc.analysis.second_order import threshold_of
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError
 from ann_dc.gain_design.choice import Choice
+from ann_dc.gain_design.found import FoundChoice
 from ann_dc.gain_design.freeze import (
     RECIPES,
     Candidate,
 )
 from ann_dc.gain_design.knowledge import NOTHING, Knowledge
-from ann_dc.gain_design.presets import presets_of
 from ann_dc.gain_design.refinement import refined
 from ann_dc.gain_design.rules.gains import Gains, apply_gains
 from ann_dc.gain_design.rules.grid_gains import SettledPoint, boost_of
+from ann_dc.gain_design.rules.presets import presets_of
 from ann_dc.gain_design.rules.recipe import Recipe, recipe_of_first_run
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
 from ann_dc.hints.checked import checked
@@ -244,7 +245,8 @@ def design(
         settled = SettledPoint(Linearisation(network).at(first.state), first.state)
         if first.found_by:
             first = replace(first, boost=boost_of(settled))
-        freeze = Choice(allowed, recipe, first, progress, knowledge.cost)
+        choice = FoundChoice if first.found_by else Choice
+        freeze = choice(allowed, recipe, first, progress, knowledge.cost)
         found, start = (), ""
         try:
             settled, found, start = _compared(freeze, settled, limit)

@@ -20,7 +20,6 @@ from ann_dc.evaluation.generated.choice import FastEvaluator
 from ann_dc.evaluation.rules import RAN, SETTLED, SMALLEST_POSITION
 from ann_dc.gain_design.freeze import LONG_ROW, Candidate, spectrum_with
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.phases import phase
 from ann_dc.progress import Paced, Progress, silent
 
@@ -60,8 +59,8 @@ class Patience(NamedTuple):
 
 PATIENT = Patience(steps=60_000, failures=3)
 """For settled points that the network itself has found."""
-HASTY = Patience(steps=10_000, failures=1)
-"""For points that a search found, where presets remain to be tried; for all kinds but grids."""
+HASTY = Patience(steps=10_000, failures=2)
+"""For points that a search found, where presets remain to be tried."""
 
 
 def rehearse(
@@ -240,11 +239,13 @@ def rehearsed(
     at_best = 1.0 if settled.network.stages > LONG_ROW else AT_BEST
     for number, candidate in enumerate(sorted(candidates, key=lambda found: found.rank[1]), 1):
         expected = at_best * candidate.ratio * np.log(1 / SETTLING)
-        own = PATIENT if candidate.kind in (Kind.GRID, Kind.TREE) else patience
-        hopeless = failures.get(candidate.kind, 0) >= own.failures or not expected < fastest
+        pace = Pace.of(candidate.spectrum)
+        is_long = not expected < patience.steps * pace.step * pace.radius
+        has_failed = failures.get(candidate.kind, 0) >= patience.failures
+        hopeless = is_long or has_failed or not expected < fastest
         if np.isnan(candidate.settling) and not hopeless:
             progress(f"freeze: rehearsal {number}")
-            candidate = rehearse(settled, candidate, fastest, progress, own)
+            candidate = rehearse(settled, candidate, fastest, progress, patience)
             take(candidate)
             if candidate.settling == fastest == np.inf:
                 failures[candidate.kind] = failures.get(candidate.kind, 0) + 1

@@ -167,13 +167,15 @@ class _Schedule:
         try:
             while self.steps < limit and outcome != SETTLED and not found_by:
                 outcome, last = self._advance(tolerance)
-                found_by = self._found_by(outcome, progress)
+                late = self.steps >= self.equal_rows and outcome != SETTLED
+                found_by = self._found_by(progress) if outcome == LOST or late else ""
                 progress(
                     f"first run: step {self.steps}, KKT residual {last:.1e}, "
                     f"penalty x {self.boost:g}"
                 )
             if outcome == SETTLED and not saddle_of(self.network, self.x).is_minimum:
                 self.knowledge.doubt(self.x)
+                found_by = self._found_by(progress)
         except Stopped as end:
             ended = end
         return FirstRun(
@@ -206,10 +208,9 @@ class _Schedule:
             self._equilibrate()
         return outcome, last
 
-    def _found_by(self, outcome: int, progress: Progress) -> str:
+    def _found_by(self, progress: Progress) -> str:
         """Name who has found an optimum, which is the state then; the finder is asked once."""
-        is_early = outcome != LOST and self.steps < self.equal_rows
-        if outcome == SETTLED or self.is_asked or is_early:
+        if self.is_asked:
             return ""
         self.is_asked = True
         found = self.knowledge.finder(self.x, progress)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,10 +10,10 @@ from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.knowledge import Finder, Found
+from ann_dc.gain_design.knowledge import Found
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate, certify
-from ann_dc.optimality.interior_point.search import Extremum, interior_point
+from ann_dc.optimality.interior_point.search import ITERATIONS, Extremum, interior_point
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start, line_start, random_start
 from ann_dc.progress import Progress
@@ -21,6 +21,26 @@ from ann_dc.synthesis.row import start_values
 
 RANDOM_STARTS = 4
 """Searches from random paths: a problem with several optima often has a cheaper one."""
+
+SAME = 1e-6
+"""Relative difference of costs up to which the optimum that was found first is taken: that of a
+random path may turn angles, or lie on another branch of a step length."""
+FURTHER = 100
+"""Iterations of a search from another path if an optimum is known."""
+
+
+class Optimum(NamedTuple):
+    """A certified optimum.
+
+    Attributes
+    ----------
+    certificate : Certificate
+    state : (n,) array
+        Equilibrium of the problem's network.
+    """
+
+    certificate: Certificate
+    state: np.ndarray
 
 
 def path_of(network: Network, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -55,11 +75,11 @@ def state_of(problem: OptimalControlProblem, network: Network, found: Extremum) 
         return state
 
 
-def finder_of(problem: OptimalControlProblem, network: Network) -> Finder:
-    """Return the search that a design asks for a settled point.
+class Search:
+    """Search for the settled point of a design.
 
-    The interior point starts on the path of a state, on the straight line and on random paths
-    around it. The cheapest certified optimum is the result, None if there is none.
+    The interior point starts on the straight line, on the path of a state and on random paths
+    around the line. The cheapest certified optimum is the result.
 
     Parameters
     ----------
@@ -69,42 +89,43 @@ def finder_of(problem: OptimalControlProblem, network: Network) -> Finder:
         Synthesized from it.
     """
 
-    def find(x: np.ndarray, progress: Progress) -> Found | None:
-        if problem.objectives:
+    def __init__(self, problem: OptimalControlProblem, network: Network) -> None:
+        self.problem, self.network = problem, network
+        self._from_line: list[Optimum] | None = None
+
+    def from_line(self, progress: Progress) -> list[Optimum]:
+        """Return the optimum to which the straight line leads, if any; searched for once."""
+        if self._from_line is None:
+            line = line_start(self.problem)
+            paths = [] if self.problem.objectives else [(line.q, line.u)]
+            self._from_line = self._from(paths, [], progress)
+        return self._from_line
+
+    def find(self, x: np.ndarray, progress: Progress) -> Found | None:
+        """Return an optimum of the problem, None if none is found; see `Knowledge`."""
+        if self.problem.objectives:
             return None
-        found = _certified(problem, network, _paths(problem, path_of(network, x)), progress)
+        starts = (random_start(self.problem, seed) for seed in range(RANDOM_STARTS))
+        paths = [path_of(self.network, x), *((start.q, start.u) for start in starts)]
+        found = self._from(paths, self.from_line(progress), progress)
         if not found:
             return None
-        return Found(min(found, key=lambda point: point[0].objective)[1], by="the interior point")
+        least = min(optimum.certificate.objective for optimum in found)
+        near = least + SAME * max(abs(least), SAME)
+        first = next(optimum for optimum in found if optimum.certificate.objective <= near)
+        return Found(first.state, by="the interior point")
 
-    return find
-
-
-def _paths(
-    problem: OptimalControlProblem, path: tuple[np.ndarray, np.ndarray]
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Starts of the search: a path, the straight line, and random ones around it."""
-    yield path
-    line = line_start(problem)
-    yield line.q, line.u
-    for seed in range(RANDOM_STARTS):
-        start = random_start(problem, seed)
-        yield start.q, start.u
-
-
-def _certified(
-    problem: OptimalControlProblem,
-    network: Network,
-    paths: Iterable[tuple[np.ndarray, np.ndarray]],
-    progress: Progress,
-) -> list[tuple[Certificate, np.ndarray]]:
-    """Certified optima to which the interior point leads from some paths, with their states."""
-    found = []
-    for q, u in paths:
-        extremum = interior_point(problem, q, u, progress=progress)
-        if extremum.converged:
-            state = state_of(problem, network, extremum)
-            certificate = certify(problem, *kkt_point(network, state))
-            if certificate.certified:
-                found.append((certificate, state))
-    return found
+    def _from(
+        self, paths: list[tuple[np.ndarray, np.ndarray]], known: list[Optimum], progress: Progress
+    ) -> list[Optimum]:
+        """Return the known optima and those to which the interior point leads from some paths."""
+        found = [*known]
+        for q, u in paths:
+            most = FURTHER if found else ITERATIONS
+            extremum = interior_point(self.problem, q, u, iterations=most, progress=progress)
+            if extremum.converged:
+                state = state_of(self.problem, self.network, extremum)
+                certificate = certify(self.problem, *kkt_point(self.network, state))
+                if certificate.certified:
+                    found.append(Optimum(certificate, state))
+        return found

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.gain_design.knowledge import Knowledge
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import certify
 from ann_dc.optimality.prospects.prospect import Prospect
-from ann_dc.solution.finding import finder_of, path_of
+from ann_dc.solution.finding import Search, path_of
 
 
 def knowledge_of(prospect: Prospect, network: Network) -> Knowledge:
@@ -21,8 +23,14 @@ def knowledge_of(prospect: Prospect, network: Network) -> Knowledge:
         Synthesized from it.
     """
     problem = prospect.problem
+    search = Search(problem, network)
+
+    def doubt(x: np.ndarray) -> None:
+        if not search.from_line(prospect.progress):  # an optimum leaves no doubt
+            prospect.doubt(*path_of(network, x))
+
     return Knowledge(
-        doubt=lambda x: prospect.doubt(*path_of(network, x)),
+        doubt=doubt,
         cost=lambda x: certify(problem, *kkt_point(network, x)).objective,
-        finder=finder_of(problem, network),
+        finder=search.find,
     )

@@ -94,6 +94,7 @@ def interior_point(
     q: np.ndarray | None = None,
     u: np.ndarray | None = None,
     *,
+    iterations: int = ITERATIONS,
     progress: Progress = silent,
 ) -> Extremum:
     """Search for a local optimum from a path.
@@ -106,6 +107,8 @@ def interior_point(
         States with the end, in the user's units; the straight line by default.
     u : (m, N) array, optional
         Controls, in the user's units; those that fit the straight line by default.
+    iterations : int
+        Largest number of Newton steps.
     progress : Progress
         Takes a line an iteration; it may end the search by raising `Stopped`.
 
@@ -120,7 +123,7 @@ def interior_point(
     """
     line = straight_line(problem)
     q, u = line.q if q is None else q, line.u if u is None else u
-    return _Search(problem, q, u, progress).run()
+    return _Search(problem, q, u, progress).run(iterations)
 
 
 class _Search:
@@ -136,9 +139,9 @@ class _Search:
         self.restorations = self.nudges = 0
         self.closest, self.smallest = self.model, ACCEPTABLE
 
-    def run(self) -> Extremum:
+    def run(self, iterations: int) -> Extremum:
         """Take Newton steps until the error is small, or until no step is possible."""
-        for iteration in range(ITERATIONS):
+        for iteration in range(iterations):
             if not self.model.is_finite:
                 return self.result("the problem has no finite value at the start", iteration)
             self.note()
@@ -153,7 +156,7 @@ class _Search:
                 f"interior point: iteration {iteration + 1}, t = {self.t:.0e}, "
                 f"infeasibility {self.model.infeasibility:.1e}"
             )
-        return self.ended(f"not converged in {ITERATIONS} iterations", ITERATIONS)
+        return self.ended(f"not converged in {iterations} iterations", iterations)
 
     def note(self) -> None:
         """Keep the point if its error is the smallest so far."""

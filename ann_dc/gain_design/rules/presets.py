@@ -2,6 +2,11 @@
 
 Only the primal neurons are preset, with the path of the optimum or with a few stages of it; all
 multipliers start at zero, but in the last resort, a state near the optimum itself.
+
+References
+----------
+.. [1] D. H. Douglas, T. K. Peucker, Algorithms for the reduction of the number of points required
+   to represent a digitized line or its caricature, Cartographica 10 (1973).
 """
 
 from __future__ import annotations
@@ -17,6 +22,10 @@ from ann_dc.network.network import Network
 
 KNOTS = 6
 """Stages of the found path that a coarse preset keeps."""
+COARSE = f"{KNOTS} stages of the found path"
+"""Words of the coarse preset."""
+COARSE = f"{KNOTS} stages of the found path"
+"""Words of the coarse preset."""
 NEARBY = 0.05
 """Share of the way from an optimum to the network's own start at which the nearest preset lies."""
 
@@ -63,14 +72,24 @@ def presets_of(network: Network, state: np.ndarray) -> Iterator[Preset]:
     primal[RoleRows.of(evaluator(network).tape.roles).primal] = True
     path = np.where(primal[:, None], network.unpack(state), 0.0)
     if network.stages > 2 * KNOTS:
-        yield Preset(f"{KNOTS} stages of the found path", network.pack(_coarse(path)))
+        yield Preset(COARSE, network.pack(_coarse(path)))
     yield Preset("the found path", network.pack(path))
     near = state + NEARBY * (network.start_state - state)
     yield Preset("a state near the optimum", near)
 
 
 def _coarse(path: np.ndarray) -> np.ndarray:
-    """Return a path (P, N) between some of its stages as straight lines."""
-    stages = np.arange(path.shape[1])
-    knots = np.rint(np.linspace(0, path.shape[1] - 1, KNOTS)).astype(int)
+    """Return a path (P, N) between some of its stages as straight lines.
+
+    Each next stage is the one that the lines between the others miss by most, as in [1]_.
+    """
+    stages, knots = np.arange(path.shape[1]), [0, path.shape[1] - 1]
+    span = np.ptp(path, axis=1, keepdims=True)
+    for _ in range(KNOTS - 2):
+        missed = np.abs(path - _between(stages, knots, path)) / np.where(span > 0, span, 1.0)
+        knots = sorted({*knots, int(missed.max(axis=0).argmax())})
+    return _between(stages, knots, path)
+
+
+def _between(stages: np.ndarray, knots: list[int], path: np.ndarray) -> np.ndarray:
     return np.array([np.interp(stages, knots, row[knots]) for row in path])

@@ -1,0 +1,81 @@
+"""Choice of a network for an optimum that a search found, from its own start or from presets."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from ann_dc.gain_design.choice import Choice, Frozen
+from ann_dc.gain_design.freeze import Candidate
+from ann_dc.gain_design.rehearsal import HASTY, at_another
+from ann_dc.gain_design.rules.grid_gains import SettledPoint
+from ann_dc.gain_design.rules.presets import COARSE
+from ann_dc.network.metrics.contract import Kind
+
+SOON = 600.0
+"""Settling, in fastest time constants, below which no other network is asked for."""
+
+ROUNDS = (
+    ((Kind.GRID, Kind.TREE), (1.0,)),
+    ((Kind.GRID, Kind.TREE), (10.0, 100.0)),
+    ((Kind.COUPLED_PYRAMID, Kind.PYRAMID), (1.0,)),
+)
+"""Kinds of metric, and factors on their penalties, that are compared together, in turn. Time
+constants alone, slower than a pyramid and with spectra that take longest, are left out."""
+
+
+LAST = (np.inf, np.inf)
+"""Rank of no candidate."""
+
+
+class FoundChoice(Choice):
+    """Choice at an optimum at which no run has settled.
+
+    Kinds come in turn, the fastest first, each from the network's own start and from a coarse
+    preset, until one settles soon. Presets of the whole path come after all of them.
+    """
+
+    def best(self, settled: SettledPoint, limit: int) -> Frozen:
+        """Compare candidates from the start and from presets; see `Choice.best`."""
+        seen, best = (), (settled, (), "")
+        for kinds, penalties in ROUNDS:
+            new = self._of(settled, kinds, penalties)
+            if not new:
+                continue
+            seen = (*seen, *new)
+            tried = self._from_afar(settled, new)
+            best = min(best, tried, key=lambda frozen: frozen[1][0].rank if frozen[1] else LAST)
+            if best[1][0].settling < SOON:
+                break
+        if not any(candidate.ratio < np.inf for candidate in seen):
+            return self._preset(settled, self.at(settled), HASTY)
+        if not best[1][0].settling < np.inf:
+            best = self._preset(settled, seen)
+        there, found, start = best
+        others = (
+            candidate for candidate in seen if candidate.gains not in {c.gains for c in found}
+        )
+        return (*self._followed(there, (*found, *others)), start)
+
+    def _of(
+        self, settled: SettledPoint, kinds: tuple[Kind, ...], penalties: tuple[float, ...]
+    ) -> tuple[Candidate, ...]:
+        """Return candidates of those kinds that are useful."""
+        own = [kind for kind in self._useful() if kind in kinds]
+        found = ()
+        for kind, penalty in itertools.product(own, penalties):
+            found = (*found, *self._compared(settled, kind, penalty=penalty, is_brief=True))
+        return found
+
+    def _from_afar(self, settled: SettledPoint, new: tuple[Candidate, ...]) -> Frozen:
+        """Return candidates from the start, or from the coarse preset if none settles."""
+        found = self._rehearsed(settled, new, HASTY)
+        for astray in found if not found[0].settling < np.inf else ():
+            other = self._stray_of(settled, astray)
+            if other is not None and not self._is_dearer(other, settled):
+                there = [at_another(other, candidate) for candidate in found]
+                again = self._rehearsed(other, there, HASTY)
+                if again[0].settling < np.inf:
+                    return other, again, ""
+        return self._preset(settled, found, HASTY, (COARSE,))
