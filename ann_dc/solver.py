@@ -272,7 +272,8 @@ def design(
                 "over: a family needs the problem itself, whose optima it certifies, and neither "
                 "recipe= nor refine="
             )
-        return design_family(held(source), over, kinds=kinds, progress=progress)
+        source = held(source, any_start=True)
+        return design_family(source, over, kinds=kinds, progress=progress)
     if isinstance(source, Network):
         network, knowledge = source, NOTHING
     else:

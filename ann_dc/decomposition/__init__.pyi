@@ -1,3 +1,4 @@
+from .determined import Determined as Determined, determined as determined
 from .equations import (
     StageEquations as StageEquations,
     Stationarity as Stationarity,

@@ -1,29 +1,36 @@
-"""Controls without effect: those of the last stages, where only free states follow them.
+"""Controls and rows without effect, at the last stages and at those that q_0 determines.
 
-Nothing determines such a control: optima are not isolated, and a circuit's integrator drifts. A
-stage cost that only such stages have holds it at a value of its own. It is zero there, so that
-every optimum of the held problem is one of the problem, at the same cost.
+Nothing determines a control of the last stages if only free states follow it, nor one that a state
+of zero multiplies: optima are not isolated, and a circuit's integrator drifts. A stage cost that
+only such stages have holds it at a value of its own. It is zero there, so that every optimum of the
+held problem is one of the problem, at the same cost.
+
+Nothing determines the multiplier of a row that touches its limit at states which follow from q_0
+alone, such as the speed one step after a start at rest: it is given room at such stages.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import sympy as sp
 
+from ann_dc.decomposition.determined import determined
+from ann_dc.problem.constraints.bounds import ROOM
 from ann_dc.problem.declaration import HOLD, OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 
 
-def idle_controls(problem: OptimalControlProblem) -> np.ndarray:
+def idle_controls(problem: OptimalControlProblem, *, any_start: bool = False) -> np.ndarray:
     """Return where controls have no effect on any cost, inequality or fixed end.
 
     Parameters
     ----------
     problem : OptimalControlProblem
         Without several objectives.
+    any_start : bool
+        True for what holds whatever q_0 is.
 
     Returns
     -------
@@ -45,20 +52,25 @@ def idle_controls(problem: OptimalControlProblem) -> np.ndarray:
     moved = np.array([read([formula]) for formula in problem.f])  # (n, n+m)
     of_stage = read([problem.l, *(row.expression for row in problem.inequalities)])
     of_end = read([problem.l_N, *(row.expression for row in problem.end_inequalities)])
+    known = determined(problem)
     idle = np.zeros((problem.horizon, problem.m), bool)
     matters = of_end[:n] | np.array(problem.fixed)
     for stage in reversed(range(problem.horizon)):
-        felt = of_stage | moved[matters].any(axis=0)
+        by_map = (moved & (known.moves[stage] | any_start))[matters].any(axis=0)
+        felt = (of_stage & (known.costs[stage] | any_start)) | by_map
         idle[stage], matters = ~felt[n:], felt[:n]
     return idle
 
 
-def held(problem: OptimalControlProblem) -> OptimalControlProblem:
-    """Return the problem with controls held where they have no effect; itself if there are none.
+def held(problem: OptimalControlProblem, *, any_start: bool = False) -> OptimalControlProblem:
+    """Return the problem with controls held, and rows given room, where they have no effect.
 
     Parameters
     ----------
     problem : OptimalControlProblem
+        It is returned itself if there are none.
+    any_start : bool
+        True if q_0 is to vary: then only what has no effect whatever q_0 is.
 
     Examples
     --------
@@ -67,11 +79,14 @@ def held(problem: OptimalControlProblem) -> OptimalControlProblem:
     >>> held(car) is car
     True
     """
-    idle = np.zeros((0, 0)) if problem.objectives else idle_controls(problem)
-    if not idle.any():
+    if problem.objectives:
+        return problem
+    idle = idle_controls(problem, any_start=any_start)
+    rooms = {} if any_start else determined(problem).rooms
+    if not (idle.any() or rooms):
         return problem
     scales, cost = natural_scales(problem), problem.cost
-    inputs: dict[Any, Any] = dict(problem.inputs)
+    inputs = {sp.Symbol(ROOM.format(name)): room for name, room in rooms.items()}
     for control, scale, (low, high), stages in zip(
         problem.controls, scales.controls, problem.control_limits, idle.T
     ):
@@ -80,7 +95,7 @@ def held(problem: OptimalControlProblem) -> OptimalControlProblem:
             value = _inside(low, high, scale.factor)
             cost += weight * (control - value) ** 2 / 2
             inputs[weight] = scales.cost / scale.factor**2 * stages
-    return replace(problem, cost=cost, inputs=inputs)
+    return replace(problem, cost=cost, inputs={**problem.inputs, **inputs})
 
 
 def _inside(low: float, high: float, size: float) -> float:

@@ -217,7 +217,8 @@ class OptimalControlProblem(Measured, Several, Record):
     @cached_property
     def inequalities(self) -> tuple[Inequality, ...]:
         """The r rows g(q_k, u_k) <= 0 of a stage: `constraints`, then bounds of states."""
-        return rows_of(self.constraints, self.bounds, self.states, self._in_states, self.soft)
+        given = self._in_states, self.soft, self.inputs
+        return rows_of(self.constraints, self.bounds, self.states, *given)
 
     @cached_property
     def end_inequalities(self) -> tuple[Inequality, ...]:

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import sympy as sp
+from reference import best_of
 
 import ann_dc
-from ann_dc.decomposition import held, idle_controls
+from ann_dc.decomposition import determined, held, idle_controls
 from ann_dc.optimality import ipopt_point
 from ann_dc.problem import natural_scales
 
-x, v, a, b = sp.symbols("x v a b")
+x, y, h, v, a, b = sp.symbols("x y h v a b")
 
 CHAIN = ann_dc.OptimalControlProblem(
     states=(x, v), controls=(a,), dynamics=(v, a), dt=0.1, cost=x**2, horizon=8,
@@ -38,6 +39,45 @@ def idle_stages(problem):
 )
 def test_control_is_idle_where_only_free_states_follow_it(fields, stages):
     assert idle_stages(replace(CHAIN, **fields)) == [stages]
+
+
+def rolling(speed):
+    """A cart that is steered, which a cart at rest does not feel."""
+    return ann_dc.OptimalControlProblem(
+        states=(x, y, h, v), controls=(a, b), dynamics=(v * sp.cos(h), v * sp.sin(h), v * b, a),
+        dt=0.2, cost=a**2, horizon=10, q_0=(0, 0, 0, speed), q_d=(1, 0.3, None, 0),
+        bounds={b: (-1, 1)},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("speed", "stages"), [(0, [0, 9]), (0.5, [9])])
+def test_control_is_idle_where_a_state_of_zero_multiplies_it(speed, stages):
+    problem = rolling(speed)
+    assert np.flatnonzero(idle_controls(problem)[:, 1]).tolist() == stages
+    assert np.flatnonzero(idle_controls(problem, any_start=True)[:, 1]).tolist() == [9]
+
+
+def test_solve_certifies_steering_from_rest():
+    solution = ann_dc.solve(rolling(0))
+    assert solution.certified, solution.verdict
+    assert solution.objective == pytest.approx(best_of(rolling(0)).objective, rel=1e-6)
+
+
+def test_row_that_q_0_alone_determines_has_room_where_it_touches():
+    problem = replace(
+        CHAIN,
+        q_0=(0, 0),
+        bounds={x: (0, None), a: (-1, 1)},
+        cost=(x - 1) ** 2 + v**2,
+        terminal_cost=v**2,
+    )
+    ((name, room),) = determined(problem).rooms.items()
+    assert name == "x_low"
+    assert np.flatnonzero(room).tolist() == [0, 1]  # x_1 = x_0 + dt v_0
+    assert held(problem, any_start=True) is problem
+    solution = ann_dc.solve(problem)
+    assert solution.certified, solution.verdict
+    assert solution.objective == pytest.approx(best_of(problem).objective, rel=1e-6)
 
 
 def test_idle_control_changes_no_cost():

@@ -7,7 +7,7 @@ where that is free.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,6 +17,8 @@ from ann_dc.errors import ProblemError
 from ann_dc.problem.constraints.inequality import Inequality, excess, row_name
 from ann_dc.problem.fields import is_finite, is_vector
 
+ROOM = "room_{}"
+"""Input that gives a row room at stages where nothing can change it (`decomposition.held`)."""
 NO_BOUND = (-math.inf, math.inf)
 
 Bounds: TypeAlias = Mapping[str, Any]
@@ -87,6 +89,7 @@ def rows_of(
     states: Sequence[sp.Symbol],
     in_states: Callable[[Any], Any] = lambda formula: formula,
     soft: Any = None,
+    inputs: Iterable[sp.Symbol] = (),
 ) -> tuple[Inequality, ...]:
     """Relations that were checked, then ``x_low`` and ``x_high`` of bounded states, as rows.
 
@@ -100,7 +103,10 @@ def rows_of(
         A formula, as states, controls and inputs alone say it.
     soft : mapping of str to Soft, optional
         Rows that may be violated, by name.
+    inputs : iterable of Symbol
+        Those named `ROOM` give their rows room.
     """
+    named = {symbol.name: symbol for symbol in inputs}
     rows = {name: in_states(excess(relation)) for name, relation in relations.items()}
     for state in states:
         low, high = bounds.get(state.name, NO_BOUND)
@@ -110,7 +116,12 @@ def rows_of(
             rows[row_name(state.name, "high")] = state - high
     prices = soft or {}
     return tuple(
-        Inequality(name=name, expression=g, soft=prices.get(name)) for name, g in rows.items()
+        Inequality(
+            name=name,
+            expression=g - named.get(ROOM.format(name), 0),
+            soft=prices.get(name),
+        )
+        for name, g in rows.items()
     )
 
 
