@@ -15,7 +15,6 @@ from typing import TypeAlias
 import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.errors import AnnDcError, DesignError, NetworkError
 from ann_dc.gain_design.freeze import (
     RECIPES,
@@ -35,7 +34,7 @@ from ann_dc.gain_design.rehearsal import (
     rehearsed,
 )
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
-from ann_dc.gain_design.rules.presets import presets_of
+from ann_dc.gain_design.rules.presets import places_of
 from ann_dc.gain_design.rules.recipe import Recipe, recipe_of_first_run
 from ann_dc.gain_design.scheduled_run import EQUAL_ROWS, FirstRun, first_run
 from ann_dc.network.metrics.contract import Kind
@@ -209,7 +208,7 @@ class Choice:
         if found[0].settling < np.inf:
             return settled, found
         best, there = self._from_strays(settled, found)
-        for recipes in (_stiffer, steadier):
+        for recipes in (stiffer, steadier):
             if not there and not found[0].settling < np.inf:
                 more = self._rehearsals(settled, recipes)
                 found = tuple(sorted((*found, *more), key=lambda c: c.rank))
@@ -218,7 +217,10 @@ class Choice:
         return (best, there) if there else (settled, found)
 
     def _rehearsals(
-        self, settled: SettledPoint, recipes: Callable[[Kind], tuple[Recipe, ...]]
+        self,
+        settled: SettledPoint,
+        recipes: Callable[[Kind], tuple[Recipe, ...]],
+        patience: Patience = PATIENT,
     ) -> list[Candidate]:
         """Rehearse networks in closed form, of every kind that is useful."""
         rehearsals = []
@@ -227,7 +229,8 @@ class Choice:
                 candidate = candidate_of(settled, recipe, self.first.boost)
                 if np.isfinite(candidate.ratio):
                     self.progress(f"freeze: another {kind.value}")
-                    rehearsals.append(rehearse(settled, candidate, progress=self.progress))
+                    tried = rehearse(settled, candidate, progress=self.progress, patience=patience)
+                    rehearsals.append(tried)
         return rehearsals
 
     def _preset(
@@ -249,14 +252,12 @@ class Choice:
         """
         if found[0].settling < np.inf:
             return settled, found, ""
-        for words, state in presets_of(settled.network, settled.state):
+        for words, there in places_of(settled):
             if names and words not in names:
                 continue
-            started = settled.network.with_start(state)
-            from_there = SettledPoint(Linearisation(started).at(settled.state), settled.state)
-            again = self._rehearsed(from_there, anew(found), patience)
+            again = self._rehearsed(there, anew(found), patience)
             if again[0].settling < np.inf:
-                return from_there, again, words
+                return there, again, words
         return settled, found, ""
 
     def _from_strays(
@@ -340,7 +341,7 @@ def anew(candidates: Iterable[Candidate]) -> list[Candidate]:
     return [replace(candidate, settling=float("nan"), stray=None) for candidate in candidates]
 
 
-def _stiffer(kind: Kind) -> tuple[Recipe, ...]:
+def stiffer(kind: Kind) -> tuple[Recipe, ...]:
     """Return recipes of a kind with larger penalties."""
     own = RECIPES[kind]
     return tuple(replace(own, penalty=factor * own.penalty) for factor in STIFFER)

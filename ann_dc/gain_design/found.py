@@ -6,24 +6,29 @@ import itertools
 
 import numpy as np
 
-from ann_dc.gain_design.choice import Choice, Frozen
+from ann_dc.gain_design.choice import Choice, Frozen, anew, stiffer
 from ann_dc.gain_design.freeze import Candidate
-from ann_dc.gain_design.rehearsal import HASTY, at_another
+from ann_dc.gain_design.rehearsal import HASTY, Patience, at_another
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
-from ann_dc.gain_design.rules.presets import COARSE
+from ann_dc.gain_design.rules.presets import COARSE, places_of
 from ann_dc.network.metrics.contract import Kind
 
 SOON = 600.0
 """Settling, in fastest time constants, below which no other network is asked for."""
 
+GRIDS = (Kind.GRID, Kind.TREE), (1.0, 10.0, 100.0)
+
 ROUNDS = (
-    ((Kind.GRID, Kind.TREE), (1.0,)),
-    ((Kind.GRID, Kind.TREE), (10.0, 100.0)),
+    (GRIDS[0], GRIDS[1][:1]),
+    (GRIDS[0], GRIDS[1][1:]),
     ((Kind.COUPLED_PYRAMID, Kind.PYRAMID), (1.0,)),
 )
 """Kinds of metric, and factors on their penalties, that are compared together, in turn. Time
 constants alone, slower than a pyramid and with spectra that take longest, are left out."""
 
+
+LONGER = Patience(steps=60_000, failures=2)
+"""For grids, if nothing settles in a short rehearsal: some need many steps where they are stiff."""
 
 LAST = (np.inf, np.inf)
 """Rank of no candidate."""
@@ -51,12 +56,37 @@ class FoundChoice(Choice):
         if not any(candidate.ratio < np.inf for candidate in seen):
             return self._preset(settled, self.at(settled), HASTY)
         if not best[1][0].settling < np.inf:
-            best = self._preset(settled, seen)
+            best = self._with_patience(settled, seen)
         there, found, start = best
         others = (
             candidate for candidate in seen if candidate.gains not in {c.gains for c in found}
         )
-        return (*self._followed(there, (*found, *others)), start)
+        return there, (*found, *others), start
+
+    def _useful(self) -> tuple[Kind, ...]:
+        """Those of the other choices, without time constants alone if there are faster kinds."""
+        kinds = super()._useful()
+        return tuple(kind for kind in kinds if kind is not Kind.TIME_CONSTANTS) or kinds
+
+    def _with_patience(self, settled: SettledPoint, seen: tuple[Candidate, ...]) -> Frozen:
+        """Return grids after longer rehearsals, or stiffer pyramids; else any from the path."""
+        grids = tuple(c for c in seen if c.kind in (Kind.GRID, Kind.TREE) and c.ratio < np.inf)
+        if grids:
+            best = self._from_afar(settled, grids, LONGER)
+        else:
+            seen = (*seen, *self._rehearsals(settled, stiffer, HASTY))
+            best = settled, tuple(sorted(seen, key=lambda candidate: candidate.rank)), ""
+        return best if best[1][0].settling < np.inf else self._from_path(settled, seen)
+
+    def _from_path(self, settled: SettledPoint, seen: tuple[Candidate, ...]) -> Frozen:
+        """Return candidates from the path, and grids that are made for that start."""
+        for words, there in places_of(settled):
+            if words != COARSE:
+                grids = self._of(there, *GRIDS)
+                again = self._rehearsed(there, (*grids, *anew(seen)))
+                if again[0].settling < np.inf:
+                    return there, again, words
+        return settled, seen, ""
 
     def _of(
         self, settled: SettledPoint, kinds: tuple[Kind, ...], penalties: tuple[float, ...]
@@ -68,9 +98,11 @@ class FoundChoice(Choice):
             found = (*found, *self._compared(settled, kind, penalty=penalty, is_brief=True))
         return found
 
-    def _from_afar(self, settled: SettledPoint, new: tuple[Candidate, ...]) -> Frozen:
+    def _from_afar(
+        self, settled: SettledPoint, new: tuple[Candidate, ...], patience: Patience = HASTY
+    ) -> Frozen:
         """Return candidates from the start, or from the coarse preset if none settles."""
-        found = self._rehearsed(settled, new, HASTY)
+        found = self._rehearsed(settled, new, patience)
         for astray in found if not found[0].settling < np.inf else ():
             other = self._stray_of(settled, astray)
             if other is not None and not self._is_dearer(other, settled):
@@ -78,4 +110,4 @@ class FoundChoice(Choice):
                 again = self._rehearsed(other, there, HASTY)
                 if again[0].settling < np.inf:
                     return other, again, ""
-        return self._preset(settled, found, HASTY, (COARSE,))
+        return self._preset(settled, found, patience, (COARSE,))

@@ -16,8 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import RoleRows
+from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.network.network import Network
 
 KNOTS = 6
@@ -76,6 +78,18 @@ def presets_of(network: Network, state: np.ndarray) -> Iterator[Preset]:
     yield Preset("the found path", network.pack(path))
     near = state + NEARBY * (network.start_state - state)
     yield Preset("a state near the optimum", near)
+
+
+def places_of(settled: SettledPoint) -> Iterator[tuple[str, SettledPoint]]:
+    """Yield a settled point with its network at each preset, after the words of the preset.
+
+    Parameters
+    ----------
+    settled : SettledPoint
+    """
+    for words, state in presets_of(settled.network, settled.state):
+        linear = Linearisation(settled.network.with_start(state)).at(settled.state)
+        yield words, SettledPoint(linear, settled.state)
 
 
 def _coarse(path: np.ndarray) -> np.ndarray:
