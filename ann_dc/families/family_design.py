@@ -21,10 +21,9 @@ from ann_dc.errors import DesignError
 from ann_dc.families.family import Family, Over, Sample, family_of
 from ann_dc.families.race import ROUNDS, Runner, entered, raced
 from ann_dc.families.validation import Validation, told, validated
-from ann_dc.gain_design.freeze import RECIPES
 from ann_dc.gain_design.rules.gains import Gains, apply_gains
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
-from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS
+from ann_dc.gain_design.rules.recipe import RECIPES, WITH_COORDINATORS
 from ann_dc.gain_design.scheduled_run import first_run
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Own

@@ -16,6 +16,7 @@ from .refinement import (
 )
 from .rehearsal import rehearse as rehearse, rehearsed as rehearsed
 from .rules import (
+    COARSE as COARSE,
     KNOTS as KNOTS,
     NEARBY as NEARBY,
     WITH_COORDINATORS as WITH_COORDINATORS,

@@ -17,11 +17,9 @@ import numpy as np
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.errors import AnnDcError, DesignError, NetworkError
 from ann_dc.gain_design.freeze import (
-    RECIPES,
     Candidate,
     candidate_of,
     compare,
-    steadier,
 )
 from ann_dc.gain_design.knowledge import NOTHING, Cost
 from ann_dc.gain_design.rehearsal import (
@@ -35,7 +33,7 @@ from ann_dc.gain_design.rehearsal import (
 )
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.gain_design.rules.presets import places_of
-from ann_dc.gain_design.rules.recipe import Recipe, recipe_of_first_run
+from ann_dc.gain_design.rules.recipe import RECIPES, Recipe, recipe_of_first_run, steadier
 from ann_dc.gain_design.scheduled_run import EQUAL_ROWS, FirstRun, first_run
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.progress import Progress, Stopped

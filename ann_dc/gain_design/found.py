@@ -8,7 +8,7 @@ import numpy as np
 
 from ann_dc.gain_design.choice import Choice, Frozen, anew, stiffer
 from ann_dc.gain_design.freeze import Candidate
-from ann_dc.gain_design.rehearsal import HASTY, Patience, at_another
+from ann_dc.gain_design.rehearsal import Patience, at_another, hasty
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.gain_design.rules.presets import COARSE, places_of
 from ann_dc.network.metrics.contract import Kind
@@ -30,6 +30,9 @@ constants alone, slower than a pyramid and with spectra that take longest, are l
 LONGER = Patience(steps=60_000, failures=2)
 """For grids, if nothing settles in a short rehearsal: some need many steps where they are stiff."""
 
+CLEARLY = 2.0
+"""How many times faster a network has to settle from a finer preset to begin there."""
+
 LAST = (np.inf, np.inf)
 """Rank of no candidate."""
 
@@ -37,8 +40,8 @@ LAST = (np.inf, np.inf)
 class FoundChoice(Choice):
     """Choice at an optimum at which no run has settled.
 
-    Kinds come in turn, the fastest first, each from the network's own start and from a coarse
-    preset, until one settles soon. Presets of the whole path come after all of them.
+    Kinds come in turn, the fastest first, each from the network's own start and from coarse
+    presets, until one settles soon. Presets of the whole path come after all of them.
     """
 
     def best(self, settled: SettledPoint, limit: int) -> Frozen:
@@ -54,7 +57,7 @@ class FoundChoice(Choice):
             if best[1][0].settling < SOON:
                 break
         if not any(candidate.ratio < np.inf for candidate in seen):
-            return self._preset(settled, self.at(settled), HASTY)
+            return self._preset(settled, self.at(settled), hasty(settled.network.size))
         if not best[1][0].settling < np.inf:
             best = self._with_patience(settled, seen)
         there, found, start = best
@@ -74,14 +77,14 @@ class FoundChoice(Choice):
         if grids:
             best = self._from_afar(settled, grids, LONGER)
         else:
-            seen = (*seen, *self._rehearsals(settled, stiffer, HASTY))
+            seen = (*seen, *self._rehearsals(settled, stiffer, hasty(settled.network.size)))
             best = settled, tuple(sorted(seen, key=lambda candidate: candidate.rank)), ""
         return best if best[1][0].settling < np.inf else self._from_path(settled, seen)
 
     def _from_path(self, settled: SettledPoint, seen: tuple[Candidate, ...]) -> Frozen:
         """Return candidates from the path, and grids that are made for that start."""
         for words, there in places_of(settled):
-            if words != COARSE:
+            if words not in COARSE:
                 grids = self._of(there, *GRIDS)
                 again = self._rehearsed(there, (*grids, *anew(seen)))
                 if again[0].settling < np.inf:
@@ -99,15 +102,21 @@ class FoundChoice(Choice):
         return found
 
     def _from_afar(
-        self, settled: SettledPoint, new: tuple[Candidate, ...], patience: Patience = HASTY
+        self, settled: SettledPoint, new: tuple[Candidate, ...], patience: Patience | None = None
     ) -> Frozen:
-        """Return candidates from the start, or from the coarse preset if none settles."""
+        """Return candidates from the start, or from coarse presets if none settles."""
+        patience = patience or hasty(settled.network.size)
         found = self._rehearsed(settled, new, patience)
         for astray in found if not found[0].settling < np.inf else ():
             other = self._stray_of(settled, astray)
             if other is not None and not self._is_dearer(other, settled):
                 there = [at_another(other, candidate) for candidate in found]
-                again = self._rehearsed(other, there, HASTY)
+                again = self._rehearsed(other, there, patience)
                 if again[0].settling < np.inf:
                     return other, again, ""
-        return self._preset(settled, found, patience, (COARSE,))
+        best = settled, found, ""
+        for words in () if found[0].settling < np.inf else COARSE:
+            tried = self._preset(settled, found, patience, (words,))
+            if CLEARLY * tried[1][0].rank[0] < best[1][0].rank[0]:
+                best = tried
+        return best

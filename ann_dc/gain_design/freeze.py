@@ -20,34 +20,20 @@ from ann_dc.analysis.spectra import Spectrum, spectrum_of
 from ann_dc.errors import AnnDcError
 from ann_dc.gain_design.rules.gains import Gains, check_gains, row_with
 from ann_dc.gain_design.rules.grid_gains import SettledPoint, grid_gains_of
-from ann_dc.gain_design.rules.recipe import (
-    WITH_COORDINATORS,
-    WITHOUT_COORDINATORS,
-    Recipe,
-    closed_form,
-    weights_of_rows,
-)
+from ann_dc.gain_design.rules.recipe import RECIPES, SWEEPS, Recipe, closed_form, weights_of_rows
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.progress import Progress, Stopped, silent
 
-RECIPES = {
-    Kind.GRID: replace(WITH_COORDINATORS, kind=Kind.GRID, dual=1.0, dual_coupling=1.0),
-    Kind.TREE: replace(WITH_COORDINATORS, kind=Kind.TREE, dual=1.0, dual_coupling=1.0),
-    Kind.COUPLED_PYRAMID: replace(WITH_COORDINATORS, kind=Kind.COUPLED_PYRAMID),
-    Kind.PYRAMID: WITH_COORDINATORS,
-    Kind.TIME_CONSTANTS: WITHOUT_COORDINATORS,
-}
-"""Where the search begins for each kind of metric, fastest kind first."""
-
-STEADIER = ((1.0, 0.3, 1.0), (2.0, 0.3, 1.0), (2.0, 0.3, 1.5), (4.0, 0.3, 1.5))
-"""Factors on the penalty, on the rates of states and on those of multipliers of recipes that are
-slower at the end and swing less on the way there."""
-
-SWEEPS = (0, 16, 60)
-"""Sweeps of the equilibration of the rows that are compared."""
-
 PATHS = (0.3, 1.0, 0.1, 0.03)
 """Weights of a grid's path term that are compared."""
+
+FINER, FINEST, HELPS = 3.0, 3, 2 / 3
+"""Factor by which the smallest path term falls further, at most how often, and the factor by which
+the ratio has to fall each time: where the start is far from the optimum, the term rules."""
+
+GENTLE = 0.1
+"""Factor on the weights of inequality rows of grids that are compared too: rows that press on the
+way and not at the end are in no stiffness, and many of them are stiff together."""
 
 LONG_ROW = 128
 """Stages above which weights of rows are compared at one path term or one penalty only, and the
@@ -106,6 +92,8 @@ class Candidate:
         start = "rows by reach" if self.recipe.by_reach else "equal rows"
         rows = f"rows of {self.recipe.sweeps} sweeps" if self.recipe.sweeps else start
         path = f", path {self.recipe.path:g}" if self.kind in (Kind.GRID, Kind.TREE) else ""
+        if self.recipe.inequality != 1:
+            rows += f", inequalities x {self.recipe.inequality:g}"
         return f"{self.kind.value}, {rows}{path}, penalty x {self.boost:g}: ratio {self.ratio:.3g}"
 
 
@@ -194,34 +182,6 @@ def spectrum_with(settled: SettledPoint, gains: Gains, progress: Progress = sile
     )
 
 
-def steadier(kind: Kind) -> tuple[Recipe, ...]:
-    """Recipes of a kind of metric that settle from more starts, if later.
-
-    Parameters
-    ----------
-    kind : Kind
-        Of recipes in closed form: time constants or a pyramid.
-
-    Returns
-    -------
-    tuple of Recipe
-    """
-    own = RECIPES[kind]
-    return tuple(
-        replace(
-            own,
-            sweeps=sweeps,
-            penalty=penalty * own.penalty,
-            state=state * own.state,
-            target=state * own.target,
-            dual=dual * own.dual,
-            dual_coupling=dual * own.dual_coupling,
-        )
-        for sweeps in SWEEPS[:2]
-        for penalty, state, dual in STEADIER
-    )
-
-
 def compare(
     settled: SettledPoint,
     kind: Kind,
@@ -269,6 +229,10 @@ def compare(
             rows = [min(rows, key=lambda row: tried.ratio(replace(row, path=damped), 1.0))]
         for row, path in itertools.product(rows, paths):
             tried.ratio(replace(row, path=path), 1.0)
+        if not recipe:
+            _finer(tried)
+            if settled.linear.diode.any():
+                _gentler(tried)
     else:
         first = boost
         for row in rows if recipe else (*rows, replace(own, by_reach=True)):
@@ -282,6 +246,27 @@ def compare(
     return tuple(tried.candidates)
 
 
+def _finer(tried: _Tried) -> None:
+    """Try smaller path terms with the best grid's rows, as long as they help."""
+    best = tried.best
+    if best is None or best.recipe.path > min(PATHS):
+        return
+    path, ratio = best.recipe.path, best.ratio
+    for _ in range(FINEST):
+        path, before = path / FINER, ratio
+        ratio = tried.ratio(replace(best.recipe, path=path), 1.0)
+        if not ratio < HELPS * before:
+            return
+
+
+def _gentler(tried: _Tried) -> None:
+    """Try the best grid's rows with inequality rows that push less."""
+    best = tried.best
+    if best is not None:
+        for path in sorted({*PATHS[2:], best.recipe.path}):
+            tried.ratio(replace(best.recipe, path=path, inequality=GENTLE), 1.0)
+
+
 @dataclass(frozen=True)
 class _Tried:
     """Candidates of one kind of metric at a settled point, in the order of trying."""
@@ -291,6 +276,12 @@ class _Tried:
     progress: Progress
     take: Callable[[Candidate], None]
     candidates: list[Candidate] = field(default_factory=list)
+
+    @property
+    def best(self) -> Candidate | None:
+        """The smallest ratio of those that attract."""
+        attract = [found for found in self.candidates if np.isfinite(found.ratio)]
+        return min(attract, key=lambda found: found.ratio, default=None)
 
     def ratio(self, recipe: Recipe, boost: float) -> float:
         """Of one more candidate; infinite where there is none."""

@@ -27,7 +27,6 @@ from ann_dc.errors import DesignError
 from ann_dc.gain_design.choice import Choice
 from ann_dc.gain_design.found import FoundChoice
 from ann_dc.gain_design.freeze import (
-    RECIPES,
     Candidate,
 )
 from ann_dc.gain_design.knowledge import NOTHING, Knowledge
@@ -35,7 +34,7 @@ from ann_dc.gain_design.refinement import refined
 from ann_dc.gain_design.rules.gains import Gains, apply_gains
 from ann_dc.gain_design.rules.grid_gains import SettledPoint, boost_of
 from ann_dc.gain_design.rules.presets import presets_of
-from ann_dc.gain_design.rules.recipe import Recipe, recipe_of_first_run
+from ann_dc.gain_design.rules.recipe import RECIPES, Recipe, recipe_of_first_run
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Own

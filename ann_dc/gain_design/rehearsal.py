@@ -50,7 +50,8 @@ class Patience(NamedTuple):
     steps : int
         After which a rehearsal is given up.
     failures : int
-        Rehearsals of candidates of one kind that may fail before the kind is given up.
+        Rehearsals of candidates of one kind, with one factor on inequality rows, that may fail
+        before the others are given up.
     """
 
     steps: int
@@ -59,8 +60,15 @@ class Patience(NamedTuple):
 
 PATIENT = Patience(steps=60_000, failures=3)
 """For settled points that the network itself has found."""
-HASTY = Patience(steps=10_000, failures=2)
-"""For points that a search found, where presets remain to be tried."""
+HASTY = Patience(steps=10_000, failures=4)
+"""For points that a search found, where presets remain to be tried, of long rows."""
+WORK = 15_000_000
+"""Steps times neurons that shorter rows may take there."""
+
+
+def hasty(size: int) -> Patience:
+    """Return what is spent on a start where presets remain, for a number of neurons."""
+    return HASTY._replace(steps=int(np.clip(WORK / size, HASTY.steps, PATIENT.steps)))
 
 
 def rehearse(
@@ -241,14 +249,15 @@ def rehearsed(
         expected = at_best * candidate.ratio * np.log(1 / SETTLING)
         pace = Pace.of(candidate.spectrum)
         is_long = not expected < patience.steps * pace.step * pace.radius
-        has_failed = failures.get(candidate.kind, 0) >= patience.failures
+        own = candidate.kind, candidate.recipe.inequality
+        has_failed = failures.get(own, 0) >= patience.failures
         hopeless = is_long or has_failed or not expected < fastest
         if np.isnan(candidate.settling) and not hopeless:
             progress(f"freeze: rehearsal {number}")
             candidate = rehearse(settled, candidate, fastest, progress, patience)
             take(candidate)
             if candidate.settling == fastest == np.inf:
-                failures[candidate.kind] = failures.get(candidate.kind, 0) + 1
+                failures[own] = failures.get(own, 0) + 1
         fastest = min(fastest, candidate.rank[0])
         seen.append(candidate)
     return tuple(sorted(seen, key=lambda found: found.rank))

@@ -14,7 +14,7 @@ from .grid_gains import (
     grid_gains_of as grid_gains_of,
     stiffness_of as stiffness_of,
 )
-from .presets import KNOTS as KNOTS, NEARBY as NEARBY, presets_of as presets_of
+from .presets import COARSE as COARSE, KNOTS as KNOTS, NEARBY as NEARBY, presets_of as presets_of
 from .recipe import (
     WITH_COORDINATORS as WITH_COORDINATORS,
     WITHOUT_COORDINATORS as WITHOUT_COORDINATORS,

@@ -123,7 +123,7 @@ class SettledPoint:
 
     def row_weights(self, recipe: Recipe) -> np.ndarray:
         """Weights (P,) of the dual neurons' rows, read-only; see `weights_of_rows`."""
-        key = recipe.sweeps, recipe.by_reach, frozenset(recipe.row.items())
+        key = recipe.sweeps, recipe.by_reach, recipe.inequality, frozenset(recipe.row.items())
         if key not in self._weights:
             self._weights[key] = _with_diodes(self.linear, recipe)
             self._weights[key].setflags(write=False)
@@ -155,7 +155,8 @@ def _with_diodes(linear: Linearisation, recipe: Recipe) -> np.ndarray:
     """Weights (P,) of all rows; those of inequalities relate to the others as in closed form."""
     weights = weights_of_rows(linear, recipe)
     if linear.diode.any():
-        rho = closed_form(linear, replace(WITH_COORDINATORS, sweeps=recipe.sweeps)).rho
+        own = {"sweeps": recipe.sweeps, "inequality": recipe.inequality}
+        rho = closed_form(linear, replace(WITH_COORDINATORS, **own)).rho
         duals = [linear.network.neuron_index[d.neuron] for d in linear.network.cell.duals]
         weights[linear.diode] = rho[linear.diode] * weights[duals].mean() / rho[duals].mean()
     return weights

@@ -22,12 +22,10 @@ from ann_dc.evaluation.rules import RoleRows
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.network.network import Network
 
-KNOTS = 6
-"""Stages of the found path that a coarse preset keeps."""
-COARSE = f"{KNOTS} stages of the found path"
-"""Words of the coarse preset."""
-COARSE = f"{KNOTS} stages of the found path"
-"""Words of the coarse preset."""
+KNOTS = 6, 24
+"""Stages of the found path that coarse presets keep."""
+COARSE = tuple(f"{knots} stages of the found path" for knots in KNOTS)
+"""Words of the coarse presets."""
 NEARBY = 0.05
 """Share of the way from an optimum to the network's own start at which the nearest preset lies."""
 
@@ -73,8 +71,9 @@ def presets_of(network: Network, state: np.ndarray) -> Iterator[Preset]:
     primal = np.zeros(len(network.live), bool)
     primal[RoleRows.of(evaluator(network).tape.roles).primal] = True
     path = np.where(primal[:, None], network.unpack(state), 0.0)
-    if network.stages > 2 * KNOTS:
-        yield Preset(COARSE, network.pack(_coarse(path)))
+    for knots, words in zip(KNOTS, COARSE):
+        if network.stages > 2 * knots:
+            yield Preset(words, network.pack(_coarse(path, knots)))
     yield Preset("the found path", network.pack(path))
     near = state + NEARBY * (network.start_state - state)
     yield Preset("a state near the optimum", near)
@@ -92,14 +91,14 @@ def places_of(settled: SettledPoint) -> Iterator[tuple[str, SettledPoint]]:
         yield words, SettledPoint(linear, settled.state)
 
 
-def _coarse(path: np.ndarray) -> np.ndarray:
-    """Return a path (P, N) between some of its stages as straight lines.
+def _coarse(path: np.ndarray, count: int) -> np.ndarray:
+    """Return a path (P, N) between a number of its stages as straight lines.
 
     Each next stage is the one that the lines between the others miss by most, as in [1]_.
     """
     stages, knots = np.arange(path.shape[1]), [0, path.shape[1] - 1]
     span = np.ptp(path, axis=1, keepdims=True)
-    for _ in range(KNOTS - 2):
+    for _ in range(count - 2):
         missed = np.abs(path - _between(stages, knots, path)) / np.where(span > 0, span, 1.0)
         knots = sorted({*knots, int(missed.max(axis=0).argmax())})
     return _between(stages, knots, path)

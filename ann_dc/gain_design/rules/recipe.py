@@ -19,7 +19,7 @@ A `Recipe` is the factors r, eta, f, the kind of metric and how rows are weighed
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
@@ -65,6 +65,8 @@ class Recipe:
         theta of a grid: how much the change of A between start and settled point counts.
     away : float
         How far from where they are evaluated, in scales, the weights of objectives are to fit too.
+    inequality : float
+        Factor on the weights of inequality rows.
     row : mapping of dual neuron name to float
         Further factors on single rows' penalties (1 where not given).
 
@@ -94,11 +96,12 @@ class Recipe:
     by_reach: bool = False
     path: float = 0.3
     away: float = 0.0
+    inequality: float = 1.0
     row: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        names = ("penalty", "dual", "dual_coupling", "state", "control", "target", "coarse")
-        factors = {name: getattr(self, name) for name in names}
+        names = "penalty", "dual", "dual_coupling", "state", "control", "target", "coarse"
+        factors = {name: getattr(self, name) for name in (*names, "inequality")}
         factors |= {f"row[{name}]": weight for name, weight in self.row.items()}
         require_positive(DesignError, **factors)
         if not (isinstance(self.sweeps, int) and self.sweeps >= 0):
@@ -123,6 +126,23 @@ WITHOUT_COORDINATORS = Recipe(
     kind=Kind.TIME_CONSTANTS,
 )
 """Factors for neighbour wiring alone."""
+
+
+RECIPES = {
+    Kind.GRID: replace(WITH_COORDINATORS, kind=Kind.GRID, dual=1.0, dual_coupling=1.0),
+    Kind.TREE: replace(WITH_COORDINATORS, kind=Kind.TREE, dual=1.0, dual_coupling=1.0),
+    Kind.COUPLED_PYRAMID: replace(WITH_COORDINATORS, kind=Kind.COUPLED_PYRAMID),
+    Kind.PYRAMID: WITH_COORDINATORS,
+    Kind.TIME_CONSTANTS: WITHOUT_COORDINATORS,
+}
+"""Where the search begins for each kind of metric, fastest kind first."""
+
+SWEEPS = (0, 16, 60)
+"""Sweeps of the equilibration of the rows that are compared."""
+
+STEADIER = ((1.0, 0.3, 1.0), (2.0, 0.3, 1.0), (2.0, 0.3, 1.5), (4.0, 0.3, 1.5))
+"""Factors on the penalty, on the rates of states and on those of multipliers of recipes that are
+slower at the end and swing less on the way there."""
 
 
 def recipe_of_first_run(recipe: Recipe | None) -> Recipe:
@@ -229,7 +249,8 @@ def closed_form(
     curvature = np.maximum(linear.cost_curvature().max(axis=1), 0.0)
     stiffness, factor = curvature + linear.row_sums(rho).max(axis=1), _factors(linear, recipe)
     if linear.diode.any():
-        rho = rho + diode_weights(linear, factor / np.where(stiffness != 0, stiffness, 1.0))
+        diodes = diode_weights(linear, factor / np.where(stiffness != 0, stiffness, 1.0))
+        rho = rho + recipe.inequality * diodes
         pressed = [member.row_sums(pressed_weights(member, rho)) for member in linear.members]
         stiffness = curvature + np.max(pressed, axis=(0, 2))
     felt = np.where(stiffness != 0, stiffness, 1.0)
@@ -245,3 +266,31 @@ def closed_form(
         metric=coarse or TimeConstants(),
     )
     return with_objectives(linear, gains, recipe.dual, recipe.away)
+
+
+def steadier(kind: Kind) -> tuple[Recipe, ...]:
+    """Recipes of a kind of metric that settle from more starts, if later.
+
+    Parameters
+    ----------
+    kind : Kind
+        Of recipes in closed form: time constants or a pyramid.
+
+    Returns
+    -------
+    tuple of Recipe
+    """
+    own = RECIPES[kind]
+    return tuple(
+        replace(
+            own,
+            sweeps=sweeps,
+            penalty=penalty * own.penalty,
+            state=state * own.state,
+            target=state * own.target,
+            dual=dual * own.dual,
+            dual_coupling=dual * own.dual_coupling,
+        )
+        for sweeps in SWEEPS[:2]
+        for penalty, state, dual in STEADIER
+    )

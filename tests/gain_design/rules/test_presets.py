@@ -24,13 +24,14 @@ def test_presets_hold_the_path_and_no_multiplier(designed):
     assert (values[rest] == settled[rest]).all()
 
 
-def test_coarse_presets_are_straight_between_six_stages(designed):
+@pytest.mark.parametrize("knots", KNOTS)
+def test_coarse_presets_are_straight_between_a_few_stages(knots):
+    designed = design(plants.double_integrator(N=60))
     network = designed.network
-    values = network.unpack(
-        dict(presets_of(network, designed.state))[f"{KNOTS} stages of the found path"]
-    )
+    presets = dict(presets_of(network, designed.state))
+    values = network.unpack(presets[f"{knots} stages of the found path"])
     position = values[network.neuron_index["q.x"], 1:]
-    assert len(set(np.round(np.diff(position), 9))) <= KNOTS
+    assert len(set(np.round(np.diff(position), 9))) <= knots
 
 
 def test_nearest_preset_lies_on_the_way_from_the_optimum_to_the_start(designed):
