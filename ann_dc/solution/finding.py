@@ -25,7 +25,7 @@ RANDOM_STARTS = 4
 SAME = 1e-6
 """Relative difference of costs up to which the optimum that was found first is taken: that of a
 random path may turn angles, or lie on another branch of a step length."""
-FURTHER = 60
+FURTHER = 200
 """Iterations of a search from another path if an optimum is known."""
 
 
