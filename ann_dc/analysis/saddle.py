@@ -83,6 +83,11 @@ class Saddle:
         """
         if len(self.primal) + len(self.dual) <= DENSE_LIMIT:
             return bool((np.linalg.eigvalsh(self.K.toarray()) < 0).sum() == len(self.dual))
+        return self.is_convex
+
+    @cached_property
+    def is_convex(self) -> bool:
+        """True if H + rho A'A is positive definite for a large rho, with dependent rows too."""
         penalty = LARGEST_PENALTY * abs(self.K).max()
         return _is_positive_definite(self.H + penalty * (self.A.T @ self.A))
 

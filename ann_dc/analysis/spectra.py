@@ -26,6 +26,9 @@ DENSE_LIMIT = 600
 EQUAL = 1e-6
 """Eigenvalues that differ by a smaller share count as one."""
 
+AT_REST = 1e-10
+"""Eigenvalue over the radius, at most, of a mode that stays where it is."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spectrum:
@@ -59,6 +62,15 @@ class Spectrum:
     def ratio(self) -> float:
         """radius / |abscissa|; infinite when the point does not attract."""
         return self.radius / -self.abscissa if self.abscissa < 0 else float("inf")
+
+    def moving(self) -> Spectrum:
+        """Return the modes whose eigenvalues are not zero to rounding; itself if all are."""
+        moves = np.abs(self.eigenvalues) > AT_REST * self.radius
+        return (
+            self
+            if moves.all() or not moves.any()
+            else Spectrum(eigenvalues=self.eigenvalues[moves])
+        )
 
     @property
     def largest_step(self) -> float:

@@ -177,9 +177,12 @@ def spectrum_with(settled: SettledPoint, gains: Gains, progress: Progress = sile
     network = settled.network
     check_gains(network, gains)
     trial = settled.trial(gains)
-    return spectrum_of(
-        trial, gains.metric, row_with(network, gains), settled.state, progress=progress
-    )
+    row, state = row_with(network, gains), settled.state
+    found = spectrum_of(trial, gains.metric, row, state, progress=progress)
+    moving = (
+        found.moving()
+    )  # the others are multipliers of dependent rows, if primal neurons are not
+    return moving if moving is not found and settled.saddle.is_convex else found
 
 
 def compare(
@@ -234,11 +237,9 @@ def compare(
             if settled.linear.diode.any():
                 _gentler(tried)
     else:
-        first = boost
+        first, is_brief = boost, is_brief or long
         for row in rows if recipe else (*rows, replace(own, by_reach=True)):
-            if (long or is_brief) and any(
-                candidate.ratio < np.inf for candidate in tried.candidates
-            ):
+            if is_brief and any(found.ratio < np.inf for found in tried.candidates):
                 tried.ratio(row, boost)
             else:
                 at = lambda factor, row=row: tried.ratio(row, factor)  # noqa: E731

@@ -13,10 +13,10 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.knowledge import Found
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate, certify
-from ann_dc.optimality.interior_point.search import ITERATIONS, Extremum, interior_point
+from ann_dc.optimality.interior_point.search import RESTORATIONS, Extremum, interior_point
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start, line_start, random_start
-from ann_dc.progress import Progress
+from ann_dc.progress import Progress, Stopped
 from ann_dc.synthesis.row import start_values
 
 RANDOM_STARTS = 4
@@ -25,8 +25,8 @@ RANDOM_STARTS = 4
 SAME = 1e-6
 """Relative difference of costs up to which the optimum that was found first is taken: that of a
 random path may turn angles, or lie on another branch of a step length."""
-FURTHER = 200
-"""Iterations of a search from another path if an optimum is known."""
+FURTHER = 6
+"""Restorations of a search from another path if an optimum is known."""
 
 
 class Optimum(NamedTuple):
@@ -120,12 +120,20 @@ class Search:
     ) -> list[Optimum]:
         """Return the known optima and those to which the interior point leads from some paths."""
         found = [*known]
-        for q, u in paths:
-            most = FURTHER if found else ITERATIONS
-            extremum = interior_point(self.problem, q, u, iterations=most, progress=progress)
-            if extremum.converged:
-                state = state_of(self.problem, self.network, extremum)
-                certificate = certify(self.problem, *kkt_point(self.network, state))
-                if certificate.certified:
-                    found.append(Optimum(certificate, state))
+        try:
+            for q, u in paths:
+                most = FURTHER if found else RESTORATIONS
+                extremum = interior_point(self.problem, q, u, restorations=most, progress=progress)
+                found += self._certified(extremum)
+        except Stopped:
+            if not found:  # what is known is kept
+                raise
         return found
+
+    def _certified(self, extremum: Extremum) -> list[Optimum]:
+        """Return the optimum that a search ended at, if it is certified."""
+        if not extremum.converged:
+            return []
+        state = state_of(self.problem, self.network, extremum)
+        certificate = certify(self.problem, *kkt_point(self.network, state))
+        return [Optimum(certificate, state)] if certificate.certified else []

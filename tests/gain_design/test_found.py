@@ -55,3 +55,16 @@ def test_network_of_a_found_optimum_settles_from_the_start_or_a_coarse_preset(pr
 def test_penalty_is_raised_where_the_grid_of_the_closed_form_does_not_settle():
     solution = ann_dc.solve(thrifty(), kinds=[Kind.GRID])
     assert solution.design.best.recipe.penalty > WITH_COORDINATORS.penalty
+
+
+def test_multipliers_of_dependent_rows_do_not_make_a_network_slow():
+    """Every control is at a limit, so that two ends have one free variable, the step length."""
+    problem = ann_dc.OptimalControlProblem(
+        states=(x, v), controls=(a,), dynamics=(v, a), dt=StepLength(low=0.02, high=0.5),
+        cost=h, horizon=20, q_0=(0, 0), q_d=(1, 0), bounds={a: (-1, 1)},
+    )  # fmt: skip
+    solution = ann_dc.solve(problem)
+    assert solution.certified
+    assert solution.status.settled
+    assert solution.total_time == pytest.approx(2.0, abs=1e-6)  # bang-bang with a switch half-way
+    assert solution.design.best.ratio < 100

@@ -94,7 +94,7 @@ def interior_point(
     q: np.ndarray | None = None,
     u: np.ndarray | None = None,
     *,
-    iterations: int = ITERATIONS,
+    restorations: int = RESTORATIONS,
     progress: Progress = silent,
 ) -> Extremum:
     """Search for a local optimum from a path.
@@ -107,8 +107,8 @@ def interior_point(
         States with the end, in the user's units; the straight line by default.
     u : (m, N) array, optional
         Controls, in the user's units; those that fit the straight line by default.
-    iterations : int
-        Largest number of Newton steps.
+    restorations : int
+        Largest number of restorations, which take most of the time where a search fails.
     progress : Progress
         Takes a line an iteration; it may end the search by raising `Stopped`.
 
@@ -123,13 +123,13 @@ def interior_point(
     """
     line = straight_line(problem)
     q, u = line.q if q is None else q, line.u if u is None else u
-    return _Search(problem, q, u, progress).run(iterations)
+    return _Search(problem, q, u, progress, restorations).run()
 
 
 class _Search:
     """State of a search: the model at its point, t, the filter and the shifts."""
 
-    def __init__(self, problem, q, u, progress) -> None:
+    def __init__(self, problem, q, u, progress, restorations) -> None:
         self.barrier, self.progress = Barrier.of(problem, q, u), progress
         self.t = BARRIER
         mu = np.zeros((problem.n, problem.horizon))
@@ -137,11 +137,12 @@ class _Search:
         self.filter: list[tuple[float, float]] = []
         self.shift = self.forced = 0.0
         self.restorations = self.nudges = 0
+        self.most = restorations
         self.closest, self.smallest = self.model, ACCEPTABLE
 
-    def run(self, iterations: int) -> Extremum:
+    def run(self) -> Extremum:
         """Take Newton steps until the error is small, or until no step is possible."""
-        for iteration in range(iterations):
+        for iteration in range(ITERATIONS):
             if not self.model.is_finite:
                 return self.result("the problem has no finite value at the start", iteration)
             self.note()
@@ -156,7 +157,7 @@ class _Search:
                 f"interior point: iteration {iteration + 1}, t = {self.t:.0e}, "
                 f"infeasibility {self.model.infeasibility:.1e}"
             )
-        return self.ended(f"not converged in {iterations} iterations", iterations)
+        return self.ended(f"not converged in {ITERATIONS} iterations", ITERATIONS)
 
     def note(self) -> None:
         """Keep the point if its error is the smallest so far."""
@@ -270,7 +271,7 @@ class _Search:
         """Halve the infeasibility by Gauss-Newton steps; return False if that fails."""
         self.restorations += 1
         model, first = self.model, self.model.infeasibility
-        for _ in range(APPROACHES if self.restorations < RESTORATIONS else 0):
+        for _ in range(APPROACHES if self.restorations < self.most else 0):
             step = model.approach()
             if step is None:
                 break
