@@ -298,6 +298,7 @@ def coupled(name, kind):
         pytest.param("limited control", Kind.TREE, 0.04, marks=pytest.mark.slow),
         pytest.param("tank_level", Kind.GRID, 0.03, marks=pytest.mark.slow),
         pytest.param("car_steer", Kind.GRID, 0.08, marks=pytest.mark.slow),
+        pytest.param("lander", Kind.GRID, 0.08, marks=pytest.mark.slow),
     ],
 )
 def test_rails_of_coupled_neurons_hold_circuits_as_they_are_emulated(name, kind, course):

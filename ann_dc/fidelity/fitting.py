@@ -25,7 +25,7 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import PICell
 from ann_dc.hardware.sizing.clamps import holding_margin
-from ann_dc.hardware.sizing.margins import SPARE, least_margin
+from ann_dc.hardware.sizing.margins import SPARE, following_margin, least_margin
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
@@ -85,7 +85,8 @@ def fitting_margin(
 ) -> float:
     """A margin that suits a circuit: `SPARE` times the smallest, which is near the fastest one.
 
-    It is larger where clamps could not hold with it what presses neurons against their rails.
+    It is larger where clamps could not hold with it what presses neurons against their rails, and
+    where idle diode neurons would move a grid.
 
     Parameters
     ----------
@@ -103,7 +104,8 @@ def fitting_margin(
         If the circuit has no emulation.
     """
     least = smallest_margin(circuit, level, probe, progress=progress)
-    return max(SPARE * least, holding_margin(circuit, level, probe.final))
+    holding = holding_margin(circuit, level, probe.final)
+    return max(SPARE * least, holding, following_margin(circuit, level))
 
 
 @checked

@@ -10,8 +10,11 @@ from .clamps import (
 )
 from .cures import cure as cure
 from .margins import (
+    FOLLOWING as FOLLOWING,
     HIGHEST as HIGHEST,
     SPARE as SPARE,
+    check_following as check_following,
+    following_margin as following_margin,
     is_stable as is_stable,
     least_margin as least_margin,
 )

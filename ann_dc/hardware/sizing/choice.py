@@ -20,7 +20,13 @@ from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.hardware.sizing.clamps import check_clamps, holding_margin
 from ann_dc.hardware.sizing.cures import cure
-from ann_dc.hardware.sizing.margins import SPARE, is_stable, least_margin
+from ann_dc.hardware.sizing.margins import (
+    SPARE,
+    check_following,
+    following_margin,
+    is_stable,
+    least_margin,
+)
 from ann_dc.hardware.sizing.resistors import SHARE, fitting_resistor, two_digits
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
@@ -74,7 +80,8 @@ def sized_circuit(sizing: Sizing, *, progress: Progress = silent) -> Circuit:
     Raises
     ------
     NetworkError
-        If an op amp has to give more than it can, or no margin makes the circuit stable.
+        If an op amp has to give more than it can, no margin makes the circuit stable, or the given
+        one is too small.
     """
     level, given = sizing.level, sizing.level.smallest_resistor
     circuit, matters = _built(sizing, given or SMALLEST_RESISTOR), _matters(level)
@@ -83,6 +90,7 @@ def sized_circuit(sizing: Sizing, *, progress: Progress = silent) -> Circuit:
     if sizing.margin is None:
         circuit = _with_margin(circuit, sizing, progress)
     check_clamps(circuit, level, sizing.x)
+    check_following(circuit, level)
     if matters:
         check_currents(circuit, level)
     if matters or circuit.scaling.margin > sizing.scaling.margin:
@@ -112,6 +120,7 @@ def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circui
         progress(
             f"neurons are pressed against bounds: clamps hold from a margin of {wanted:.3g} on"
         )
+    wanted = max(wanted, following_margin(circuit, level))
     if level.smallest_resistor is None and level.smallest_capacitor:
         wanted = max(wanted, begun * level.smallest_capacitor / circuit.ranges[1][0])
     rings = level.datasheet.parasitics.ground or _second_pole(level)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
 from ann_dc.hardware.parts.levels import Level
@@ -39,8 +40,18 @@ def cure(circuit: Circuit, level: Level, x: State) -> str:
     means = [f"raise the margin to {_up(least)} or more"] if math.isfinite(least) else []
     if farads and (smaller := _of_resistors(circuit, level, x)):
         means.append(f"{smaller}, for the {farads:.3g} F at every virtual ground")
+    if not means and circuit.conductances:
+        means = _of_lag(circuit, level, x)
     what = "op amps with less capacitance" if farads else "faster op amps"
     return ", or ".join(means) or f"no margin cures that; take {what}"
+
+
+def _of_lag(circuit: Circuit, level: Level, x: State) -> list[str]:
+    """Return what faster nodes of a grid do, or nothing: no margin changes their share."""
+    least = least_margin(replace(circuit, lag=circuit.lag / 10), level, x)
+    if math.isinf(least):
+        return []
+    return [f"take a node_lag a tenth as large with a margin of {_up(least)} or more"]
 
 
 def _of_resistors(circuit: Circuit, level: Level, x: State) -> str:

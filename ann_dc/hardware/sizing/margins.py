@@ -1,14 +1,26 @@
-"""Margins at which a circuit does not ring: the eigenvalues of its emulation decide."""
+r"""Margins at which a circuit does not ring: the eigenvalues of its emulation decide.
+
+Of a grid with diode neurons they do not suffice. While a row presses nothing, the op amp of its
+diode neuron moves all the same, which lets a share of the row's rate through, the smaller the
+faster op amps are. The nodes of a grid divide by lambda, the smallest eigenvalue of their stiffness
+over its diagonal, so that Omega lambda has to be `FOLLOWING` or more. In ngspice, macro models,
+long waves of the lander (N = 50, lambda = 2.8e-4) grow at 0.022 and settle as predicted at 0.09.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse.linalg
+from scipy import sparse
 
 from ann_dc.analysis.spectra import spectrum
+from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.schematic.metric_wiring import wiring_of
+from ann_dc.hardware.sizing.resistors import two_digits
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
 from ann_dc.progress import Progress, silent
@@ -18,6 +30,9 @@ HIGHEST = 1e4
 
 SPARE = 1.5
 """Margin over the smallest one: what a pole model does not know, and time to settle."""
+
+FOLLOWING = 0.08
+"""Omega lambda of a grid with diode neurons, at least; Omega in radians per network time."""
 
 
 @checked
@@ -81,3 +96,57 @@ def least_margin(circuit: Circuit, level: Level, x: State, *, progress: Progress
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if stable(middle) else (middle, high)
     return high
+
+
+@checked
+def following_margin(circuit: Circuit, level: Level) -> float:
+    """Return the smallest margin at which idle diode neurons do not move a grid.
+
+    Parameters
+    ----------
+    circuit : Circuit
+        Of any margin.
+    level : Level
+        Speed of its parts.
+
+    Returns
+    -------
+    float
+        Zero without a grid of several nodes, and without diode neurons.
+    """
+    network, scaling = circuit.schematic.network, circuit.scaling
+    wiring = wiring_of(network) if network.cell.diodes else None
+    if wiring is None or not wiring.passive or len(wiring.moved) == 1:
+        return 0.0
+    between = sparse.csr_array(wiring.weights)[wiring.moved][:, wiring.moved]
+    paired = between.sign() * (between * between.T).power(0.5)
+    stiffness = sparse.csc_array(sparse.eye_array(len(wiring.moved)) - paired)
+    softest = scipy.sparse.linalg.eigsh(
+        stiffness, k=1, sigma=0.0, v0=np.ones(len(wiring.moved)), return_eigenvectors=False
+    )
+    per_margin = 2 * np.pi * level.datasheet.usable_bandwidth * scaling.time / scaling.margin
+    return FOLLOWING / (per_margin * float(softest[0]))
+
+
+@checked
+def check_following(circuit: Circuit, level: Level) -> None:
+    """Refuse a circuit whose grid would repel, although its eigenvalues do not say so.
+
+    Parameters
+    ----------
+    circuit : Circuit
+    level : Level
+
+    Raises
+    ------
+    NetworkError
+        With the margin that is enough, if the circuit has less than half of it.
+    """
+    wanted, margin = following_margin(circuit, level), circuit.scaling.margin
+    if 2 * margin < wanted:
+        raise NetworkError(
+            f"margin: {margin:.3g} is too small: op amps of idle diode neurons would move the "
+            f"soft long waves of the {circuit.schematic.network.metric.kind.value}; take a margin "
+            f"of {-two_digits(-wanted):.3g} (ann-dc circuit --margin), or design the network with "
+            "kinds=[Kind.TREE] (--metric tree)"
+        )

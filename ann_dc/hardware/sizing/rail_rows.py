@@ -87,6 +87,7 @@ def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
     ]
     free = replace(network, cell=replace(network.cell, neurons=tuple(neurons)))
     response, pushed = _response(network), _currents(network, free)
+    at = network.unpack(network.start_state)
     cell, start, absent = free.cell, dict(network.start), list(network.absent)
     for name, row in coupled.items():
         live = network.live[row]
@@ -94,7 +95,8 @@ def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
         for word, side, rail in _rails(network.cell.neurons[row], scaling):
             diode = _diode(f"{word}.{name}")
             cell = _with_row(cell, diode, name, (side, rail), w, SLOWER / FASTER / rate)
-            start[diode.neuron] = np.maximum(-side * pushed[row], 0.0)
+            held = side * (at[row] - rail) >= 0  # elsewhere a current is a rounding error
+            start[diode.neuron] = np.where(held, np.maximum(-side * pushed[row], 0.0), 0.0)
             absent += [Absent(neuron=diode.neuron, stage=int(k)) for k in np.flatnonzero(~live)]
     return replace(free, cell=cell, start=start, absent=tuple(absent))
 

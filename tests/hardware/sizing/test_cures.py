@@ -5,8 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from constrained import dint_v
 from wired import neighbour_wired
 
+from ann_dc import Kind, design
 from ann_dc.backends.spice import SpiceBackend
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts import Datasheet, macro, presets
@@ -62,6 +64,23 @@ def test_resistors_that_no_margin_suits_are_refused_with_some_that_do():
     cured = replace(level, smallest_resistor=ohms)
     circuit, x = built(cured)
     assert is_stable(circuit, cured, x)
+
+
+@pytest.mark.slow
+def test_a_faster_grid_is_named_where_margins_alone_do_not_cure():
+    """Nodes lag by a share of network time, whatever the margin."""
+    network = design(dint_v(), kinds=[Kind.GRID]).network
+    level = macro()
+    circuit, probe = SpiceBackend(level=level).prepare(network)
+    told = cure(circuit, level, probe.final)
+    (margin,) = numbers(told)
+    assert "node_lag a tenth as large" in told
+    lag = SpiceBackend().node_lag
+    for share, stable in ((1.0, False), (0.1, True)):
+        cured, probe = SpiceBackend(level=level, margin=margin, node_lag=share * lag).prepare(
+            network
+        )
+        assert is_stable(cured, level, probe.final) == stable
 
 
 def test_where_nothing_helps_other_op_amps_do(monkeypatch):

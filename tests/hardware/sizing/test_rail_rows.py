@@ -4,19 +4,22 @@ from functools import cache
 
 import numpy as np
 import pytest
-from constrained import a, integrator
+from constrained import a, dint_u, integrator, lander
 
 from ann_dc import Kind, OdeBackend, SpiceBackend, design, levels, ode
 from ann_dc.analysis import spectrum
 from ann_dc.backends.spice import probed
+from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit import ProbeRun, ScalingRules, scale
 from ann_dc.hardware.schematic import Integrator, PICell
 from ann_dc.hardware.sizing import (
     BANDWIDTH,
     FASTER,
+    FOLLOWING,
     GAIN,
     INTO,
     SLOWER,
+    following_margin,
     with_rail_rows,
 )
 from ann_dc.network import Cell, Connection, Limiter, Network, Neuron, Role
@@ -61,6 +64,14 @@ def test_rows_start_with_the_currents_of_the_projection():
     assert np.ptp(found.start["z_high.x"]) == 0
     assert found.start["z_high.x"][0] == pytest.approx(PUSH - RAIL)
     assert not with_rows(pushed()).start["z_high.x"].any()
+
+
+def test_rows_of_neurons_within_their_rails_start_with_exactly_no_current():
+    """A rounding error would become the unit of the row's diode neuron."""
+    network = design(lander(), kinds=[Kind.GRID]).network
+    states = np.array([network.start_state, network.start_state])
+    scaling = scale(network, ProbeRun(states=states, times=np.arange(2.0), radius=1.0))
+    assert not with_rail_rows(network, scaling, RATE).start["z_low.u.up"].any()
 
 
 def test_loops_of_rows_cross_over_where_they_are_to():
@@ -127,3 +138,33 @@ def test_circuits_without_rails_of_coupled_neurons_are_not_touched():
     run = ProbeRun(states=found.trajectory.states, times=found.trajectory.time, radius=found.rate)
     assert found.rate == spectrum(network, found.trajectory.final).radius
     assert found.scaling.unit == scale(network, run).unit
+
+
+def test_op_amps_beside_a_grid_are_as_fast_as_its_softest_mode_asks_for():
+    network, level = limited(), levels.macro()
+    invert = network.metric.inverse(network.row)
+    reached = network.metric.reach(network.row)[network.places[:, 0]]
+    stiffness = np.array([invert(e) for e in np.eye(network.size)])[reached][:, reached]
+    across = np.sqrt(np.diag(stiffness))
+    softest = np.linalg.eigvalsh(stiffness / np.outer(across, across))[0]
+    circuit, _ = SpiceBackend(level=level).prepare(network)
+    omega = 2 * np.pi * level.datasheet.usable_bandwidth * circuit.scaling.time
+    expected = FOLLOWING / softest / (omega / circuit.scaling.margin)
+    assert following_margin(circuit, level) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_chosen_margin_is_that_of_long_waves_and_a_given_one_is_obeyed():
+    network = design(dint_u(), kinds=[Kind.GRID]).network
+    chosen, _ = SpiceBackend(level=levels.macro()).prepare(network)
+    wanted = following_margin(chosen, levels.macro())
+    assert 10 < wanted <= chosen.scaling.margin < 1.1 * wanted
+    given, _ = SpiceBackend(level=levels.macro(), margin=10.0).prepare(network)
+    assert given.scaling.margin == 10
+
+
+def test_a_margin_with_which_long_waves_grow_is_refused_with_one_that_is_enough():
+    """At 10 the circuit of the lander grows in ngspice, and its pole model is stable."""
+    network = design(lander(), kinds=[Kind.GRID]).network
+    told = r"margin: 10 is too small: .* neighbour grid; take a margin of 36 .*Kind.TREE"
+    with pytest.raises(NetworkError, match=told):
+        SpiceBackend(level=levels.macro(), margin=10.0).prepare(network)
