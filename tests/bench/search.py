@@ -144,7 +144,7 @@ def _shares(kind: str, rows: list[Row]) -> Iterator[Figure]:
     yield Figure(name=f"{kind}: at the best optimum known", value=f"{best} of {count}",
                  good=best >= 152 / 160 * count)  # fmt: skip
     coarse = sum(row.coarse for row in rows)
-    yield Figure(name=f"{kind}: networks settle, from the line or six stages of the path",
+    yield Figure(name=f"{kind}: networks settle, from the line or few stages of the path",
                  value=f"{coarse} of {certified}", good=coarse >= 0.95 * certified)  # fmt: skip
     false = sum(row.false for row in rows)
     yield Figure(name=f"{kind}: false certificates", value=str(false), good=not false)

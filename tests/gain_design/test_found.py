@@ -6,7 +6,7 @@ import sympy as sp
 
 import ann_dc
 from ann_dc import Kind, StepLength
-from ann_dc.gain_design import WITH_COORDINATORS
+from ann_dc.gain_design import COARSE, WITH_COORDINATORS
 
 x, y, v, a, b, h, theta = sp.symbols("x y v a b h theta")
 
@@ -47,7 +47,7 @@ def test_network_of_a_found_optimum_settles_from_the_start_or_a_coarse_preset(pr
     assert solution.status.settled
     assert solution.objective == pytest.approx(objective, rel=1e-5)
     assert solution.design.first.found_by
-    assert solution.design.start in ("", "6 stages of the found path")
+    assert solution.design.start in ("", *COARSE)
     assert solution.settling_in_fastest_time_constants < 200
     assert np.isfinite(solution.design.best.ratio)
 
@@ -68,3 +68,27 @@ def test_multipliers_of_dependent_rows_do_not_make_a_network_slow():
     assert solution.status.settled
     assert solution.total_time == pytest.approx(2.0, abs=1e-6)  # bang-bang with a switch half-way
     assert solution.design.best.ratio < 100
+
+
+def unicycle(N):
+    """A unicycle with limits beside a disc, over the same three seconds."""
+    q_x, q_y, heading, speed, turn = sp.symbols("q_x q_y heading speed turn")
+    return ann_dc.OptimalControlProblem(
+        states=(q_x, q_y, heading), controls=(speed, turn), dt=3 / N, horizon=N,
+        dynamics=(speed * sp.cos(heading), speed * sp.sin(heading), turn),
+        cost=(speed**2 + turn**2) / 2, q_0=(0, 0, 0), q_d=(3, 0.4, 0),
+        bounds={speed: (0, 1.3), turn: (-1.2, 1.2)},
+        constraints=[(q_x - 1.5) ** 2 + (q_y - 0.1) ** 2 >= 0.5**2],
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("N", "objective"), [(10, 7.310723), (30, 22.031823), (100, 73.083503), (300, 218.878542)]
+)
+def test_settling_with_limits_and_a_disc_does_not_grow_with_the_row(N, objective):
+    solution = ann_dc.solve(unicycle(N))
+    assert solution.certified
+    assert solution.objective == pytest.approx(objective, rel=1e-6)
+    assert solution.design.start in ("", *COARSE)
+    assert 50 < solution.settling_in_fastest_time_constants < 100

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from constrained import CONSTRAINED
 from designs import designed
 
 from ann_dc.analysis import Linearisation, spectrum
@@ -73,6 +74,34 @@ def test_a_descent_ends_either_way(ratio, furthest, last):
 def settled(name: str) -> SettledPoint:
     found = designed(name)
     return SettledPoint(Linearisation(found.network).at(found.state), found.state)
+
+
+def test_grids_are_compared_with_gentler_inequality_rows_too():
+    limited = design(synthesize(CONSTRAINED["dint_v"].problem))
+    point = SettledPoint(Linearisation(limited.network).at(limited.state), limited.state)
+    found = compare(point, Kind.GRID, 1.0)
+    assert {candidate.recipe.inequality for candidate in found} == {1.0, freeze.GENTLE}
+    gentle = next(candidate for candidate in found if candidate.recipe.inequality != 1)
+    assert "inequalities x 0.1" in str(gentle)
+    plain = candidate_of(point, replace(gentle.recipe, inequality=1.0), 1.0)
+    index = point.network.neuron_index
+    duals = [index[dual.neuron] for dual in point.network.cell.duals]
+    diode = np.flatnonzero(point.linear.diode)
+    gentler, plainer = gentle.gains.rho, plain.gains.rho
+    common = gentler[duals] / plainer[duals]
+    assert np.ptp(common) < 1e-9 * common[0]
+    assert gentler[diode] == pytest.approx(freeze.GENTLE * common[0] * plainer[diode])
+
+
+def test_path_terms_of_grids_fall_as_long_as_that_helps():
+    found = compare(settled("cart_pole"), Kind.GRID, 1.0)
+    finer = [candidate for candidate in found if candidate.recipe.path < min(freeze.PATHS)]
+    same = [c for c in found if c.recipe == replace(finer[0].recipe, path=min(freeze.PATHS))]
+    ratios = [candidate.ratio for candidate in (*same, *finer)]
+    assert len(finer) == 2
+    assert ratios[1] < freeze.HELPS * ratios[0]
+    assert ratios[2] > freeze.HELPS * ratios[1]
+    assert {c.recipe.path for c in compare(settled("unicycle"), Kind.GRID, 1.0)} == {*freeze.PATHS}
 
 
 @pytest.mark.parametrize("kind", Kind)
