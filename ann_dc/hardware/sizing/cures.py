@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.sizing.margins import least_margin
+from ann_dc.hardware.sizing.margins import following_margin, least_margin
 from ann_dc.hardware.sizing.resistors import fitting_resistor, two_digits
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
@@ -48,7 +48,8 @@ def cure(circuit: Circuit, level: Level, x: State) -> str:
 
 def _of_lag(circuit: Circuit, level: Level, x: State) -> list[str]:
     """Return what faster nodes of a grid do, or nothing: no margin changes their share."""
-    least = least_margin(replace(circuit, lag=circuit.lag / 10), level, x)
+    faster = replace(circuit, lag=circuit.lag / 10)
+    least = max(least_margin(faster, level, x), following_margin(circuit, level))
     if math.isinf(least):
         return []
     return [f"take a node_lag a tenth as large with a margin of {_up(least)} or more"]
