@@ -149,7 +149,10 @@ def spectrum_of(
         return unknown
     free = evaluator.free(x)
     if len(x) <= (DENSE_LIMIT if dense is None else dense):
-        flow = dense_flow(metric, row, drive_jacobian, free)
+        try:
+            flow = dense_flow(metric, row, drive_jacobian, free)
+        except np.linalg.LinAlgError:  # of a stiffness that is singular to rounding
+            return unknown
         if not np.isfinite(flow).all():
             return unknown
         eigenvalues = scipy.linalg.eigvals(flow, check_finite=False)
