@@ -53,7 +53,7 @@ class FoundChoice(Choice):
                 continue
             seen = (*seen, *new)
             tried = self._from_afar(settled, new)
-            best = min(best, tried, key=lambda frozen: frozen[1][0].rank if frozen[1] else LAST)
+            best = min(tried, best, key=lambda frozen: frozen[1][0].rank if frozen[1] else LAST)
             if best[1][0].settling < SOON:
                 break
         if not any(candidate.ratio < np.inf for candidate in seen):
