@@ -8,7 +8,7 @@ import numpy as np
 
 from ann_dc.gain_design.choice import Choice, Frozen, anew, stiffer
 from ann_dc.gain_design.freeze import Candidate
-from ann_dc.gain_design.rehearsal import Patience, at_another, hasty
+from ann_dc.gain_design.rehearsal import HASTY, Patience, at_another
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.gain_design.rules.presets import COARSE, places_of
 from ann_dc.network.metrics.contract import Kind
@@ -57,7 +57,7 @@ class FoundChoice(Choice):
             if best[1][0].settling < SOON:
                 break
         if not any(candidate.ratio < np.inf for candidate in seen):
-            return self._preset(settled, self.at(settled), hasty(settled.network.size))
+            return self._preset(settled, self.at(settled), HASTY)
         if not best[1][0].settling < np.inf:
             best = self._with_patience(settled, seen)
         there, found, start = best
@@ -77,7 +77,7 @@ class FoundChoice(Choice):
         if grids:
             best = self._from_afar(settled, grids, LONGER)
         else:
-            seen = (*seen, *self._rehearsals(settled, stiffer, hasty(settled.network.size)))
+            seen = (*seen, *self._rehearsals(settled, stiffer, HASTY))
             best = settled, tuple(sorted(seen, key=lambda candidate: candidate.rank)), ""
         return best if best[1][0].settling < np.inf else self._from_path(settled, seen)
 
@@ -102,10 +102,9 @@ class FoundChoice(Choice):
         return found
 
     def _from_afar(
-        self, settled: SettledPoint, new: tuple[Candidate, ...], patience: Patience | None = None
+        self, settled: SettledPoint, new: tuple[Candidate, ...], patience: Patience = HASTY
     ) -> Frozen:
         """Return candidates from the start, or from coarse presets if none settles."""
-        patience = patience or hasty(settled.network.size)
         found = self._rehearsed(settled, new, patience)
         for astray in found if not found[0].settling < np.inf else ():
             other = self._stray_of(settled, astray)

@@ -61,14 +61,7 @@ class Patience(NamedTuple):
 PATIENT = Patience(steps=60_000, failures=3)
 """For settled points that the network itself has found."""
 HASTY = Patience(steps=10_000, failures=4)
-"""For points that a search found, where presets remain to be tried, of long rows."""
-WORK = 15_000_000
-"""Steps times neurons that shorter rows may take there."""
-
-
-def hasty(size: int) -> Patience:
-    """Return what is spent on a start where presets remain, for a number of neurons."""
-    return HASTY._replace(steps=int(np.clip(WORK / size, HASTY.steps, PATIENT.steps)))
+"""For points that a search found, where presets remain to be tried."""
 
 
 def rehearse(

@@ -93,6 +93,7 @@ def test_grids_are_compared_with_gentler_inequality_rows_too():
     assert gentler[diode] == pytest.approx(freeze.GENTLE * common[0] * plainer[diode])
 
 
+@pytest.mark.slow
 def test_path_terms_of_grids_fall_as_long_as_that_helps():
     found = compare(settled("cart_pole"), Kind.GRID, 1.0)
     finer = [candidate for candidate in found if candidate.recipe.path < min(freeze.PATHS)]

@@ -22,7 +22,7 @@ from ann_dc.evaluation.rules import RoleRows
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.network.network import Network
 
-KNOTS = 6, 24
+KNOTS = 6, 12, 24
 """Stages of the found path that coarse presets keep."""
 COARSE = tuple(f"{knots} stages of the found path" for knots in KNOTS)
 """Words of the coarse presets."""
