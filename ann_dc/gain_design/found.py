@@ -33,8 +33,10 @@ LONGER = Patience(steps=60_000, failures=2)
 CLEARLY = 2.0
 """How many times faster a network has to settle from a finer preset to begin there."""
 
-LAST = (np.inf, np.inf)
-"""Rank of no candidate."""
+
+def _rank(frozen: Frozen) -> tuple[float, float]:
+    """Return the rank of the best candidate, behind all others if there is none."""
+    return frozen[1][0].rank if frozen[1] else (np.inf, np.inf)
 
 
 class FoundChoice(Choice):
@@ -53,12 +55,12 @@ class FoundChoice(Choice):
                 continue
             seen = (*seen, *new)
             tried = self._from_afar(settled, new)
-            best = min(tried, best, key=lambda frozen: frozen[1][0].rank if frozen[1] else LAST)
-            if best[1][0].settling < SOON:
+            best = min(tried, best, key=_rank)
+            if _rank(best)[0] < SOON:
                 break
         if not any(candidate.ratio < np.inf for candidate in seen):
             return self._preset(settled, self.at(settled), HASTY)
-        if not best[1][0].settling < np.inf:
+        if not _rank(best)[0] < np.inf:
             best = self._with_patience(settled, seen)
         there, found, start = best
         others = (
