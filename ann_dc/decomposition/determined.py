@@ -23,7 +23,7 @@ TOUCHING = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Determined:
-    """What q_0 alone determines at the stages of a problem.
+    """Moves and rows that q_0 alone determines at the stages of a problem.
 
     Attributes
     ----------

@@ -31,7 +31,7 @@ LONGER = Patience(steps=60_000, failures=2)
 """For grids, if nothing settles in a short rehearsal: some need many steps where they are stiff."""
 
 CLEARLY = 2.0
-"""How many times faster a network has to settle from a finer preset to begin there."""
+"""Ratio of settling times above which a network begins at a finer preset."""
 
 
 def _rank(frozen: Frozen) -> tuple[float, float]:

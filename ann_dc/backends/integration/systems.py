@@ -1,4 +1,4 @@
-"""What is integrated: code at addresses, generated for a network or interpreting its tape."""
+"""Systems to integrate: code at addresses, generated for a network or interpreting its tape."""
 
 from __future__ import annotations
 
@@ -251,19 +251,31 @@ def kept(system, x):
 
 
 @inlined
+def _states(system, course):
+    """Addresses of the state and of the one ahead, past their ghosts."""
+    ghost = 8 * system.ghost
+    return course.x.ctypes.data + ghost, course.ahead.ctypes.data + ghost
+
+
+@inlined
+def _terms(rows, first, course):
+    """Addresses of the slopes, of their weights and places from a row on, and of the scales."""
+    offset = 8 * first
+    return (
+        course.slopes.ctypes.data,
+        rows.weights.ctypes.data + offset,
+        course.offsets.ctypes.data + offset,
+        course.scales.ctypes.data,
+    )
+
+
+@inlined
 def combined(system, rows, stage, course, h):
     """Write the state ahead: x plus h times the weighted slopes of a stage."""
     first, last = rows.starts[stage], rows.starts[stage + 1]
     course.scales[0] = h
-    addresses = (
-        course.ahead.ctypes.data + 8 * system.ghost,
-        course.x.ctypes.data + 8 * system.ghost,
-        course.slopes.ctypes.data,
-        rows.weights.ctypes.data + 8 * first,
-        course.offsets.ctypes.data + 8 * first,
-        course.scales.ctypes.data,
-    )
-    call(system.combine, addresses, (last - first, system.padded))
+    x, ahead = _states(system, course)
+    call(system.combine, (ahead, x, *_terms(rows, first, course)), (last - first, system.padded))
 
 
 @inlined
@@ -272,14 +284,7 @@ def squares(system, rows, course, rtol, atol):
     stages = rows.starts.shape[0] - 3
     first, middle, last = rows.starts[stages], rows.starts[stages + 1], rows.starts[-1]
     course.scales[0], course.scales[1] = rtol, atol
-    addresses = (
-        course.x.ctypes.data + 8 * system.ghost,
-        course.ahead.ctypes.data + 8 * system.ghost,
-        course.slopes.ctypes.data,
-        rows.weights.ctypes.data + 8 * first,
-        course.offsets.ctypes.data + 8 * first,
-        course.scales.ctypes.data,
-        system.found.ctypes.data,
-    )
+    found = system.found.ctypes.data
+    addresses = (*_states(system, course), *_terms(rows, first, course), found)
     call(system.error, addresses, (middle - first, last - first, system.padded))
     return system.found[0], system.found[1]

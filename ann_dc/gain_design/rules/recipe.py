@@ -135,7 +135,7 @@ RECIPES = {
     Kind.PYRAMID: WITH_COORDINATORS,
     Kind.TIME_CONSTANTS: WITHOUT_COORDINATORS,
 }
-"""Where the search begins for each kind of metric, fastest kind first."""
+"""Recipes at which the search begins for each kind of metric, fastest kind first."""
 
 SWEEPS = (0, 16, 60)
 """Sweeps of the equilibration of the rows that are compared."""

@@ -46,7 +46,7 @@ GAIN = 2.0
 """Sum of the input gains of a PI cell, at most: its bandwidth falls with them."""
 
 INTO = 1.0
-"""What arrives at an own integrator in full scales per 1 / rate, at most, for the same reason."""
+"""Largest drive of an own integrator, in full scales per 1 / rate, for the same reason."""
 
 
 def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
