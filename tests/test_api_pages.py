@@ -44,6 +44,7 @@ def test_what_does_not_exist_is_found(reference):
     assert NAMES.broken(reference, network)
 
 
+@pytest.mark.slow
 def test_no_docstring_refers_to_what_does_not_exist():
     """In a process of its own: every module is loaded, torch among them."""
     program = "import api_pages as a; print(*a.broken_references(a.modules()), sep='\\n')"

@@ -63,6 +63,7 @@ def test_module_does_not_import_posix_modules_when_loaded(path):
     assert not POSIX & (names | {getattr(node, "module", None) for node in loaded})
 
 
+@pytest.mark.slow
 def test_work_is_done_without_what_linux_alone_has(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", PRELUDE + LACKS + WORK, tmp_path],

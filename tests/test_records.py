@@ -84,6 +84,7 @@ def test_other_inputs_of_a_problem_travel_too():
     assert arrived.q_d == (2.0, 0.0)
 
 
+@pytest.mark.slow
 def test_a_pool_of_fresh_processes_solves(used):
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(max_workers=1, mp_context=spawn) as pool:

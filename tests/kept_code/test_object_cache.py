@@ -95,6 +95,7 @@ def test_a_damaged_file_is_compiled_anew(written, tmp_path, spoil):
     assert run(folder) == ["0"]
 
 
+@pytest.mark.slow
 def test_a_file_of_another_name_is_not_taken(written, tmp_path):
     """A checksum holds for one key only: code of another wiring never runs in its place."""
     folder, file = copied(written, tmp_path)
@@ -112,12 +113,14 @@ def test_what_others_may_write_to_is_not_taken(written, tmp_path):
     assert "in memory only" in run(folder)[0]
 
 
+@pytest.mark.slow
 def test_a_link_is_no_folder(written, tmp_path):
     link = tmp_path / "link"
     link.symlink_to(written)
     assert "in memory only" in run(link)[0]
 
 
+@pytest.mark.slow
 def test_a_file_stands_where_the_folder_should(tmp_path):
     (tmp_path / "compiled").write_text("")
     assert "in memory only" in run(tmp_path / "compiled")[0]

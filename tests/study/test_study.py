@@ -51,6 +51,7 @@ def test_the_table(table):
         table.yield_of({"power": 1.0})
 
 
+@pytest.mark.slow
 def test_rows_are_the_same_whoever_does_the_work(table, tmp_path):
     with ThreadPoolExecutor(2) as executor:
         threads = chips().run(tmp_path / "threads", executor=executor)

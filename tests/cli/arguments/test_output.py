@@ -2,9 +2,11 @@
 
 import re
 
+import pytest
 from command_line import SMALL, terminal
 
 
+@pytest.mark.slow
 def test_timing_is_told_on_stderr_whatever_becomes_of_the_command():
     code, out, err = terminal("solve", *SMALL, "--timing", "--quiet")
     assert (code, out) == (0, b"")

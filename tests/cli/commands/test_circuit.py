@@ -343,8 +343,11 @@ def test_a_volt_of_every_control_is_told(tmp_path):
 @pytest.mark.parametrize(
     "word",
     [
-        *("coupled-pyramid", "grid"),
-        *(pytest.param(word, marks=pytest.mark.slow) for word in ("pyramid", "tree")),
+        "grid",
+        *(
+            pytest.param(word, marks=pytest.mark.slow)
+            for word in ("coupled-pyramid", "pyramid", "tree")
+        ),
     ],
 )
 def test_what_a_metric_demands_is_told_before_it_is_built(tmp_path, word):

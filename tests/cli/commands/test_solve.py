@@ -208,6 +208,7 @@ def test_a_folder_is_no_json_file(tmp_path):
     assert (code, "is a folder" in text) == (2, True)
 
 
+@pytest.mark.slow
 def test_a_terminal_without_utf8_shows_plain_letters(tmp_path):
     file = tmp_path / "swing.toml"
     text = PENDULUM.read_text(encoding="utf-8").replace('name = "pendulum"', 'name = "péndulo"')

@@ -101,6 +101,7 @@ def test_op_amps_share_packages_and_idle_ones_follow_ground(car):
     assert pads["6"] == pads["7"]
 
 
+@pytest.mark.slow
 def test_pads_are_those_of_the_library_parts(car):
     """Every pad that a net names is one that the part declares."""
     tree = read(kicad_files(*car, level="opa192_ad734")["circuit.net"].decode())

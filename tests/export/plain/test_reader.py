@@ -100,6 +100,7 @@ def differences(folder, network, form="safetensors"):
     return {k: off / max(1.0, np.abs(vector.early[k]).max()) for k, off in told.items()}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", NETWORKS)
 def test_reader_of_the_readme_takes_the_steps_of_the_vector(name, tmp_path):
     off = differences(tmp_path, NETWORKS[name]())

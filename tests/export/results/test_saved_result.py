@@ -268,6 +268,7 @@ for number in range(20):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills a process that was forked")
 def test_killed_at_twenty_moments_a_folder_is_complete_or_refused(tmp_path, solution):
     """SIGKILL while folders are being written: no name stands for half a result."""

@@ -304,6 +304,7 @@ def test_ngspice_settles_when_the_emulation_does(name):
     assert simulate(FINE, *prepared(name)).settling_time(1e-3) == pytest.approx(time, rel=0.01)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_slew_delays_ngspice_as_much():
     run = simulate(replace(BACKEND, level=SLEWING), *prepared("car"))

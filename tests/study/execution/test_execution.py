@@ -264,6 +264,7 @@ print(study.run(sys.argv[1], workers=1)["own"].tolist())
 """
 
 
+@pytest.mark.slow
 def test_study_in_a_plain_script_runs_once_and_prints_no_traceback(tmp_path):
     """The script has no guard, and the study needs a function that it defines."""
     script = tmp_path / "script.py"
