@@ -30,7 +30,7 @@ PROBLEMS = {
     "beside rows": lambda: small(stages=12, bounds={"v": (None, 1.2), "a": (-9, 9)}),
     "car": lambda: car(CASES["two by range"][0]),
 }
-MARGIN = {"one counts": 16.0, "beside rows": 16.0, "car": 25.0}
+MARGIN = {"one stage": 40.0, "one counts": 16.0, "beside rows": 16.0, "car": 25.0}
 
 
 @cache

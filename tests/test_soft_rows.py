@@ -76,7 +76,7 @@ def test_a_price_above_the_multiplier_gives_the_hard_optimum():
         for s in (soft, hard)
     ]
     assert exact[0].objective == pytest.approx(exact[1].objective, rel=1e-8)
-    kept = soft.certificate.soft_rows
+    kept = exact[0].soft_rows
     assert (kept.at_price, kept.yielding, kept.worst, kept.cost) == (
         0, 0, "", pytest.approx(0, abs=1e-8)
     )  # fmt: skip

@@ -22,6 +22,8 @@ HELD = 1e-6
 """Share of what the controls can reach below which a state that moves so little is held."""
 FLAT = 1e-9
 """Curvature over the largest one below which a cost says nothing of what q_0 leaves free."""
+EXPLOSION = 1e30
+"""Variance over that of a map which does not grow; beyond, F says nothing of how far states go."""
 GROWTH = 30.0
 """Growth of a disturbance beyond which earlier controls do not count in what controls reach."""
 
@@ -65,6 +67,24 @@ def bridge_variance(
     >>> bridge_variance(one, one, np.zeros((1, 5)), np.ones(1), np.array([True])).round(3)
     array([[0.75, 1.  , 0.75, 0.  ]])
     """
+    variance = _variance(F, B, Q, R, fixed, loose)
+    norms = np.linalg.norm(F, axis=(0, 1))  # at least the spectral radii, and cheaper
+    if np.log(np.maximum(norms, 1.0)).sum() <= np.log(EXPLOSION) / 2:
+        return variance
+    radii = np.maximum(np.abs(np.linalg.eigvals(np.moveaxis(F, -1, 0))).max(axis=1), 1.0)
+    bounded = _variance(F / radii, B, Q, R, fixed, loose)
+    return bounded if (variance > EXPLOSION * bounded)[bounded > 0].any() else variance
+
+
+def _variance(
+    F: np.ndarray,
+    B: np.ndarray,
+    Q: np.ndarray,
+    R: np.ndarray,
+    fixed: np.ndarray,
+    loose: np.ndarray | None,
+) -> np.ndarray:
+    """The recursion, whatever F does."""
     n, m, stages = B.shape
     B = B / np.sqrt(R)[:, None]
     reached = _reached(F, B)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.gain_design.choice import DEARER
 from ann_dc.gain_design.procedure import Design
 from ann_dc.network.network import Network
+from ann_dc.optimality.certificate import LARGEST_STEP
 from ann_dc.optimality.prospects.boundedness import Unbounded
 from ann_dc.optimality.prospects.infeasible import Infeasible
 from ann_dc.optimality.prospects.prospect import Hopeless, Prospect
@@ -26,6 +28,9 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Stopped
 from ann_dc.solution.finding import path_of
 from ann_dc.solution.solution import Solution, certificate_of
+
+CLOSER = 0.3
+"""Share of the Newton step allowed at which a run that goes on is to end."""
 
 
 def solution_of(
@@ -57,7 +62,7 @@ def solution_of(
     -------
     Solution
     """
-    found = _solution(problem, equations, network, designed, _run(backend, network, designed))
+    found = _solution(problem, equations, network, designed, backend)
     is_studied = equations.form != equations.form.designable  # its own start and run are the answer
     if designed is None or is_studied or _is_of_backend(found, designed):
         return _explained(found, prospect)
@@ -69,8 +74,7 @@ def solution_of(
             return answers[-1]
         if (other := next(others, None)) is None:
             break
-        run = _run(backend, other.network, other)
-        answers.append(_solution(problem, equations, other.network, other, run))
+        answers.append(_solution(problem, equations, other.network, other, backend))
     certified = [answer for answer in answers if answer.certified]
     if certified:
         return min(certified, key=lambda answer: answer.objective)
@@ -101,9 +105,10 @@ def _solution(
     equations: StageEquations,
     network: Network,
     designed: Design | None,
-    run: Run,
+    backend: Backend,
 ) -> Solution:
-    return Solution(
+    run = _run(backend, network, designed)
+    found = Solution(
         problem=problem,
         equations=equations,
         network=network,
@@ -111,6 +116,25 @@ def _solution(
         certificate=certificate_of(problem, network, run.trajectory.final),
         design=designed,
     )
+    return _closer(found, backend)
+
+
+def _closer(found: Solution, backend: Backend) -> Solution:
+    """Return the answer of a longer run where a settled one ends too far from its minimum.
+
+    Where the cost is flat a small residual leaves a Newton step that is not small. The settling
+    time stays what it was: it is the last exit from the tolerance.
+    """
+    proof, settling = found.certificate, getattr(backend, "settling", None)
+    is_far = proof.first_order and proof.second_order and LARGEST_STEP <= proof.newton_step < 1.0
+    if not (found.status.settled and is_far and isinstance(settling, Settling)):
+        return found
+    confirm = settling.confirm * LARGEST_STEP / proof.newton_step * CLOSER
+    record: Any = backend
+    longer = replace(record, settling=replace(settling, confirm=confirm))
+    run = _run(longer, found.network, found.design)
+    certificate = certificate_of(found.problem, found.network, run.trajectory.final)
+    return replace(found, run=run, certificate=certificate) if certificate.certified else found
 
 
 @phase("run")

@@ -156,3 +156,12 @@ def test_where_no_cost_tells_how_far_a_start_may_go():
     one = np.ones((1, 1, 4))
     free = np.array([False])
     assert np.isinf(bridge_variance(one, one, np.zeros((1, 5)), np.ones(1), free, ~free)).all()
+
+
+def test_a_map_that_explodes_counts_as_one_that_keeps_what_it_has():
+    """Growth by 1e120 says nothing of a path: Monod kinetics in long Euler steps did that."""
+    one, nothing, free = np.ones((1, 1, 40)), np.zeros((1, 41)), np.array([False])
+    exploding = bridge_variance(1e3 * one, one, nothing, np.ones(1), free)
+    assert exploding[0] == pytest.approx(np.arange(1, 41))
+    growing = bridge_variance(1.5 * one, one, nothing, np.ones(1), free)
+    assert growing[0, -1] > 1e12

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+import sympy as sp
 from constrained import CONSTRAINED
+from reference import ipopt
 
 import ann_dc
 from ann_dc.backends import Outcome, Recorder, Settling, not_settled
@@ -85,3 +87,27 @@ def test_run_that_settles_at_a_dearer_optimum_is_not_the_answer():
     assert solution.certified
     assert solution.status.settled
     assert solution.objective == pytest.approx(aim.objective, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_flat_cost_is_followed_until_a_newton_step_is_small():
+    """Treatment of an infection: a residual of 5e-9 left a Newton step of 2.8e-4 of a control."""
+    T, i, v, u = sp.symbols("T I V u")
+    problem = ann_dc.OptimalControlProblem(
+        states=(T, i, v),
+        controls=(u,),
+        dynamics=(
+            10 - 0.02 * T - (1 - u) * 2.4e-5 * v * T,
+            (1 - u) * 2.4e-5 * v * T - 0.24 * i,
+            28.8 * i - 2.4 * v,
+        ),
+        dt=0.5,
+        horizon=40,
+        cost=-T / 1000 + u**2 / 20,
+        q_0=(800, 0.04, 1.5),
+        bounds={u: (0, 0.9)},
+    )
+    solution = ann_dc.solve(problem)
+    assert solution.status.settled
+    assert solution.certified
+    assert solution.objective == pytest.approx(ipopt(problem).objective, rel=1e-6)

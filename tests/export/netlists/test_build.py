@@ -108,7 +108,7 @@ def test_a_circuit_that_oscillates_is_refused(pyramid, monkeypatch):
 @pytest.mark.slow
 def test_a_circuit_that_gets_lost_on_its_way_is_told():
     """Stable where it should settle; on the way there a steering angle runs past tan's domain."""
-    problem = ann_dc.plants.bicycle(N=20)
+    problem = ann_dc.plants.car(N=30)
     network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
     vector = reference_vector(network)
     assert ann_dc.OdeBackend().run(network).status.settled
