@@ -29,7 +29,9 @@ def measured(volts: float):
     return BENCH.grid(volts, SHARES * volts, ADDED * volts)
 
 
-@pytest.mark.parametrize("volts", SCALES)
+@pytest.mark.parametrize(
+    "volts", [SCALES[0], *(pytest.param(volts, marks=pytest.mark.slow) for volts in SCALES[1:])]
+)
 def test_a_sweep_is_the_law(volts):
     x, y, z, out = sweep = measured(volts)
     assert np.abs(out - volts * x * y - z).max() > 2e-4
