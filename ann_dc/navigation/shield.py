@@ -15,6 +15,9 @@ from ann_dc.navigation.planner import Plan, Situation
 STILL = 1e-6
 """Largest change of a state in a period in which a robot counts as standing still."""
 
+GENTLE = 0.25
+"""Share of a limit at which ways out are tried beside the limit itself."""
+
 
 @such_as("ann_dc.navigation.Shield()")
 @checked
@@ -22,9 +25,9 @@ STILL = 1e-6
 class Shield:
     """Safety filter that replaces a plan if it leaves too little room or has not converged.
 
-    Ways out are constant controls, each at one of its limits or at zero, rolled out a few steps,
-    and the one with the most room is taken. A digital circuit looks at some ten of them each
-    period; a better plan is never overruled.
+    Ways out are constant controls, each at zero, at one of its limits or at a quarter of it, rolled
+    out a few steps, and the one with the most room is taken. A robot with two controls has 25 of
+    them, which a digital circuit rolls out in each period. A better plan is never overruled.
 
     A robot that stands still in a world at rest would never move again. If standing still is the
     best way out, the first control of the plan is applied nevertheless, provided that a way out
@@ -80,7 +83,10 @@ class Shield:
         self, situation: Situation, before: np.ndarray, dt: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return controls (m, W) of all ways out, later states (W, n, K) and least rooms (W,)."""
-        ends = [dict.fromkeys((0.0, low, high)) for low, high in situation.world.robot.limits]
+        ends = [
+            dict.fromkeys((0.0, low, high, GENTLE * low, GENTLE * high))
+            for low, high in situation.world.robot.limits
+        ]
         controls = np.array(list(itertools.product(*ends))).T
         start = np.repeat(before[:, -1:], controls.shape[1], axis=1)
         steps = self.steps + 1 - before.shape[1]

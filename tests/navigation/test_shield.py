@@ -40,6 +40,26 @@ def test_it_gives_way_to_what_comes():
     assert u[0] == -1.0
 
 
+def least_room(here, u):
+    """Least room of a way with constant controls, over the shield's steps."""
+    way = ROBOT.steps(0.1).rollout(np.zeros(3), np.tile(u[:, None], 8))[:, 1:]
+    times = 0.1 * np.arange(1, 9)
+    gaps = [o.near(way[:2].T, times).distance.min() for o in here.world.obstacles]
+    return min(gaps) - ROBOT.radius
+
+
+def test_it_moves_gently_where_there_is_little_room():
+    """A slow disc in front, others around: a way out at full speed hits one of them."""
+    around = [disc(centre, 0.5) for centre in ((-1.1, 0), (-0.4, 0.85), (-0.4, -0.85))]
+    here = situation(disc((0.8, 0), 0.5, velocity=(-0.2, 0.0)), *around)
+    u = Shield().instead(here, plan(0.0), 0.1)
+    assert u is not None
+    assert -0.5 < u[0] < 0
+    assert least_room(here, u) > 0.05
+    fast = [least_room(here, np.array([v, w])) for v in (-1.0, 0.0, 2.0) for w in (-3.0, 0.0, 3.0)]
+    assert max(fast) < 0
+
+
 def test_a_plan_that_is_none_is_not_trusted():
     here = situation(disc((3, 1), 0.5))
     assert Shield().instead(here, plan(1.0, residual=0.5), 0.1) is not None
