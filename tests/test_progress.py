@@ -1,10 +1,10 @@
 """Work that is ended before its end: by time, by an interrupt, by whoever is told."""
 
-import os
 import signal
 import threading
 import time
 from dataclasses import replace
+from itertools import count
 
 import pytest
 from command_line import run
@@ -112,12 +112,19 @@ def test_a_limit_that_is_none(limit):
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_ctrl_c_on_the_command_line_prints_what_is_there():
-    timer = threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT))
-    timer.start()
-    code, text = run("solve", "cart_pole", "--no-verify", "--quiet")
-    timer.join()
+def test_ctrl_c_on_the_command_line_prints_what_is_there(monkeypatch):
+    check, calls = Deadline.check, count()
+
+    def interrupted_at_last(deadline):
+        if next(calls) == 20:
+            signal.raise_signal(signal.SIGINT)
+        check(deadline)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Deadline, "check", interrupted_at_last)
+        code, text = run("solve", "cart_pole", "--no-verify", "--quiet")
     assert code == 130
+    assert next(calls) > 20
     code, text = run("solve", "cart_pole", "--no-verify", "--time-limit", "0.1")
     assert code == 1
     assert "0.1 s were over (limit)" in text
