@@ -31,6 +31,7 @@ PROBLEMS = {
     "car": lambda: car(CASES["two by range"][0]),
 }
 MARGIN = {"one counts": 16.0, "beside rows": 16.0, "car": 25.0}
+POINTS = {"one stage": 1200}  # it rings for long: a quarter of ngspice's largest step
 
 
 @cache
@@ -39,7 +40,7 @@ def network_of(name):
 
 
 def backend_of(name, level) -> SpiceBackend:
-    patient = Simulation(patience=1800.0)
+    patient = Simulation(points=POINTS.get(name, 300), patience=1800.0)
     return SpiceBackend(level=level, margin=MARGIN.get(name, 10.0), simulation=patient)
 
 
@@ -58,10 +59,7 @@ def shares(network, x) -> np.ndarray:
     "name",
     ["both count", *(pytest.param(n, marks=pytest.mark.slow) for n in ("one stage", "one counts"))],
 )
-def test_shares_are_those_of_the_ode(name, level, request):
-    if name == "one stage" and level is MACRO:
-        why = "it rings at margin 10: settling is predicted 57.4 us, ngspice says 68.2"
-        request.applymarker(pytest.mark.xfail(strict=True, reason=why))
+def test_shares_are_those_of_the_ode(name, level):
     run = backend_of(name, level).run(network_of(name))
     assert run.settled()
     found, wanted = (shares(network_of(name), t.final) for t in (run.trajectory, run.probe))
@@ -70,7 +68,7 @@ def test_shares_are_those_of_the_ode(name, level, request):
         told = predict(run.circuit, MACRO, run.probe)
         assert run.control_error == pytest.approx(told.control_error, rel=0.1, abs=3e-5)
         run = refined(run, Ngspice(), MACRO.datasheet)
-        assert run.settling_time() == pytest.approx(told.settling_time, rel=0.1)
+        assert run.settling_time() == pytest.approx(told.settling_time, rel=0.02)
 
 
 @needs_ngspice

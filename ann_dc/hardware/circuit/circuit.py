@@ -47,6 +47,12 @@ CROSSING = 1.1
 SEEPING = 1e-4
 """What a diode passes before it conducts, over what it passes then: its knee has no corner."""
 
+THERMAL = 0.02585
+"""kT / q in volts at 27 degrees, where diodes are those of netlists."""
+
+JUNCTION = 0.07e-12
+"""Farads of a diode of 0.1 pF at rest, 1 V in reverse: from an op amp's output to its ground."""
+
 CLAMP_SHARE = 0.2
 """What lies in each clamp of an integrator with rails, as a share of its capacitor."""
 

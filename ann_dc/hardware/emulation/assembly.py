@@ -48,6 +48,8 @@ class Assembly:
 
     Attributes
     ----------
+    transistors : bool
+        Whether its op amps and diodes are those of a chip.
     halves : float
         Into which the op amps of a pair split their offset.
     outputs : Outputs
@@ -68,6 +70,7 @@ class Assembly:
     ) -> None:
         self.moving = moving
         self.circuit, self.datasheet = circuit, level.datasheet
+        self.transistors = level.transistors
         self.halves = 2.0 if isinstance(level.technology, DifferentialPairs) else 1.0
         self.schematic, self.scaling = circuit.schematic, circuit.scaling
         self.ideal = circuit.schematic.network

@@ -71,6 +71,26 @@ class AmplifierNodes:
         return f"back.{self.output}"
 
     @property
+    def beyond(self) -> str:
+        """How far it is on the other side of where its own diode begins to conduct."""
+        return f"beyond.{self.output}"
+
+    @property
+    def pace(self) -> str:
+        """How fast the far end of its own diode follows it."""
+        return f"pace.{self.output}"
+
+    @property
+    def paced(self) -> str:
+        """What drives it, times its pace."""
+        return f"paced.{self.output}"
+
+    @property
+    def open_drive(self) -> str:
+        """What would drive it, had its own diode no drop."""
+        return f"drop_free.{self.output}"
+
+    @property
     def held(self) -> str:
         """The voltage across its capacitor."""
         return f"held.{self.output}"

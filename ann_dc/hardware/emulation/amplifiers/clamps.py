@@ -51,10 +51,11 @@ from ann_dc.hardware.circuit.circuit import (
     CLAMP_REFERENCE,
     CLAMP_SATURATION,
     CLAMP_SHARE,
+    THERMAL,
 )
 from ann_dc.hardware.circuit.parameters import CLAMP_OFFSETS
 from ann_dc.hardware.emulation.amplifiers.grounds import farads_over
-from ann_dc.hardware.emulation.amplifiers.idle_clamps import THERMAL, Clamp, clamps_of
+from ann_dc.hardware.emulation.amplifiers.idle_clamps import Clamp, clamps_of
 from ann_dc.hardware.emulation.assembly import Assembly
 from ann_dc.hardware.emulation.knee import bent_rectifier
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin

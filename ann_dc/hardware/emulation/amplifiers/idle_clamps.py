@@ -21,6 +21,7 @@ from ann_dc.hardware.circuit.circuit import (
     CLAMP_RESTING,
     CLAMP_SATURATION,
     CLAMP_SHARE,
+    THERMAL,
     Circuit,
 )
 from ann_dc.hardware.emulation.emulation import Emulation
@@ -28,9 +29,6 @@ from ann_dc.hardware.emulation.nodes import AmplifierNodes, ClampNodes
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.schematic.elements import Integrator
 from ann_dc.network.network import Network
-
-THERMAL = 0.02585
-"""kT / q in volts, where diodes are those of netlists."""
 
 BESIDE = 1e-4
 """Volts from a rail at which reset leaves an output that starts there: currents of its inputs, and

@@ -57,6 +57,7 @@ from ann_dc.hardware.circuit.grid_values import to_ground
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.amplifiers.capacitors import add_capacitor
 from ann_dc.hardware.emulation.amplifiers.clamps import add_clamps
+from ann_dc.hardware.emulation.amplifiers.diodes import add_pace, paced, slowed
 from ann_dc.hardware.emulation.amplifiers.grounds import (
     FAST,
     add_bias,
@@ -195,7 +196,8 @@ def _diode_cell(assembly: Assembly, part: PICell) -> None:
         e |= {nodes.output: -SEEPING, nodes.lagging: 1.0}
     for source, weight in e.items():
         assembly.connect(source, nodes.ground, weight)
-    _amplifier(assembly, op_amp, {nodes.ground: 1.0})
+    add_pace(assembly, part)
+    _amplifier(assembly, op_amp, {nodes.ground: 1.0}, slowed(assembly, part, ohms / whole))
     weights = {nodes.output: 1.0, nodes.held: -1.0, nodes.ground: -1.0, ONE: drop}
     add_capacitor(assembly, part, weights, part.tau * factor)
     gone = np.flatnonzero(~part.present).tolist()
@@ -266,16 +268,20 @@ def _amplify(
 
 
 def _amplifier(
-    assembly: Assembly, nodes: AmplifierNodes, e: Mapping[str, float | np.ndarray]
+    assembly: Assembly,
+    nodes: AmplifierNodes,
+    e: Mapping[str, float | np.ndarray],
+    slower: float | np.ndarray = 1.0,
 ) -> None:
-    """x' = Omega (o - e - x / A0), with e given as weights of nodes."""
+    """x' = Omega (o - e - x / A0), with e as weights of nodes; ``slower``, if behind a diode."""
     datasheet, volt = assembly.datasheet, assembly.circuit.value_of(nodes.part)
     outputs, op_amp = assembly.outputs, (nodes.part, nodes.inverter)
     name, a0 = _poles(assembly, nodes), outputs.gain(*op_amp)
-    target, per_target = name, 1.0
+    driven = paced(assembly, nodes, name, slower) if nodes.rectified else name
+    target, per_target = driven, 1.0
     if math.isfinite(datasheet.slew):
         target = nodes.drive
-        per_target = assembly.slewing(target, name, abs(volt))
+        per_target = assembly.slewing(target, driven, abs(volt))
     for source, weight in e.items():
         leak = 1 / a0 if source == name else 0.0
         assembly.connect(source, target, -(np.asarray(weight) + leak) * per_target)
