@@ -30,7 +30,7 @@ constants alone, slower than a pyramid and with spectra that take longest, are l
 LONGER = Patience(steps=60_000, failures=2)
 """For grids, if nothing settles in a short rehearsal: some need many steps where they are stiff."""
 
-CLEARLY = 2.0
+CLEARLY = 1.5
 """Ratio of settling times above which a network begins at a finer preset."""
 
 

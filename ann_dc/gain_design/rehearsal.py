@@ -38,6 +38,10 @@ PATIENCE = 3.0
 AT_BEST = 0.5
 """Settling over its prediction, at best: what cannot win even so is not rehearsed. On a long row,
 where a rehearsal takes seconds, settling and prediction are taken for the same."""
+STUCK, EARLY = 1e-3, 0.2
+"""Share of the time that may pass, below which a rehearsal is given up after a share of its steps.
+
+In a fifth of its steps one that is to settle has come ten times as far."""
 ELSEWHERE = 0.05
 """Distance, relative to the largest primal neuron, from which on a run has ended elsewhere."""
 
@@ -174,6 +178,8 @@ def run_with_constants(
     bounds = Bounds(slew=free, box=rails, guard=guard)
     elapsed, steps, outcome, told = 0.0, 0, RAN, Paced(progress)
     while outcome == RAN and elapsed < limit and steps < longest:
+        if steps >= EARLY * longest and elapsed < STUCK * limit:
+            break
         stiffer = max(trial.fastest_rate(x, iterations=8) / pace.radius, 1.0)
         step = pace.step / stiffer
         done, _, outcome = trial.recur(x, step, bounds, count=CHUNK, tolerance=tolerance)

@@ -22,8 +22,10 @@ from ann_dc.evaluation.rules import RoleRows
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.network.network import Network
 
-KNOTS = 6, 12, 24
+KNOTS = 6, 12, 24, 48, 96
 """Stages of the found path that coarse presets keep."""
+LEAST = 12, 24, 48, 240, 480
+"""Stages that a row exceeds to be tried from each of them: long rows are stiffer, and need more."""
 COARSE = tuple(f"{knots} stages of the found path" for knots in KNOTS)
 """Words of the coarse presets."""
 NEARBY = 0.05
@@ -71,8 +73,8 @@ def presets_of(network: Network, state: np.ndarray) -> Iterator[Preset]:
     primal = np.zeros(len(network.live), bool)
     primal[RoleRows.of(evaluator(network).tape.roles).primal] = True
     path = np.where(primal[:, None], network.unpack(state), 0.0)
-    for knots, words in zip(KNOTS, COARSE):
-        if network.stages > 2 * knots:
+    for knots, least, words in zip(KNOTS, LEAST, COARSE):
+        if network.stages > least:
             yield Preset(words, network.pack(_coarse(path, knots)))
     yield Preset("the found path", network.pack(path))
     near = state + NEARBY * (network.start_state - state)
