@@ -13,8 +13,9 @@ from ann_dc.kept_code import FOLDER_VARIABLE
 load_profile()
 
 
-CASES = 8
-"""So many of a sampled test's cases CI runs: those that have most values that no other has."""
+CASES = 6
+"""So many of a sampled test's cases CI runs, or as many as its mark says: those that have most
+values that no other has."""
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -30,8 +31,9 @@ def pytest_collection_modifyitems(items):
             tables.setdefault(item.nodeid.partition("[")[0], []).append(item)
     for test, cases in tables.items():
         left = Random(test).sample(cases, len(cases))
+        (most,) = cases[0].get_closest_marker("sampled").args or (CASES,)
         seen, chosen = set(), 0
-        while left and chosen < CASES:
+        while left and chosen < most:
             best = max(left, key=lambda item: len(item.callspec.indices.items() - seen))
             seen |= best.callspec.indices.items()
             left.remove(best)

@@ -199,6 +199,7 @@ def double_pendulum(g: float = 9.81) -> Network:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_double_pendulum_keeps_its_energy():
     g, network = 9.81, double_pendulum()
     states = network.unpack(integrated(network, 5.0).y.T)
@@ -222,6 +223,7 @@ def test_small_swings_of_a_double_pendulum():
 # ---- limiters ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_rails_end_a_ramp():
     ramp = Network(
         cell=Cell(

@@ -154,6 +154,7 @@ BOARDS = {
 }
 
 
+@pytest.mark.slow
 @needs_ngspice
 @pytest.mark.parametrize(
     "name", ["rang", *(pytest.param(n, marks=pytest.mark.slow) for n in [*BOARDS][1:])]
@@ -171,6 +172,7 @@ def test_a_board_with_rails_is_as_it_is_emulated(name):
     assert run.settling_time() == pytest.approx(found.settling_time, rel=0.02)
 
 
+@pytest.mark.slow
 @needs_ngspice
 @pytest.mark.parametrize(
     "kind", [Kind.TIME_CONSTANTS, pytest.param(Kind.PYRAMID, marks=pytest.mark.slow)]
@@ -197,6 +199,7 @@ def test_a_network_that_does_not_settle_is_told_of_a_metric_that_may():
         SpiceBackend().prepare(network)
 
 
+@pytest.mark.slow
 @needs_ngspice
 @pytest.mark.parametrize(
     "level",
@@ -330,6 +333,7 @@ def test_states_follow_the_projection_as_closely_as_they_follow_clamps():
         assert np.abs(wanted - found).max() < 0.022 * np.abs(wanted).max()
 
 
+@pytest.mark.slow
 def test_fitted_intervals_of_rows_are_taken_with_the_network_that_has_rails():
     """Rows that stand in the place of rails have intervals, too."""
     network = coupled("limited control", Kind.GRID)

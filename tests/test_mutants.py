@@ -126,6 +126,7 @@ GREEDY = {
 }
 
 
+@pytest.mark.slow
 def test_greedy_files(tmp_path):
     """A small file that says much takes at most what its size allows."""
     for name, content in GREEDY.items():

@@ -37,6 +37,7 @@ def told_by(script: str) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "script",
     [SOLVES, pytest.param(COMMAND, marks=pytest.mark.slow)],
@@ -55,6 +56,7 @@ def test_recurrent_steps_need_no_torch(script):
     assert told_by(script.format(first=BLOCKED) + "print('done')") == "done"
 
 
+@pytest.mark.slow
 def test_a_layer_loads_torch():
     """So that the tests above would tell."""
     assert told_by(f"import ann_dc, sys; ann_dc.RecurrentLayer; {LOADED}") == "True"

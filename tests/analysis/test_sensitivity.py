@@ -389,6 +389,7 @@ def effects(name: str) -> dict[str, np.ndarray]:
     return effects_of(circuit, LEVEL, probe.final)
 
 
+@pytest.mark.slow
 @needs_ngspice
 @pytest.mark.parametrize(
     ("name", "kind"),

@@ -111,6 +111,7 @@ def test_slow_modes_that_swing_are_not_missed(problem, stages, boost, monkeypatc
     assert found == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "slower", [*(pytest.param(c, marks=pytest.mark.slow) for c in (1.2, 1.0)), 0.9]
 )
@@ -127,6 +128,7 @@ def test_modes_of_op_amps_that_swing_between_the_ends_are_not_missed(slower, mon
     assert found.abscissa == pytest.approx(expected.abscissa, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("problem", "kind"),
     [

@@ -247,6 +247,7 @@ def test_the_last_step_is_looked_at_wherever_it_falls(monkeypatch, limit):
     np.testing.assert_allclose(code.states, layers.states, rtol=1e-11, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_rails_hold_recurrent_steps(monkeypatch):
     network = designed("double_integrator").network
     row = network.neuron_index["u.a"]

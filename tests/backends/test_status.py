@@ -245,6 +245,7 @@ def test_limit_cycle_is_not_told_to_start_elsewhere(backend):
     assert "elsewhere" not in told
 
 
+@pytest.mark.slow
 def test_error_of_an_implicit_method_is_not_blamed_on_the_network():
     told = str(BDF.run(damped()).status)
     assert "no smaller: BDF errs as much with rtol=1e-06; take the compiled method" in told
@@ -257,6 +258,7 @@ def test_contradicting_constraints_are_not_told_to_start_elsewhere():
     assert "elsewhere" not in str(STEPS.run(pushed()).status)
 
 
+@pytest.mark.slow
 def test_network_without_duals_is_not_told_of_a_design_or_a_pyramid():
     run = OdeBackend(limit=1e6, most_steps=9000, verify=False).run(limit_cycle())
     assert run.status.outcome is Outcome.STALLED

@@ -29,6 +29,7 @@ def measured(volts: float):
     return BENCH.grid(volts, SHARES * volts, ADDED * volts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "volts", [SCALES[0], *(pytest.param(volts, marks=pytest.mark.slow) for volts in SCALES[1:])]
 )

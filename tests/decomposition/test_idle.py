@@ -57,6 +57,7 @@ def test_control_is_idle_where_a_state_of_zero_multiplies_it(speed, stages):
     assert np.flatnonzero(idle_controls(problem, any_start=True)[:, 1]).tolist() == [9]
 
 
+@pytest.mark.slow
 def test_solve_certifies_steering_from_rest():
     solution = ann_dc.solve(rolling(0))
     assert solution.certified, solution.verdict

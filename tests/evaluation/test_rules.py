@@ -95,6 +95,7 @@ def test_clamp_of_no_neuron_is_the_metric(metric):
 # ---- every evaluator -----------------------------------------------------------------------------
 
 
+@pytest.mark.sampled
 @every_evaluator
 @every_coupled
 @pytest.mark.parametrize("populations", [(), ("u",), ("q", "u")], ids=str)
@@ -163,6 +164,7 @@ def test_a_neighbour_pulls_a_neuron_off_its_rail_against_its_drive(metric, kind)
     assert held
 
 
+@pytest.mark.sampled
 @every_evaluator
 @every_coupled
 @pytest.mark.parametrize("population", ["q", "u"])
@@ -231,6 +233,7 @@ def test_moves_at_rails_of_random_networks_are_those_of_numpy(metric, seed):
 # ---- runs ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", EVALUATORS[1:], ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("metric", OF_RUNS, ids=lambda kind: kind.name.lower())
 def test_evaluators_agree_along_a_run_whose_held_set_changes_a_hundred_times(metric, kind):
@@ -241,6 +244,7 @@ def test_evaluators_agree_along_a_run_whose_held_set_changes_a_hundred_times(met
         assert_close(ours.rhs(x), reference.rhs(x))
 
 
+@pytest.mark.sampled
 @every_evaluator
 @every_coupled
 def test_moves_do_not_depend_on_the_calls_before(metric, kind):

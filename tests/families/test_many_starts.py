@@ -88,6 +88,7 @@ def test_an_optimum_run_alone_is_the_same():
         np.testing.assert_allclose(solution.objective, optimum.objective, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_it_reads_well():
     lines = str(obstacle()).splitlines()
     assert lines[0].startswith("obstacle (N = ")

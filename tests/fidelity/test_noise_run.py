@@ -112,6 +112,7 @@ def test_thermal_noise_on_a_capacitor_is_ktc():
     assert rms(settled) == pytest.approx(KTC * BAND, rel=0.01)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_ngspice_is_driven_by_the_samples():
     amperes, step, volts = resistors_on_capacitors(150, 800)

@@ -73,6 +73,7 @@ def test_it_is_written_for_the_user_alone(written):
     assert file.stat().st_mode & 0o077 == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "spoil",
     [

@@ -15,6 +15,7 @@ def shown():
     return {run.label: run for run in demonstrations(solve(plants.car()))}
 
 
+@pytest.mark.slow
 def test_to_the_letter_there_is_no_penalty(shown):
     """m = mu and b = beta whatever the residuals; with designed gains they read these too."""
     for label, equal in (("printed D=1", True), ("printed, designed gains", False)):

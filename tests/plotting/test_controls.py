@@ -42,6 +42,7 @@ def lines_across(axes):
     return [line.get_ydata()[0] for line in axes.lines if line.get_label() == "bound"]
 
 
+@pytest.mark.slow
 def test_bounds_are_dashed_where_they_are_near(held):
     figure = plotting.controls(held)
     assert lines_across(figure.axes[0]) == [-5, 2]

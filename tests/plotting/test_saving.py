@@ -22,6 +22,7 @@ def test_save_all_names_creates_and_repeats_the_bytes(car, tmp_path):
     assert [p.read_bytes() for p in first] == [p.read_bytes() for p in again]
 
 
+@pytest.mark.slow
 def test_states_that_are_not_finite_are_left_out(car, tmp_path):
     states = car.trajectory.states.copy()
     states[-1] = np.nan

@@ -51,6 +51,7 @@ def test_combinations_share_samples_and_seeds():
     assert len({p.seed for p in points[:5]}) == 5
 
 
+@pytest.mark.slow
 @given(st.integers(1, 200), st.integers(0, 200))
 def test_first_seeds_stay_when_there_are_more(count, more):
     chips = {"defect.mismatch": [0.01]}

@@ -73,7 +73,7 @@ ORDERED = [
 ]
 
 
-@pytest.mark.sampled
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("name", "order"), ORDERED, ids=str)
 def test_every_step_is_that_of_the_network_alone_to_rounding(name, order):
     network = NETWORKS[name]()
@@ -112,6 +112,7 @@ def same(a: BatchRun, b: BatchRun, of=slice(None)) -> None:
         np.testing.assert_array_equal(getattr(a, name)[of], getattr(b, name), err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [ann_dc.OdeBackend, ann_dc.RecurrentBackend])
 def test_the_bits_of_a_sample_depend_on_nothing_beside_it(make):
     network = designed("double_integrator").network
@@ -138,6 +139,7 @@ def test_a_sample_that_fails_leaves_nothing_behind():
     assert not batch.settled[3]
 
 
+@pytest.mark.slow
 def test_numbers_go_with_inputs_and_starts():
     network = designed("double_integrator").network
     (own,) = drawn(network, 1, size=0.05)

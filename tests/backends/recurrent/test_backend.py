@@ -154,6 +154,7 @@ BACKENDS = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("backend", BACKENDS.values(), ids=BACKENDS)
 @pytest.mark.parametrize("name", ["double_integrator", "car"])
 def test_a_batch_is_its_samples(name, backend):

@@ -121,6 +121,7 @@ def test_op_amps_with_a_million_of_gain_and_no_other_error():
     assert run_of("car", MACRO[1e6]).control_error < 1e-4
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_the_error_of_finite_gain_falls_as_one_over_the_gain():
     """A dual integrator that leaks leaves a residual of mu / A0."""
@@ -136,6 +137,7 @@ def test_settling_scales_with_the_bandwidth():
     assert slow / fast == pytest.approx(10, rel=0.05)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_rails_that_clip_are_told():
     """A clipped circuit settles quietly to a wrong point."""

@@ -40,6 +40,7 @@ def test_bad_input_is_told_in_a_sentence_with_code_2(words, meaning):
     refused(words, meaning)
 
 
+@pytest.mark.slow
 def test_errors_go_to_stderr():
     code, out, err = terminal("solve", "cra")
     assert (code, out) == (2, b"")
@@ -80,6 +81,7 @@ def test_importing_the_command_line_is_fast_and_loads_no_solver():
     assert median(took for took, _ in loading) < median(took for took, _ in bare) + 1
 
 
+@pytest.mark.slow
 def test_a_solve_loads_only_what_it_needs():
     others = [f"ann_dc.cli.commands.{command}" for command in COMMANDS if command != "solve"]
     unneeded = ["torch", "matplotlib", "pandas", "casadi", "scipy.integrate", "scipy.optimize"]

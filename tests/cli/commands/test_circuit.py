@@ -63,6 +63,7 @@ def test_circuit_without_ngspice_says_what_to_do(monkeypatch):
 LEVELS = ["behavioural", "ota-c", "macro", "differential", "transistor", "tl072_ad633"]
 
 
+@pytest.mark.sampled(2)
 @needs_ngspice
 @pytest.mark.parametrize("level", LEVELS)
 def test_every_level_has_a_word(tmp_path, level):
@@ -87,6 +88,7 @@ def test_switched_capacitors_have_a_word():
     assert "switches" in text
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_a_seed_draws_parts_and_a_budget_tells_which_to_pay_for(tmp_path):
     files = [tmp_path / name for name in ("one.json", "again.json", "two.json")]
@@ -137,6 +139,7 @@ def test_circuit_writes_netlist_bill_picture_and_numbers(tmp_path):
     assert {file.name for file in (tmp_path / "new").iterdir()} == set(names.values())
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_one_resistor_of_a_series_is_worse_than_two(tmp_path):
     errors = []
@@ -340,6 +343,7 @@ def test_a_volt_of_every_control_is_told(tmp_path):
 # ---- metrics -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "word",
     [
@@ -364,6 +368,7 @@ def test_what_a_metric_demands_is_told_before_it_is_built(tmp_path, word):
     assert node in bill.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_where_a_demand_is_not_told_the_report_says_why(tmp_path, monkeypatch):
     monkeypatch.setattr("ann_dc.fidelity.circuit_study.DENSE_LIMIT", 10)
     arguments = "--no-simulate", "--metric", "pyramid", "--json", tmp_path / "a.json"

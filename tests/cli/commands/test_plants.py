@@ -43,6 +43,7 @@ def test_bad_input_is_told_in_a_sentence_with_code_2(words, meaning):
     refused(words, meaning)
 
 
+@pytest.mark.slow
 def test_a_terminal_without_utf8_shows_plain_letters():
     plain = {"PYTHONIOENCODING": "ascii", "NO_COLOR": "1", "COLUMNS": "80"}
     code, out, err = terminal("plants", **plain)

@@ -122,6 +122,7 @@ def test_the_recurrent_limit_counts_steps():
     assert "7 steps were done (limit)" in text
 
 
+@pytest.mark.slow
 def test_a_step_that_is_too_long_is_noted_in_a_line_on_stderr():
     words = ["solve", *RECURRENT, "--step", "50"]
     code, out, err = terminal(*words, COLUMNS="80")

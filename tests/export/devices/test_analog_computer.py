@@ -109,6 +109,7 @@ def test_the_list_alone_settles_where_the_network_does(case):
         np.testing.assert_allclose(units * run.y[:, -1], end, atol=1e-4 * np.abs(end).max())
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("case", CASES)
 def test_its_check_integrates_to_the_end(case):
     found = analog_computer_check(exported(case)[2])

@@ -28,6 +28,7 @@ def assert_readable(picture: Picture) -> Picture:
     return picture
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", NETWORKS)
 def test_a_cell_can_be_read(name):
     texts = [words.text for words in assert_readable(cell_of(name)).words]

@@ -105,6 +105,7 @@ def test_a_rail_beyond_full_scale_is_told():
     assert re.fullmatch(r"rails −\S+ m?V, \S+ V \(beyond full scale\)", words)
 
 
+@pytest.mark.slow
 def test_files_are_the_same_bytes_and_pass_their_check(network, vector, files):
     assert files == schematic_files(network, vector)
     assert sorted(files) == ["reference_vector.json", "schematic_1.pdf", "schematic_1.svg"]

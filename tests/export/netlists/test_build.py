@@ -56,6 +56,7 @@ def test_a_deck_of_a_foundrys_transistors_holds_their_models(small):
     assert ".model sky130_fd_pr__nfet_g5v0d10v5__model" in text
 
 
+@pytest.mark.slow
 def test_netlists_with_rows_for_rails_are_of_the_network_with_rails():
     """A tree hands the currents of rails on, so that rows stand in their place in the circuit."""
     problem = constrained.integrator(N=4, dt=0.5, bounds={"a": (-1.1, 1.1)})
@@ -75,6 +76,7 @@ def pyramid():
     return network, reference_vector(network)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_a_pyramid_settles_with_the_margin_that_suits_it(pyramid, tmp_path):
     files = pack_files(*pyramid, level="macro")
@@ -86,6 +88,7 @@ def test_a_pyramid_settles_with_the_margin_that_suits_it(pyramid, tmp_path):
     assert float(re.search(r"controls settled: off by (\S+)", ran.stdout)[1]) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_metric_that_no_margin_makes_stable_is_refused(pyramid, monkeypatch):
     monkeypatch.setattr("ann_dc.export.netlists.build.fitting_margin", lambda *_: np.inf)
     monkeypatch.setattr("ann_dc.hardware.sizing.cures.least_margin", lambda *_: np.inf)
@@ -94,6 +97,7 @@ def test_a_metric_that_no_margin_makes_stable_is_refused(pyramid, monkeypatch):
         pack_files(*pyramid, level="ad8065_ad835")
 
 
+@pytest.mark.slow
 def test_a_circuit_that_oscillates_is_refused(pyramid, monkeypatch):
     """What the backend says of it is kept, with the level before it."""
 

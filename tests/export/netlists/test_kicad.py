@@ -59,6 +59,7 @@ def ngspice_parts(theirs):
     return found
 
 
+@pytest.mark.slow
 @needs_ngspice
 @pytest.mark.filterwarnings("ignore:level .*its controls are predicted:UserWarning")
 @pytest.mark.parametrize(("level", "series"), CASES)

@@ -34,6 +34,7 @@ def some_states(network: Network, seed: int, samples: int) -> np.ndarray:
     return np.clip(network.start_state + spread, low, high)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(seed=SEEDS, kind=st.sampled_from(Kind))
 def test_a_step_is_the_networks(seed, kind):
@@ -77,6 +78,7 @@ def test_files_of_clamped_networks_settle_where_their_vector_does(kind, populati
     assert "settled after" in onnx_check(onnx_files(network, vector))
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(seed=SEEDS, kind=st.sampled_from(Kind))
 def test_float32_is_close(seed, kind):

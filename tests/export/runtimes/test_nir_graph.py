@@ -86,6 +86,7 @@ def graph_of(files, folder):
     return nir.read(path)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("case", CASES)
 def test_the_graph_that_is_read_has_the_trajectory_of_the_network(case, tmp_path):
     """v' = G v + c in closed form, against the network in continuous time."""

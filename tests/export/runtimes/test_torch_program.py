@@ -154,6 +154,7 @@ def test_a_program_moves_a_neuron_off_its_rail_where_another_one_pulls():
     torch.testing.assert_close(program(x, inputs, step)["x"], 0.5 * expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [pytest.param(np.nan, marks=pytest.mark.slow), 1e-5])
 def test_a_program_with_another_residual_is_refused(wrong, monkeypatch):
     files, load = exported("time constants")[2], torch.export.load
@@ -167,6 +168,7 @@ def test_a_program_with_another_residual_is_refused(wrong, monkeypatch):
         torch_program_check(files)
 
 
+@pytest.mark.slow
 def test_a_vector_with_another_end_is_refused():
     _, _, files = exported("time constants")
     table = json.loads(files["reference_vector.json"])

@@ -36,6 +36,7 @@ def procedure(error):
     return trimming(*built("double_integrator", GOOD), error, samples=30)
 
 
+@pytest.mark.slow
 def test_the_first_trim_is_the_part_that_costs_most():
     backend, circuit, probe = built("double_integrator", GOOD)
     first = procedure(4e-3).steps[0]
@@ -55,6 +56,7 @@ def test_the_first_trim_is_the_part_that_costs_most():
     assert costs[first.parameter.name, first.stage] == pytest.approx(max(costs.values()), rel=0.05)
 
 
+@pytest.mark.slow
 def test_steps_stop_as_soon_as_enough_is_reached():
     found = procedure(4e-3)
     assert found.reached
@@ -225,6 +227,7 @@ def test_as_many_circuits_as_were_asked_for_keep_the_error(settled, count, reach
     assert found.reached == reached
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("off", "wrong"),
     [

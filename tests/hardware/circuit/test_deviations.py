@@ -34,6 +34,7 @@ def same(a, b) -> bool:
     return a.keys() == b.keys() and all((a[name] == b[name]).all() for name in a)
 
 
+@pytest.mark.slow
 @settings(deadline=None)  # the first example designs the car
 @given(seed=st.integers(0, 2**32))
 def test_the_same_seed_gives_the_same_errors_and_another_others(seed):

@@ -42,6 +42,7 @@ def test_every_node_stays_within_full_scale_on_the_whole_way(name):
             assert np.abs(scaling.volts(node, values[:, row])).max() <= 1 / 1.1 + 1e-12
 
 
+@pytest.mark.slow
 @given(value=st.floats(-1e3, 1e3), full_scale=st.floats(0.1, 15))
 def test_volts_lead_back_to_values(value, full_scale):
     scaling = scaled("double_integrator", full_scale=full_scale)

@@ -418,6 +418,7 @@ def test_slow_residuals_keep_their_penalty():
     assert slow.metric is coordinated("car").metric
 
 
+@pytest.mark.slow
 def test_bookkeeping_of_every_defect():
     network = coordinated("car")
     for defect in SMALL.values():
@@ -610,6 +611,7 @@ def test_a_slew_rate_is_a_ramp():
     np.testing.assert_allclose(found.y[0], expected, atol=1e-4)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(
     rate=st.floats(1e-3, 1e3),

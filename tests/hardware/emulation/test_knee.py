@@ -143,6 +143,7 @@ LEVELS = {"behavioural": (levels.BEHAVIOURAL, 5e-6), "macro": (levels.macro(), 5
 """Each with what its finite gains and its steps cost, of the largest control."""
 
 
+@pytest.mark.slow
 @needs_ngspice
 @pytest.mark.parametrize("level", ["macro", pytest.param("behavioural", marks=pytest.mark.slow)])
 def test_ngspice_moves_as_foreseen(level):

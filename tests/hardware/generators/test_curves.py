@@ -57,6 +57,7 @@ ranges = st.tuples(st.floats(0.05, 0.85), st.floats(0.1, 0.9)).map(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(
     name=st.sampled_from([block.name for block in FUNCTIONS if block.name != "rectify"]),

@@ -60,6 +60,7 @@ def test_rails_below_the_drop_of_a_diode_hold_nothing():
         check_clamps(circuit, macro(rails=0.8), probe.final)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_controls_that_are_pressed_hard_stay_at_their_bounds():
     """At a margin of 10 they settled at up to seven times their bounds."""

@@ -43,6 +43,7 @@ def test_resistors_and_margins_that_are_named_cure():
         assert is_stable(built(cured, **({"margin": 10.0} | given))[0], cured, x)
 
 
+@pytest.mark.slow
 def test_smaller_resistors_and_a_larger_margin_are_named_together():
     level = presets.get("opa192_ad734")
     rings = replace(level, smallest_resistor=1e7)
@@ -54,6 +55,7 @@ def test_smaller_resistors_and_a_larger_margin_are_named_together():
     assert is_stable(built(cured, margin=margin)[0], cured, x)
 
 
+@pytest.mark.slow
 def test_resistors_that_no_margin_suits_are_refused_with_some_that_do():
     level = presets.get("opa192_ad734")
     with pytest.raises(

@@ -66,6 +66,7 @@ def test_rows_start_with_the_currents_of_the_projection():
     assert not with_rows(pushed()).start["z_high.x"].any()
 
 
+@pytest.mark.slow
 def test_rows_of_neurons_within_their_rails_start_with_exactly_no_current():
     """A rounding error would become the unit of the row's diode neuron."""
     network = design(lander(), kinds=[Kind.GRID]).network

@@ -43,6 +43,7 @@ class TestEveryProblem:
         network = wired(name)
         assert_is_the_reference(network, near_start(network, 1, count=3))
 
+    @pytest.mark.sampled
     def test_in_single_precision(self, name, wired):
         network = wired(name)
         assert_is_the_reference(network, near_start(network, 2, count=3), 1e-4, dtype=torch.float32)
@@ -146,6 +147,7 @@ def test_coordinators_stop_at_the_rails():
     assert_is_the_reference(network, between_rails(network, 0.5))
 
 
+@pytest.mark.sampled(2)
 @every_coupled
 def test_samples_at_rails_have_the_same_bits_alone_and_in_a_batch(kind):
     network, states, _ = run_with_changes(kind)
@@ -176,6 +178,7 @@ def test_trained_time_constants_at_rails_move_as_those_of_the_trained_network(ki
     assert_close(moves, [trained.rhs(x) for x in states[::20]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", OF_RUNS, ids=lambda kind: kind.name.lower())
 def test_gradients_at_rails_are_those_of_the_neurons_that_are_free(kind):
     """In states beyond their rails, where a small change of them holds the same neurons."""

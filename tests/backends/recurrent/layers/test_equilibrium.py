@@ -22,6 +22,7 @@ def jacobian(outputs: torch.Tensor, given: torch.Tensor) -> np.ndarray:
     return torch.stack(rows).numpy()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["double_integrator", pytest.param("car", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("which", ["q_0.{}", pytest.param("q_d.{}", marks=pytest.mark.slow)])
 def test_the_derivative_of_the_settled_point(name, which):

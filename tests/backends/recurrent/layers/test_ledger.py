@@ -47,6 +47,7 @@ def test_samples_count_their_steps_as_if_alone():
         np.testing.assert_allclose(together.states[sample], alone.states[0], atol=1e-7)
 
 
+@pytest.mark.slow
 def test_samples_keep_their_places():
     """Those that start settled leave first; the others move up, and come back to their places."""
     network = short("unicycle")

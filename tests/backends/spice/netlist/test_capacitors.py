@@ -85,6 +85,7 @@ def test_a_switched_capacitor_circuit_is_the_recurrent_layer_sample_by_sample():
     assert errors[0] / errors[1] == pytest.approx(100, rel=0.1)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_the_first_periods_of_the_switched_capacitor_car():
     got, wanted = sampled("car", None, 3, a0=1e5)

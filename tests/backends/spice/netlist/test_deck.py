@@ -58,6 +58,7 @@ def test_the_deck_says_which_node_is_which_neuron():
     assert f"*   q.phi = {per_volt:.6g} * v(q_phi__<stage>)" in text
 
 
+@pytest.mark.slow
 def test_deck_length_is_linear_in_the_horizon():
     lengths = {}
     for n in (10, 20, 40):

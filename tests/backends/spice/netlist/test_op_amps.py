@@ -23,6 +23,7 @@ def run_of(level):
     return simulate(SpiceBackend(level=level), *prepared(level.technology.differential))
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_differential_op_amps_settle_at_the_optimum_without_inverters():
     run = run_of(macro(a0=1e6, differential=True))
@@ -109,6 +110,7 @@ def test_a_resistor_between_two_nodes_is_the_same_seen_from_either():
         assert seen[b, a] == pytest.approx(seen[a, b], rel=1e-9)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_ngspice_agrees_with_the_emulation():
     backend, circuit, probe = grid("car", 5)

@@ -57,6 +57,7 @@ def test_the_error_of_transconductors_falls_with_the_square_of_their_linear_rang
     assert errors[0] * 10**2 == pytest.approx(0.1737, rel=0.05)
 
 
+@pytest.mark.slow
 @needs_ngspice
 def test_the_error_of_leaks_falls_as_one_over_the_gain():
     """An integrator of gain A0 leaks into A0 times the resistors of its inputs in parallel."""

@@ -17,6 +17,7 @@ def test_corners_are_a_table_and_a_file(tmp_path):
     assert all(corner["near"] for corner in found)
 
 
+@pytest.mark.slow
 def test_presets_drift(tmp_path):
     file = tmp_path / "corners.json"
     level = ["--level", "opa192_ad734"]

@@ -33,6 +33,7 @@ def test_a_yield_may_be_of_resistors_that_exist(tmp_path):
     assert medians[1] == pytest.approx(medians[0], rel=0.2)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("question", "figure"),
     [
@@ -74,6 +75,7 @@ def test_a_spec_that_no_circuit_keeps_tells_the_closest():
     assert "no circuit keeps the spec; seed" in text
 
 
+@pytest.mark.slow
 def test_trims_are_steps_with_readings(tmp_path):
     file = tmp_path / "trim.json"
     words = "--level", "zero_drift_trimmed", "--trim", "error<50%", "--json", file

@@ -11,6 +11,7 @@ CASES = [("double_integrator", kind) for kind in ann_dc.Kind]
 CASES += [(name, None) for name in ("car", "cstr", "bounds", "objectives")]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_its_steps_are_those_of_the_reference_vector(name, kind):
     network, vector = designed(name, kind)
