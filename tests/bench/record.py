@@ -28,6 +28,7 @@ BENCHES = (
     "settling_with_horizon",
     "suite",
     "constrained",
+    "search",
     "navigation",
     "gains",
     "basin",

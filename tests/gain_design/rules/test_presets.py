@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ann_dc import design, plants
-from ann_dc.gain_design import KNOTS, NEARBY, presets_of
+from ann_dc import design, plants, synthesize
+from ann_dc.gain_design import COARSE, KNOTS, NEARBY, presets_of
 from ann_dc.network import Role
 
 
@@ -24,14 +24,18 @@ def test_presets_hold_the_path_and_no_multiplier(designed):
     assert (values[rest] == settled[rest]).all()
 
 
-@pytest.mark.parametrize("knots", KNOTS)
-def test_coarse_presets_are_straight_between_a_few_stages(knots):
-    designed = design(plants.double_integrator(N=60))
-    network = designed.network
-    presets = dict(presets_of(network, designed.state))
-    values = network.unpack(presets[f"{knots} stages of the found path"])
-    position = values[network.neuron_index["q.x"], 1:]
-    assert len(set(np.round(np.diff(position), 9))) <= knots
+@pytest.mark.parametrize("stages", [20, 60, 1000])
+def test_coarse_presets_are_straight_between_a_few_stages(stages):
+    network = synthesize(plants.double_integrator(N=stages))
+    curved = network.unpack(network.start_state)
+    position, k = network.neuron_index["q.x"], np.arange(stages)
+    curved[position] = np.sin(6 * k / stages)
+    found = dict(presets_of(network, network.pack(curved)))
+    coarse = [words for words in found if words in COARSE]
+    assert len(coarse) == {20: 1, 60: 3, 1000: 5}[stages]
+    for knots, words in zip(KNOTS, coarse):
+        bends = np.diff(network.unpack(found[words])[position, 1:], n=2)
+        assert knots // 2 < 1 + (np.abs(bends) > 1e-9).sum() <= 2 * knots
 
 
 def test_nearest_preset_lies_on_the_way_from_the_optimum_to_the_start(designed):
