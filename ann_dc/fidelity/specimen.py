@@ -24,8 +24,8 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.building import emulate, emulate_clamps
-from ann_dc.hardware.emulation.emulation import Emulation, modes_at
-from ann_dc.hardware.emulation.states import emulated_state
+from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.states import emulated_state, modes_at
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OP_AMPS, SwitchedCapacitors
 from ann_dc.hardware.schematic.elements import Integrator
@@ -92,16 +92,17 @@ class Specimen:
 
     @cached_property
     def moving(self) -> Emulation:
-        """Emulation of the transient, with moving clamps and voltage drops of currents.
+        """Emulation of the transient: moving clamps, drops of currents and of diodes.
 
-        The same as `emulation` if the circuit has neither clamps nor output resistances.
+        The same as `emulation` if the circuit has neither clamps nor output resistances nor diode
+        neurons.
 
         Raises
         ------
         NetworkError
             If the circuit has none, or a deviation is out of its range.
         """
-        if self.clamped or self.level.datasheet.rout:
+        if self.clamped or self.level.datasheet.rout or self.circuit.schematic.diode_neurons:
             return emulate_clamps(self.circuit, self.level, self.deviations)
         return self.emulation
 

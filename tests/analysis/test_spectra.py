@@ -122,7 +122,7 @@ def test_modes_of_op_amps_that_swing_between_the_ends_are_not_missed(slower, mon
     circuit, probe = board.prepare(neighbour_wired("car"))
     emulation = emulate(circuit.slower(slower), level)
     expected = pole_spectrum(emulation, probe.final)
-    monkeypatch.setattr("ann_dc.hardware.emulation.emulation.ALL_MODES", 10)
+    monkeypatch.setattr("ann_dc.hardware.emulation.states.ALL_MODES", 10)
     found = pole_spectrum(emulation, probe.final)
     assert len(found.eigenvalues) < len(expected.eigenvalues)
     assert found.abscissa == pytest.approx(expected.abscissa, rel=1e-3)
@@ -144,7 +144,7 @@ def test_modes_that_swing_and_hardly_decay_are_not_missed(problem, kind, monkeyp
     circuit, probe = built.prepare(with_metric(problem, kind))
     emulation = emulate(circuit, built.level)
     expected = pole_spectrum(emulation, probe.final).abscissa
-    monkeypatch.setattr("ann_dc.hardware.emulation.emulation.ALL_MODES", 10)
+    monkeypatch.setattr("ann_dc.hardware.emulation.states.ALL_MODES", 10)
     assert pole_spectrum(emulation, probe.final).abscissa == pytest.approx(expected, rel=1e-6)
 
 

@@ -13,14 +13,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
-
-ALL_MODES = 3000
-"""Neurons of an emulation up to which all of its modes are computed: exactly, in ten seconds."""
 
 
 @such_as("ann_dc.emulate(circuit, level)")
@@ -89,20 +85,3 @@ class Emulation:
             All stages' controls, in the order of ``outputs``.
         """
         return np.asarray(x)[..., self.outputs]
-
-
-def modes_at(emulation: Emulation, x: np.ndarray) -> Spectrum:
-    """Eigenvalues of the pole model at one of its own states: up to `ALL_MODES` neurons all.
-
-    Parameters
-    ----------
-    emulation : Emulation
-    x : (n,) array
-        State vector of the emulation.
-
-    Returns
-    -------
-    Spectrum
-        In units of 1 / network time.
-    """
-    return spectrum(emulation.network, x, dense=ALL_MODES)

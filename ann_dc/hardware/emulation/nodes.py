@@ -86,7 +86,7 @@ class AmplifierNodes:
         return f"paced.{self.output}"
 
     @property
-    def open_drive(self) -> str:
+    def drop_free(self) -> str:
         """What would drive it, had its own diode no drop."""
         return f"drop_free.{self.output}"
 

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from ann_dc.analysis.spectra import Spectrum
+from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import SEEPING
-from ann_dc.hardware.emulation.emulation import Emulation, modes_at
+from ann_dc.hardware.emulation.amplifiers.diodes import paced_at
+from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.schematic.elements import PICell
 from ann_dc.hardware.schematic.metric_parts import metric_values
 from ann_dc.hints.checked import checked
+
+ALL_MODES = 3000
+"""Neurons of an emulation up to which all of its modes are computed: exactly, in ten seconds."""
 
 
 @checked
@@ -102,6 +106,23 @@ def _caught_up(
     behind = (output - held - summed) / np.where(conductance > 0, conductance, np.inf)
     full[network.neuron_index[names.lagging]] = behind
     return behind
+
+
+def modes_at(emulation: Emulation, x: np.ndarray) -> Spectrum:
+    """Eigenvalues of the pole model at one of its own states: up to `ALL_MODES` neurons all.
+
+    Parameters
+    ----------
+    emulation : Emulation
+    x : (n,) array
+        State vector of the emulation.
+
+    Returns
+    -------
+    Spectrum
+        In units of 1 / network time.
+    """
+    return spectrum(paced_at(emulation, x), x, dense=ALL_MODES)
 
 
 @checked

@@ -10,50 +10,34 @@ virtual ground is a junction of capacitance C_j, whose current R_f has to bring,
 
 .. math:: \Big(1 + \frac{R_f C_j\, \Omega}{T\, (1 + \Gamma)}\Big) \dot x
           = p\, \Omega\, (o - e - x / A_0) .
+
+A transient has p as a node. At rest p moves no equilibrium, and Newton's method does better without
+it, on drives that are linear on either side of the knee; `paced_at` gives the modes there.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from ann_dc.hardware.circuit.circuit import JUNCTION, THERMAL
 from ann_dc.hardware.emulation.assembly import Assembly
+from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.schematic.elements import PICell
 from ann_dc.network.cell import ONE
+from ann_dc.network.network import Network
+
+AT_KNEE = 1.5
+"""1 / (1 - p) at the knee."""
 
 STEEP = 10.0
 """How much faster the pace comes back to 1 on the side of the knee where the diode is off."""
 
 
-def add_pace(assembly: Assembly, part: PICell) -> None:
-    """Add p of a diode neuron.
-
-    Parameters
-    ----------
-    assembly : Assembly
-    part : PICell
-    """
-    nodes, op_amp = AmplifierNodes(part.name), AmplifierNodes(part.name, rectified=True)
-    thermal = THERMAL * abs(assembly.circuit.value_of(part.name))
-    away, above, inverse = (f"{name}.{op_amp.pace}" for name in ("away", "above", "inverse"))
-    assembly.sum(away)
-    assembly.connect(op_amp.output, away, -1.0)
-    assembly.function(op_amp.beyond, "rectify", away)
-    assembly.sum(above)
-    weights = {nodes.output: 1 / thermal, op_amp.beyond: STEEP / thermal, ONE: 1.5}
-    for source, weight in weights.items():
-        assembly.connect(source, above, weight)
-    assembly.function(inverse, "reciprocal", above)
-    assembly.sum(op_amp.pace)
-    assembly.connect(ONE, op_amp.pace, 1.0)
-    assembly.connect(inverse, op_amp.pace, -1.0)
-
-
-def paced(
-    assembly: Assembly, op_amp: AmplifierNodes, neuron: str, slower: float | np.ndarray
-) -> str:
-    """Let a neuron follow at the pace of its diode.
+def add_pace(assembly: Assembly, op_amp: AmplifierNodes, neuron: str) -> str:
+    """Let the op amp of a diode neuron follow at the pace of its diode.
 
     Parameters
     ----------
@@ -62,18 +46,53 @@ def paced(
         Before the diode.
     neuron : str
         Of its pole.
-    slower : float or (N,) array
-        By how much the junction slows it.
 
     Returns
     -------
     str
         The node that its drives go to.
     """
-    assembly.sum(op_amp.open_drive)
-    assembly.product(op_amp.paced, op_amp.open_drive, op_amp.pace)
-    assembly.connect(op_amp.paced, neuron, 1 / slower)
-    return op_amp.open_drive
+    thermal = THERMAL * abs(assembly.circuit.value_of(op_amp.part))
+    away, above, inverse = (f"{name}.{op_amp.pace}" for name in ("away", "above", "inverse"))
+    assembly.sum(away)
+    assembly.connect(op_amp.output, away, -1.0)
+    assembly.function(op_amp.beyond, "rectify", away)
+    assembly.sum(above)
+    weights = {op_amp.part: 1 / thermal, op_amp.beyond: STEEP / thermal, ONE: AT_KNEE}
+    for source, weight in weights.items():
+        assembly.connect(source, above, weight)
+    assembly.function(inverse, "reciprocal", above)
+    assembly.sum(op_amp.pace)
+    assembly.connect(ONE, op_amp.pace, 1.0)
+    assembly.connect(inverse, op_amp.pace, -1.0)
+    assembly.sum(op_amp.drop_free)
+    assembly.product(op_amp.paced, op_amp.drop_free, op_amp.pace)
+    assembly.connect(op_amp.paced, neuron, 1.0)
+    return op_amp.drop_free
+
+
+def paced_at(emulation: Emulation, x: np.ndarray) -> Network:
+    """Return the network of an emulation at rest with the paces of a state in its time constants.
+
+    Parameters
+    ----------
+    emulation : Emulation
+        Without paces as nodes.
+    x : (n,) array
+        State of it.
+    """
+    circuit, network = emulation.circuit, emulation.network
+    values, slower = network.unpack(x), dict[str, np.ndarray]()
+    for part in circuit.schematic.parts:
+        op_amp = AmplifierNodes(part.name, rectified=True)
+        if op_amp.output in network.neuron_index and op_amp.pace not in network.node_index:
+            thermal = THERMAL * abs(circuit.value_of(part.name))
+            y = values[network.neuron_index[op_amp.output]] / thermal
+            pace = 1 - 1 / (AT_KNEE + np.where(y > 0, y, -STEEP * y))
+            pole = op_amp.first if op_amp.first in network.neuron_index else op_amp.output
+            slower[pole] = 1 / pace
+    neurons = tuple(replace(n, tau=n.tau * slower.get(n.name, 1.0)) for n in network.cell.neurons)
+    return replace(network, cell=replace(network.cell, neurons=neurons)) if slower else network
 
 
 def slowed(assembly: Assembly, part: PICell, ohms: np.ndarray) -> np.ndarray:

@@ -57,7 +57,7 @@ from ann_dc.hardware.circuit.grid_values import to_ground
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.amplifiers.capacitors import add_capacitor
 from ann_dc.hardware.emulation.amplifiers.clamps import add_clamps
-from ann_dc.hardware.emulation.amplifiers.diodes import add_pace, paced, slowed
+from ann_dc.hardware.emulation.amplifiers.diodes import add_pace, slowed
 from ann_dc.hardware.emulation.amplifiers.grounds import (
     FAST,
     add_bias,
@@ -196,7 +196,6 @@ def _diode_cell(assembly: Assembly, part: PICell) -> None:
         e |= {nodes.output: -SEEPING, nodes.lagging: 1.0}
     for source, weight in e.items():
         assembly.connect(source, nodes.ground, weight)
-    add_pace(assembly, part)
     _amplifier(assembly, op_amp, {nodes.ground: 1.0}, slowed(assembly, part, ohms / whole))
     weights = {nodes.output: 1.0, nodes.held: -1.0, nodes.ground: -1.0, ONE: drop}
     add_capacitor(assembly, part, weights, part.tau * factor)
@@ -273,11 +272,11 @@ def _amplifier(
     e: Mapping[str, float | np.ndarray],
     slower: float | np.ndarray = 1.0,
 ) -> None:
-    """x' = Omega (o - e - x / A0), with e as weights of nodes; ``slower``, if behind a diode."""
+    """x' = Omega (o - e - x / A0), with e given as weights of nodes; with a smaller Omega."""
     datasheet, volt = assembly.datasheet, assembly.circuit.value_of(nodes.part)
     outputs, op_amp = assembly.outputs, (nodes.part, nodes.inverter)
-    name, a0 = _poles(assembly, nodes), outputs.gain(*op_amp)
-    driven = paced(assembly, nodes, name, slower) if nodes.rectified else name
+    name, a0 = _poles(assembly, nodes, slower), outputs.gain(*op_amp)
+    driven = add_pace(assembly, nodes, name) if nodes.rectified and assembly.moving else name
     target, per_target = driven, 1.0
     if math.isfinite(datasheet.slew):
         target = nodes.drive
@@ -292,7 +291,7 @@ def _amplifier(
     assembly.bias(target, per_volt, nodes.part, offset, outputs.offset(*op_amp))
 
 
-def _poles(assembly: Assembly, nodes: AmplifierNodes) -> str:
+def _poles(assembly: Assembly, nodes: AmplifierNodes, slower: float | np.ndarray) -> str:
     """The neuron of an op amp's pole, between its rails; its output behind a second one, if any."""
     datasheet, name = assembly.datasheet, nodes.output
     rails = datasheet.rails * abs(assembly.circuit.value_of(nodes.part))
@@ -305,7 +304,7 @@ def _poles(assembly: Assembly, nodes: AmplifierNodes) -> str:
         assembly.connect(name, name, -1.0)
         name = nodes.first
     limiter = Limiter(low=-rails, high=rails)
-    lag = assembly.outputs.lag(nodes.part, nodes.inverter)
+    lag = assembly.outputs.lag(nodes.part, nodes.inverter) * slower
     assembly.neuron(name, lag, origin, scale=scale, limiter=limiter)
     return name
 

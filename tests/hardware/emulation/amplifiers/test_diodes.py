@@ -5,10 +5,11 @@ import pytest
 from scipy.constants import Boltzmann, elementary_charge
 from simulator import needs_ngspice
 
-from ann_dc import SpiceBackend, emulate, evaluator, levels
+from ann_dc import SpiceBackend, emulate, equilibrium, evaluator, levels, spectrum
 from ann_dc.backends.spice import refined
 from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.fidelity import predict
+from ann_dc.hardware.emulation import emulate_clamps, emulated_state, pole_spectrum
 from ann_dc.network import Cell, Connection, DiodeDual, Function, Network, Neuron, Sum
 
 MACRO = levels.macro()
@@ -44,7 +45,7 @@ def test_what_rings_settles_as_predicted(pull):
 @pytest.mark.parametrize("volts", [0.05, 0.2, 0.8])
 def test_an_op_amp_moves_by_the_drop_of_its_diode_too(volts):
     circuit, _ = SLOW.prepare(ringing(1.0))
-    emulation = emulate(circuit, MACRO)
+    emulation = emulate_clamps(circuit, MACRO)
     network, x = emulation.network, np.zeros(emulation.network.size)
     place = network.state_index[network.neuron_index["open.m"], 0]
     x[place] = volts * abs(circuit.value_of("m"))
@@ -54,3 +55,17 @@ def test_an_op_amp_moves_by_the_drop_of_its_diode_too(volts):
     x[place] *= -1
     values = evaluator(network).values(x)[..., 1:-1]
     assert float(values[network.node_index["pace.open.m"]][0]) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("pull", [0.2, 1.0])
+def test_modes_at_rest_are_those_of_the_transient(pull):
+    circuit, probe = SLOW.prepare(ringing(pull))
+    resting, moving = emulate(circuit, MACRO), emulate_clamps(circuit, MACRO)
+    x = emulated_state(resting, probe.final)
+    assert moving.network.neuron_index == resting.network.neuron_index
+    found, expected = pole_spectrum(resting, probe.final), spectrum(moving.network, x)
+    plain = spectrum(resting.network, x)
+    assert found.eigenvalues == pytest.approx(expected.eigenvalues, rel=1e-6)
+    assert found.abscissa != pytest.approx(plain.abscissa, rel=1e-3)
+    rest = equilibrium(resting.network, x)
+    assert equilibrium(moving.network, rest) == pytest.approx(rest, abs=1e-9)
