@@ -164,7 +164,7 @@ def test_a_board_with_rails_is_as_it_is_emulated(name):
     problem, kind, preset = BOARDS[name]
     level = replace(presets.get(preset), full_scale=1.0)
     network = design(problem(), kinds=[kind]).network
-    run = SpiceBackend(level=level).run(network)
+    run = SpiceBackend(level=level, simulation=Simulation(patience=1800.0)).run(network)
     found = predict(run.circuit, level, run.probe)
     assert found.stable
     assert run.settled()
