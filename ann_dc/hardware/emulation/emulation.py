@@ -50,12 +50,15 @@ class Emulation:
     def outputs(self) -> np.ndarray:
         """(m,) components of the state that stand for the ideal network's controls.
 
-        For all of its neurons where it has no controls.
+        For all of its neurons where it has no controls; a multiplier stands on its capacitor.
         """
         ideal = self.circuit.schematic.network
         controls = ideal.of_population("u")
         places = ideal.places[controls] if controls.any() else ideal.places
-        rows = [self.network.neuron_index[ideal.cell.neurons[neuron].name] for neuron, _ in places]
+        held = {origin.node: name for name, origin in self.origins.items()}
+        names = [ideal.cell.neurons[neuron].name for neuron, _ in places]
+        index = self.network.neuron_index
+        rows = [index[name if name in index else held[name]] for name in names]
         return self.network.state_index[rows, places[:, 1]]
 
     @property

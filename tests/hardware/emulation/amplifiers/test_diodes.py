@@ -17,14 +17,14 @@ SLOW = SpiceBackend(level=MACRO, margin=10.0)
 DUAL = DiodeDual(neuron="z", residual="g", sum="y", multiplier="m")
 
 
-def ringing(pull: float) -> Network:
+def ringing(pull: float, x: str = "u.x") -> Network:
     """x' = pull - m, z' = m - z, m = max(0, z + 0.3 x): a ring that op amps keep for long."""
     ends = (
-        ("one", "u.x", pull), ("m", "u.x", -1.0), ("u.x", "g", 1.0),
+        ("one", x, pull), ("m", x, -1.0), (x, "g", 1.0),
         ("z", "y", 1.0), ("g", "y", 0.3), ("m", "z", 1.0), ("z", "z", -1.0),
     )  # fmt: skip
     cell = Cell(
-        neurons=(Neuron(name="u.x"), Neuron(name="z")),
+        neurons=(Neuron(name=x), Neuron(name="z")),
         blocks=(Sum(name="g"), Sum(name="y"), Function(name="m", function="rectify", x="y")),
         connections=tuple(Connection(source=a, target=b, weight=c) for a, b, c in ends),
         diodes=(DUAL,),
@@ -69,3 +69,10 @@ def test_modes_at_rest_are_those_of_the_transient(pull):
     assert found.abscissa != pytest.approx(plain.abscissa, rel=1e-3)
     rest = equilibrium(resting.network, x)
     assert equilibrium(moving.network, rest) == pytest.approx(rest, abs=1e-9)
+
+
+@needs_ngspice
+def test_a_network_without_controls_is_predicted_by_all_of_its_neurons():
+    run = SLOW.run(ringing(1.0, "x"))
+    told = predict(run.circuit, MACRO, run.probe)
+    assert told.control_error == pytest.approx(run.control_error, abs=1e-4)
