@@ -72,22 +72,22 @@ class AmplifierNodes:
 
     @property
     def beyond(self) -> str:
-        """How far it is on the other side of where its own diode begins to conduct."""
+        """Its distance from where its own diode begins to conduct, while that is off."""
         return f"beyond.{self.output}"
 
     @property
     def pace(self) -> str:
-        """How fast the far end of its own diode follows it."""
+        """The rate at which the far end of its own diode follows, over its own."""
         return f"pace.{self.output}"
 
     @property
     def paced(self) -> str:
-        """What drives it, times its pace."""
+        """Its drive times its pace."""
         return f"paced.{self.output}"
 
     @property
     def drop_free(self) -> str:
-        """What would drive it, had its own diode no drop."""
+        """Its drive, had its own diode no drop."""
         return f"drop_free.{self.output}"
 
     @property

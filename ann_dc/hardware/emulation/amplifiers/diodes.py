@@ -1,4 +1,4 @@
-r"""What the diode behind the op amp of a diode neuron does to its speed.
+r"""The diode behind the op amp of a diode neuron, which slows it.
 
 The drop of the diode grows with its current: for a volt at the far end, x, the op amp moves by
 
@@ -33,7 +33,7 @@ AT_KNEE = 1.5
 """1 / (1 - p) at the knee."""
 
 STEEP = 10.0
-"""How much faster the pace comes back to 1 on the side of the knee where the diode is off."""
+"""Factor on the distance from the knee on the side where the diode is off: the pace is soon 1."""
 
 
 def add_pace(assembly: Assembly, op_amp: AmplifierNodes, neuron: str) -> str:
@@ -96,7 +96,7 @@ def paced_at(emulation: Emulation, x: np.ndarray) -> Network:
 
 
 def slowed(assembly: Assembly, part: PICell, ohms: np.ndarray) -> np.ndarray:
-    """By how much the junction slows a diode neuron (N,): 1 on a chip, where it is much smaller.
+    """Return the factor (N,) by which the junction slows a diode neuron: 1 on a chip.
 
     Parameters
     ----------
