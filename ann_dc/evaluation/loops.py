@@ -166,7 +166,7 @@ def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array 
                     drives[p, k] = 0.0
 
 
-@inner
+@inlined
 def flow(tape, work):
     """Moves (neurons, N) that lead past no rail, after `evaluate`."""
     move(tape, work)
@@ -178,7 +178,7 @@ def flow(tape, work):
         call(work.clamp[0], addresses, ())
 
 
-@inner
+@inlined
 def rhs(tape, work, x, out):
     """dx/ds into ``out`` (n,)."""
     evaluate(tape, work, x)
