@@ -33,8 +33,7 @@ Cost: TypeAlias = Callable[[np.ndarray], float]
 """Cost of a settled point (n,)."""
 
 Finder: TypeAlias = Callable[[np.ndarray, Progress], Found | None]
-"""Asked once, at a state (n,) of a run that does not settle soon; returns a certified optimum, None
-if it finds none."""
+"""Asked once, at the state (n,) of a run; returns a certified optimum, None if it finds none."""
 
 
 class Knowledge(NamedTuple):
@@ -48,6 +47,8 @@ class Knowledge(NamedTuple):
         Of a settled point: a faster network is not taken where it settles to one that costs more.
     finder : Finder
         Asked for an optimum if the first run does not settle soon.
+    cheaper : Finder
+        Asked for an optimum that costs less than the one at which the first run settled.
 
     Examples
     --------
@@ -58,6 +59,7 @@ class Knowledge(NamedTuple):
     doubt: Doubt = lambda x: None
     cost: Cost = lambda x: 0.0
     finder: Finder = lambda x, progress: None
+    cheaper: Finder = lambda x, progress: None
 
 
 NOTHING = Knowledge()

@@ -25,7 +25,7 @@ from ann_dc.evaluation.generated.choice import FastEvaluator, fast_evaluator
 from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.evaluation.rules import LOST, RAN, SETTLED
 from ann_dc.evaluation.tape import Tape
-from ann_dc.gain_design.knowledge import NOTHING, Knowledge
+from ann_dc.gain_design.knowledge import NOTHING, Finder, Knowledge
 from ann_dc.gain_design.rules.gains import tape_with
 from ann_dc.gain_design.rules.recipe import Recipe, closed_form
 from ann_dc.network.network import Network
@@ -120,7 +120,7 @@ def first_run(
         Takes one line a chunk.
     knowledge : Knowledge
         Its doubt is asked where the run stalls; its finder when the run is lost, or has not settled
-        after ``equal_rows`` steps.
+        after ``equal_rows`` steps; if it settles, whether there is something cheaper.
 
     Returns
     -------
@@ -168,14 +168,17 @@ class _Schedule:
             while self.steps < limit and outcome != SETTLED and not found_by:
                 outcome, last = self._advance(tolerance)
                 late = self.steps >= self.equal_rows and outcome != SETTLED
-                found_by = self._found_by(progress) if outcome == LOST or late else ""
+                ask = self.knowledge.finder
+                found_by = self._found_by(ask, progress) if outcome == LOST or late else ""
                 progress(
                     f"first run: step {self.steps}, KKT residual {last:.1e}, "
                     f"penalty x {self.boost:g}"
                 )
-            if outcome == SETTLED and not saddle_of(self.network, self.x).is_minimum:
+            if outcome == SETTLED and saddle_of(self.network, self.x).is_minimum:
+                found_by = self._found_by(self.knowledge.cheaper, progress)
+            elif outcome == SETTLED:
                 self.knowledge.doubt(self.x)
-                found_by = self._found_by(progress)
+                found_by = self._found_by(self.knowledge.finder, progress)
         except Stopped as end:
             ended = end
         return FirstRun(
@@ -208,12 +211,12 @@ class _Schedule:
             self._equilibrate()
         return outcome, last
 
-    def _found_by(self, progress: Progress) -> str:
-        """Name who has found an optimum, which is the state then; the finder is asked once."""
+    def _found_by(self, ask: Finder, progress: Progress) -> str:
+        """Name who has found an optimum, which is the state then; somebody is asked once."""
         if self.is_asked:
             return ""
         self.is_asked = True
-        found = self.knowledge.finder(self.x, progress)
+        found = ask(self.x, progress)
         if found is None:
             return ""
         self.x, self.boost = found.state, 1.0

@@ -254,6 +254,7 @@ class _Shooting:
         parts.append(("end", (q[N] - last)[_places(problem.fixed)]))
         beyond = ca.mtimes(end_slack.share, s[N])
         parts.append(("last", end_rows(q[N], inputs[:, N - 1]) - beyond))
+        parts = [(kind, part) for kind, part in parts if part.numel()]  # some are 1 x 0: one row
         stages = [cost(q[k], u[k], inputs[:, k]) + slack.cost(ca, s[k]) for k in range(N)]
         at_end = terminal(q[N], inputs[:, N - 1]) + end_slack.cost(ca, s[N])
         program = {

@@ -10,9 +10,11 @@ from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.choice import DEARER
 from ann_dc.gain_design.knowledge import Found
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate, certify
+from ann_dc.optimality.interior_point.barrier import Caution
 from ann_dc.optimality.interior_point.search import RESTORATIONS, Extremum, interior_point
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.start import Start, line_start, random_start
@@ -94,11 +96,15 @@ class Search:
         self._from_line: list[Optimum] | None = None
 
     def from_line(self, progress: Progress) -> list[Optimum]:
-        """Return the optimum to which the straight line leads, if any; searched for once."""
+        """Return the optimum to which the straight line leads, if any; searched for once.
+
+        If it leads nowhere, the search begins there again with more caution.
+        """
         if self._from_line is None:
             line = line_start(self.problem)
             paths = [] if self.problem.objectives else [(line.q, line.u)]
-            self._from_line = self._from(paths, [], progress)
+            self._from_line = self._from(paths, [], progress, Caution.CONTROLS)
+            self._from_line = self._from_line or self._from(paths, [], progress, Caution.ALL)
         return self._from_line
 
     def find(self, x: np.ndarray, progress: Progress) -> Found | None:
@@ -115,15 +121,28 @@ class Search:
         first = next(optimum for optimum in found if optimum.certificate.objective <= near)
         return Found(first.state, by="the interior point")
 
+    def cheaper(self, x: np.ndarray, progress: Progress) -> Found | None:
+        """Return the optimum to which the line leads if it costs less than x; see `Knowledge`."""
+        here = certify(self.problem, *kkt_point(self.network, x)).objective
+        for optimum in self.from_line(progress):
+            if optimum.certificate.objective < here - DEARER * abs(here):
+                return Found(optimum.state, by="the interior point")
+        return None
+
     def _from(
-        self, paths: list[tuple[np.ndarray, np.ndarray]], known: list[Optimum], progress: Progress
+        self,
+        paths: list[tuple[np.ndarray, np.ndarray]],
+        known: list[Optimum],
+        progress: Progress,
+        caution: Caution = Caution.NONE,
     ) -> list[Optimum]:
         """Return the known optima and those to which the interior point leads from some paths."""
         found = [*known]
         try:
             for q, u in paths:
                 most = FURTHER if found else RESTORATIONS
-                extremum = interior_point(self.problem, q, u, restorations=most, progress=progress)
+                how = {"caution": caution, "restorations": most, "progress": progress}
+                extremum = interior_point(self.problem, q, u, **how)
                 found += self._certified(extremum)
         except Stopped:
             if not found:  # what is known is kept

@@ -33,4 +33,5 @@ def knowledge_of(prospect: Prospect, network: Network) -> Knowledge:
         doubt=doubt,
         cost=lambda x: certify(problem, *kkt_point(network, x)).objective,
         finder=search.find,
+        cheaper=search.cheaper,
     )

@@ -11,7 +11,7 @@ from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.backends import status
 from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.run import Backend, Run
-from ann_dc.backends.settling import Settling
+from ann_dc.backends.settling import Settling, settling_time
 from ann_dc.backends.status import Outcome, Status
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import NetworkError
@@ -19,7 +19,7 @@ from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.gain_design.choice import DEARER
 from ann_dc.gain_design.procedure import Design
 from ann_dc.network.network import Network
-from ann_dc.optimality.certificate import LARGEST_STEP
+from ann_dc.optimality.certificate import LARGEST_STEP, Certificate
 from ann_dc.optimality.prospects.boundedness import Unbounded
 from ann_dc.optimality.prospects.infeasible import Infeasible
 from ann_dc.optimality.prospects.prospect import Hopeless, Prospect
@@ -31,6 +31,8 @@ from ann_dc.solution.solution import Solution, certificate_of
 
 CLOSER = 0.3
 """Share of the Newton step allowed at which a run that goes on is to end."""
+STAY = 1.0
+"""Time that a stalled run has stayed within the tolerance, over the time until then, at least."""
 
 
 def solution_of(
@@ -116,7 +118,42 @@ def _solution(
         certificate=certificate_of(problem, network, run.trajectory.final),
         design=designed,
     )
-    return _closer(found, backend)
+    return _stayed(_closer(found, backend), backend)
+
+
+def _stayed(found: Solution, backend: Backend) -> Solution:
+    """Return a stalled run as settled if it stayed within the tolerance, at a certified minimum.
+
+    Penalties that are large beside the multipliers make rounding errors that keep the residual
+    above the share of the tolerance at which a run ends. The certificate is that of the
+    equilibrium which a Newton step finds there.
+    """
+    settling, run = getattr(backend, "settling", None), found.run
+    is_stalled = found.status.outcome is Outcome.STALLED
+    if not (is_stalled and isinstance(settling, Settling)):
+        return found
+    time = settling_time(run.trajectory, settling)
+    if not (1.0 + STAY) * time <= found.status.time:
+        return found
+    proof = _proof_beside(found)
+    if proof is None:
+        return found
+    told = status.settled(float(run.trajectory.kkt[-1]), found.status.time)
+    why = "the residual stayed below tolerance; rounding kept it from falling further"
+    settled = replace(run, status=told, settling_time=time, verified=why)
+    return replace(found, run=settled, certificate=proof)
+
+
+def _proof_beside(found: Solution) -> Certificate | None:
+    """Return the certificate of the minimum to which a Newton step leads from a run's end."""
+    network, final = found.network, found.trajectory.final
+    if not found.certificate.newton_step < LARGEST_STEP:
+        return None
+    try:
+        proof = certificate_of(found.problem, network, equilibrium(network, final))
+    except NetworkError:
+        return None
+    return proof if proof.certified else None
 
 
 def _closer(found: Solution, backend: Backend) -> Solution:

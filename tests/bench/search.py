@@ -71,7 +71,7 @@ def known(given) -> float:
 
 def is_false(given, solution) -> bool:
     """Whether IPOPT leaves a certified optimum for a cheaper one close by."""
-    q, u = solution["q"].T, solution["u"].T
+    q, u = (np.stack([solution[str(s)] for s in of]) for of in (given.states, given.controls))
     there = ipopt_point(given, q, u)
     if there is None:
         return False

@@ -15,6 +15,8 @@ from ann_dc.problem import OptimalControlProblem, plants
 
 PROBLEM = plants.double_integrator(N=4)
 
+x, a = sp.symbols("x a")
+
 PROBLEMS = {
     "car": SUITE["car"].problem,
     "unicycle": SUITE["unicycle"].problem,
@@ -113,3 +115,13 @@ def test_without_casadi_there_is_no_time(monkeypatch):
     monkeypatch.setitem(sys.modules, "casadi", None)
     assert time_solvers(PROBLEM) == ()
     assert ipopt_point(PROBLEM) is None
+
+
+def test_ipopt_point_of_a_single_state_with_a_free_end():
+    problem = OptimalControlProblem(
+        states=(x,), controls=(a,), dynamics=(a,), cost=a**2, horizon=4, q_0=(1,),
+        terminal_constraints={"end": x**2 <= 0.04},
+    )  # fmt: skip
+    found = ipopt_point(problem)
+    assert found is not None
+    assert found.t[0, -1] == pytest.approx(0.2, abs=1e-6)

@@ -111,3 +111,14 @@ def test_flat_cost_is_followed_until_a_newton_step_is_small():
     assert solution.status.settled
     assert solution.certified
     assert solution.objective == pytest.approx(ipopt(problem).objective, rel=1e-6)
+
+
+def test_run_that_rounding_keeps_from_its_end_has_settled(problem):
+    never = ann_dc.OdeBackend(settling=Settling(confirm=1e-12))
+    stalled = never.run(ann_dc.design(problem).network)
+    assert stalled.status.outcome is Outcome.STALLED
+    found, usual = ann_dc.solve(problem, backend=never), ann_dc.solve(problem)
+    assert found.certified
+    assert found.status.settled
+    assert "rounding" in found.run.verified
+    assert found.run.settling_time == pytest.approx(usual.run.settling_time, rel=1e-3)

@@ -14,6 +14,7 @@ Row multipliers z satisfy s z = t, e (P - z) = t and w = d z. Everything is in t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,16 @@ INSIDE = 0.05
 """Distance of the first controls from their limits, relative to the range or to the scale."""
 LARGEST_SLOPE = 10.0
 """Slope of the cost at the start, in its unit, at most: cheap controls have tiny units of cost."""
+LEAST_MOTION = 0.01
+"""Share of the natural scales to which caution shrinks them, at least."""
+
+
+class Caution(Enum):
+    """Scales that shrink to the motion of the controls at the start, so that steps are no leaps."""
+
+    NONE = "none"
+    CONTROLS = "of controls"
+    ALL = "of states and controls"
 
 
 class Point(NamedTuple):
@@ -81,9 +92,11 @@ class Barrier:
     limits: Slots
 
     @classmethod
-    def of(cls, problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray) -> Barrier:
+    def of(
+        cls, problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray, caution: Caution
+    ) -> Barrier:
         """Return the barrier problems of a problem, for a start at q (n, N+1) and u (m, N)."""
-        frame = _frame(problem, q, u)
+        frame = _frame(problem, q, u, caution)
         barrier = cls(
             problem=problem,
             frame=frame,
@@ -151,17 +164,24 @@ class Barrier:
         )
 
 
-def _frame(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray) -> Frame:
+def _frame(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray, caution: Caution) -> Frame:
     """Return natural scales, limited to half the distance of two bounds.
 
-    The unit of cost bounds the curvature of the controls and, by `LARGEST_SLOPE`, all slopes.
+    With caution they shrink to the motion of the controls at the start. The unit of cost bounds
+    the curvature of the controls and, by `LARGEST_SLOPE`, all slopes.
     """
     scales, n = natural_scales(problem), problem.n
     low, high = problem.control_limits.T
     between = np.array([problem.bounds.get(str(s), NO_BOUND) for s in problem.states])
     widths = np.append(between[:, 1] - between[:, 0], high - low)
     named = scales.states + scales.controls
-    factors = np.minimum([own.factor for own in named], widths / 2)
+    natural = np.array([own.factor for own in named])
+    if caution is not Caution.NONE:
+        offsets = np.array([own.offset for own in scales.controls])
+        moved = np.abs((u - offsets[:, None]) / natural[n:, None]).max(initial=0.0)
+        first = n if caution is Caution.CONTROLS else 0
+        natural[first:] *= np.clip(np.nan_to_num(moved, nan=1.0), LEAST_MOTION, 1.0)
+    factors = np.minimum(natural, widths / 2)
     named = tuple(own._replace(factor=float(f)) for own, f in zip(named, factors))
     with np.errstate(all="ignore"):
         told = problem.functions.derivatives(q[:, :-1], u, np.zeros((n, u.shape[1])))

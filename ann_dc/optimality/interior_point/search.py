@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.optimality.interior_point.barrier import Barrier, Point
+from ann_dc.optimality.interior_point.barrier import Barrier, Caution, Point
 from ann_dc.optimality.interior_point.model import Model
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import straight_line
@@ -94,6 +94,7 @@ def interior_point(
     q: np.ndarray | None = None,
     u: np.ndarray | None = None,
     *,
+    caution: Caution = Caution.NONE,
     restorations: int = RESTORATIONS,
     progress: Progress = silent,
 ) -> Extremum:
@@ -107,6 +108,8 @@ def interior_point(
         States with the end, in the user's units; the straight line by default.
     u : (m, N) array, optional
         Controls, in the user's units; those that fit the straight line by default.
+    caution : Caution
+        Natural scales can be far too large where a state moves by itself rather than by controls.
     restorations : int
         Largest number of restorations, which take most of the time where a search fails.
     progress : Progress
@@ -123,16 +126,16 @@ def interior_point(
     """
     line = straight_line(problem)
     q, u = line.q if q is None else q, line.u if u is None else u
-    return _Search(problem, q, u, progress, restorations).run()
+    return _Search(Barrier.of(problem, q, u, caution), q, u, progress, restorations).run()
 
 
 class _Search:
     """State of a search: the model at its point, t, the filter and the shifts."""
 
-    def __init__(self, problem, q, u, progress, restorations) -> None:
-        self.barrier, self.progress = Barrier.of(problem, q, u), progress
+    def __init__(self, barrier: Barrier, q, u, progress, restorations) -> None:
+        self.barrier, self.progress = barrier, progress
         self.t = BARRIER
-        mu = np.zeros((problem.n, problem.horizon))
+        mu = np.zeros((barrier.problem.n, barrier.problem.horizon))
         self.model = Model(self.barrier, self.barrier.start(q, u, mu, self.t))
         self.filter: list[tuple[float, float]] = []
         self.shift = self.forced = 0.0
