@@ -70,7 +70,7 @@ from .backends.recurrent import RecurrentBackend as RecurrentBackend
 from .backends.recurrent import RecurrentLayer as RecurrentLayer
 from .backends.recurrent.cell import CellLayer as CellLayer
 from .backends.spice import SpiceBackend as SpiceBackend
-from .two_level import TwoLevelLayer as TwoLevelLayer
+from .two_level import TwoLevels as TwoLevels
 
 # build
 from .hardware import defects as defects

@@ -52,10 +52,10 @@ def runs_of(problem) -> tuple[dict[str, TwoLevelRun], dict]:
         "Newton coordinator": (network, NewtonCoordinator(), 50),
     }
     runs = {
-        name: ann_dc.TwoLevelLayer(of, upper=upper).run(settled=settled, limit=limit)
+        name: ann_dc.TwoLevels(of, upper=upper).run(settled=settled, limit=limit)
         for name, (of, upper, limit) in layers.items()
     }
-    newton = ann_dc.TwoLevelLayer(network, upper=NewtonCoordinator())
+    newton = ann_dc.TwoLevels(network, upper=NewtonCoordinator())
     line = np.subtract(problem.q_d, problem.q_0)
     warm = {}
     for share in (0.01, 0.05, 0.2):

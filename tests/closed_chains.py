@@ -13,7 +13,7 @@ from ann_dc.network.metrics import Kind
 from ann_dc.problem import OptimalControlProblem, plants
 from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize
-from ann_dc.two_level import Gradient, TwoLevelLayer, UpperGains, UpperMap
+from ann_dc.two_level import Gradient, TwoLevels, UpperGains, UpperMap
 
 NEURON = switch("S14")
 
@@ -38,9 +38,9 @@ def gradient(problem: OptimalControlProblem) -> Gradient:
     return Gradient(lambda_t=gains.lambda_t, lambda_beta=gains.lambda_beta)
 
 
-def two_level(problem=CAR, *, upper=None, lower=None) -> TwoLevelLayer:
+def two_level(problem=CAR, *, upper=None, lower=None) -> TwoLevels:
     upper = upper or gradient(problem)
-    return TwoLevelLayer(closed_chain(problem).network, upper=upper, lower=lower)
+    return TwoLevels(closed_chain(problem).network, upper=upper, lower=lower)
 
 
 def near(problem, size: float, seed: int = 0) -> np.ndarray:

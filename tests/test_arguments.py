@@ -74,7 +74,7 @@ LEGITIMATE = (
      "CellLayer.flow.inputs CellLayer.forward.inputs CellLayer.starts.inputs "
      "RecurrentLayer.equilibrium.inputs RecurrentLayer.forward.inputs RecurrentLayer.settle.inputs "
      "RecurrentBackend.run_batch.inputs OdeBackend.run_batch.inputs "
-     "TwoLevelLayer.forward.inputs TwoLevelLayer.run.inputs "
+     "TwoLevels.step.inputs TwoLevels.run.inputs "
      "Network.with_inputs.values SpiceBackend.deck.deviations emulate.deviations "
      "defects.leak.unit defects.rails.limit hand_gains.rho hand_gains.tau"),
     ("there may be none", {"nothing", "an empty list", "an empty mapping"},
@@ -232,7 +232,7 @@ OWNERS = {
     "RecurrentLayer": lambda: ann_dc.RecurrentLayer(design().network),
     "SpiceBackend": ann_dc.SpiceBackend,
     "Study": study,
-    "TwoLevelLayer": lambda: ann_dc.TwoLevelLayer(
+    "TwoLevels": lambda: ann_dc.TwoLevels(
         design().network, upper=ann_dc.two_level.NewtonCoordinator()
     ),
     "UpperMap": upper_map,
@@ -272,9 +272,9 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "SpiceBackend.measure": lambda: {**circuit(), "deck": deck(), "probe": prepared()[1]},
     "Study.row": lambda: {"point": 0},
     "Study.run": lambda: {"workers": 0},
-    "TwoLevelLayer": lambda: {"upper": ann_dc.two_level.NewtonCoordinator()},
-    "TwoLevelLayer.forward": lambda: {"x": torch.as_tensor(settled())[None]},
-    "TwoLevelLayer.run": lambda: {"x": None, "settled": None, "limit": 2},
+    "TwoLevels": lambda: {"upper": ann_dc.two_level.NewtonCoordinator()},
+    "TwoLevels.step": lambda: {"x": settled()},
+    "TwoLevels.run": lambda: {"x": None, "settled": None, "limit": 2},
     "UpperMap.radius": lambda: {"lambda_t": 0.1, "lambda_beta": 0.1},
     "FixedStep": lambda: {"step": 0.1},
     "analyse": lambda: {"source": design()},

@@ -68,7 +68,6 @@ NEEDING = {
     "a layer": "ann_dc.RecurrentLayer",
     "a layer of a backend": "ann_dc.RecurrentBackend().layer(None)",
     "a cell": "ann_dc.CellLayer",
-    "two levels": "ann_dc.TwoLevelLayer",
 }
 ASKED = f"""
 import sys

@@ -17,7 +17,7 @@ from ann_dc.network.metrics import Kind
 from ann_dc.problem import Start, plants
 from ann_dc.solver import synthesize
 from ann_dc.synthesis import start_values
-from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevelLayer, UpperMap
+from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevels, UpperMap
 
 GAIN, SMALL = 0.05, 1e-3
 """The plain Lagrangian's optimum repels: a large gain leaves it within three iterations."""
@@ -64,7 +64,7 @@ def test_the_example_corrected(rounds):
     t, beta = Q_1 + 0.01 * T, 0.05 * BETA
     first = np.array([[*Q_0, *CONTROLS[0], *-BETA[1]], [*Q_1, *CONTROLS[1], *-BETA[1]]])
     stages = np.array([*map(solved_stage, (t, CAR.q_d), beta, first)])
-    layer = TwoLevelLayer(network, upper=Gradient(lambda_t=SMALL, lambda_beta=SMALL))
+    layer = TwoLevels(network, upper=Gradient(lambda_t=SMALL, lambda_beta=SMALL))
     run = layer.run(started(network, t, beta, stages), limit=rounds, tolerance=1e-300)
     for _ in range(rounds):
         move_t = of_t * (stages[0, 6:] + beta[1])
@@ -78,7 +78,7 @@ def test_the_example_corrected(rounds):
 
 
 def test_the_example_ends_where_its_controls_lead():
-    run = TwoLevelLayer(network_of(switch("S14")), upper=NewtonCoordinator()).run(tolerance=1e-10)
+    run = TwoLevels(network_of(switch("S14")), upper=NewtonCoordinator()).run(tolerance=1e-10)
     assert run.settled.all()
     found = neuron_values(network_of(switch("S14")), run.states[0])
     np.testing.assert_allclose(found["u"], CONTROLS, atol=1e-6)
@@ -97,7 +97,7 @@ def test_two_gains_solve_two_stages_of_a_linear_plant():
     found = design(synthesize(decompose(problem, switch("S14"))), kinds=[Kind.PYRAMID])
     gains = UpperMap(network=found.network, settled=found.state).best()
     upper = Gradient(lambda_t=gains.lambda_t, lambda_beta=gains.lambda_beta)
-    run = TwoLevelLayer(found.network, upper=upper).run(tolerance=1e-9)
+    run = TwoLevels(found.network, upper=upper).run(tolerance=1e-9)
     assert run.settled.all()
     controls = neuron_values(found.network, run.states[0])["u"][:, 0]
     np.testing.assert_allclose(controls, [distance / DT**2, -distance / DT**2], rtol=1e-6)
@@ -129,7 +129,7 @@ def test_the_example_to_the_letter(form, rounds):
         q = literal_stages(t, beta)[:, :4]
         read = np.array([CAR.q_d, nowhere] if form is AS_PRINTED else [-Q_0, -t])
         t, beta = t + of_t * 2 * beta[1], beta + of_beta * (q + read)
-    layer = TwoLevelLayer(network, upper=Gradient(lambda_t=GAIN, lambda_beta=GAIN))
+    layer = TwoLevels(network, upper=Gradient(lambda_t=GAIN, lambda_beta=GAIN))
     x = started(network, T, BETA, np.zeros((2, 10)))
     found = neuron_values(network, layer.run(x, limit=rounds, tolerance=1e-300).states[0])
     np.testing.assert_allclose(found["t"][0], t, rtol=1e-9)
@@ -144,7 +144,7 @@ def test_to_the_letter_the_example_runs_away():
     network = network_of(LITERAL)
     of_t, of_beta = in_user_units(network, GAIN)
     growth = 1 + np.sqrt(2 * of_t * of_beta * (1 / A - 1))
-    layer = TwoLevelLayer(network, upper=Gradient(lambda_t=GAIN, lambda_beta=GAIN))
+    layer = TwoLevels(network, upper=Gradient(lambda_t=GAIN, lambda_beta=GAIN))
     x = started(network, T, BETA, np.zeros((2, 10)))
     late, later = (
         neuron_values(network, layer.run(x, limit=rounds, tolerance=1e-300).states[0])["t"][0]

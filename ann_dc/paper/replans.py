@@ -24,7 +24,7 @@ from ann_dc.problem.plants import car
 from ann_dc.progress import Progress, silent
 from ann_dc.synthesis.synthesis import synthesize
 from ann_dc.two_level.coordination import best_gradient, polished
-from ann_dc.two_level.layer import TwoLevelLayer
+from ann_dc.two_level.levels import TwoLevels
 from ann_dc.two_level.oracle_gain import OracleGain
 from ann_dc.two_level.run import TwoLevelRun
 from ann_dc.two_level.theorem import (
@@ -168,7 +168,7 @@ def iterations(
         cases.append(replanned(designed, problem, case))
     progress("two levels: fixed gains")
     gradient, common = (
-        TwoLevelLayer(network, upper=upper).run(x, settled=settled, limit=FIXED_ROUNDS)
+        TwoLevels(network, upper=upper).run(x, settled=settled, limit=FIXED_ROUNDS)
         for upper, x in ((two, line), (one, settled + NEAR * (line - settled)))
     )
     return Iterations(
@@ -202,13 +202,11 @@ def replanned(designed: Design, problem: OptimalControlProblem, case: Case) -> P
     network = designed.network
     starts = case.starts(_plan(network, designed.state))
     inputs = {f"q_0.{s}": values for s, values in zip(problem.states, starts.T)}
-    newton = TwoLevelLayer(network, upper=NewtonCoordinator()).run(
+    newton = TwoLevels(network, upper=NewtonCoordinator()).run(
         designed.state, inputs, tolerance=0.0, limit=NEWTON_ROUNDS
     )
     oracle = OracleCoordinator(gain=OracleGain(settled=newton.states, share=SHARE))
-    run = TwoLevelLayer(network, upper=oracle).run(
-        inputs=inputs, settled=newton.states, limit=ROUNDS
-    )
+    run = TwoLevels(network, upper=oracle).run(inputs=inputs, settled=newton.states, limit=ROUNDS)
     return Plans(
         case=case,
         starts=starts,
@@ -234,7 +232,7 @@ def to_the_letter(problem: OptimalControlProblem, settled: np.ndarray) -> TwoLev
     network = synthesize(decompose(problem, form), rho=0.0)
     network = apply_gains(network, hand_gains(network))
     upper = OracleCoordinator(gain=OracleGain(settled=settled))
-    return TwoLevelLayer(network, upper=upper).run(settled=settled, limit=ROUNDS)
+    return TwoLevels(network, upper=upper).run(settled=settled, limit=ROUNDS)
 
 
 def _plan(network: Network, x: np.ndarray) -> np.ndarray:

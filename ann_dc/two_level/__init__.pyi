@@ -6,7 +6,7 @@ from .coordination import (
     coordinate as coordinate,
     newton as newton,
 )
-from .layer import TwoLevelLayer as TwoLevelLayer
+from .levels import TwoLevels as TwoLevels
 from .lower_level import Closed as Closed, Iterated as Iterated, LowerLevel as LowerLevel
 from .lyapunov import (
     Distances as Distances,

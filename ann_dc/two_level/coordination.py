@@ -28,7 +28,7 @@ from ann_dc.optimality.certificate import Certificate, certify
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
 from ann_dc.synthesis.synthesis import synthesize
-from ann_dc.two_level.layer import TwoLevelLayer
+from ann_dc.two_level.levels import TwoLevels
 from ann_dc.two_level.lower_level import LowerLevel
 from ann_dc.two_level.oracle_gain import OracleGain
 from ann_dc.two_level.rows import check_problem
@@ -314,7 +314,7 @@ def coordinate(
     network, settled = designed.network, polished(designed)
     progress("choosing lambda_t and lambda_beta")
     upper, gains = coordinator(network, settled)
-    layer = TwoLevelLayer(network, upper=upper, lower=lower)
+    layer = TwoLevels(network, upper=upper, lower=lower)
     tolerance = settling.confirm * settling.tolerance
     run = layer.run(settled=settled, tolerance=tolerance, limit=limit, progress=progress)
     return Coordination(
@@ -333,7 +333,7 @@ def coordinate(
 
 def polished(designed: Design) -> np.ndarray:
     """The solution (n,) of a design, as exactly as the arithmetic has it."""
-    layer = TwoLevelLayer(designed.network, upper=NewtonCoordinator())
+    layer = TwoLevels(designed.network, upper=NewtonCoordinator())
     run = layer.run(designed.state, tolerance=0.0, limit=POLISHING)
     better = run.residuals[-1, 0] < run.residuals[0, 0]
     return run.states[0] if better else designed.state

@@ -6,14 +6,16 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ann_dc.backends.recurrent.cell.flow import Flow
-from ann_dc.backends.recurrent.layers import torch
-from ann_dc.backends.recurrent.layers.steps import dual_limit
+import numpy as np
+
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 from ann_dc.network.network import Network
-from ann_dc.two_level.rows import Rows
+from ann_dc.two_level.sample import Sample
+
+SMALLEST = 100 * float(np.finfo(float).eps)
+"""Drives below which rounding decides."""
 
 
 @such_as("ann_dc.two_level.Closed()")
@@ -29,20 +31,18 @@ class LowerLevel(ABC):
     name: ClassVar[str]
 
     @abstractmethod
-    def solve(self, flow: Flow, rows: Rows, state: torch.Tensor) -> tuple[torch.Tensor, int]:
+    def solve(self, sample: Sample, x: np.ndarray) -> tuple[np.ndarray, int]:
         """Solve the lower level, with t and beta held.
 
         Parameters
         ----------
-        flow : Flow
-        rows : Rows
-            Of the network's levels.
-        state : (P, N, B) tensor
-            In network units.
+        sample : Sample
+        x : (n,) array
+            State vector, in network units.
 
         Returns
         -------
-        state : (P, N, B) tensor
+        x : (n,) array
         steps : int
             Inner steps that it took.
         """
@@ -97,16 +97,16 @@ class Iterated(LowerLevel):
         """Every stage needs as many equations as unknowns."""
         _require_free_start(network)
 
-    def solve(self, flow: Flow, rows: Rows, state: torch.Tensor) -> tuple[torch.Tensor, int]:
-        """Step until every sample is there."""
-        step = self.share * float(dual_limit(flow))
+    def solve(self, sample: Sample, x: np.ndarray) -> tuple[np.ndarray, int]:
+        """Step until the drives have vanished."""
+        x, lower = x.copy(), sample.lower
+        step = self.share * sample.step_limit * sample.rates[lower]
         for done in range(self.limit):
-            drives = flow.read(state).drives[rows.lower]
+            drives = sample.drives(x)[lower]
             if _at_rest(drives, self.tolerance):
-                return state, done
-            moves = step * drives * flow.constants.rates[rows.lower]
-            state = flow.within_rails(state.index_add(0, rows.lower, moves))
-        return state, self.limit
+                return x, done
+            x[lower] += step * drives
+        return x, self.limit
 
 
 @checked
@@ -140,8 +140,8 @@ class Closed(LowerLevel):
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.synthesize(ann_dc.decompose(problem, ann_dc.Form(start_is_neuron=True)))
     >>> upper = Gradient(lambda_t=0.1, lambda_beta=0.1)
-    >>> layer = ann_dc.TwoLevelLayer(network, upper=upper, lower=Closed(slew=100.0))
-    >>> layer.run(limit=1).inner.tolist()
+    >>> levels = ann_dc.TwoLevels(network, upper=upper, lower=Closed(slew=100.0))
+    >>> levels.run(limit=1).inner.tolist()
     [1, 1]
 
     References
@@ -162,18 +162,20 @@ class Closed(LowerLevel):
         """Every stage needs as many equations as unknowns."""
         _require_free_start(network)
 
-    def solve(self, flow: Flow, rows: Rows, state: torch.Tensor) -> tuple[torch.Tensor, int]:
-        """All stages of all samples at once: one small linear system each."""
+    def solve(self, sample: Sample, x: np.ndarray) -> tuple[np.ndarray, int]:
+        """Newton steps of all stages, each a small linear system of its own."""
+        x, lower = x.copy(), sample.lower
         for done in range(self.limit):
-            drives = flow.read(state).drives[rows.lower]
+            drives = sample.drives(x)[lower]
             if _at_rest(drives, self.tolerance):
-                return state, done
-            move = _stage_steps(flow, rows, state, drives)
+                return x, done
+            move = sample.stage_steps(x, drives)
             if done < self.limit // 2:
-                largest = move.abs().amax(0).clamp(min=self.slew)
-                move = move * (self.slew / largest)
-            state = state.index_add(0, rows.lower, move)
-        return state, self.limit
+                largest = np.full(sample.network.stages, self.slew)
+                np.maximum.at(largest, sample.stage, np.abs(move))
+                move *= (self.slew / largest)[sample.stage]
+            x[lower] += move
+        return x, self.limit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,9 +193,9 @@ class Linearised(LowerLevel):
     def check(self, network: Network) -> None:
         """Any network will do."""
 
-    def solve(self, flow: Flow, rows: Rows, state: torch.Tensor) -> tuple[torch.Tensor, int]:
-        """Nothing to do before the coordinator."""
-        return state, 0
+    def solve(self, sample: Sample, x: np.ndarray) -> tuple[np.ndarray, int]:
+        """Return the state: there is nothing to do before the coordinator."""
+        return x, 0
 
 
 def _require_free_start(network: Network) -> None:
@@ -207,26 +209,7 @@ def _require_free_start(network: Network) -> None:
         )
 
 
-def _at_rest(drives: torch.Tensor, tolerance: float) -> bool:
-    """Whether the drives (L, N, B) of every sample that is not lost have vanished."""
-    worst = drives.abs().amax((0, 1))
-    smallest = 100 * torch.finfo(drives.dtype).eps
-    return bool((~worst.isfinite() | (worst < max(tolerance, smallest))).all())
-
-
-def _stage_steps(flow: Flow, rows: Rows, state: torch.Tensor, drives: torch.Tensor):
-    """Newton steps (L, N, B) of the lower level, every stage by itself."""
-    lower, stages, samples = rows.lower, state.shape[1], state.shape[2]
-    place = torch.full((len(state),), -1, device=state.device)
-    place[lower] = torch.arange(len(lower), device=state.device)
-    neuron, stage = flow.layout.places // stages, flow.layout.places % stages
-    row, column = flow.layout.entries[:, 0], flow.layout.entries[:, 1]
-    inside = (place[neuron[row]] >= 0) & (place[neuron[column]] >= 0)
-    inside &= stage[row] == stage[column]
-    blocks = state.new_zeros(stages, len(lower), len(lower), samples)
-    where = stage[row][inside], place[neuron[row]][inside], place[neuron[column]][inside]
-    blocks[where] = flow.jacobian_entries(state)[inside]
-    dead = (1 - flow.layout.live[lower, :, 0]).T  # a left-out neuron stays where it is
-    blocks = blocks.permute(3, 0, 1, 2) + torch.diag_embed(dead)
-    steps, _ = torch.linalg.solve_ex(blocks, -drives.permute(2, 1, 0))
-    return steps.permute(2, 1, 0)
+def _at_rest(drives: np.ndarray, tolerance: float) -> bool:
+    """Return True if the drives (L,) have vanished, or are lost."""
+    worst = np.abs(drives).max(initial=0.0)
+    return bool(not np.isfinite(worst) or worst < max(tolerance, SMALLEST))

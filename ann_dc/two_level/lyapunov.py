@@ -23,17 +23,17 @@ from typing import Any, NamedTuple
 
 
 class Lyapunov(NamedTuple):
-    """Theta, A and B; numbers, arrays or tensors.
+    """Theta, A and B; numbers or arrays.
 
     A step of lambda along the drives d changes Theta by lambda B + lambda^2 A.
 
     Attributes
     ----------
-    theta : float, array or tensor
+    theta : float or array
         Half of the squared errors of t and beta, (19).
-    A : float, array or tensor
+    A : float or array
         Half of their squared drives, (21).
-    B : float, array or tensor
+    B : float or array
         Errors times drives, (21); negative where the drives lead to the solution.
 
     References
@@ -56,9 +56,9 @@ def lyapunov_of(error: Any, drive: Any) -> Lyapunov:
 
     Parameters
     ----------
-    error : (K, ...) array or tensor
+    error : (K, ...) array
         Of t and beta from the solution, in network units.
-    drive : (K, ...) array or tensor
+    drive : (K, ...) array
         What arrives at them.
 
     Examples
@@ -79,11 +79,11 @@ def lyapunov_of(error: Any, drive: Any) -> Lyapunov:
 
 
 class Distances(NamedTuple):
-    """Errors (18) of both levels, summed over the stages; arrays or tensors of one shape.
+    """Errors (18) of both levels, summed over the stages; numbers, or arrays of one shape.
 
     Attributes
     ----------
-    v, mu : array or tensor
+    v, mu : float or array
         Norms of e_v, of q and u together, and of e_mu; in network units.
     t, beta : Lyapunov
         Of t alone and of beta alone.
@@ -116,7 +116,7 @@ def printed_of(t: Lyapunov, beta: Lyapunov, gain: Any) -> Lyapunov:
     ----------
     t, beta : Lyapunov
         Of t alone and of beta alone, corrected.
-    gain : float, array or tensor
+    gain : float or array
         lambda; a pair of them where t and beta have their own.
 
     Examples

@@ -66,7 +66,7 @@ class OracleGain:
             )
 
     def of(self, found: Lyapunov) -> Any:
-        """lambda (B,), a tensor if A and B (B,) are; ``low`` where it is not defined.
+        """lambda (B,), ``low`` where it is not defined.
 
         Parameters
         ----------

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.backends.recurrent.layers import torch
 from ann_dc.errors import NetworkError, ProblemError
 from ann_dc.network.network import COORDINATION, Network
 from ann_dc.problem.declaration import OptimalControlProblem
@@ -17,24 +16,20 @@ STAGE = ("q", "u", "mu")
 
 
 class Rows(NamedTuple):
-    """Rows of a state (P, N, B), each (rows,)."""
+    """Places of a state vector, each (n,) booleans."""
 
-    lower: torch.Tensor
+    lower: np.ndarray
     """Of q, u and mu."""
-    v: torch.Tensor
+    v: np.ndarray
     """Of q and u: v_k of the paper."""
-    mu: torch.Tensor
+    mu: np.ndarray
     """Of mu."""
-    t: torch.Tensor
+    t: np.ndarray
     """Of t."""
-    beta: torch.Tensor
+    beta: np.ndarray
     """Of beta."""
-    chain: torch.Tensor
+    chain: np.ndarray
     """Of q and t, whose moves a Newton step bounds."""
-
-    def to(self, device: torch.device) -> Rows:
-        """The same rows on another device."""
-        return Rows(*(rows.to(device) for rows in self))
 
 
 def check_problem(problem: OptimalControlProblem) -> None:
@@ -56,7 +51,7 @@ def check_problem(problem: OptimalControlProblem) -> None:
 
 
 def rows_of(network: Network) -> Rows:
-    """Rows of the two levels of a network.
+    """Places of the two levels of a network in its state vector.
 
     Raises
     ------
@@ -67,8 +62,9 @@ def rows_of(network: Network) -> Rows:
     Examples
     --------
     >>> import ann_dc
-    >>> rows_of(ann_dc.synthesize(ann_dc.plants.double_integrator(N=3))).chain.tolist()
-    [0, 1, 3, 4]
+    >>> network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=3))
+    >>> int(rows_of(network).mu.sum())  # two states, three stages
+    6
     """
     of = [neuron.population for neuron in network.cell.neurons]
     missing = [name for name in (*STAGE, *COORDINATION) if name not in of]
@@ -85,14 +81,12 @@ def rows_of(network: Network) -> Rows:
             "which the algorithm knows nothing; settle the network as a whole, as solve does"
         )
 
-    def rows(*populations: str) -> torch.Tensor:
-        return torch.tensor([row for row, name in enumerate(of) if name in populations])
-
+    of_population = network.of_population
     return Rows(
-        lower=rows(*STAGE),
-        v=rows("q", "u"),
-        mu=rows("mu"),
-        t=rows("t"),
-        beta=rows("beta"),
-        chain=rows("q", "t"),
+        lower=of_population(*STAGE),
+        v=of_population("q", "u"),
+        mu=of_population("mu"),
+        t=of_population("t"),
+        beta=of_population("beta"),
+        chain=of_population("q", "t"),
     )

@@ -44,7 +44,7 @@ class TwoLevelRun:
     >>> import ann_dc
     >>> from ann_dc.two_level import NewtonCoordinator
     >>> network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=5))
-    >>> run = ann_dc.TwoLevelLayer(network, upper=NewtonCoordinator()).run()
+    >>> run = ann_dc.TwoLevels(network, upper=NewtonCoordinator()).run()
     >>> len(run.residuals) == run.rounds + 1, run.settled.tolist(), run.gains.shape[1:]
     (True, [True], (2, 1))
     """

@@ -105,7 +105,7 @@ def theorem_IV_1(network: Network, settled: State) -> Following:
     >>> designed = ann_dc.design(ann_dc.synthesize(equations))
     >>> bound = theorem_IV_1(designed.network, designed.state)
     >>> upper = ann_dc.two_level.Gradient(lambda_t=0.01, lambda_beta=0.1)
-    >>> layer = ann_dc.TwoLevelLayer(designed.network, upper=upper)
+    >>> layer = ann_dc.TwoLevels(designed.network, upper=upper)
     >>> run = layer.run(settled=designed.state, limit=20)
     >>> bool((run.distances.v <= 1.001 * bound.v * run.distances.told).all())  # all is linear
     True

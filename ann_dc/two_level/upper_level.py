@@ -8,16 +8,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from ann_dc.backends.recurrent.cell.flow import Flow
-from ann_dc.backends.recurrent.layers import torch
-from ann_dc.backends.recurrent.layers.equilibrium import solve_jacobian
 from ann_dc.errors import require_positive
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
 from ann_dc.two_level.lower_level import Closed, Linearised, LowerLevel
-from ann_dc.two_level.lyapunov import Distances, lyapunov_of
+from ann_dc.two_level.lyapunov import Distances, Lyapunov, lyapunov_of
 from ann_dc.two_level.oracle_gain import OracleGain
 from ann_dc.two_level.rows import Rows
+from ann_dc.two_level.sample import Sample
 
 
 @such_as("ann_dc.two_level.NewtonCoordinator()")
@@ -38,22 +36,20 @@ class UpperLevel(ABC):
 
     @abstractmethod
     def move(
-        self, flow: Flow, rows: Rows, state: torch.Tensor, drives: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
+        self, sample: Sample, x: np.ndarray, drives: np.ndarray
+    ) -> tuple[np.ndarray, tuple[float, float]]:
         """One move of the coordinator.
 
         Parameters
         ----------
-        flow : Flow
-        rows : Rows
-            Of the network's levels.
-        state, drives : (P, N, B) tensor
+        sample : Sample
+        x, drives : (n,) array
             The state after the lower level, and what arrives there; in network units.
 
         Returns
         -------
-        state : (P, N, B) tensor
-        gains : (2, B) tensor
+        x : (n,) array
+        gains : tuple of two float
             Of t and beta; nan where the coordinator has none.
         """
 
@@ -94,10 +90,9 @@ class Gradient(UpperLevel):
         """The stage equations, solved."""
         return Closed()
 
-    def move(self, flow, rows, state, drives):
+    def move(self, sample, x, drives):
         """Along the drives."""
-        gains = state.new_tensor([self.lambda_t, self.lambda_beta])[:, None]
-        return _along(rows, state, drives, gains.expand(2, state.shape[-1]))
+        return _along(sample.rows, x, drives, (self.lambda_t, self.lambda_beta))
 
 
 @checked
@@ -124,11 +119,13 @@ class OracleCoordinator(UpperLevel):
         """The stage equations, solved."""
         return Closed()
 
-    def move(self, flow, rows, state, drives):
+    def move(self, sample, x, drives):
         """Along the drives, as far as the oracle says."""
-        found = distances_of(flow, rows, state, drives, self.gain.settled)
-        gain = self.gain.of(found.lyapunov)
-        return _along(rows, state, drives, torch.stack([gain, gain]))
+        known = np.atleast_2d(self.gain.settled)
+        settled = known[sample.number if len(known) > 1 else 0]
+        found = distances_of(sample.rows, x - settled, drives).lyapunov
+        gain = float(self.gain.of(Lyapunov(*map(np.atleast_1d, found)))[0])
+        return _along(sample.rows, x, drives, (gain, gain))
 
 
 @checked
@@ -157,7 +154,7 @@ class NewtonCoordinator(UpperLevel):
     >>> import ann_dc
     >>> from ann_dc.two_level import NewtonCoordinator
     >>> network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=5))
-    >>> run = ann_dc.TwoLevelLayer(network, upper=NewtonCoordinator(slew=1e6)).run()
+    >>> run = ann_dc.TwoLevels(network, upper=NewtonCoordinator(slew=1e6)).run()
     >>> run.rounds  # a linear-quadratic problem takes one full step
     1
     """
@@ -172,46 +169,34 @@ class NewtonCoordinator(UpperLevel):
         """Stages that follow the coordinator."""
         return Linearised()
 
-    def move(self, flow, rows, state, drives):
+    def move(self, sample, x, drives):
         """A Newton step of the whole network, shortened to the slew."""
-        x = flow.layout.pack(state)
-        step = solve_jacobian(flow, x, flow.layout.pack(drives))
-        moved = flow.layout.fill(x - step, flow.inputs) - state
-        longest = moved[rows.chain].abs().amax((0, 1))
-        share = (self.slew / longest.clamp(min=self.slew)).nan_to_num(0.0)
-        gains = torch.full((2, state.shape[-1]), torch.nan).to(state)
-        return state + share * moved, gains
+        step = sample.newton_step(x, drives)
+        longest = np.abs(step[sample.rows.chain]).max()
+        return x + self.slew / max(longest, self.slew) * step, (np.nan, np.nan)
 
 
-def distances_of(
-    flow: Flow, rows: Rows, state: torch.Tensor, drives: torch.Tensor, settled: np.ndarray
-) -> Distances:
-    """Errors (B,) of a state, given the solution.
+def distances_of(rows: Rows, error: np.ndarray, drives: np.ndarray) -> Distances:
+    """Errors of a state, given the solution.
 
     Parameters
     ----------
-    flow : Flow
-        For the inputs of the samples.
     rows : Rows
         Of the network's levels.
-    state, drives : (P, N, B) tensor
-        A state, and what arrives there; in network units.
-    settled : (n,) or (B, n) array
-        The solution, in network units.
+    error, drives : (n,) array
+        State less solution, and what arrives at the state; in network units.
 
     References
     ----------
     Paper equations (18), (19), (21).
     """
-    solution = torch.atleast_2d(torch.as_tensor(settled)).to(state).expand(state.shape[-1], -1)
-    error = state - flow.layout.fill(solution, flow.inputs)
-    v, mu = (error[of].flatten(0, 1).norm(dim=0) for of in (rows.v, rows.mu))
-    t, beta = (
-        lyapunov_of(error[of].flatten(0, 1), drives[of].flatten(0, 1)) for of in (rows.t, rows.beta)
-    )
-    return Distances(v=v, mu=mu, t=t, beta=beta)
+    t, beta = (lyapunov_of(error[of], drives[of]) for of in (rows.t, rows.beta))
+    norm = np.linalg.norm
+    return Distances(v=norm(error[rows.v]), mu=norm(error[rows.mu]), t=t, beta=beta)
 
 
-def _along(rows: Rows, state, drives, gains: torch.Tensor):
-    moved = state.index_add(0, rows.t, gains[0] * drives[rows.t])
-    return moved.index_add(0, rows.beta, gains[1] * drives[rows.beta]), gains
+def _along(rows: Rows, x: np.ndarray, drives: np.ndarray, gains: tuple[float, float]):
+    moved = x.copy()
+    for of, gain in zip((rows.t, rows.beta), gains):
+        moved[of] += gain * drives[of]
+    return moved, gains

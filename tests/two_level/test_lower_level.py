@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from closed_chains import CAR, NEURON, closed_chain, coordination, near, two_level
 from designs import designed
 
 from ann_dc.decomposition import LowerForm, decompose
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation import evaluator
 from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize
-from ann_dc.two_level import Closed, Gradient, Iterated, TwoLevelLayer
+from ann_dc.two_level import Closed, Gradient, Iterated, TwoLevels
 
 
 @pytest.mark.slow
@@ -36,10 +36,9 @@ def test_the_lower_level_leaves_its_coordinator_alone(lower):
     start = near(CAR, 0.01)
     run = layer.run(start, limit=0)
     np.testing.assert_array_equal(*(coordination(network, x) for x in (run.states[0], start)))
-    flow = layer.cell.flow()
-    drives = flow.read(layer.cell.fill(torch.as_tensor(run.states), flow.inputs)).drives
-    assert drives[layer.rows.lower].abs().max() < lower.tolerance
-    assert drives[layer.rows.t].abs().max() > 1e-3
+    drives = network.pack(evaluator(network).drives(run.states[0]))
+    assert np.abs(drives[network.of_population("q", "u", "mu")]).max() < lower.tolerance
+    assert np.abs(drives[network.of_population("t")]).max() > 1e-3
 
 
 def test_neurons_that_are_left_out_stay_out():
@@ -48,7 +47,7 @@ def test_neurons_that_are_left_out_stay_out():
     upper = Gradient(lambda_t=0.1, lambda_beta=0.1)
     start = network.start_state + 0.01
     closed, iterated = (
-        TwoLevelLayer(network, upper=upper, lower=lower).run(start, limit=0).states
+        TwoLevels(network, upper=upper, lower=lower).run(start, limit=0).states
         for lower in (Closed(), Iterated())
     )
     np.testing.assert_allclose(closed, iterated, atol=1e-6)
@@ -59,7 +58,7 @@ def test_neurons_that_are_left_out_stay_out():
 def test_a_given_start_leaves_stage_0_too_many_equations(lower):
     says = r"q\.x, q\.y, q\.phi, q\.varphi of cell 0 is pinned.*Form\(start_is_neuron=True\)"
     with pytest.raises(NetworkError, match=says):
-        TwoLevelLayer(
+        TwoLevels(
             designed("car").network, upper=Gradient(lambda_t=0.1, lambda_beta=0.1), lower=lower
         )
 
@@ -71,16 +70,14 @@ def test_the_printed_lower_level_says_what_the_coordinator_says(seed):
     start = network.start_state
     if seed is not None:
         start = start + 0.1 * np.random.default_rng(seed).standard_normal(len(start))
-    layer = TwoLevelLayer(network, upper=Gradient(lambda_t=0.3, lambda_beta=0.6))
+    layer = TwoLevels(network, upper=Gradient(lambda_t=0.3, lambda_beta=0.6))
     run = layer.run(start, limit=5)
     assert run.outer_iterations.tolist() == [0]  # the network is content
     ended = run.states[0]
     np.testing.assert_array_equal(*(coordination(network, x) for x in (ended, start)))
-    flow = layer.cell.flow()
-    drives = flow.read(layer.cell.fill(torch.as_tensor(run.states), flow.inputs)).drives
-    for rows in (layer.rows.t, layer.rows.beta):
-        np.testing.assert_allclose(drives[rows], 0.0, atol=1e-14)
-    once_more = layer(torch.as_tensor(run.states)).detach().numpy()[0]
+    drives = network.pack(evaluator(network).drives(ended))
+    np.testing.assert_allclose(coordination(network, drives), 0.0, atol=1e-14)
+    once_more = layer.step(ended)[0]
     np.testing.assert_allclose(once_more, ended, atol=1e-14)
     assert not certificate_of(CAR, network, ended).certified
 

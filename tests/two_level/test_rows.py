@@ -9,7 +9,7 @@ from ann_dc.errors import NetworkError, ProblemError
 from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
-from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevelLayer, coordinate
+from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevels, coordinate
 
 
 def test_a_network_without_a_problem_has_no_levels():
@@ -20,7 +20,7 @@ def test_a_network_without_a_problem_has_no_levels():
     network = Network(cell=cell, stages=2, title="by hand")
     for upper in (Gradient(lambda_t=0.1, lambda_beta=0.1), NewtonCoordinator()):
         with pytest.raises(NetworkError, match="by hand has no q, u, mu, beta;"):
-            TwoLevelLayer(network, upper=upper)
+            TwoLevels(network, upper=upper)
 
 
 def with_neurons(network: Network, *neurons: Neuron) -> Network:
@@ -32,7 +32,7 @@ def test_a_network_with_neurons_of_neither_level_is_refused():
     network = synthesize(plants.double_integrator(N=3))
     other = with_neurons(network, *network.cell.neurons, Neuron(name="z.disc"))
     with pytest.raises(NetworkError, match=r"has z\.disc for inequalities or rails"):
-        TwoLevelLayer(other, upper=NewtonCoordinator())
+        TwoLevels(other, upper=NewtonCoordinator())
 
 
 def test_a_network_with_rails_is_refused():
@@ -42,7 +42,7 @@ def test_a_network_with_rails_is_refused():
         for neuron in network.cell.neurons
     )
     with pytest.raises(NetworkError, match=r"has u\.a for inequalities or rails"):
-        TwoLevelLayer(with_neurons(network, *neurons), upper=NewtonCoordinator())
+        TwoLevels(with_neurons(network, *neurons), upper=NewtonCoordinator())
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from ann_dc.two_level import (
     Hypothesis,
     PrintedMatrices,
     StageHessians,
-    TwoLevelLayer,
+    TwoLevels,
     theorem_IV_1,
     theorem_IV_2,
 )
@@ -194,7 +194,7 @@ def told(push: np.ndarray):
     settled = closed_chain(CAR).state
     x = settled.copy()
     x[plain().of_population(*COORDINATION)] += push
-    layer = TwoLevelLayer(plain(), upper=Gradient(lambda_t=0.1, lambda_beta=0.1))
+    layer = TwoLevels(plain(), upper=Gradient(lambda_t=0.1, lambda_beta=0.1))
     return layer.run(x, settled=settled, limit=0)
 
 

@@ -5,7 +5,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-import torch
 from designs import small
 
 from ann_dc.analysis import equilibrium
@@ -16,7 +15,7 @@ from ann_dc.network import COORDINATION
 from ann_dc.network.metrics import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
-from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevelLayer, UpperGains, UpperMap
+from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevels, UpperGains, UpperMap
 
 PROBLEMS = {
     "car": plants.car,
@@ -32,7 +31,7 @@ def upper_map(name: str) -> UpperMap:
     """At the solution to the last digits."""
     network = synthesize(decompose(PROBLEMS[name](), switch("S14")))
     designed = design(network, kinds=[Kind.PYRAMID])
-    newton = TwoLevelLayer(designed.network, upper=NewtonCoordinator())
+    newton = TwoLevels(designed.network, upper=NewtonCoordinator())
     run = newton.run(designed.state, tolerance=1e-13)
     assert run.settled.all()
     return UpperMap(network=designed.network, settled=run.states[0])
@@ -50,9 +49,8 @@ def observed(upper: UpperMap, gains: Gradient, size: float) -> np.ndarray:
     moves = np.zeros((2, len(place), len(upper.settled)))
     moves[0, np.arange(len(place)), place] = size
     moves[1] = -moves[0]
-    starts = torch.as_tensor((upper.settled + moves).reshape(-1, len(upper.settled)))
-    with torch.no_grad():
-        ends = TwoLevelLayer(upper.network, upper=gains)(starts).numpy()
+    starts = (upper.settled + moves).reshape(-1, len(upper.settled))
+    ends = TwoLevels(upper.network, upper=gains).step(starts)
     up, down = ends[:, place].reshape(2, len(place), len(place))
     return (up - down).T / (2 * size)
 
@@ -80,7 +78,7 @@ def test_the_error_dies_out_at_the_radius():
         network=designed.network, settled=equilibrium(designed.network, designed.state)
     )
     best = upper.best()
-    layer = TwoLevelLayer(
+    layer = TwoLevels(
         upper.network, upper=Gradient(lambda_t=best.lambda_t, lambda_beta=best.lambda_beta)
     )
     x = upper.settled + np.random.default_rng(0).standard_normal(len(upper.settled))

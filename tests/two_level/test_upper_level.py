@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 from closed_chains import CAR, CONVEX, assert_ipopts_optimum, closed_chain, coordination
 from designs import designed
 from reference import ipopt
@@ -13,7 +12,7 @@ from ann_dc.network import COORDINATION
 from ann_dc.problem import plants
 from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize
-from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevelLayer, UpperMap
+from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevels, UpperMap
 
 
 @pytest.mark.slow
@@ -23,7 +22,7 @@ def test_a_convex_problem_needs_no_rho():
     plain = apply_gains(found.network, hand_gains(found.network))
     gains = UpperMap(network=plain, settled=found.state).best()
     upper = Gradient(lambda_t=gains.lambda_t, lambda_beta=gains.lambda_beta)
-    run = TwoLevelLayer(plain, upper=upper).run(tolerance=1e-5)
+    run = TwoLevels(plain, upper=upper).run(tolerance=1e-5)
     assert run.settled.all()
     proof = certificate_of(problem, plain, run.states[0])
     np.testing.assert_allclose(proof.objective, ipopt(problem).objective, rtol=1e-4)
@@ -40,7 +39,7 @@ def test_the_plain_car_is_repelled():
     left = vectors[:, worst]
     start = found.state.copy()
     start[plain.of_population(*COORDINATION)] += 1e-5 * left.real
-    layer = TwoLevelLayer(plain, upper=Gradient(lambda_t=gain, lambda_beta=gain))
+    layer = TwoLevels(plain, upper=Gradient(lambda_t=gain, lambda_beta=gain))
     run = layer.run(start, tolerance=1e-9, limit=count)
     assert run.outer_iterations.tolist() == [-1]
     before, after = (coordination(plain, x - found.state) for x in (start, run.states[0]))
@@ -63,7 +62,7 @@ def moved(shares) -> dict[str, np.ndarray]:
 @CLOSINGS
 def test_newton_from_a_cold_start(found):
     network = found().network
-    run = TwoLevelLayer(network, upper=NewtonCoordinator()).run(tolerance=1e-9)
+    run = TwoLevels(network, upper=NewtonCoordinator()).run(tolerance=1e-9)
     assert 0 < run.outer_iterations[0] <= 10
     assert np.isnan(run.gains).all()
     assert_ipopts_optimum(CAR, network, run.states[0])
@@ -73,9 +72,7 @@ def test_newton_from_a_cold_start(found):
 def test_newton_follows_a_start_that_moves(found):
     """ "Convergence after the third iteration" is honest only so."""
     shares = np.array([0.01, 0.05, 0.2])
-    run = TwoLevelLayer(found().network, upper=NewtonCoordinator()).run(
-        found().state, moved(shares)
-    )
+    run = TwoLevels(found().network, upper=NewtonCoordinator()).run(found().state, moved(shares))
     assert run.settled.all()
     assert (run.outer_iterations <= [2, 3, 4]).all()
     for share, x in zip(shares, run.states):
@@ -87,20 +84,19 @@ def test_newton_follows_a_start_that_moves(found):
 @pytest.mark.parametrize("problem", CONVEX.values(), ids=CONVEX)
 def test_newton_needs_one_iteration_where_all_is_linear(problem):
     """Without a slew to shorten it."""
-    layer = TwoLevelLayer(synthesize(problem), upper=NewtonCoordinator(slew=1e6))
+    layer = TwoLevels(synthesize(problem), upper=NewtonCoordinator(slew=1e6))
     run = layer.run(tolerance=1e-9)
     assert run.outer_iterations.tolist() == [1]
-    assert_ipopts_optimum(problem, layer.cell.network, run.states[0])
+    assert_ipopts_optimum(problem, layer.network, run.states[0])
 
 
 def test_a_newton_step_is_shortened_to_the_slew():
     network = synthesize(CAR)
     chain = network.of_population("q", "t")
     duals = network.of_population("mu", "beta")
-    x = torch.as_tensor(np.where(duals, 100.0, network.start_state))[None]
+    x = np.where(duals, 100.0, network.start_state)
     whole, short = (
-        (TwoLevelLayer(network, upper=NewtonCoordinator(slew=slew))(x) - x).detach().numpy()[0]
-        for slew in (1e6, 0.1)
+        TwoLevels(network, upper=NewtonCoordinator(slew=slew)).step(x)[0] - x for slew in (1e6, 0.1)
     )
     assert np.abs(whole).max() > np.abs(whole[chain]).max() > 0.1  # duals may move further
     np.testing.assert_allclose(np.abs(short[chain]).max(), 0.1)

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from closed_chains import (
     CAR,
     CONVEX,
@@ -21,7 +20,7 @@ from ann_dc.decomposition import PRINTED, decompose
 from ann_dc.gain_design import apply_gains
 from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize
-from ann_dc.two_level import Iterated, NewtonCoordinator, TwoLevelLayer, TwoLevelRun
+from ann_dc.two_level import Iterated, NewtonCoordinator, TwoLevelRun, TwoLevels
 
 
 @pytest.fixture(scope="module")
@@ -59,14 +58,13 @@ def test_convex_problems(problem):
 
 
 def test_one_call_is_one_outer_iteration():
-    layer, count = two_level(), 3
-    x = torch.as_tensor(closed_chain(CAR).network.start_state)[None]
-    run = layer.run(x, limit=count)
-    with torch.no_grad():
-        for _ in range(count):
-            x = layer(x)
+    levels, count = two_level(), 3
+    x = closed_chain(CAR).network.start_state
+    run = levels.run(x, limit=count)
+    for _ in range(count):
+        x = levels.step(x)
     network = closed_chain(CAR).network
-    np.testing.assert_array_equal(*(coordination(network, np.asarray(y)) for y in (x, run.states)))
+    np.testing.assert_array_equal(*(coordination(network, y) for y in (x, run.states)))
 
 
 @pytest.mark.slow
@@ -81,7 +79,7 @@ def test_the_printed_iteration_does_not_settle():
     network = synthesize(decompose(CAR, replace(PRINTED, start_is_neuron=True)))
     network = apply_gains(network, closed_chain(CAR).gains)
     run = two_level(CAR).run(limit=15)
-    layer = TwoLevelLayer(network, upper=gradient(CAR), lower=Iterated(limit=100))
+    layer = TwoLevels(network, upper=gradient(CAR), lower=Iterated(limit=100))
     printed = layer.run(limit=15)
     assert printed.outer_iterations.tolist() == [-1]
     assert printed.residuals[-1] > 100 * run.residuals[-1]

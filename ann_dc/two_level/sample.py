@@ -1,0 +1,106 @@
+"""One sample of a network as both levels see it: what drives them, and their Newton steps."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse.linalg import splu
+
+from ann_dc.evaluation.generated.choice import fast_evaluator
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.network import Network
+from ann_dc.two_level.rows import rows_of
+
+
+class Sample:
+    """A network with its inputs.
+
+    Parameters
+    ----------
+    network : Network
+        Of a problem, without inequalities and rails.
+    number : int
+        Which sample of a batch this is.
+
+    Raises
+    ------
+    NetworkError
+        If the network has not the two levels of a problem.
+    """
+
+    def __init__(self, network: Network, number: int = 0) -> None:
+        self.network, self.number, self.rows = network, number, rows_of(network)
+        self.compiled = fast_evaluator(network)
+        self.lower = np.flatnonzero(self.rows.lower)
+        self.stage = network.places[self.lower, 1]
+        """(L,) stages of the lower level's neurons."""
+
+    def drives(self, x: np.ndarray) -> np.ndarray:
+        """Return what arrives at every neuron (n,), at a state x (n,)."""
+        return self.network.pack(self.compiled.drives(x))
+
+    def residual(self, x: np.ndarray) -> float:
+        """Return the relative KKT residual; infinite where a number is not finite."""
+        return float(max(self.compiled.residuals(x)))
+
+    @cached_property
+    def step_limit(self) -> float:
+        """min rho tau over the PI duals, at most two time constants of the fastest mode.
+
+        Beyond h = rho tau a dual integrates faster in a step than its proportional path damps.
+        """
+        network, own = self.network, evaluator(self.network)
+        found = [2.0 / own.fastest_rate(network.start_state)]
+        for path, neuron in zip(*own.penalty_paths):
+            rho, live = own.tape.weights[path], network.live[neuron]
+            counts = live & (rho > 0)
+            found += (rho[counts] / network.row.rates[neuron][counts]).tolist()
+        return min(found)
+
+    @cached_property
+    def rates(self) -> np.ndarray:
+        """(n,) 1 / tau of every neuron."""
+        return self.network.pack(self.network.row.rates)
+
+    def stage_steps(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
+        """Return the Newton steps (L,) of the lower level, every stage by itself.
+
+        Parameters
+        ----------
+        x : (n,) array
+        drives : (L,) array
+            Of the lower level.
+        """
+        inside, stage, row, column, slot, size = self._blocks
+        blocks = np.broadcast_to(np.eye(size), (self.network.stages, size, size)).copy()
+        blocks[self.stage, slot, slot] = 0.0
+        blocks[stage, row, column] = self.compiled.jacobian_entries(x)[inside]
+        right = np.zeros((self.network.stages, size, 1))
+        right[self.stage, slot, 0] = -drives
+        try:
+            return np.linalg.solve(blocks, right)[self.stage, slot, 0]
+        except np.linalg.LinAlgError:
+            return np.full(len(self.lower), np.nan)
+
+    @cached_property
+    def _blocks(self) -> tuple[np.ndarray, ...]:
+        """Entries of the Jacobian inside stages: which, and where they stand in the blocks."""
+        place = np.full(self.network.size, -1)
+        order = np.argsort(self.stage, kind="stable")
+        first = np.searchsorted(self.stage[order], self.stage[order])
+        slot = np.empty(len(self.lower), np.int64)
+        slot[order] = np.arange(len(self.lower)) - first
+        place[self.lower] = slot
+        row, column = self.compiled.tape.entries[:, :2].T
+        stage = self.network.places[:, 1]
+        inside = (place[row] >= 0) & (place[column] >= 0) & (stage[row] == stage[column])
+        row, column = row[inside], column[inside]
+        return inside, stage[row], place[row], place[column], slot, int(slot.max()) + 1
+
+    def newton_step(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
+        """Return the Newton step (n,) of the whole network; no numbers where there is none."""
+        try:
+            return -splu(self.compiled.drive_jacobian(x).tocsc()).solve(drives)
+        except RuntimeError:
+            return np.full(self.network.size, np.nan)
