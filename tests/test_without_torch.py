@@ -27,6 +27,13 @@ from ann_dc.cli.commands.app import app
 
 app(["solve", "car", "--backend", "recurrent", "--quiet"], standalone_mode=False)
 """
+TWO_LEVELS = """
+import sys
+{first}
+from ann_dc.cli.commands.app import app
+
+app(["coordinate", "double_integrator", "-N", "5", "--quiet"], standalone_mode=False)
+"""
 BLOCKED = "sys.modules['torch'] = None"
 LOADED = "print(sys.modules.get('torch') is not None)"
 
@@ -40,8 +47,8 @@ def told_by(script: str) -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "script",
-    [SOLVES, pytest.param(COMMAND, marks=pytest.mark.slow)],
-    ids=["python", "command line"],
+    [SOLVES, pytest.param(COMMAND, marks=pytest.mark.slow), TWO_LEVELS],
+    ids=["python", "command line", "two levels"],
 )
 def test_recurrent_steps_load_no_torch(script):
     assert told_by(script.format(first="") + LOADED) == "False"
@@ -49,8 +56,8 @@ def test_recurrent_steps_load_no_torch(script):
 
 @pytest.mark.parametrize(
     "script",
-    [pytest.param(SOLVES, marks=pytest.mark.slow), COMMAND],
-    ids=["python", "command line"],
+    [pytest.param(SOLVES, marks=pytest.mark.slow), COMMAND, TWO_LEVELS],
+    ids=["python", "command line", "two levels"],
 )
 def test_recurrent_steps_need_no_torch(script):
     assert told_by(script.format(first=BLOCKED) + "print('done')") == "done"

@@ -2,7 +2,7 @@
 
 import sys
 
-LAYERS = ("ann_dc.backends.recurrent.cell", "ann_dc.backends.recurrent.layers", "ann_dc.two_level")
+LAYERS = ("ann_dc.backends.recurrent.cell", "ann_dc.backends.recurrent.layers")
 """Rooms that need torch."""
 
 

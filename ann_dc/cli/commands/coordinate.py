@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ann_dc.cli.arguments.backends import lower_of, needing_torch
+from ann_dc.cli.arguments.backends import lower_of
 from ann_dc.cli.arguments.lookup import named
 from ann_dc.cli.arguments.output import JsonOption, QuietOption, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
@@ -84,14 +84,12 @@ def coordinate(
         make_room(json_file)
 
         from ann_dc.backends.settling import Settling
+        from ann_dc.report.coordination import as_dict, coordination_table
+        from ann_dc.two_level import coordination
 
         settling = Settling(tolerance=tolerance)
-        with needing_torch("coordinate"):
-            from ann_dc.report.coordination import as_dict, coordination_table
-            from ann_dc.two_level import coordination
-
-            chosen = named("--coordinator", levels.coordinator, coordination.COORDINATORS)
-            level = lower_of(levels.lower, settling.confirm * tolerance)
+        chosen = named("--coordinator", levels.coordinator, coordination.COORDINATORS)
+        level = lower_of(levels.lower, settling.confirm * tolerance)
         with arithmetic_of(declared):
             found = coordination.coordinate(
                 declared,

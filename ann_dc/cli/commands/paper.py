@@ -13,10 +13,6 @@ from ann_dc.progress import Progress
 from ann_dc.report.json_file import make_room, write_json
 from ann_dc.whole_files.files import make_folder
 
-WITHOUT_TORCH = """\
-Figure 6, (21) and Theorem IV.1 are not drawn: the two levels run on torch, which is not installed;
-pip install 'ann-dc[torch]'"""
-
 
 def paper(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for results and figures.")] = (
@@ -29,10 +25,9 @@ def paper(
     (16) and (17) exactly as printed, where rho = 0, and once more with the
     gains of the corrected network; the corrected equations without dB/dq; and
     on the plain network (rho = 0, unit time constants), started 1 % off the
-    optimum. Then the two-level iteration of Figure 6, with both theorems
-    (needs torch). Times as in 'ann-dc solve'. Writes result.json, the figures
-    of the two corrected runs, and Figures 4 to 6, beside what the printed
-    equations give; without torch Figures 4 and 5 have no obstacles.
+    optimum. Then the two-level iteration of Figure 6, with both theorems.
+    Times as in 'ann-dc solve'. Writes result.json, the figures of the two
+    corrected runs, and Figures 4 to 6, beside what the printed equations give.
 
     Example:
 
@@ -73,15 +68,9 @@ def paper(
 def _two_levels(
     out: Path, progress: Progress
 ) -> tuple[Any, dict[str, Any], list[Path], dict[str, list[Any]]]:
-    """What is said of Figure 6, its numbers and pictures, panels of Figures 4 and 5 with obstacles.
-
-    Only a sentence where torch is missing.
-    """
-    try:
-        from ann_dc.paper.replans import iterations
-    except ImportError:
-        return WITHOUT_TORCH, {}, [], {}
+    """What is said of Figure 6, its numbers and pictures, panels of Figures 4 and 5 with obstacles."""
     from ann_dc import plotting
+    from ann_dc.paper.replans import iterations
     from ann_dc.plotting.paper import controls_around, path_around, two_levels
     from ann_dc.report.coordination import iterations_dict, iterations_table
 

@@ -1,11 +1,8 @@
 """The two-level algorithm from the command line."""
 
-import sys
-
 import numpy as np
 import pytest
 from command_line import COORDINATE, ROOT, refused, run, strict
-from torch_free import forget_torch
 
 from ann_dc.backends import Settling
 
@@ -89,14 +86,6 @@ def test_coordinate_needs_a_design_that_settled(tmp_path):
     assert "the design did not settle" in text
     data = strict(file)
     assert (data["status"], data["certified"]) == ("design_not_settled", False)
-
-
-def test_without_torch_a_sentence_says_how_to_get_it(monkeypatch):
-    forget_torch(monkeypatch)
-    monkeypatch.delitem(sys.modules, "ann_dc.report.coordination", raising=False)
-    code, text = run(*COORDINATE)
-    assert code == 2
-    assert "pip install 'ann-dc[torch]'" in text
 
 
 BAD = {

@@ -1,16 +1,16 @@
 """The paper's example from the command line."""
 
 import re
-import sys
 
 import pytest
 from command_line import run, strict
-from torch_free import LAYERS
+from torch_free import forget_torch
 
 
 @pytest.mark.slow
-def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path):
+def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path, monkeypatch):
     pytest.importorskip("ann_dc.plotting")
+    forget_torch(monkeypatch)
     code, text = run("paper", "--out", tmp_path)
     assert code == 0
     data = strict(tmp_path / "result.json")
@@ -34,18 +34,6 @@ def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path):
     numbered = {f"figure_{number}.png" for number in (4, 5, 6)}
     assert drawn == numbered | {"equation_21.png", "theorem_IV_1.png"}
     assert len(list(tmp_path.rglob("*.png"))) == 13
-
-
-@pytest.mark.slow
-def test_without_torch_the_rest_is_drawn(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "torch", None)
-    anew = (*LAYERS, "ann_dc.paper", "ann_dc.plotting.paper")
-    for name in [name for name in sys.modules if name.startswith(anew)]:
-        monkeypatch.delitem(sys.modules, name)
-    code, text = run("paper", "--out", tmp_path)
-    assert code == 0
-    assert "pip install 'ann-dc[torch]'" in text
-    assert {path.name for path in tmp_path.glob("*.png")} == {"figure_4.png", "figure_5.png"}
 
 
 def test_a_file_is_no_output_folder(tmp_path):
