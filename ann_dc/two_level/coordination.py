@@ -31,8 +31,8 @@ from ann_dc.synthesis.synthesis import synthesize
 from ann_dc.two_level.levels import TwoLevels
 from ann_dc.two_level.lower_level import LowerLevel
 from ann_dc.two_level.oracle_gain import OracleGain
-from ann_dc.two_level.rows import check_problem
 from ann_dc.two_level.run import TwoLevelRun
+from ann_dc.two_level.sample import check_problem
 from ann_dc.two_level.theorem import Following, Hypothesis, theorem_IV_1, theorem_IV_2
 from ann_dc.two_level.upper_gains import UpperGains, UpperMap
 from ann_dc.two_level.upper_level import (

@@ -35,9 +35,8 @@ from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 from ann_dc.two_level.lower_level import LowerLevel
 from ann_dc.two_level.lyapunov import Distances, Lyapunov
-from ann_dc.two_level.rows import Rows, rows_of
 from ann_dc.two_level.run import TwoLevelRun
-from ann_dc.two_level.sample import Sample
+from ann_dc.two_level.sample import Sample, rows_of
 from ann_dc.two_level.upper_level import UpperLevel, distances_of
 
 
@@ -78,7 +77,7 @@ class TwoLevels:
         self, network: Network, *, upper: UpperLevel, lower: LowerLevel | None = None
     ) -> None:
         self.network, self.upper, self.lower = network, upper, lower or upper.suited()
-        rows_of(network)
+        self._rows = rows_of(network)
         self.lower.check(network)
 
     @checked
@@ -176,10 +175,6 @@ class TwoLevels:
             tolerance=tolerance,
         )
 
-    @cached_property
-    def _rows(self) -> Rows:
-        return rows_of(self.network)
-
     def _samples(
         self, x: np.ndarray | None, inputs: Mapping[str, object] | None
     ) -> tuple[list[Sample | None], np.ndarray]:
@@ -196,11 +191,15 @@ class TwoLevels:
             )
         states = np.broadcast_to(states, (count, network.size)).copy()
         samples: list[Sample | None] = []
-        for b in range(count):
+        for b in range(count if inputs else 0):
             own = {name: values[b if len(values) > 1 else 0] for name, values in every.items()}
             finite = all(np.isfinite(values).all() for values in own.values())
             samples.append(Sample(network.with_inputs(own), b) if finite else None)
-        return samples, states
+        return samples or [self._own.numbered(b) for b in range(count)], states
+
+    @cached_property
+    def _own(self) -> Sample:
+        return Sample(self.network)
 
 
 def _stacked(found: list[list[Distances]]) -> Distances:

@@ -14,8 +14,7 @@ from ann_dc.hints.words import such_as
 from ann_dc.two_level.lower_level import Closed, Linearised, LowerLevel
 from ann_dc.two_level.lyapunov import Distances, Lyapunov, lyapunov_of
 from ann_dc.two_level.oracle_gain import OracleGain
-from ann_dc.two_level.rows import Rows
-from ann_dc.two_level.sample import Sample
+from ann_dc.two_level.sample import Rows, Sample
 
 
 @such_as("ann_dc.two_level.NewtonCoordinator()")

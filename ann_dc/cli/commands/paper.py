@@ -68,7 +68,7 @@ def paper(
 def _two_levels(
     out: Path, progress: Progress
 ) -> tuple[Any, dict[str, Any], list[Path], dict[str, list[Any]]]:
-    """What is said of Figure 6, its numbers and pictures, panels of Figures 4 and 5 with obstacles."""
+    """Return the table of Figure 6, its numbers and pictures, and panels for Figures 4 and 5."""
     from ann_dc import plotting
     from ann_dc.paper.replans import iterations
     from ann_dc.plotting.paper import controls_around, path_around, two_levels
