@@ -5,14 +5,14 @@ Answer:   yes. It settles to E = 398.6315 for D = 1 and 368.1893 for D = 0.5, th
           finds, in about 50 of its own fastest time constants; the controls alone arrive. As
           printed they give a straight line without steering, or nothing that rests.
 Figure:   out/demos/01_D1.0/ and 01_D0.5/, four pictures each: plan, controls, settling, spectrum;
-          01_figure_4.png and 01_figure_5.png, those of the paper without its obstacles.
+          01_paths.png and 01_controls.png: what holds beside what is printed, no obstacles.
 """
 
 from pathlib import Path
 
 import ann_dc
 from ann_dc.paper import demonstrations
-from ann_dc.plotting.paper import figure_4, figure_5
+from ann_dc.plotting.paper import free_controls, free_paths
 
 WHEEL_BASES = (1.0, 0.5)
 
@@ -34,15 +34,15 @@ def main(out: Path | None = None) -> dict:
 
 
 def as_printed(optimum: ann_dc.Solution, out: Path) -> list[Path]:
-    """Figures 4 and 5 of the paper: what holds beside what its printed equations give."""
+    """Paths and controls without obstacles: what holds beside what is printed."""
     print("\n7. The same as printed ...", flush=True)
     runs = {run.label: run.solution for run in demonstrations(optimum)}
     drawn = optimum, runs["without dB/dq"], runs["printed D=1"]
     for label, solution in runs.items():
         print(f"{label}: {solution.status.message}")
     return [
-        ann_dc.plotting.save(figure_4(*drawn), out / "01_figure_4.png"),
-        ann_dc.plotting.save(figure_5(*drawn), out / "01_figure_5.png"),
+        ann_dc.plotting.save(free_paths(*drawn), out / "01_paths.png"),
+        ann_dc.plotting.save(free_controls(*drawn), out / "01_controls.png"),
     ]
 
 

@@ -1,4 +1,11 @@
-from .around import Piece as Piece, driven as driven, obstacles as obstacles
+from .around import (
+    Around as Around,
+    Piece as Piece,
+    around as around,
+    driven as driven,
+    obstacles as obstacles,
+    with_discs as with_discs,
+)
 from .example import (
     OFF as OFF,
     PaperRun as PaperRun,

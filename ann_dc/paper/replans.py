@@ -42,7 +42,7 @@ SHARE = 0.5
 ROUNDS = 20
 """Outer iterations of every plan that are shown."""
 FIXED_ROUNDS = 80
-"""Of fixed gains, in which Theorem IV.1 and (21) are shown."""
+"""Of one fixed gain, in which (21) is shown."""
 NEWTON_ROUNDS = 25
 TRIED = np.geomspace(1e-3, 10.0, 41)
 NEAR = 0.1
@@ -120,9 +120,10 @@ class Iterations:
     cases : tuple of Plans
     letter : TwoLevelRun
         (28)-(30) to the letter with (33), of T_0.
-    gradient, common : TwoLevelRun
-        T_0 with two fixed gains, which settle, and near the solution with one for both, of which
-        (21) speaks.
+    gradient, newton : TwoLevelRun
+        T_0 with two fixed gains, and with Newton's method; both settle.
+    common : TwoLevelRun
+        Near the solution with one fixed gain for both, of which (21) speaks.
     following : Following
         The rate of Theorem IV.1.
     hypothesis, printed_hypothesis : Hypothesis
@@ -132,6 +133,7 @@ class Iterations:
     cases: tuple[Plans, ...]
     letter: TwoLevelRun
     gradient: TwoLevelRun
+    newton: TwoLevelRun
     common: TwoLevelRun
     following: Following
     hypothesis: Hypothesis
@@ -167,14 +169,17 @@ def iterations(
         progress(f"two levels: {case.name}")
         cases.append(replanned(designed, problem, case))
     progress("two levels: fixed gains")
-    gradient, common = (
-        TwoLevels(network, upper=upper).run(x, settled=settled, limit=FIXED_ROUNDS)
-        for upper, x in ((two, line), (one, settled + NEAR * (line - settled)))
+    gradient, newton = (
+        TwoLevels(network, upper=upper).run(settled=settled) for upper in (two, NewtonCoordinator())
+    )
+    common = TwoLevels(network, upper=one).run(
+        settled + NEAR * (line - settled), settled=settled, limit=FIXED_ROUNDS
     )
     return Iterations(
         cases=tuple(cases),
         letter=to_the_letter(problem, settled),
         gradient=gradient,
+        newton=newton,
         common=common,
         following=theorem_IV_1(network, settled),
         hypothesis=theorem_IV_2(network, settled),

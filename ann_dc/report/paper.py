@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from rich.table import Table
 
+from ann_dc.paper.around import RADIUS, Around, obstacles
 from ann_dc.paper.example import PaperRun
-from ann_dc.report.tables import table
+from ann_dc.report.tables import named_rows, table
 
 LEGEND = """\
 corrected:      the equations that hold, with designed gains (D: wheel base in m).
@@ -39,3 +43,47 @@ def _row(run: PaperRun) -> tuple[str, ...]:
     constants = solution.settling_in_fastest_time_constants
     times = f"{solution.settling_time:.1f}", f"{constants:.0f}"
     return (f"{solution.objective:.4f}", *residuals, *times, f"settled: {solution.verdict}")
+
+
+def around_table(cases: Sequence[Around]) -> Table:
+    """Figures 4 and 5 in words: the ways around the obstacles of every case."""
+    return named_rows({f"Figure 4 {case.plans.case.name}": _around_text(case) for case in cases})
+
+
+def _around_text(case: Around) -> str:
+    legs, discs = case.ways.values()
+    solution = case.discs
+    return (
+        f"as printed, {case.leap:.2f} m of the way are in no plan; with legs planned: room "
+        f"{case.room(legs):.3f} m along whole segments, {legs.u.shape[1]} stages; obstacles as "
+        f"constraints of one network: {solution.status.outcome.value}, {solution.verdict}, E = "
+        f"{solution.objective:.2f}, room {case.room(discs):.3f} m; roll-out errors "
+        f"{case.error(legs):.0e} and {case.error(discs):.0e}"
+    )
+
+
+def around_dict(cases: Sequence[Around]) -> dict[str, Any]:
+    """The same as plain data: obstacles, paths, controls and margins."""
+    return {case.plans.case.name: _case_dict(case) for case in cases}
+
+
+def _case_dict(case: Around) -> dict[str, Any]:
+    ways = {
+        name: {
+            "states": way.q.tolist(),
+            "controls": way.u.tolist(),
+            "room": case.room(way),
+            "rollout_error": case.error(way),
+        }
+        for name, way in case.ways.items()
+    }
+    return {
+        "obstacles": obstacles(case.plans).tolist(),
+        "radius": RADIUS,
+        "printed": [{"states": q.tolist(), "controls": u.tolist()} for q, u in case.printed],
+        "left_out": case.leap,
+        "legs_certified": [leg.certified for leg in case.legs],
+        "discs_objective": case.discs.objective,
+        "discs_certified": case.discs.certified,
+        **ways,
+    }

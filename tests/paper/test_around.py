@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from closed_chains import CAR, closed_chain
 
-from ann_dc.paper import CASES, driven, obstacles, replanned
+from ann_dc.paper import CASES, Case, around, driven, obstacles, replanned
 
 
 @cache
@@ -43,3 +43,32 @@ def test_controls_are_those_of_the_pieces():
     for piece in driven(plans):
         states = CAR.functions.rollout(piece.q[:, 0], piece.u)
         np.testing.assert_allclose(states, piece.q, atol=1e-6)
+
+
+def test_a_plan_that_meets_no_new_obstacle_is_driven_to_its_end():
+    """T_1 begins 0.85 m aside and passes the second obstacle out of sight."""
+    case = Case(name="aside", stages=(2, 5), delta=(-0.6, 0.6, 0.0, 0.0))
+    plans = replanned(closed_chain(CAR), CAR, case)
+    pieces = driven(plans)
+    assert [piece.u.shape[1] for piece in pieces] == [1, 9]
+    np.testing.assert_allclose(pieces[-1].q[:, -1], CAR.q_d, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "number", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in range(len(CASES) - 1))]
+)
+def test_ways_that_can_be_driven_are_clear_along_whole_segments(number):
+    found = around(planned(number), CAR)
+    assert all(leg.certified for leg in found.legs)
+    assert found.discs.certified
+    assert found.discs.status.settled
+    centres, share = obstacles(found.plans), np.linspace(0.0, 1.0, 200)[:, None, None]
+    for way in found.ways.values():
+        np.testing.assert_allclose(way.q[:, 0], CAR.q_0, atol=1e-6)
+        np.testing.assert_allclose(way.q[:, -1], CAR.q_d, atol=1e-6)
+        led = CAR.functions.rollout(way.q[:, 0], way.u)
+        np.testing.assert_allclose(led, way.q, atol=1e-6)
+        points = way.q[:2, :-1].T + share * np.diff(way.q[:2]).T
+        apart = np.linalg.norm(points[:, :, None] - centres, axis=-1).min()
+        assert 0 < found.room(way) <= apart - 0.25 + 1e-12
+        assert found.room(way) == pytest.approx(apart - 0.25, abs=1e-3)

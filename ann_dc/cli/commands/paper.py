@@ -41,7 +41,7 @@ def paper(
     with progress_line() as progress:
         from ann_dc import plotting
         from ann_dc.paper import example
-        from ann_dc.plotting.paper.example import figure_4, figure_5
+        from ann_dc.plotting.paper import free_controls, free_paths
         from ann_dc.problem.plants import car
         from ann_dc.report.paper import LEGEND, paper_table
 
@@ -54,36 +54,38 @@ def paper(
             written += plotting.save_all(run.solution, make_folder(out / folder))
         by_label = {run.label: run.solution for run in runs}
         labels = ("corrected D=1", "without dB/dq", "printed D=1")
-        optimum, straight, letter = (by_label[label] for label in labels)
-        said, data, more, around = _two_levels(out, progress)
-        for name, draw in {"figure_4": figure_4, "figure_5": figure_5}.items():
-            figure = draw(optimum, straight, letter, around.get(name, ()))
-            written.append(plotting.save(figure, out / f"{name}.png"))
+        shown = [by_label[label] for label in labels]
+        for name, draw in {"paths": free_paths, "controls": free_controls}.items():
+            written.append(plotting.save(draw(*shown), out / f"without_obstacles_{name}.png"))
+        said, data, more = _two_levels(out, progress)
         write_json(result, {name: found.as_dict() for name, found in by_label.items()} | data)
-    console().print(paper_table(runs), LEGEND, said, sep="\n")
+    console().print(paper_table(runs), LEGEND, *said, sep="\n")
     list_files([*written, *more, result])
     raise typer.Exit(0 if all(run.solution.certified for run in corrected) else 1)
 
 
 def _two_levels(
     out: Path, progress: Progress
-) -> tuple[Any, dict[str, Any], list[Path], dict[str, list[Any]]]:
-    """Return the table of Figure 6, its numbers and pictures, and panels for Figures 4 and 5."""
+) -> tuple[tuple[Any, ...], dict[str, Any], list[Path]]:
+    """Return what is said of Figures 4 to 6 and the theorems, their numbers and pictures."""
     from ann_dc import plotting
-    from ann_dc.paper.replans import iterations
-    from ann_dc.plotting.paper import controls_around, path_around, two_levels
-    from ann_dc.report.coordination import iterations_dict, iterations_table
+    from ann_dc.paper import around, iterations
+    from ann_dc.plotting.paper import figure_4, figure_5, two_levels
+    from ann_dc.problem.plants import car
+    from ann_dc.report import coordination
+    from ann_dc.report.paper import around_dict, around_table
 
     found = iterations(progress=progress)
+    cases = [around(plans, car(), progress) for plans in found.cases]
+    progress("drawing Figures 4 to 6")
     figures = {
+        "figure_4": figure_4(cases),
+        "figure_5": figure_5(cases),
         "figure_6": two_levels.figure_6(found),
         "equation_21": two_levels.figure_of_definitions(found),
         "theorem_IV_1": two_levels.figure_of_following(found),
     }
     written = [plotting.save(figure, out / f"{name}.png") for name, figure in figures.items()]
-    data = {"two levels": iterations_dict(found)}
-    around = {
-        "figure_4": [path_around(plans) for plans in found.cases],
-        "figure_5": [controls_around(plans) for plans in found.cases],
-    }
-    return iterations_table(found), data, written, around
+    said = around_table(cases), coordination.iterations_table(found)
+    data = {"two levels": coordination.iterations_dict(found), "around": around_dict(cases)}
+    return said, data, written

@@ -1,5 +1,5 @@
-from .around import controls_around as controls_around, path_around as path_around
-from .example import figure_4 as figure_4, figure_5 as figure_5
+from .around import figure_4 as figure_4, figure_5 as figure_5
+from .example import free_controls as free_controls, free_paths as free_paths
 from .iterations import (
     Curves as Curves,
     definitions as definitions,

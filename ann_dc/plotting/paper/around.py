@@ -1,73 +1,126 @@
-"""Panels of Figures 4 and 5 with obstacles: what IV.C drives of its plans, as printed."""
+"""Figures 4 and 5: the paths among obstacles, and their controls, in three ways."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ann_dc.hints.checked import checked
-from ann_dc.paper.around import driven, obstacles
-from ann_dc.paper.replans import Plans
-from ann_dc.plotting.paper.plane import Disc, Drawn, Panel
-from ann_dc.plotting.style import BLUE, INK, VERMILION
+from ann_dc.paper.around import RADIUS, Around, obstacles, whole
+from ann_dc.plotting.paper.plane import Disc, Drawn, Panel, plane
+from ann_dc.plotting.paper.stages import controls_over_stages
+from ann_dc.plotting.style import BLUE, GREEN, INK, ORANGE, VERMILION, with_unit
 
-RADIUS = 0.25
-"""Of the obstacles, in m; the paper gives none."""
-WITHOUT, DRIVEN = "T_0, which knows no obstacle", "driven: T_0, T_1, ... (IV.C)"
-LEAP = "no leg to q_obs + δ, as printed"
+COLUMNS = 3
+"""As printed, with legs, with discs."""
+FREE = "T_0, planned without obstacles"
+PLANNED = "T_0, T_1, ... as far as they are driven (IV.C)"
+LEAP = "to q_obs + delta: printed without a plan"
+LEG = "legs to q_obs + delta, planned too"
+DRIVEN = "plans and legs, as they are driven"
+CONSTRAINED = "one network, obstacles as constraints"
 
 
 @checked
-def path_around(plans: Plans) -> Panel:
-    """The path of a case for `figure_4`: pieces of plans, and leaps to where the next one begins.
+def figure_4(cases: Sequence[Around]) -> Figure:
+    """Paths among the obstacles of every case: as printed, with legs, with discs.
 
     Parameters
     ----------
-    plans : Plans
+    cases : sequence of Around
 
     Examples
     --------
-    >>> from ann_dc.paper import iterations
-    >>> panel = path_around(iterations().cases[0])  # doctest: +SKIP
+    >>> from ann_dc.paper import around, iterations
+    >>> cases = [around(plans, problem) for plans in iterations().cases]  # doctest: +SKIP
+    >>> figure = figure_4(cases)  # doctest: +SKIP
+
+    References
+    ----------
+    Paper, Figure 4 and section IV.C.
     """
-    pieces = [piece.q[:2] for piece in driven(plans)]
+    problem = cases[0].discs.problem
+    first, last = (tuple(map(float, end[:2])) for end in (problem.q_0, problem.q_d))
+    return plane(
+        [panel for case in cases for panel in _panels(case, _paths(case))],
+        start=first,
+        target=last,
+        unit=problem.unit("x"),
+        title="Figure 4. Paths among obstacles; room: from a segment to the nearest obstacle",
+        columns=COLUMNS,
+    )
+
+
+@checked
+def figure_5(cases: Sequence[Around]) -> Figure:
+    """Controls that go with the paths of `figure_4`.
+
+    Parameters
+    ----------
+    cases : sequence of Around
+
+    Examples
+    --------
+    >>> from ann_dc.paper import around, iterations
+    >>> cases = [around(plans, problem) for plans in iterations().cases]  # doctest: +SKIP
+    >>> figure = figure_5(cases)  # doctest: +SKIP
+
+    References
+    ----------
+    Paper, Figure 5.
+    """
+    problem = cases[0].discs.problem
+    names = [str(u) for u in problem.controls]
+    return controls_over_stages(
+        [panel for case in cases for panel in _panels(case, _controls(case))],
+        labels=[with_unit(f"u_{i + 1} = {u}", problem.unit(u)) for i, u in enumerate(names)],
+        title=f"Figure 5. Controls of the paths of Figure 4, stages of {problem.dt:g} s",
+        columns=COLUMNS,
+    )
+
+
+def _panels(case: Around, drawn: Sequence[Sequence[Drawn]]) -> list[Panel]:
+    """Panels of a case: as printed, with legs, with discs."""
+    name, proof = case.plans.case.name, case.discs.certificate
+    told = "certified" if case.discs.certified else "not certified"
+    legs, constrained = (f"room {case.room(way):.3f} m" for way in case.ways.values())
+    headings = (
+        f"{name}, as printed\n{case.leap:.2f} m of the way in no plan",
+        f"{name}, legs planned too\n{legs}",
+        f"{name}, as constraints\n{constrained}, E = {proof.objective:.2f}, {told}",
+    )
+    discs = [Disc(x=float(x), y=float(y), radius=RADIUS) for x, y in obstacles(case.plans)]
+    return [Panel(heading=h, drawn=d, discs=discs) for h, d in zip(headings, drawn)]
+
+
+def _paths(case: Around) -> tuple[Sequence[Drawn], ...]:
+    free = Drawn(name=FREE, rows=case.plans.states[0, :2], colour=INK, dashed=True)
+    pieces = [piece.q[:2] for piece in case.printed]
+    planned = Drawn(name=PLANNED, rows=_apart(pieces), colour=BLUE)
     leaps = [np.stack([a[:, -1], b[:, 0]], axis=1) for a, b in pairwise(pieces)]
-    return Panel(
-        heading=plans.case.name,
-        drawn=[
-            Drawn(name=WITHOUT, rows=plans.states[0, :2], colour=INK, dashed=True),
-            Drawn(name=DRIVEN, rows=_apart(pieces), colour=BLUE),
-            Drawn(name=LEAP, rows=_apart(leaps), colour=VERMILION, dashed=True),
-        ],
-        discs=[Disc(x=float(x), y=float(y), radius=RADIUS) for x, y in obstacles(plans)],
+    legs = [whole(leg).q[:2] for leg in case.legs]
+    return (
+        (free, planned, Drawn(name=LEAP, rows=_apart(leaps), colour=VERMILION, dashed=True)),
+        (free, planned, Drawn(name=LEG, rows=_apart(legs), colour=ORANGE)),
+        (free, Drawn(name=CONSTRAINED, rows=case.ways["discs"].q[:2], colour=GREEN)),
     )
 
 
-@checked
-def controls_around(plans: Plans) -> Panel:
-    """The controls that go with `path_around`, for `figure_5`; a gap of a stage is a leap.
-
-    Parameters
-    ----------
-    plans : Plans
-
-    Examples
-    --------
-    >>> from ann_dc.paper import iterations
-    >>> panel = controls_around(iterations().cases[0])  # doctest: +SKIP
-    """
-    pieces = [piece.u for piece in driven(plans)]
-    return Panel(
-        heading=plans.case.name,
-        drawn=[
-            Drawn(name=WITHOUT, rows=plans.controls[0], colour=INK, dashed=True),
-            Drawn(name=DRIVEN, rows=_apart(pieces), colour=BLUE),
-        ],
+def _controls(case: Around) -> tuple[Sequence[Drawn], ...]:
+    free = Drawn(name=FREE, rows=case.plans.controls[0], colour=INK, dashed=True)
+    pieces = [piece.u for piece in case.printed]
+    legs, constrained = case.ways.values()
+    return (
+        (free, Drawn(name=PLANNED, rows=_apart(pieces), colour=BLUE)),
+        (free, Drawn(name=DRIVEN, rows=legs.u, colour=ORANGE)),
+        (free, Drawn(name=CONSTRAINED, rows=constrained.u, colour=GREEN)),
     )
 
 
-def _apart(pieces: list[np.ndarray]) -> np.ndarray:
+def _apart(pieces: Sequence[np.ndarray]) -> np.ndarray:
     """Pieces (R, K) behind each other, with gaps between them."""
     gap = np.full((len(pieces[0]), 1), np.nan)
     return np.hstack([part for piece in pieces for part in (piece, gap)][:-1])

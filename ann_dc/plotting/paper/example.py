@@ -1,4 +1,4 @@
-"""Figures 4 and 5: what holds beside what the printed equations give, and room for obstacles."""
+"""The example without obstacles: what holds, beside what the printed equations give."""
 
 from __future__ import annotations
 
@@ -15,13 +15,11 @@ from ann_dc.plotting.style import BLUE, GREY, INK, ORANGE, SKY, VERMILION, capti
 from ann_dc.solution.solution import Solution
 
 FADING = (SKY, ORANGE, GREY)
-HOLDS, PRINTED = "no obstacles: what holds", "no obstacles: what the printed equations give"
+HOLDS, PRINTED = "what holds", "what the printed equations give"
 
 
 @checked
-def figure_4(
-    optimum: Solution, straight: Solution, letter: Solution, avoiding: Sequence[Panel] = ()
-) -> Figure:
+def free_paths(optimum: Solution, straight: Solution, letter: Solution) -> Figure:
     """The path without obstacles, beside two that the printed equations give.
 
     Parameters
@@ -32,14 +30,12 @@ def figure_4(
         Without dB/dq, S3.
     letter : Solution
         Of (16), (17) to the letter.
-    avoiding : sequence of Panel
-        Paths around obstacles, whoever planned them, in axes of their own beside these.
 
     Examples
     --------
     >>> import ann_dc
     >>> found = ann_dc.solve(ann_dc.plants.car())
-    >>> len(figure_4(found, found, found).axes)
+    >>> len(free_paths(found, found, found).axes)
     2
 
     References
@@ -53,32 +49,28 @@ def figure_4(
     q_0, q_d = ((float(end[x]), float(end[y])) for end in ends)
     holds, printed = _paths(optimum, straight, letter)
     return plane(
-        [_panel(HOLDS, holds, _position), _panel(PRINTED, printed, _position), *avoiding],
+        [_panel(HOLDS, holds, _position), _panel(PRINTED, printed, _position)],
         start=q_0,
         target=q_d,
         unit=problem.unit("x"),
-        title=f"Figure 4. {caption(problem)}",
+        title=f"Paths without obstacles, {caption(problem)}",
     )
 
 
 @checked
-def figure_5(
-    optimum: Solution, straight: Solution, letter: Solution, avoiding: Sequence[Panel] = ()
-) -> Figure:
-    """The controls that go with the paths of `figure_4`.
+def free_controls(optimum: Solution, straight: Solution, letter: Solution) -> Figure:
+    """The controls that go with the paths of `free_paths`.
 
     Parameters
     ----------
     optimum, straight, letter : Solution
-        As of `figure_4`.
-    avoiding : sequence of Panel
-        Controls of paths around obstacles.
+        As of `free_paths`.
 
     Examples
     --------
     >>> import ann_dc
     >>> found = ann_dc.solve(ann_dc.plants.car())
-    >>> len(figure_5(found, found, found).axes)
+    >>> len(free_controls(found, found, found).axes)
     4
 
     References
@@ -93,10 +85,9 @@ def figure_5(
         [
             _panel(HOLDS, holds[:1], _controls),
             _panel(PRINTED, [p for p in printed if not p[2]], _controls),
-            *avoiding,
         ],
         labels=labels,
-        title=f"Figure 5. {caption(problem)}",
+        title=f"Controls without obstacles, {caption(problem)}",
     )
 
 

@@ -28,6 +28,9 @@ from ann_dc.plotting.style import (
 THIRD = 3
 """After which iteration the paper sees convergence."""
 
+LONG = 50
+"""Iterations above which a column has a logarithmic axis."""
+
 Line = Annotated[np.ndarray, Shape("J"), OrNan()]
 
 
@@ -75,7 +78,7 @@ def gain_over_iterations(
     Paper, Figure 6 and equations (19), (21), (33).
     """
     figure = new_figure(0.8 + 3.3 * len(columns), 8.2)
-    grid = figure.subplots(4, len(columns), squeeze=False, sharex=True)
+    grid = figure.subplots(4, len(columns), squeeze=False, sharex="col")
     for column, (heading, curves) in zip(grid.T, columns.items()):
         column[0].set_title(heading, fontsize=9, loc="left", color=INK)
         for curve in curves:
@@ -86,7 +89,10 @@ def gain_over_iterations(
                     axes.plot(j, drawable(values), **style)
             _signed(column[2], j, drawable(curve.B), curve.colour)
         column[-1].set_xlabel("outer iteration j (1)")
-        column[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
+        if max(len(curve.gain) for curve in curves) > LONG:
+            column[-1].set_xscale("log")
+        else:
+            column[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
     labels = ("λ (network units)", "A (network units)", "|B| (network units)", "Θ (network units)")
     for row, label in zip(grid, labels):
         row[0].set_ylabel(label)

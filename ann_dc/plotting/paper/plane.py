@@ -94,8 +94,9 @@ def plane(
     target: tuple[float, float],
     unit: str = "m",
     title: str = "",
+    columns: int | None = None,
 ) -> Figure:
-    """Paths from a start to a target, a panel beside the other.
+    """Paths from a start to a target, in panels.
 
     Parameters
     ----------
@@ -106,6 +107,8 @@ def plane(
     unit : str
         Of x and y.
     title : str
+    columns : int, optional
+        Panels beside each other; all of them by default.
 
     Returns
     -------
@@ -122,17 +125,21 @@ def plane(
     ----------
     Paper, Figure 4.
     """
-    figure = new_figure(0.6 + 4.4 * len(panels), 4.6)
-    row = figure.subplots(1, len(panels), squeeze=False, sharex=True, sharey=True)[0]
-    for axes, panel in zip(row, panels):
+    columns = columns or len(panels)
+    rows = -(-len(panels) // columns)
+    figure = new_figure(0.6 + 4.0 * columns, 0.4 + 4.2 * rows)
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    for axes, panel in zip(grid.flat, panels):
         _paths(axes, panel)
         axes.plot(*start, "s", color=GREEN, ms=9, mfc="none", mew=1.8, label="start q_0", zorder=5)
         axes.plot(*target, "*", color=VERMILION, ms=13, label="target q_d", zorder=5)
-        axes.set_xlabel(with_unit("x", unit))
         axes.set_title(panel.heading, fontsize=9, loc="left", color=INK)
         axes.set_aspect("equal")
         quiet(axes)
-    row[0].set_ylabel(with_unit("y", unit))
+    for axes in grid[-1]:
+        axes.set_xlabel(with_unit("x", unit))
+    for axes in grid[:, 0]:
+        axes.set_ylabel(with_unit("y", unit))
     headline(figure, title)
     legend_below(figure, most=3)
     return figure

@@ -22,6 +22,7 @@ def controls_over_stages(
     *,
     labels: Annotated[Sequence[str], NotEmpty()],
     title: str = "",
+    columns: int | None = None,
 ) -> Figure:
     """Every control over the stages, a column a panel.
 
@@ -32,31 +33,41 @@ def controls_over_stages(
     labels : sequence of str
         Of the controls, with their units.
     title : str
+    columns : int, optional
+        Panels beside each other; all of them by default.
 
     Returns
     -------
     matplotlib.figure.Figure
-        The other columns show three times the range of the first; what leaves it is cut off.
+        A column that goes far beyond the range of the first shows three times that range; what
+        leaves it is cut off.
 
     References
     ----------
     Paper, Figure 5.
     """
-    figure = new_figure(0.6 + 4.4 * len(panels), 1.4 + 2.2 * len(labels))
-    grid = figure.subplots(len(labels), len(panels), squeeze=False, sharex="col")
-    for column, panel in zip(grid.T, panels):
+    columns, m = columns or len(panels), len(labels)
+    rows = m * -(-len(panels) // columns)
+    figure = new_figure(0.6 + 4.4 * columns, 1.4 + 2.2 * rows)
+    grid = figure.subplots(rows, columns, squeeze=False, sharex="col")
+    for number, panel in enumerate(panels):
+        block, place = divmod(number, columns)
+        column = grid[m * block : m * (block + 1), place]
         for row, (axes, label) in enumerate(zip(column, labels)):
             for drawn in panel.drawn:
                 _held(axes, drawable(drawn.rows[row]), drawn.style())
             axes.set_ylabel(label)
             quiet(axes)
         column[0].set_title(panel.heading, fontsize=9, loc="left", color=INK)
-        column[-1].set_xlabel("stage k (1)")
-        column[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
+    for axes in grid[-1]:
+        axes.set_xlabel("stage k (1)")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     for axes, others in zip(grid[:, 0], grid[:, 1:]):
         low, high = axes.get_ylim()
         for other in others:
-            other.set_ylim(2 * low - high, 2 * high - low)
+            own, most = other.get_ylim(), 2 * (high - low)
+            if own[0] < low - most or own[1] > high + most:
+                other.set_ylim(2 * low - high, 2 * high - low)
     headline(figure, title)
     legend_below(figure, most=3)
     return figure

@@ -13,7 +13,7 @@ from ann_dc.plotting.paper.iterations import (
     following,
     gain_over_iterations,
 )
-from ann_dc.plotting.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILION
+from ann_dc.plotting.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION
 from ann_dc.two_level.lyapunov import Lyapunov
 from ann_dc.two_level.run import TwoLevelRun
 
@@ -50,6 +50,10 @@ def figure_6(found: Iterations) -> Figure:
             _curves(f"T_{m}", plans.run, own, m, colour)
             for m, colour in zip(range(len(plans.starts)), COLOURS)
         ]
+    columns["what settles: T_0"] = [
+        _curves(f"two gains: {_needed(found.gradient)}", found.gradient, None, 0, SKY),
+        _curves(f"Newton's method: {_needed(found.newton)}", found.newton, None, 0, PURPLE),
+    ]
     letter = found.letter
     columns["(28)-(30), (33) as printed"] = [
         _curves("T_0 as printed, A and B as they are", letter, _known(letter), 0, INK),
@@ -57,7 +61,8 @@ def figure_6(found: Iterations) -> Figure:
     ]
     return gain_over_iterations(
         columns,
-        title=f"Figure 6: plans from where IV.C plans anew, λ = {SHARE:g} |B/A|; as printed |B/A|",
+        title=f"Figure 6. λ = {SHARE:g} |B/A| (33), which seldom settles; gains and steps that do; "
+        "(28)-(30) as printed",
     )
 
 
@@ -125,6 +130,10 @@ def figure_of_following(found: Iterations) -> Figure:
         errors,
         title="Theorem IV.1 measured, T_0 with two fixed gains; dotted: its bound to first order",
     )
+
+
+def _needed(run: TwoLevelRun) -> str:
+    return f"{run.outer_iterations[0]} outer iterations"
 
 
 def _known(run: TwoLevelRun) -> Lyapunov:

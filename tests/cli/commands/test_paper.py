@@ -32,8 +32,15 @@ def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path, monkeypatch):
     assert "rho = 0" in text
     drawn = {path.name for path in tmp_path.glob("*.png")}
     numbered = {f"figure_{number}.png" for number in (4, 5, 6)}
-    assert drawn == numbered | {"equation_21.png", "theorem_IV_1.png"}
-    assert len(list(tmp_path.rglob("*.png"))) == 13
+    free = {"without_obstacles_paths.png", "without_obstacles_controls.png"}
+    assert drawn == numbered | free | {"equation_21.png", "theorem_IV_1.png"}
+    assert len(list(tmp_path.rglob("*.png"))) == 15
+    for case in data["around"].values():
+        assert case["discs_certified"]
+        assert all(case["legs_certified"])
+        for way in ("with legs", "discs"):
+            assert case[way]["room"] > 0
+            assert case[way]["rollout_error"] < 1e-6
 
 
 def test_a_file_is_no_output_folder(tmp_path):

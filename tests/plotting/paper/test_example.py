@@ -1,10 +1,10 @@
-"""Figures 4 and 5: what holds, what is printed, and room for paths around obstacles."""
+"""The example without obstacles: what holds, and what is printed."""
 
 import numpy as np
 import pytest
 
 import ann_dc
-from ann_dc.plotting.paper import Disc, Drawn, Panel, figure_4, figure_5
+from ann_dc.plotting.paper import free_controls, free_paths
 
 BACKEND = ann_dc.OdeBackend(verify=False)
 
@@ -24,7 +24,7 @@ def lines(axes):
 
 
 def test_what_holds_stands_beside_what_is_printed(optimum, lost):
-    holds, printed = figure_4(optimum, optimum, lost).axes
+    holds, printed = free_paths(optimum, optimum, lost).axes
     path = lines(holds)["T_0, the optimum"]
     np.testing.assert_array_equal(path.get_xydata().T, [optimum["x"], optimum["y"]])
     assert "without dB/dq (S3)" in lines(printed)
@@ -32,17 +32,7 @@ def test_what_holds_stands_beside_what_is_printed(optimum, lost):
     assert 1 <= len(moments) <= 3
 
 
-def test_a_path_around_obstacles_has_a_panel_of_its_own(optimum, lost):
-    path = Drawn(name="T_1", rows=np.array([[0.0, 3.0, 5.0], [0.0, 1.0, 5.0]]))
-    around = Panel(heading="IV.C", drawn=[path], discs=[Disc(x=2.0, y=2.0, radius=0.5)])
-    third = figure_4(optimum, optimum, lost, avoiding=[around]).axes[2]
-    assert "T_1" in lines(third)
-    assert len(third.patches) == 1
-    controls = Panel(heading="IV.C", drawn=[Drawn(name="T_1", rows=np.ones((2, 9)))])
-    assert len(figure_5(optimum, optimum, lost, avoiding=[controls]).axes) == 6
-
-
 def test_controls_have_units(optimum, lost):
-    axes = figure_5(optimum, optimum, lost).axes
+    axes = free_controls(optimum, optimum, lost).axes
     assert [one.get_ylabel() for one in axes[::2]] == ["u_1 = nu (m/s)", "u_2 = eta (rad/s)"]
     np.testing.assert_array_equal(axes[0].lines[0].get_ydata()[:-1], optimum["nu"])

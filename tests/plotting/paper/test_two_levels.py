@@ -23,6 +23,7 @@ def found() -> Iterations:
         cases=(plans,),
         letter=letter,
         gradient=letter,
+        newton=letter,
         common=letter,
         following=Following(v=3.0, mu=2.0),
         hypothesis=HYPOTHESIS,
@@ -37,8 +38,9 @@ def test_every_plan_has_its_lambda():
     drawn = {line.get_label(): line for line in axes[0].lines}
     for sample, name in enumerate(("T_0", "T_1")):
         np.testing.assert_array_equal(drawn[name].get_ydata(), run.gains[:, 0, sample])
-    assert [one.get_title(loc="left") for one in axes[:2]] == [
+    assert [one.get_title(loc="left") for one in axes[:3]] == [
         "(a) one obstacle",
+        "what settles: T_0",
         "(28)-(30), (33) as printed",
     ]
 
