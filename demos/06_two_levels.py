@@ -3,10 +3,10 @@
 Question: the paper's lambda settles "after the third iteration". What can that mean?
 Answer:   not that the two-level iteration converges in three. On the plain Lagrangian the oracle
           lambda = |B/A| finds its way to no solution: the hypothesis of Theorem IV.2 fails. With
-          augmentation the oracle takes hundreds of outer iterations (and needs the solution),
-          two fixed gains 180. A Newton coordinator takes 6 from the straight line and 2 to 4
-          after the robot has moved: that is the honest "third iteration". Every time it settles
-          a linear network whose weights are the stages' Jacobians. The coarse coordinators of
+          augmentation the oracle, which needs the solution, has not settled after 2000 outer
+          iterations; two fixed gains take 308. A Newton coordinator takes 6 from the straight
+          line and 2 to 4 after the robot has moved: that is the honest "third iteration". Every
+          time it settles a linear network whose weights are the stages' Jacobians. The coarse coordinators of
           a one-level network, a pyramid of 104 neurons, have fixed weights and need no outer loop.
           From starts like those of the paper's cases (a) and (b) it is no better. With (28)-(30)
           to the letter lambda = |B/A| does come to rest, near 1 and after five iterations, while

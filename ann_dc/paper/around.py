@@ -36,7 +36,7 @@ APART = 0.36
 
 
 class Piece(NamedTuple):
-    """What is driven of a plan.
+    """Driven part of a plan.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ def obstacles(plans: Plans) -> np.ndarray:
 
 
 def driven(plans: Plans) -> list[Piece]:
-    """What is driven of every plan: up to the last node at which no new obstacle is in sight.
+    """Return the driven piece of every plan, up to the last node without a new obstacle in sight.
 
     A plan that meets no new obstacle is driven to its end; those after it are not begun.
 

@@ -82,7 +82,7 @@ class TwoLevels:
 
     @checked
     def step(self, x: np.ndarray, inputs: Mapping[str, object] | None = None) -> np.ndarray:
-        """State vectors (B, n) one outer iteration later.
+        """Return the state vectors (B, n) after one outer iteration.
 
         Parameters
         ----------

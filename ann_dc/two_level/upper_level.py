@@ -90,7 +90,7 @@ class Gradient(UpperLevel):
         return Closed()
 
     def move(self, sample, x, drives):
-        """Along the drives."""
+        """Move t and beta along their drives."""
         return _along(sample.rows, x, drives, (self.lambda_t, self.lambda_beta))
 
 
@@ -119,7 +119,7 @@ class OracleCoordinator(UpperLevel):
         return Closed()
 
     def move(self, sample, x, drives):
-        """Along the drives, as far as the oracle says."""
+        """Move t and beta along their drives, as far as the oracle says."""
         known = np.atleast_2d(self.gain.settled)
         settled = known[sample.number if len(known) > 1 else 0]
         found = distances_of(sample.rows, x - settled, drives).lyapunov
@@ -169,14 +169,14 @@ class NewtonCoordinator(UpperLevel):
         return Linearised()
 
     def move(self, sample, x, drives):
-        """A Newton step of the whole network, shortened to the slew."""
+        """Take a Newton step of the whole network, shortened to the slew."""
         step = sample.newton_step(x, drives)
         longest = np.abs(step[sample.rows.chain]).max()
         return x + self.slew / max(longest, self.slew) * step, (np.nan, np.nan)
 
 
 def distances_of(rows: Rows, error: np.ndarray, drives: np.ndarray) -> Distances:
-    """Errors of a state, given the solution.
+    """Return the errors of a state, given the solution.
 
     Parameters
     ----------
