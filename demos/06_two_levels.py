@@ -6,12 +6,12 @@ Answer:   not that the two-level iteration converges in three. On the plain Lagr
           augmentation the oracle, which needs the solution, has not settled after 2000 outer
           iterations; two fixed gains take 308. A Newton coordinator takes 6 from the straight
           line and 2 to 4 after the robot has moved: that is the honest "third iteration". Every
-          time it settles a linear network whose weights are the stages' Jacobians. The coarse coordinators of
-          a one-level network, a pyramid of 104 neurons, have fixed weights and need no outer loop.
-          From starts like those of the paper's cases (a) and (b) it is no better. With (28)-(30)
-          to the letter lambda = |B/A| does come to rest, near 1 and after five iterations, while
-          Theta grows ninefold in each. Theorem IV.1 holds, with a rate; A and B as (21) prints
-          them do not say what Theta does.
+          time it settles a linear network whose weights are the stages' Jacobians. The coarse
+          coordinators of a one-level network, a pyramid of 104 neurons, have fixed weights and
+          need no outer loop. From starts like those of the paper's cases (a) and (b) it is no
+          better. With (28)-(30) to the letter lambda = |B/A| does come to rest, near 1 and after
+          five iterations, while Theta grows ninefold in each. Theorem IV.1 holds, with a rate; A
+          and B as (21) prints them do not say what Theta does.
 Figure:   out/demos/06_two_levels.png; 06_figure_6.png, 06_equation_21.png, 06_theorem_IV_1.png
 """
 
