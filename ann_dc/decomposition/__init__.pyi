@@ -6,7 +6,10 @@ from .equations import (
 )
 from .form import (
     CORRECTED as CORRECTED,
+    FORMS as FORMS,
     PRINTED as PRINTED,
+    PRINTED_CONDITIONS as PRINTED_CONDITIONS,
+    PRINTED_EXAMPLE as PRINTED_EXAMPLE,
     SWITCHES as SWITCHES,
     Form as Form,
     LowerForm as LowerForm,

@@ -85,7 +85,7 @@ class StageEquations:
         What stage k reads of its neighbours: t_{k-1}, what the coupling reads in its place (the
         same, or t_{k+1} with S9), and beta_{k+1}.
     lagrangian : expression
-        L_k of (10).
+        L_k of (10), or of (25) with S7 and S12.
     grad_q, grad_u, grad_t, grad_mu, grad_beta : tuples of Stationarity
         Equations (11), (12), (14), (13), (15).
     terminal_cost : expression
@@ -134,9 +134,23 @@ class StageEquations:
 
     @property
     def numbered(self) -> tuple[tuple[int, Stationarity], ...]:
-        """Every equation with its number in the paper, in the paper's order."""
+        """Every equation with its number in the paper, in the paper's order.
+
+        (11)-(15); (16) and (17) in the form that iterates as they are printed; (30) for those that
+        a closed lower level takes from there.
+        """
         groups = (self.grad_q, self.grad_u, self.grad_mu, self.grad_t, self.grad_beta)
-        return tuple((11 + i, equation) for i, group in enumerate(groups) for equation in group)
+        numbered = zip(self._numbers, groups)
+        return tuple((number, equation) for number, group in numbered for equation in group)
+
+    @property
+    def _numbers(self) -> tuple[int, ...]:
+        form = self.form
+        if form.primal_ascends and form.coupling_reads_next:
+            return 16, 16, 16, 17, 17
+        if form.closed_lower_level:
+            return 30, 30 if form.lower_level is LowerForm.LITERAL else 12, 30, 14, 15
+        return 11, 12, 13, 14, 15
 
     def __str__(self) -> str:
         """The Lagrangian and (11)-(15) as plain text, one a line, with what each neuron does.
@@ -272,11 +286,13 @@ class _Stage:
         )
 
     def lagrangian(self) -> sp.Expr:
-        """L_k of (10)."""
+        """L_k of (10), or of (25): neither has the slips of the conditions that follow it."""
+        held = self.form.coupling_coefficient
+        chain = zip(self.beta, self.problem.states, self.t_before)
         return (
             self.cost
-            + sum(m * (f - target) for m, f, target in zip(self.mu, self.plant, self.t))
-            + sum(b * c for b, c in zip(self.beta, self.coupling))
+            + sum(m * (f - target) for m, f, target in zip(self.mu, self.problem.f, self.t))
+            + sum(b * (_times(held, q) - t) for b, q, t in chain)
             + self.pressed
         )
 

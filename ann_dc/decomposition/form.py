@@ -91,6 +91,8 @@ class Form:
     with S3
     >>> form == switch("S3"), Form() == CORRECTED
     (True, True)
+    >>> print(Form(coupling_coefficient=0.55, cost_weight=CostWeight.MEAN))
+    with S7 (0.55), S12 (1/N)
     """
 
     primal_ascends: bool = False
@@ -124,8 +126,10 @@ class Form:
         return Form(start_is_neuron=self.start_is_neuron, terminal_free=self.terminal_free)
 
     def __str__(self) -> str:
-        changed = {_switch_of(*item) for item in vars(self).items() if item not in _HOLDING}
-        used = [name for name in SWITCHES if name in changed]
+        changed = {
+            _switch_of(*item): item[1] for item in vars(self).items() if item not in _HOLDING
+        }
+        used = [name + _value_text(changed[name]) for name in SWITCHES if name in changed]
         return "corrected" if self == CORRECTED else f"with {', '.join(used)}"
 
 
@@ -144,6 +148,20 @@ PRINTED = Form(
     cost_weight=CostWeight.MEAN,
 )
 """(16) and (17) to the letter."""
+
+PRINTED_CONDITIONS = Form(
+    without_control_jacobian=True,
+    damping_without_dt=True,
+    control_reads_state_cost=True,
+    control_without_dt=True,
+    coupling_adds=True,
+    target_adds=True,
+    cost_weight=CostWeight.MEAN,
+)
+"""Stationarity conditions (11)-(15) to the letter, followed in the directions that hold."""
+
+PRINTED_EXAMPLE = Form(coupling_coefficient=0.99, cost_weight=CostWeight.COPIES)
+"""Lagrangian (24), (25) of the numerical application to the letter."""
 
 SWITCHES: dict[str, Form] = {
     "S1": replace(CORRECTED, primal_ascends=True),
@@ -165,6 +183,15 @@ SWITCHES: dict[str, Form] = {
     "S17": replace(CORRECTED, lower_level=LowerForm.LITERAL),
 }
 """Each switch by itself, everything else right."""
+
+FORMS: dict[str, Form] = {
+    "corrected": CORRECTED,
+    "printed": PRINTED,
+    "printed-conditions": PRINTED_CONDITIONS,
+    "printed-example": PRINTED_EXAMPLE,
+    **SWITCHES,
+}
+"""Forms by their names on the command line and in studies."""
 
 
 @checked
@@ -196,6 +223,13 @@ def switch(name: str) -> Form:
 
 
 _HOLDING = vars(CORRECTED).items()
+
+
+def _value_text(value: object) -> str:
+    """Return the value of a switch that has several, in parentheses."""
+    if isinstance(value, CostWeight):
+        return f" ({value.value})"
+    return "" if isinstance(value, (bool, LowerForm)) else f" ({value:g})"
 
 
 def _switch_of(key: str, value: object) -> str:

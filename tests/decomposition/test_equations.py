@@ -3,9 +3,16 @@
 import pytest
 import sympy as sp
 
-from ann_dc.decomposition import PRINTED, SWITCHES, decompose, switch
+from ann_dc.decomposition import (
+    PRINTED,
+    PRINTED_CONDITIONS,
+    PRINTED_EXAMPLE,
+    SWITCHES,
+    decompose,
+    switch,
+)
 from ann_dc.errors import FormError
-from ann_dc.problem import OptimalControlProblem, StepLength
+from ann_dc.problem import OptimalControlProblem, StepLength, plants
 
 x, a = sp.symbols("x a")
 mu, t, t_prev, beta, beta_next = sp.symbols("mu_x t_x t_prev_x beta_x beta_next_x")
@@ -38,6 +45,43 @@ def test_every_equation_is_a_derivative_of_the_lagrangian():
 def test_equations_carry_the_papers_numbers():
     numbers = {str(e.variable): number for number, e in decompose(problem()).numbered}
     assert numbers == {"x": 11, "a": 12, "mu_x": 13, "t_x": 14, "beta_x": 15}
+
+
+def test_printed_iteration_carries_the_numbers_16_and_17():
+    stage = decompose(problem(), PRINTED)
+    numbers = {str(e.variable): number for number, e in stage.numbered}
+    assert numbers == {"x": 16, "a": 16, "mu_x": 16, "t_x": 17, "beta_x": 17}
+    L = (x**2 + a**2 / 2) / 3 + mu * (x + sp.sin(x) * a - t) + beta * (x - t_prev)
+    assert sp.expand(stage.lagrangian - L) == 0  # (10) has none of the slips of (16), (17)
+
+
+def test_printed_conditions_of_the_car_are_those_of_11_to_15():
+    car = plants.car()
+    stage = decompose(car, PRINTED_CONDITIONS)
+    nu, phi = (sp.Symbol(name) for name in ("nu", "phi"))
+    own = {str(e.variable): (number, sp.nsimplify(e.expression)) for number, e in stage.numbered}
+    mu_x, mu_y, mu_phi = sp.symbols("mu_x mu_y mu_phi")
+    varphi, x_, t_x, t_prev_x, beta_x, beta_next_x = sp.symbols(
+        "varphi x t_x t_prev_x beta_x beta_next_x"
+    )
+    kept = sp.Rational(9, 10)  # 1 - gamma
+    pushed = mu_x * sp.cos(phi) + mu_y * sp.sin(phi) + mu_phi * sp.tan(varphi)
+    by_hand = {
+        "x": (11, kept * mu_x + beta_x),
+        "nu": (12, pushed),
+        "mu_x": (13, nu * sp.cos(phi) + kept * x_ - t_x),
+        "t_x": (14, -mu_x + beta_next_x),
+        "beta_x": (15, x_ + t_prev_x),
+    }
+    for name, (number, expression) in by_hand.items():
+        assert own[name][0] == number
+        assert sp.simplify(own[name][1] - expression) == 0
+
+
+def test_printed_example_has_the_lagrangian_of_25():
+    stage = decompose(problem(), PRINTED_EXAMPLE)
+    L = 3 * (x**2 + a**2 / 2) + mu * (x + sp.sin(x) * a - t) + beta * (0.99 * x - t_prev)
+    assert sp.expand(stage.lagrangian - L) == 0
 
 
 def test_as_text():

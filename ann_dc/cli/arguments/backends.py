@@ -134,9 +134,9 @@ BACKENDS = {"ode": ("method", "verify"), "recurrent": ("order", "step", "acceler
 
 def form_of(word: str):
     """The form of the equations that --form names."""
-    from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES
+    from ann_dc.decomposition.form import FORMS
 
-    return named("--form", word, {"corrected": CORRECTED, "printed": PRINTED, **SWITCHES})
+    return named("--form", word, FORMS)
 
 
 def start_of(options: StartOptions):

@@ -18,7 +18,7 @@ from ann_dc.backends.settling import Settling
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.decomposition.equations import decompose
-from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES, Form
+from ann_dc.decomposition.form import CORRECTED, FORMS, Form
 from ann_dc.errors import StudyError
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.rules.gains import apply_gains
@@ -46,9 +46,6 @@ EXACT = OdeBackend(settling=Settling(tolerance=1e-9), verify=False)
 """Runs what others are compared with."""
 BUILDABLE = (Kind.TIME_CONSTANTS,)
 """The metric where a circuit is built and nothing else is said: any op amp can do it."""
-FORMS = {"corrected": CORRECTED, "printed": PRINTED, **SWITCHES}
-"""By their words."""
-
 Made = TypeVar("Made")
 
 
