@@ -234,8 +234,12 @@ def _whole(limit: float) -> int:
     return int(limit)
 
 
+SHARPER = 0.01
+"""Tolerance of the lower level's drives over that of the relative residual, which is larger."""
+
+
 def lower_of(word: str | None, tolerance: float):
-    """The lower level that --lower names, a little more exact than the upper one has to be.
+    """Return the lower level that --lower names, more exact than the upper one has to be.
 
     None is the one that suits the coordinator.
     """
@@ -244,7 +248,7 @@ def lower_of(word: str | None, tolerance: float):
     if word is None:
         return None
     kind = named("--lower", word, {"closed": Closed, "iterated": Iterated})
-    return kind(tolerance=min(kind().tolerance, 0.2 * tolerance))
+    return kind(tolerance=min(kind().tolerance, SHARPER * tolerance))
 
 
 @contextlib.contextmanager
