@@ -54,16 +54,15 @@ class Deadline:
 
     def __init__(self, progress: Progress, seconds: float = float("inf")) -> None:
         self.progress, self.seconds = progress, seconds
-        self.end = clock.monotonic() + seconds
+        self.end, self.allowed = clock.monotonic() + seconds, f"{seconds:g}"
         self.interrupted = False
         self._before: Any = None
 
     def early(self, share: float) -> Deadline:
         """A deadline that comes after a share of the seconds, so that a later part has some."""
-        sooner = Deadline(self, self.seconds)
-        sooner.end = (
-            self.end - (1 - share) * self.seconds if self.seconds < float("inf") else self.end
-        )
+        left = (1 - share) * self.seconds if self.seconds < float("inf") else 0.0
+        sooner = Deadline(self, self.seconds - left)
+        sooner.end, sooner.allowed = self.end - left, f"{sooner.seconds:g} of {self.allowed}"
         return sooner
 
     def __call__(self, line: str) -> None:
@@ -82,7 +81,7 @@ class Deadline:
         if self.interrupted:
             raise Stopped("it was interrupted")
         if clock.monotonic() >= self.end:
-            raise Stopped(f"{self.seconds:g} s were over (limit)")
+            raise Stopped(f"{self.allowed} s were over (limit)")
 
     def __enter__(self) -> Deadline:
         before = signal.getsignal(signal.SIGINT)

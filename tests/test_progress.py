@@ -134,3 +134,10 @@ def test_a_time_limit_that_is_none():
     code, text = run("solve", "car", "--time-limit", "-1")
     assert code == 2
     assert "--time-limit: expected a positive number, got -1" in text
+
+
+def test_early_deadline_tells_its_own_seconds():
+    with pytest.raises(Stopped, match=r"^5e-10 of 1e-09 s were over"):
+        Deadline(silent, 1e-9).early(0.5).check()
+    assert Deadline(silent, 60.0).early(0.7).seconds == pytest.approx(42.0)
+    assert Deadline(silent).early(0.7).seconds == float("inf")

@@ -19,6 +19,7 @@ import numpy as np
 
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
+from ann_dc.problem.constraints.bounds import widths
 from ann_dc.problem.constraints.domain import into_domain, within_domain
 from ann_dc.problem.declaration import HOLD, OptimalControlProblem
 from ann_dc.problem.excursions import bridge_variance
@@ -26,6 +27,8 @@ from ann_dc.scale import Scale
 
 NEARLY = 0.05
 """Span over straying below which the ends of a state nearly meet."""
+WIDEST = 10.0
+"""Scale over the distance of two bounds, at most: a map that explodes along the line says more."""
 ROUNDS = 3
 """How often controls and scales are fitted to each other; the second round changes little."""
 
@@ -193,7 +196,9 @@ class _Path:
         for _ in range(ROUNDS):
             scale = self._straying(scale)
             self._look(self.controls(scale))
-        return StraightLine(q=self.q, u=self.u, scales=self._scales(self._in_common(scale)))
+        widest = WIDEST * widths(self.problem.bounds, self.problem.states)
+        scales = self._scales(np.minimum(self._in_common(scale), widest))
+        return StraightLine(q=self.q, u=self.u, scales=scales)
 
     @property
     def _from(self) -> np.ndarray:
@@ -232,10 +237,9 @@ class _Path:
         return np.sqrt(((self.B / scale[:, None, None]) ** 2).sum(axis=0)).max(axis=-1)
 
     def _control_cost(self, scale: np.ndarray) -> np.ndarray:
-        """R (m,): curvature of the cost; of a control without, as of others with its effect.
+        """Return R (m,): curvature of the cost, or that of others with the same effect.
 
-        Infinite, so that it does not count, where neither is known. Where no control has a price,
-        what it does to states that have one takes its place.
+        Infinite if neither is known. Without any price, that of the states which are moved counts.
         """
         R, effect = self.control_curvature, self._effect(scale) ** 2
         if not (R > 0).any():
@@ -280,10 +284,9 @@ class _Path:
         return np.where(np.isfinite(strays) & (strays > 0), strays, np.inf)
 
     def _in_common(self, scale: np.ndarray) -> np.ndarray:
-        """(n,): how far each state strays and how far its ends lie apart, in one measure.
+        """Return (n,) geometric means of how far states stray and how far their ends lie apart.
 
-        The geometric mean of both. Ends that nearly meet say nothing of how far a state goes in
-        between: towards a span of zero the mean gives way to straying alone.
+        Ends that nearly meet tell nothing: towards a span of zero straying alone counts.
         """
         moved, span = np.isfinite(scale), self.span
         scale = scale * self._shared_factor(scale)
@@ -304,10 +307,7 @@ class _Path:
         return 1.0
 
     def _of_given(self, scale: np.ndarray) -> np.ndarray:
-        """A state that no control moves is measured by what it does to those that are moved.
-
-        Or else by how far it drifts, or by where it is.
-        """
+        """Measure a state that no control moves by its effect on others, its drift or its place."""
         coupled = np.sqrt((self.F**2).mean(axis=-1)) * self.problem.horizon
         moved, complete = np.isfinite(scale), np.where(np.isnan(self.known), scale, self.known)
         for i in map(int, np.flatnonzero(~moved & np.isnan(self.known))):
@@ -322,6 +322,7 @@ class _Path:
         typical = np.median(price[acts] / effect[acts]) if acts.any() else 1.0
         by_price = np.where(np.isfinite(price), typical / price, 1.0)
         control = np.where(acts, 1.0 / np.where(acts, effect, 1.0), by_price)
+        control = np.minimum(control, WIDEST * widths(self.problem.bounds, self.problem.controls))
         return Scales(
             states=tuple(map(Scale, scale.tolist(), self.problem.ends[0].tolist())),
             controls=tuple(

@@ -18,6 +18,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.gain_design.choice import DEARER
 from ann_dc.gain_design.procedure import Design
+from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import LARGEST_STEP, Certificate
 from ann_dc.optimality.prospects.boundedness import Unbounded
@@ -198,19 +199,21 @@ def _recorded(network: Network, x: np.ndarray, told: Status) -> Run:
 
 def _known(failed: Solution) -> Solution | None:
     """The optimum that the design of a network knows which did not settle there; None without."""
-    design, network = failed.design, failed.network
+    design = failed.design
     if design is None or not design.settled:
         return None
-    try:
-        state = equilibrium(network, design.state)  # a first run leaves 1e-8 of a residual
-    except NetworkError:
-        state = design.state
-    certificate = certificate_of(failed.problem, network, state)
-    if not certificate.certified:
-        return None
-    told = found_without(design.first.found_by or "the first run", failed.status)
-    run = _recorded(network, state, told)
-    return replace(failed, run=run, certificate=certificate)
+    plain = apply_gains(failed.network, hand_gains(failed.network))
+    for network in (failed.network, plain):  # large penalties leave rounding errors
+        try:
+            state = equilibrium(network, design.state)  # a first run leaves 1e-8 of a residual
+        except NetworkError:
+            state = design.state
+        certificate = certificate_of(failed.problem, network, state)
+        if certificate.certified:
+            told = found_without(design.first.found_by or "the first run", failed.status)
+            run = _recorded(network, state, told)
+            return replace(failed, run=run, certificate=certificate)
+    return None
 
 
 def found_without(by: str, network: Status) -> Status:

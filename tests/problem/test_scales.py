@@ -256,3 +256,18 @@ def test_what_is_refused_by_hand(given, message):
     with pytest.raises(ProblemError) as told:
         by_hand(given)
     assert message in str(told.value)
+
+
+def test_scales_of_a_map_that_explodes_are_those_of_its_bounds():
+    """A reactor whose temperature runs away along the line: its scales were 7e12 and 2e30."""
+    a, T, F, Q = sp.symbols("a T F Q")
+    rate = 4 * sp.exp(-8 * (1 / T - 1)) * a
+    problem = OptimalControlProblem(
+        states=(a, T), controls=(F, Q), dt=0.02, horizon=100, q_0=(1, 0.9),
+        dynamics=(F * (1 - a) - rate, F * (0.9 - T) + 3 * rate + Q),
+        cost=0.2 * Q**2 - F * (1 - a), bounds={F: (0.1, 5), Q: (-1, 1), T: (0.7, 1.1)},
+    )  # fmt: skip
+    scales = scales_of(problem)
+    widths = [0.4, 4.9, 2.0]
+    found = [scales.states[1].factor, *(control.factor for control in scales.controls)]
+    assert (np.array(found) <= 10.0 * np.array(widths) * (1 + 1e-12)).all()

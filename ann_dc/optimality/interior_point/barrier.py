@@ -21,7 +21,7 @@ import numpy as np
 
 from ann_dc.optimality.contact import Slots, rows_of
 from ann_dc.optimality.expansion import Frame
-from ann_dc.problem.constraints.bounds import NO_BOUND
+from ann_dc.problem.constraints.bounds import widths
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 
@@ -171,9 +171,6 @@ def _frame(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray, caution
     the curvature of the controls and, by `LARGEST_SLOPE`, all slopes.
     """
     scales, n = natural_scales(problem), problem.n
-    low, high = problem.control_limits.T
-    between = np.array([problem.bounds.get(str(s), NO_BOUND) for s in problem.states])
-    widths = np.append(between[:, 1] - between[:, 0], high - low)
     named = scales.states + scales.controls
     natural = np.array([own.factor for own in named])
     if caution is not Caution.NONE:
@@ -181,7 +178,8 @@ def _frame(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray, caution
         moved = np.abs((u - offsets[:, None]) / natural[n:, None]).max(initial=0.0)
         first = n if caution is Caution.CONTROLS else 0
         natural[first:] *= np.clip(np.nan_to_num(moved, nan=1.0), LEAST_MOTION, 1.0)
-    factors = np.minimum(natural, widths / 2)
+    both = (*problem.states, *problem.controls)
+    factors = np.minimum(natural, widths(problem.bounds, both) / 2)
     named = tuple(own._replace(factor=float(f)) for own, f in zip(named, factors))
     with np.errstate(all="ignore"):
         told = problem.functions.derivatives(q[:, :-1], u, np.zeros((n, u.shape[1])))

@@ -17,7 +17,7 @@ from scipy.sparse.linalg import splu
 
 from ann_dc.optimality.prospects.search import Path, Search
 from ann_dc.optimality.soft_rows import penalty
-from ann_dc.problem.constraints.bounds import NO_BOUND
+from ann_dc.problem.constraints.bounds import widths
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 from ann_dc.progress import Progress, silent
@@ -29,6 +29,8 @@ STEPS = 60
 """Steps of the descent, at most: a cost without a minimum is far below zero after 20."""
 PUSHES = (1e-3, 1.0, 1.0, 10.0, 10.0, 100.0)
 """Random pushes off a point from which no step leads down, over the slope there: saddles first."""
+LAST_PUSHES = range(2, 15)
+"""Powers of ten by which a control of the last stage is pushed, in scales."""
 GROWTH = 4.0
 """Factor on the length of a step after a success; after a failure the step is divided by it."""
 SHORTEST = 1e-3
@@ -114,6 +116,8 @@ class _Descent:
         self.length = 1.0
 
     def run(self) -> Unbounded | None:
+        if control := self._last_control():
+            return self._told(control)
         failures = 0
         for _ in range(STEPS):
             self.progress(f"prospects: cost {self.cost:.3g} on its way down")
@@ -127,8 +131,32 @@ class _Descent:
             if failures == len(PUSHES):
                 return None
             if self.cost < self.bottom:
-                return self._told()
+                return self._told(self._largest())
         return None
+
+    def _last_control(self) -> str:
+        """Return the control of the last stage by which the cost falls without end, if any.
+
+        Each is pushed by itself, together with a free end. The descent does not find these paths:
+        all other stages resist its long steps.
+        """
+        functions, start = self.problem.functions, self.path
+        for control, size in enumerate(self.search.control.ravel()):
+            for push in (-size, size):
+                for power in LAST_PUSHES:
+                    u, q = start.u.copy(), start.q.copy()
+                    u[control, -1] += push * 10.0**power
+                    q[:, -1] = functions.map(q[:, :-1], u)[:, -1]
+                    low, high = self.problem.control_limits[control]
+                    ahead = self.search.path(q, u)
+                    is_met = low <= u[control, -1] <= high and ahead.met
+                    cost = self._cost(ahead)
+                    if not (is_met and cost < self.cost):
+                        break
+                    if cost < self.bottom:
+                        self.path, self.cost = ahead, cost
+                        return str(self.problem.controls[control])
+        return ""
 
     def _room(self) -> float:
         """Distance of the path to the farthest row or limit, in scales, and at least one."""
@@ -185,16 +213,19 @@ class _Descent:
             self.length /= GROWTH
         return False
 
-    def _told(self) -> Unbounded:
+    def _largest(self) -> str:
+        """Return the name of the state or control without two bounds that has grown most."""
         problem, search = self.problem, self.search
         sizes = [
             *np.abs(self.path.q / search.state).max(axis=1),
             *np.abs(self.path.u / search.control).max(axis=1),
         ]
         names = [str(symbol) for symbol in (*problem.states, *problem.controls)]
-        bounds = np.array([problem.bounds.get(name, NO_BOUND) for name in names], float)
-        held = np.isfinite(bounds).all(axis=1)
-        largest = names[int(np.argmax(np.where(held, 0.0, sizes)))]
+        held = np.isfinite(widths(problem.bounds, (*problem.states, *problem.controls)))
+        return names[int(np.argmax(np.where(held, 0.0, sizes)))]
+
+    def _told(self, largest: str) -> Unbounded:
+        problem = self.problem
         unit = f" {problem.cost_unit}" if problem.cost_unit else ""
         message = (
             f"the cost has no minimum: with the constraints met it fell to {self.cost:.3g}{unit} "

@@ -59,6 +59,12 @@ def bounds_of(given: Any, symbols: Sequence[sp.Symbol]) -> dict[str, tuple[float
     return {name: pair for name, pair in checked.items() if pair != NO_BOUND}
 
 
+def widths(bounds: Bounds, symbols: Sequence[sp.Symbol]) -> np.ndarray:
+    """Return the distances of two bounds, infinite without one of them, a number a symbol."""
+    low, high = np.array([bounds.get(symbol.name, NO_BOUND) for symbol in symbols], float).T
+    return high - low
+
+
 def _pair(name: str, given: Any) -> tuple[float, float]:
     if not is_vector(given, 2):
         raise ProblemError(

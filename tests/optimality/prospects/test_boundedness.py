@@ -1,5 +1,7 @@
 """Costs with and without a minimum."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -57,3 +59,18 @@ def test_it_is_told_in_the_users_units():
     assert found is not None
     assert np.isfinite(found.objective)
     assert f"{found.objective:.3g} J while a grew" in found.message
+
+
+@pytest.mark.parametrize("catch", ["effort", "share"])
+def test_cost_that_falls_by_a_last_control_alone_has_no_minimum(catch):
+    """Every other stage resists: a large catch empties the stock, and it explodes."""
+    x, a = sp.symbols("x a")
+    taken = a if catch == "effort" else a * x
+    problem = OptimalControlProblem(
+        states=(x,), controls=(a,), dynamics=(x * (1 - x) - taken,), dt=0.05, cost=-taken,
+        horizon=40, q_0=(0.8,),
+    )  # fmt: skip
+    found = descended(problem)
+    assert found is not None
+    assert found.largest == "a"
+    assert descended(replace(problem, bounds={a: (0, 2)})) is None
