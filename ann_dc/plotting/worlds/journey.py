@@ -46,18 +46,19 @@ def journey(journey: Journey) -> Figure:
     matplotlib.figure.Figure
         Left the plane: obstacles where they are in the end, the ways of those that move as arrows;
         right, over time: the room between the robot's rim and what is nearest, the largest
-        multiplier of an obstacle's row as a share of its price, and the residual of each plan.
+        multiplier of an obstacle's row as a share of its price, and the residual of each plan;
+        the last two only of a planner that has them.
     """
     figure = new_figure(10.4, 5.2)
-    grid = figure.add_gridspec(3, 2, width_ratios=[1.25, 1.0])
+    draws = (_room, _pressed, _residual) if _known(journey).any() else (_room,)
+    grid = figure.add_gridspec(len(draws), 2, width_ratios=[1.25, 1.0])
     plane(figure.add_subplot(grid[:, 0]), journey)
     panels: list[Axes] = []
-    for row, draw in enumerate((_room, _pressed, _residual)):
+    for row, draw in enumerate(draws):
         panels.append(figure.add_subplot(grid[row, 1], sharex=panels[0] if panels else None))
         draw(panels[-1], journey)
         quiet(panels[-1])
-        if row < 2:
-            panels[-1].tick_params(labelbottom=False)
+        panels[-1].tick_params(labelbottom=row == len(draws) - 1)
     panels[-1].set_xlabel("time (s)")
     figure.align_ylabels(panels)
     headline(figure, str(journey).splitlines()[0])
@@ -125,6 +126,11 @@ def _time(journey: Journey) -> np.ndarray:
     return journey.dt * np.arange(journey.u.shape[1])
 
 
+def _known(journey: Journey) -> np.ndarray:
+    """Return (K,) booleans: True if the plan of a period has a residual."""
+    return np.isfinite(journey.residuals) & (journey.residuals > 0)
+
+
 def _room(axes: Axes, journey: Journey) -> None:
     axes.plot(_time(journey), np.minimum(journey.clearance, journey.world.sensor), color=INK)
     axes.axhline(0.0, color=VERMILION, lw=0.8)
@@ -137,7 +143,7 @@ def _pressed(axes: Axes, journey: Journey) -> None:
 
 
 def _residual(axes: Axes, journey: Journey) -> None:
-    known = np.isfinite(journey.residuals) & (journey.residuals > 0)
+    known = _known(journey)
     axes.semilogy(_time(journey)[known], journey.residuals[known], color=BLUE)
     axes.axhline(SETTLED, color=GREY, lw=0.8, ls=":")
     axes.yaxis.set_minor_formatter(NullFormatter())

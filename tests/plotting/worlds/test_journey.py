@@ -1,5 +1,7 @@
 """A journey's picture shows what was there and what happened."""
 
+from dataclasses import replace
+
 import numpy as np
 from journeys import a_journey
 from matplotlib.patches import Circle, Polygon
@@ -24,3 +26,11 @@ def test_the_plane_shows_obstacles_way_and_ends():
     assert room.get_ylabel() == "room (m)"
     np.testing.assert_allclose(pressed.lines[0].get_ydata(), driven.pressed)
     assert residual.get_yscale() == "log"
+
+
+def test_journey_without_residuals_has_no_empty_panels():
+    """The waypoint planner runs no network."""
+    driven = a_journey()
+    figure = picture(replace(driven, residuals=np.zeros_like(driven.residuals)))
+    assert [axes.get_ylabel() for axes in figure.axes] == ["y (m)", "room (m)"]
+    assert figure.axes[1].get_xlabel() == "time (s)"
