@@ -134,29 +134,13 @@ class StageEquations:
 
     @property
     def numbered(self) -> tuple[tuple[int, Stationarity], ...]:
-        """Every equation with its number in the paper, in the paper's order.
-
-        (11)-(15); (16) and (17) in the form that iterates as they are printed; (30) for those that
-        a closed lower level takes from there.
-        """
+        """Every equation with its number in the paper (`Form.numbers`), in the paper's order."""
         groups = (self.grad_q, self.grad_u, self.grad_mu, self.grad_t, self.grad_beta)
-        numbered = zip(self._numbers, groups)
+        numbered = zip(self.form.numbers, groups)
         return tuple((number, equation) for number, group in numbered for equation in group)
 
-    @property
-    def _numbers(self) -> tuple[int, ...]:
-        form = self.form
-        if form.primal_ascends and form.coupling_reads_next:
-            return 16, 16, 16, 17, 17
-        if form.closed_lower_level:
-            return 30, 30 if form.lower_level is LowerForm.LITERAL else 12, 30, 14, 15
-        return 11, 12, 13, 14, 15
-
     def __str__(self) -> str:
-        """The Lagrangian and (11)-(15) as plain text, one a line, with what each neuron does.
-
-        ``t_prev_x`` is t_{k-1} and ``beta_next_x`` is beta_{k+1}.
-        """
+        """Lagrangian and equations as text; ``t_prev_x`` is t_{k-1}, ``beta_next_x`` beta_{k+1}."""
         lines = [f"form: {self.form}", f"L_k = {rounded(self.lagrangian)}"]
         for number, equation in self.numbered:
             sign = "-" if equation.sign < 0 else "+"

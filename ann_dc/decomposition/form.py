@@ -125,6 +125,19 @@ class Form:
         """
         return Form(start_is_neuron=self.start_is_neuron, terminal_free=self.terminal_free)
 
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Numbers of the equations of q, u, mu, t and beta in the paper.
+
+        (11)-(15); (16) and (17) in the form that iterates as they are printed; (30) for those that
+        a closed lower level takes from there.
+        """
+        if self.primal_ascends and self.coupling_reads_next:
+            return 16, 16, 16, 17, 17
+        if self.closed_lower_level:
+            return 30, 30 if self.lower_level is LowerForm.LITERAL else 12, 30, 14, 15
+        return 11, 12, 13, 14, 15
+
     def __str__(self) -> str:
         changed = {
             _switch_of(*item): item[1] for item in vars(self).items() if item not in _HOLDING

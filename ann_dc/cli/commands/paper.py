@@ -27,7 +27,7 @@ def paper(
     on the plain network (rho = 0, unit time constants), started 1 % off the
     optimum. Then the two-level iteration of Figure 6, with both theorems.
     Times as in 'ann-dc solve'. Writes result.json, the figures of the two
-    corrected runs, and Figures 4 to 6, beside what the printed equations give.
+    corrected runs, and Figures 1 to 6, beside what the printed equations give.
 
     Example:
 
@@ -67,18 +67,28 @@ def paper(
 def _two_levels(
     out: Path, progress: Progress
 ) -> tuple[tuple[Any, ...], dict[str, Any], list[Path]]:
-    """Return what is said of Figures 4 to 6 and the theorems, their numbers and pictures."""
+    """Return what is said of Figures 1 to 6 and the theorems, their numbers and pictures."""
     from ann_dc import plotting
     from ann_dc.paper import around, iterations
-    from ann_dc.plotting.paper import figure_4, figure_5, two_levels
+    from ann_dc.plotting.paper import (
+        figure_1,
+        figure_2,
+        figure_3,
+        figure_4,
+        figure_5,
+        two_levels,
+    )
     from ann_dc.problem.plants import car
     from ann_dc.report import coordination
     from ann_dc.report.paper import around_dict, around_table
 
     found = iterations(progress=progress)
     cases = [around(plans, car(), progress) for plans in found.cases]
-    progress("drawing Figures 4 to 6")
+    progress("drawing Figures 1 to 6")
     figures = {
+        "figure_1": figure_1(),
+        "figure_2": figure_2(car()),
+        "figure_3": figure_3(car()),
         "figure_4": figure_4(cases),
         "figure_5": figure_5(cases),
         "figure_6": two_levels.figure_6(found),

@@ -7,6 +7,7 @@ from .iterations import (
     gain_over_iterations as gain_over_iterations,
 )
 from .plane import Disc as Disc, Drawn as Drawn, Panel as Panel, plane as plane
+from .schemes import figure_1 as figure_1, figure_2 as figure_2, figure_3 as figure_3
 from .stages import controls_over_stages as controls_over_stages
 from .two_levels import (
     figure_6 as figure_6,

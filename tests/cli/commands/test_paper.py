@@ -31,10 +31,10 @@ def test_paper_certifies_both_cars_and_shows_the_slips(tmp_path, monkeypatch):
     assert "368.1893" in text
     assert "rho = 0" in text
     drawn = {path.name for path in tmp_path.glob("*.png")}
-    numbered = {f"figure_{number}.png" for number in (4, 5, 6)}
+    numbered = {f"figure_{number}.png" for number in range(1, 7)}
     free = {"without_obstacles_paths.png", "without_obstacles_controls.png"}
     assert drawn == numbered | free | {"equation_21.png", "theorem_IV_1.png"}
-    assert len(list(tmp_path.rglob("*.png"))) == 15
+    assert len(list(tmp_path.rglob("*.png"))) == 18
     for case in data["around"].values():
         assert case["discs_certified"]
         assert all(case["legs_certified"])
