@@ -28,7 +28,9 @@ from ann_dc.scale import Scale
 NEARLY = 0.05
 """Span over straying below which the ends of a state nearly meet."""
 WIDEST = 10.0
-"""Scale over the distance of two bounds, at most: a map that explodes along the line says more."""
+"""Scale of a state over the distance of its bounds, at most, if the map explodes on the line."""
+MOST = 1e4
+"""The same for controls, whose scales grow with the number of stages."""
 ROUNDS = 3
 """How often controls and scales are fitted to each other; the second round changes little."""
 
@@ -150,7 +152,7 @@ def straight_line(problem: OptimalControlProblem) -> StraightLine:
     Parameters
     ----------
     problem : OptimalControlProblem
-        What holds controls without effect does not count.
+        Inputs that hold controls without effect do not count.
     """
     with np.errstate(all="ignore"):
         problem = problem.with_inputs(**{HOLD.format(c): 0.0 for c in problem.held})
@@ -197,8 +199,8 @@ class _Path:
             scale = self._straying(scale)
             self._look(self.controls(scale))
         widest = WIDEST * widths(self.problem.bounds, self.problem.states)
-        scales = self._scales(np.minimum(self._in_common(scale), widest))
-        return StraightLine(q=self.q, u=self.u, scales=scales)
+        scale = np.minimum(self._in_common(scale), widest)
+        return StraightLine(q=self.q, u=self.u, scales=self._scales(scale))
 
     @property
     def _from(self) -> np.ndarray:
@@ -260,10 +262,9 @@ class _Path:
         return _finite(price)
 
     def controls(self, scale: np.ndarray) -> np.ndarray:
-        """Controls that take q_k to q_{k+1} as nearly as one least-squares step says.
+        """Return controls that take q_k to q_{k+1} as nearly as one least-squares step says.
 
-        States are measured in their scales, controls by what they cost. The cheapest ones where
-        the map has no finite value.
+        States are measured in their scales, controls by their cost. The cheapest, if f is infinite.
         """
         if not np.isfinite(self.gap).all():
             return self.cheapest
@@ -296,7 +297,7 @@ class _Path:
         return self._of_given(np.where(moved, mean, np.where(span > 0, span, scale)))
 
     def _shared_factor(self, scale: np.ndarray) -> float:
-        """What makes the largest motion over its scale one; motion is span, or else a guess."""
+        """Return what makes the largest motion over its scale one: span, or else a guess."""
         drift = np.abs(_finite(self.gap)).sum(axis=1)
         pulled = (self._variance(scale) * np.abs(self.slope[:, 1:])).max(axis=1)
         start = np.abs(self.q[:, 0])
@@ -322,7 +323,7 @@ class _Path:
         typical = np.median(price[acts] / effect[acts]) if acts.any() else 1.0
         by_price = np.where(np.isfinite(price), typical / price, 1.0)
         control = np.where(acts, 1.0 / np.where(acts, effect, 1.0), by_price)
-        control = np.minimum(control, WIDEST * widths(self.problem.bounds, self.problem.controls))
+        control = np.minimum(control, MOST * widths(self.problem.bounds, self.problem.controls))
         return Scales(
             states=tuple(map(Scale, scale.tolist(), self.problem.ends[0].tolist())),
             controls=tuple(
