@@ -35,7 +35,7 @@ BAD = {
     "unknown step": (["solve", *RECURRENT, "--step", "long"], "or adaptive, got 'long'"),
     "half a step": (["solve", *RECURRENT, "--limit", "2.5"], "a whole number of steps, got 2.5"),
     "no steps": (["solve", *RECURRENT, "--limit", "0"], "--limit: expected a positive number"),
-    "unknown form": (["solve", "car", "--form", "S99"], "corrected, printed, S1"),
+    "unknown form": (["solve", "car", "--form", "S99"], "printed-example, S1"),
     "unknown start": (["solve", "car", "--start", "here"], "line, zero, random"),
     "no limit": (["solve", "car", "--limit", "nan"], "--limit: expected a positive number"),
 }

@@ -44,7 +44,7 @@ BAD = {
     "no scale": (["show", "car", "--set", "scale.x=0"], "scales[x]: expected a positive finite"),
     "word as scale": (["show", "car", "--set", "scale.x=far"], "scale.x: expected a finite number"),
     "scale of nothing": (["show", "car", "--set", "scale.z=3"], "none of x, y, phi, varphi, nu"),
-    "unknown form to show": (["show", "car", "--form", "x"], "corrected, printed, S1"),
+    "unknown form to show": (["show", "car", "--form", "x"], "printed-example, S1"),
 }
 
 
