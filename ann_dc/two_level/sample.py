@@ -100,6 +100,18 @@ def rows_of(network: Network) -> Rows:
     )
 
 
+class _Blocks(NamedTuple):
+    """Entries of the Jacobian inside stages, and their places in a block a stage."""
+
+    inside: np.ndarray
+    """(nnz,) booleans: which entries."""
+    stage: np.ndarray
+    row: np.ndarray
+    column: np.ndarray
+    slot: np.ndarray
+    """(L,) rows of the lower neurons in the block of their stage."""
+
+
 class Sample:
     """A network with its inputs.
 
@@ -165,20 +177,24 @@ class Sample:
         drives : (L,) array
             Of the lower level.
         """
-        inside, stage, row, column, slot, size = self._blocks
-        blocks = np.broadcast_to(np.eye(size), (self.network.stages, size, size)).copy()
-        blocks[self.stage, slot, slot] = 0.0
-        blocks[stage, row, column] = self.compiled.jacobian_entries(x)[inside]
+        of, size = self._blocks, self._size
+        blocks = np.repeat(np.eye(size)[None], self.network.stages, axis=0)
+        blocks[self.stage, of.slot, of.slot] = 0.0
+        blocks[of.stage, of.row, of.column] = self.compiled.jacobian_entries(x)[of.inside]
         right = np.zeros((self.network.stages, size, 1))
-        right[self.stage, slot, 0] = -drives
+        right[self.stage, of.slot, 0] = -drives
         try:
-            return np.linalg.solve(blocks, right)[self.stage, slot, 0]
+            return np.linalg.solve(blocks, right)[self.stage, of.slot, 0]
         except np.linalg.LinAlgError:
             return np.full(len(self.lower), np.nan)
 
     @cached_property
-    def _blocks(self) -> tuple[np.ndarray, ...]:
-        """Entries of the Jacobian inside stages: which, and where they stand in the blocks."""
+    def _size(self) -> int:
+        """Largest number of lower neurons of a stage."""
+        return int(self._blocks.slot.max()) + 1
+
+    @cached_property
+    def _blocks(self) -> _Blocks:
         place = np.full(self.network.size, -1)
         order = np.argsort(self.stage, kind="stable")
         first = np.searchsorted(self.stage[order], self.stage[order])
@@ -189,7 +205,7 @@ class Sample:
         stage = self.network.places[:, 1]
         inside = (place[row] >= 0) & (place[column] >= 0) & (stage[row] == stage[column])
         row, column = row[inside], column[inside]
-        return inside, stage[row], place[row], place[column], slot, int(slot.max()) + 1
+        return _Blocks(inside, stage[row], place[row], place[column], slot)
 
     def newton_step(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
         """Return the Newton step (n,) of the whole network; no numbers where there is none."""

@@ -43,11 +43,11 @@ def figure_4(cases: Sequence[Around]) -> Figure:
     Paper, Figure 4 and section IV.C.
     """
     problem = cases[0].discs.problem
-    first, last = (tuple(map(float, end[:2])) for end in (problem.q_0, problem.q_d))
+    (x_0, y_0), (x_d, y_d) = (end[:2].tolist() for end in problem.ends)
     return plane(
         [panel for case in cases for panel in _panels(case, _paths(case))],
-        start=first,
-        target=last,
+        start=(x_0, y_0),
+        target=(x_d, y_d),
         unit=problem.unit("x"),
         title="Figure 4. Paths among obstacles; room: from a segment to the nearest obstacle",
         columns=COLUMNS,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -55,10 +57,10 @@ def figure_1(*, D: Positive = 1.0, phi: Finite = 0.5, varphi: Finite = 0.45) -> 
     _arrow(axes, rear, rear + 0.45 * D * ahead, BLUE)
     _angle(axes, rear, 0.5 * D, (0.0, phi), "phi")
     _angle(axes, front, 0.5 * D, (phi, phi + varphi), "varphi")
-    axes.text(*(rear - 0.12 * D * (ahead - aside)), "(x, y)", ha="right", va="center")
-    axes.text(*(0.42 * D * ahead - 0.12 * D * aside), "nu", color=BLUE, ha="center")
-    axes.text(*(front + 0.74 * D * turned), "eta turns varphi", color=GREEN, va="bottom")
-    axes.text(*(0.62 * D * ahead + 0.08 * D * aside), f"D = {D:g} m", ha="right", va="bottom")
+    _label(axes, rear - 0.12 * D * (ahead - aside), "(x, y)", INK, ha="right", va="center")
+    _label(axes, 0.42 * D * ahead - 0.12 * D * aside, "nu", BLUE, ha="center")
+    _label(axes, front + 0.74 * D * turned, "eta turns varphi", GREEN, va="bottom")
+    _label(axes, 0.62 * D * ahead + 0.08 * D * aside, f"D = {D:g} m", INK, ha="right", va="bottom")
     axes.set_xlim(-0.8 * D, 2.3 * D)
     axes.set_ylim(-0.55 * D, 1.45 * D)
     axes.set_aspect("equal")
@@ -187,7 +189,11 @@ def _angle(axes: Axes, at: np.ndarray, radius: float, between, name: str) -> Non
     )
     middle = 0.5 * sum(between)
     place = at + 1.12 * radius * np.array([np.cos(middle), np.sin(middle)])
-    axes.text(*place, name, color=VERMILION, va="center")
+    _label(axes, place, name, VERMILION, va="center")
+
+
+def _label(axes: Axes, at: np.ndarray, text: str, colour: str, **style: Any) -> None:
+    axes.text(float(at[0]), float(at[1]), text, color=colour, **style)
 
 
 def _wheel(at: np.ndarray, angle: float, base: float) -> Polygon:
