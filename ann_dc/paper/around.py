@@ -26,13 +26,13 @@ from ann_dc.solver import solve
 SIGHT = 0.6
 """How near an obstacle is when it appears, in m: less than from node to node of T_0."""
 RADIUS = 0.25
-"""Of the obstacles, in m."""
+"""Radius of the obstacles, in m."""
 LEG = 3
 """Stages of the way to q_obs + delta."""
 CHECKED = 0.0, 1 / 3, 2 / 3
 """Points between one node and the next that are kept off the obstacles, as shares of the way."""
 APART = 0.36
-"""How far they are kept from the centres, in m: what lies between them is then clear, too."""
+"""Distance of these points from the centres, in m; segments between them are clear, too."""
 
 
 class Piece(NamedTuple):

@@ -42,7 +42,7 @@ SHARE = 0.5
 ROUNDS = 20
 """Outer iterations of every plan that are shown."""
 FIXED_ROUNDS = 80
-"""Of one fixed gain, in which (21) is shown."""
+"""Outer iterations of one fixed gain, in which (21) is shown."""
 NEWTON_ROUNDS = 25
 TRIED = np.geomspace(1e-3, 10.0, 41)
 NEAR = 0.1

@@ -27,17 +27,17 @@ class Rows(NamedTuple):
     """Places of a state vector, each (n,) booleans."""
 
     lower: np.ndarray
-    """Of q, u and mu."""
+    """Neurons q, u and mu."""
     v: np.ndarray
-    """Of q and u: v_k of the paper."""
+    """Neurons q and u: v_k of the paper."""
     mu: np.ndarray
-    """Of mu."""
+    """Neurons mu."""
     t: np.ndarray
-    """Of t."""
+    """Neurons t."""
     beta: np.ndarray
-    """Of beta."""
+    """Neurons beta."""
     chain: np.ndarray
-    """Of q and t, whose moves a Newton step bounds."""
+    """Neurons q and t, whose moves a Newton step bounds."""
 
 
 def check_problem(problem: OptimalControlProblem) -> None:

@@ -15,7 +15,7 @@ from ann_dc.plotting.paper.stages import controls_over_stages
 from ann_dc.plotting.style import BLUE, GREEN, INK, ORANGE, VERMILION, with_unit
 
 COLUMNS = 3
-"""As printed, with legs, with discs."""
+"""Panels of a case: as printed, with legs, with discs."""
 FREE = "T_0, planned without obstacles"
 PLANNED = "T_0, T_1, ... as far as they are driven (IV.C)"
 LEAP = "to q_obs + delta: printed without a plan"
