@@ -45,35 +45,51 @@ def demanded(found: MetricDemand | None) -> str:
     return f"; demands a lag below {found.lag:.1e} and weights within {found.error:.2g}"
 
 
-def measured(name: str, kind: Kind, horizon: int | None) -> Figure:
-    """One circuit."""
+def measured(name: str, kind: Kind, horizon: int | None) -> tuple[Figure, tuple[float, float]]:
+    """One circuit, and by what parts of ngspice's the emulated settling time and error differ."""
     network = with_metric(name, kind, horizon)
     backend, circuit, probe = prepared(network)
     told = predict(circuit, backend.level, probe)
     deck = backend.deck(circuit, probe, {})
     parts = [(OP_AMP, "op amps"), (RESISTOR, "R"), (NEGATIVE, "negative R"), (CAPACITOR, "C")]
     count = ", ".join(f"{deck.parts[part]} {word}" for part, word in parts if part in deck.parts)
+    apart = (np.nan, np.nan)
     try:
         run = backend.measure(circuit, deck, probe)
         settling = f"{1e6 * run.settling_time():.1f} us" if run.settled() else "does not settle"
         error = f"{run.control_error:.1e}"
+        apart = (
+            abs(told.settling_time / run.settling_time() - 1),
+            abs(told.control_error / run.control_error - 1),
+        )
     except SpiceTimeoutError:
         settling = error = f"not done in {PATIENCE:.0f} s"
     soon = np.isfinite(told.settling_time)
     when = f"{1e6 * told.settling_time:.1f} us" if soon else "not in 30000 steps"
-    return Figure(
+    figure = Figure(
         name=f"{name}, {kind.value}, N = {network.stages}",
         value=settling,
         remark=f"emulated {when}; error {error}, emulated {told.control_error:.1e}; {count}; "
         f"margin {circuit.scaling.margin:.0f}" + demanded(metric_demand(network, probe.final)),
     )
+    return figure, apart
 
 
 def figures() -> Iterator[Figure]:
-    """Every figure."""
+    """One a circuit; the last compares emulation and ngspice over all of them."""
+    differences = []
     for name, horizon in PLANTS.items():
         for kind in KINDS:
-            yield measured(name, kind, horizon)
+            figure, apart = measured(name, kind, horizon)
+            differences.append(apart)
+            yield figure
+    settling, error = 100 * np.array(differences).T
+    yield Figure(
+        name=f"emulated settling time against ngspice, {len(differences)} circuits of op amps",
+        value=f"within {np.nanmax(settling):.2g} %, median {np.nanmedian(settling):.2g} %",
+        remark=f"error of the controls: within {np.nanmax(error):.2g} %, "
+        f"median {np.nanmedian(error):.2g} %; {np.isfinite(settling).sum()} simulated",
+    )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
 """Run benches and write what they measured into README.md here. ``make bench``.
 
-Every bench runs in a process of its own and renews its own section, with the date and the kind of
-machine; the other sections keep what they say. ``make bench BENCHES="kernel circuits"`` runs two,
-and ``BENCHES=preset_circuits:cart,car`` renews the rows of two names in the section of one.
+Every bench runs in a process of its own and renews its own section, with date, commit and the kind
+of machine; the other sections keep what they say. ``make bench BENCHES="kernel circuits"`` runs
+two, and ``BENCHES=preset_circuits:cart,car`` renews the rows of two names in the section of one.
+The project's README quotes some rows; they are renewed with their sections.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ import importlib
 import multiprocessing
 import os
 import platform
+import re
+import subprocess
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -21,6 +24,10 @@ from pathlib import Path
 from bench.figure import Figure
 
 README = Path(__file__).with_name("README.md")
+FRONT = Path(__file__).parents[2] / "README.md"
+"""Page that quotes rows."""
+WRITTEN = "tests/bench/README.md", "README.md"
+"""Files that recording itself changes."""
 BENCHES = (
     "kernel",
     "metrics",
@@ -70,6 +77,18 @@ def machine() -> str:
     return f"{cores} cores ({platform.machine()}, {platform.system()}), Python {version}"
 
 
+def commit() -> str:
+    """Return the commit that is measured; a note where files differ from it."""
+
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", *words], capture_output=True, text=True, cwd=FRONT.parent)
+        return done.stdout.rstrip() if done.returncode == 0 else ""
+
+    changed = {line[3:] for line in git("status", "--porcelain", "-uno").splitlines()}
+    name = git("rev-parse", "--short=7", "HEAD") or "an unpacked copy"
+    return f"{name} with changes" if changed - set(WRITTEN) else name
+
+
 def section(title: str, figures: Sequence[Figure], when: str) -> str:
     """Heading, when and where, and the table."""
     rows = map(row, figures)
@@ -91,11 +110,43 @@ def patched(text: str, name: str, figures: Sequence[Figure], when: str) -> str:
     >>> [line for line in text.splitlines() if "car" in line]
     ['Measured today. cart: later.', '| car | 1 s |  |', '| cart | 3 s |  |']
     """
-    content = text.partition(f"<!-- {name} -->\n")[2].partition(f"\n<!-- end of {name} -->")[0]
-    head, before, table = content.split("\n\n")
+    head, before, table = content_of(text, name).split("\n\n")
     lines = [*table.splitlines(), *map(row, figures)]
     table = "\n".join({line.split(" | ")[0]: line for line in lines}.values())
     return renewed(text, name, "\n\n".join([head, f"{before} {when}", table]))
+
+
+def content_of(text: str, name: str) -> str:
+    """Return the section of a bench, without its marks."""
+    return text.partition(f"<!-- {name} -->\n")[2].partition(f"\n<!-- end of {name} -->")[0]
+
+
+QUOTATION = re.compile(
+    r"^\| (?P<what>.+?) \| .* \| \[(?P<bench>\w+)\]\((?P<page>\S+)\).* \|$", re.M
+)
+"""Row of a table that quotes a bench: its name, figure, remark, and the bench with its page."""
+MEASURED = re.compile(r"^Measured (?P<date>\S+) at (?P<commit>.+?) on ", re.M)
+
+
+def quoting(page: str, text: str) -> str:
+    """Return a page with the rows that it quotes as the sections of ``text`` have them.
+
+    >>> row = Figure(name="car", value="1 s", remark="IPOPT 2 s")
+    >>> bench = renewed("", "kernel", section("Kernel", [row], "Measured 2026-11-27 at 12ab on x."))
+    >>> print(quoting("| car | 3 s | - | [kernel](bench.md) |", bench))
+    | car | 1 s | IPOPT 2 s | [kernel](bench.md), 2026-11-27, 12ab |
+    """
+
+    def renew(match: re.Match[str]) -> str:
+        content = content_of(text, match["bench"])
+        rows = [line for line in content.splitlines() if line.startswith(f"| {match['what']} | ")]
+        measured = MEASURED.search(content)
+        if len(rows) != 1 or measured is None:
+            raise LookupError(f"bench {match['bench']} has no row of the name {match['what']!r}")
+        link = f"[{match['bench']}]({match['page']})"
+        return f"{rows[0]} {link}, {measured['date']}, {measured['commit']} |"
+
+    return QUOTATION.sub(renew, page)
 
 
 def renewed(text: str, name: str, content: str) -> str:
@@ -131,13 +182,14 @@ def main() -> int:
         name, _, rows = asked.partition(":")
         with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
             title, figures, seconds = pool.submit(figures_of, name, rows).result()
-        when = f"{datetime.date.today()} on {machine()}, in {seconds:.0f} s."
+        when = f"{datetime.date.today()} at {commit()} on {machine()}, in {seconds:.0f} s."
         text = README.read_text(encoding="utf-8")
         if rows:
             text = patched(text, name, figures, f"Rows of {rows.replace(',', ', ')}: {when}")
         else:
             text = renewed(text, name, section(title, figures, f"Measured {when}"))
         README.write_text(text, encoding="utf-8")
+        FRONT.write_text(quoting(FRONT.read_text(encoding="utf-8"), text), encoding="utf-8")
         good &= all(figure.good for figure in figures)
     return int(not good)
 

@@ -137,6 +137,7 @@ def figures(
 
 def _shares(kind: str, rows: list[Row]) -> Iterator[Figure]:
     """Figures of the problems of a kind."""
+    kind = f"random problems {kind}"
     count, certified = len(rows), sum(row.certified for row in rows)
     yield Figure(name=f"{kind}: certified", value=f"{certified} of {count}",
                  good=certified >= 157 / 160 * count)  # fmt: skip

@@ -38,12 +38,12 @@ OURS = {
 }
 """Settings of `OdeBackend`, the first of which say when CVODES may end."""
 WIRINGS = {
-    "neighbours only": Kind.TIME_CONSTANTS,
-    "pyramid": Kind.PYRAMID,
-    "grid": Kind.GRID,
-    "tree": Kind.TREE,
+    "network, time constants alone": Kind.TIME_CONSTANTS,
+    "network, pyramid": Kind.PYRAMID,
+    "network, grid": Kind.GRID,
+    "network, tree": Kind.TREE,
 }
-FOR_CVODES = ("neighbours only", "pyramid")
+FOR_CVODES = ("network, time constants alone", "network, pyramid")
 SETTLED = ann_dc.Settling().tolerance * ann_dc.Settling().confirm
 
 

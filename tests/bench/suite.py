@@ -1,9 +1,10 @@
 """The suite: 23 problems x 5 starts, design runs and frozen networks.
 
 Every problem is designed from the line, from zeros, and from three seeded random starts, with
-nothing tuned per problem. A run counts when it settles to a certified second-order KKT point;
-whether its objective is a known optimum or better is counted beside it. The frozen network of the
-line start then runs in continuous time from that start. Failures are listed, not hidden.
+nothing tuned per problem. A run counts when it settles to a certified second-order KKT point.
+Counted beside it: objectives of the best of six IPOPT starts (or cheaper), and those of optima that
+many starts of IPOPT find (or cheaper). The frozen network of the line start then runs in
+continuous time from that start. Failures are listed, not hidden.
 """
 
 import argparse
@@ -19,6 +20,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # two processes share two co
 from bench.figure import Figure, show
 from literature import LITERATURE
 from problems import SUITE
+from reference import best_of
 from rich.console import Console
 from rich.table import Table
 
@@ -27,6 +29,8 @@ from ann_dc.gain_design import Design
 from ann_dc.solution import certificate_of
 
 STARTS = ("line", "zeros", "random 0", "random 1", "random 2")
+
+IPOPT_STARTS = 6
 
 PROBLEMS = SUITE | LITERATURE
 """What may be asked for by name; without names, the suite alone is run."""
@@ -39,7 +43,9 @@ class Row:
     name: str
     designs: tuple[str, ...]
     certified: int
+    best: int
     known: int
+    own: int
     frozen: bool
     objective: float
     ratio: float
@@ -61,16 +67,18 @@ def start(problem, name: str):
 
 
 def is_known(objective: float, optima: tuple[float, ...]) -> bool:
-    """Whether an objective is a known optimum (to the digits of the table) or below the best."""
+    """Whether an objective is one of some optima (to the digits of the table) or below the best."""
     near = any(abs(objective - best) <= 2e-4 * max(abs(best), 0.25) for best in optima)
     return near or objective < min(optima)
 
 
 def measure(name: str) -> Row:
     """Design a problem from every start and run the frozen network of the first."""
-    problem, optima = PROBLEMS[name].problem, PROBLEMS[name].optima
+    entry, problem = PROBLEMS[name], PROBLEMS[name].problem
+    least = best_of(problem, IPOPT_STARTS).objective
     began = time.perf_counter()
-    meaning, certified, known, remark = [], 0, 0, []
+    meaning, remark = [], []
+    certified = best = known = own = 0
     first: Design | None = None
     for label in STARTS:
         network = ann_dc.synthesize(problem, start=start(problem, label))
@@ -79,11 +87,14 @@ def measure(name: str) -> Row:
         found = certificate_of(problem, network, designed.state)
         good = designed.settled and found.second_order and found.kkt_residual < 1e-6
         certified += good
-        known += good and is_known(found.objective, optima)
+        best += good and is_known(found.objective, (least,))
+        is_ipopts = good and is_known(found.objective, entry.optima)
+        is_own = good and not is_ipopts and is_known(found.objective, entry.optima + entry.own)
+        known, own = known + is_ipopts, own + is_own
         meaning.append(f"{found.objective:.4f}" if good else "FAILED")
         if not good:
             remark.append(f"design from {label} failed")
-        elif not is_known(found.objective, optima):
+        elif not (is_ipopts or is_own):
             remark.append(f"{label}: {found.objective:.4f} is not in the table")
     run = ann_dc.OdeBackend(verify=False).run(first.network)
     end = certificate_of(problem, first.network, run.trajectory.final)
@@ -91,8 +102,8 @@ def measure(name: str) -> Row:
     if not frozen:
         remark.append(f"frozen: {run.status}")
     return Row(
-        name=name, designs=tuple(meaning), certified=certified, known=known, frozen=frozen,
-        objective=end.objective, ratio=first.spectrum.ratio,
+        name=name, designs=tuple(meaning), certified=certified, best=best, known=known, own=own,
+        frozen=frozen, objective=end.objective, ratio=first.spectrum.ratio,
         settling=run.settling_time * first.spectrum.radius,
         predicted=first.predicted_settling() * first.spectrum.radius,
         rehearsed=first.best.settling, steps=run.steps,
@@ -127,7 +138,9 @@ def figures(names: Sequence[str] = tuple(SUITE), processes: int = 2) -> Iterator
     yield Figure(
         name=f"design runs settled and certified, {len(rows)} problems x {len(STARTS)} starts",
         value=f"{certified} of {len(STARTS) * len(rows)}",
-        remark=f"{sum(r.known for r in rows)} at a known optimum or better",
+        remark=f"best of {IPOPT_STARTS} IPOPT starts or cheaper {sum(r.best for r in rows)}, "
+        f"another optimum that IPOPT finds {sum(r.known - r.best for r in rows)}, "
+        f"one that the network found first {sum(r.own for r in rows)}",
         good=not whole or certified >= 112,
     )
     yield Figure(

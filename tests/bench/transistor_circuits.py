@@ -44,7 +44,7 @@ def backend_of(area: float = 1) -> SpiceBackend:
 
 def made(plant: str) -> Figure:
     """One plant, with the parts of its drawings."""
-    backend, name = backend_of(), f"{plant}: error"
+    backend, name = backend_of(), f"transistors, {plant}: error"
     try:
         circuit, probe = backend.prepare(network_of(plant))
         said, began = predict(circuit, backend.level, probe), time.perf_counter()
@@ -59,7 +59,7 @@ def made(plant: str) -> Figure:
     return Figure(
         name=name,
         value=f"{run.control_error:.2e}",
-        remark=f"emulated {said.control_error:.2e} ({off:+.1%}); settled after "
+        remark=f"matched parts; emulated {said.control_error:.2e} ({off:+.1%}); settled after "
         f"{1e6 * run.settling_time():.4g} us, emulated {1e6 * said.settling_time:.4g}; "
         f"{1e6 * cost.energy:.2g} uJ a solve; {seconds:.0f} s",
         good=run.settled() and abs(off) < OFF,
@@ -74,7 +74,7 @@ def at_the_ends(plant: str) -> Figure:
     errors = [corner.control_error for corner in found]
     times = [1e6 * corner.settling_time for corner in found]
     return Figure(
-        name=f"{plant}: error from -40 to 125 C, supplies 10 % up and down",
+        name=f"transistors, {plant}: error from -40 to 125 C, supplies 10 % up and down",
         value=f"{max(errors):.2e}",
         remark=f"at most; {min(errors):.2e} at least; settled after {min(times):.4g} to "
         f"{max(times):.4g} us",
@@ -96,7 +96,7 @@ def drawn(plant: str, area: float, *, gates: bool = True) -> Figure:
     settling = int(np.isfinite(errors).sum())
     said = predict(circuit, backend.level, probe)
     return Figure(
-        name=f"{plant}: {DRAWN} with {sizes}, {area} times the area",
+        name=f"transistors, {plant}: {DRAWN} with {sizes}, {area} times the area",
         value=f"{np.nanmedian(errors):.2%}",
         remark=f"median; 90 % below {np.nanquantile(errors, 0.9):.2%}; {settling} settle; "
         f"without {said.control_error:.2%}, after {1e6 * said.settling_time:.4g} us",
