@@ -112,12 +112,12 @@ def around(plans: Plans, problem: OptimalControlProblem, progress: Progress = si
     progress : Progress
     """
     printed = driven(plans)
-    legs = []
+    short, legs = problem.with_horizon(LEG), []
     for before, after in pairwise(printed):
         progress(f"{plans.case.name}: leg {len(legs) + 1}")
         ends = (before.q[:, -1], after.q[:, 0])
         q_0, q_d = (tuple(end.tolist()) for end in ends)
-        legs.append(solve(replace(problem, q_0=q_0, q_d=q_d, horizon=LEG)))
+        legs.append(solve(short.with_inputs(q_0=q_0, q_d=q_d)))
     progress(f"{plans.case.name}: discs as constraints")
     return Around(
         plans=plans,

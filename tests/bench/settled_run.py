@@ -38,12 +38,12 @@ OURS = {
 }
 """Settings of `OdeBackend`, the first of which say when CVODES may end."""
 WIRINGS = {
-    "network, time constants alone": Kind.TIME_CONSTANTS,
-    "network, pyramid": Kind.PYRAMID,
-    "network, grid": Kind.GRID,
-    "network, tree": Kind.TREE,
+    "settled run of the car, time constants alone": Kind.TIME_CONSTANTS,
+    "settled run of the car, pyramid": Kind.PYRAMID,
+    "settled run of the car, grid": Kind.GRID,
+    "settled run of the car, tree": Kind.TREE,
 }
-FOR_CVODES = ("network, time constants alone", "network, pyramid")
+FOR_CVODES = ("settled run of the car, time constants alone", "settled run of the car, pyramid")
 SETTLED = ann_dc.Settling().tolerance * ann_dc.Settling().confirm
 
 
@@ -70,7 +70,7 @@ def contestants(problem) -> Iterator[tuple[str, Contestant]]:
         if wiring in FOR_CVODES:
             yield from ((wiring, one) for one in integrators(network, runs[0][1], SETTLED))
     objective = ann_dc.solve(problem).certificate.objective
-    yield from (("the problem", one) for one in programs(problem, objective))
+    yield from (("the problem of the car", one) for one in programs(problem, objective))
 
 
 def figures() -> Iterator[Figure]:
