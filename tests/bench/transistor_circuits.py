@@ -1,8 +1,8 @@
 """Circuits of generic transistors: emulated error, temperature and supplies, mismatch and area.
 
 Nothing is fitted to a network: the emulation has the law of one multiplier, found by sweeps of it.
-Plants and corners run in ngspice, with steps that tell settling times to some percent; mismatch is
-emulated. Seconds are those of one run, at the machine's load.
+Plants and corners run in ngspice; where its finer steps take more than two minutes, settling times
+are those of coarser ones. Mismatch is emulated. Seconds are those of one run.
 """
 
 import time
@@ -11,11 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 from bench.figure import Figure, show
-from bench.preset_circuits import PATIENCE, PLANTS, network_of
+from bench.preset_circuits import PLANTS, network_of
 from by_hand import BY_HAND
 
 from ann_dc.backends.spice import SpiceBackend, simulate
-from ann_dc.backends.spice.ngspice import Ngspice
 from ann_dc.errors import AnnDcError
 from ann_dc.fidelity import Specimen, predict, settled_error, specimens
 from ann_dc.fidelity.boards import corners
@@ -37,9 +36,8 @@ DRAWN = 20
 
 
 def backend_of(area: float = 1) -> SpiceBackend:
-    """What makes circuits of transistors, and has the time that their runs take."""
-    level = TRANSISTOR if area == 1 else transistor(area=area)
-    return SpiceBackend(level=level, simulator=Ngspice(timeout=PATIENCE))
+    """Return what makes circuits of transistors with matched gates of an area."""
+    return SpiceBackend(level=TRANSISTOR if area == 1 else transistor(area=area))
 
 
 def made(plant: str) -> Figure:
