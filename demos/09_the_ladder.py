@@ -6,7 +6,7 @@ Answer:   every level settles at the optimum. Real parts are wrong by 0.1 to 12 
           and multipliers decide, not gain or bandwidth; resistors from the E96 series alone cost
           5 %, because every cell repeats the same error. A network of matched transistors is 0.3 %
           off (7 % in the median with the mismatch of the smallest gates), within 0.1 % of its end
-          after 15 us, at 42 uJ a solve; fatrop takes 0.6 ms on a CPU, to eight digits. The emulator
+          after 15 us, at 42 uJ a solve; fatrop takes 0.7 ms on a CPU, to eight digits. The emulator
           predicts op amps to a few tenths of a per cent, transistors to a few per cent.
 Figure:   out/demos/09_the_ladder.png
 """

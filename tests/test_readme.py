@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import typer.main
+from bench.record import QUOTATION, quoting
 
 from ann_dc.cli import app
 
@@ -96,11 +97,10 @@ def test_the_readme_is_read_to_the_end():
     assert len(text_of(README).splitlines()) <= 130
 
 
-def test_quoted_figures_are_in_the_table_of_measured_ones():
-    rows = [row for row in text_of(README).splitlines() if row.startswith("| ")]
-    quoted = rows[rows.index("| what | figure |") + 1 :]
-    assert len(quoted) >= 10
-    assert set(quoted) <= set(text_of(BENCH).splitlines())
+def test_quoted_figures_are_rows_of_the_benches():
+    page = text_of(README)
+    assert len(QUOTATION.findall(page)) >= 10
+    assert quoting(page, text_of(BENCH)) == page
 
 
 def test_every_demo_and_every_picture_is_in_the_gallery():
