@@ -71,8 +71,7 @@ def _times(solution: Solution, recurrence: str | None) -> dict[str, str]:
         if recurrence is not None:
             times["settling steps"] = f"{run.settling_steps} recurrent steps of {run.steps} done"
         times["verified"] = run.verified
-    if design is not None and design.settled:
-        predicted = design.predicted_settling()
+    if design is not None and (predicted := solution.predicted_settling) is not None:
         continuous = "" if recurrence is None else ", in continuous time"
         times["predicted"] = told(predicted, predicted * design.spectrum.radius) + continuous
     return times

@@ -160,7 +160,6 @@ class Solution(Record):
         """q (N+1, n), u (N, m), t, mu and beta (N, n) in the user's units; for reading only.
 
         And z (N, rows), where there are inequalities; z_end (N, rows) counts in the last stage.
-
         Unlike ``solution[name]``, where a state or control called ``u`` goes first, a name here is
         always that of a population.
 
@@ -204,11 +203,12 @@ class Solution(Record):
         return self._by_name[name]
 
     @property
-    def _predicted(self) -> float | None:
-        """Settling time that the spectrum predicts; None without a point that attracts."""
-        if self.design is None or not self.design.settled:
+    def predicted_settling(self) -> float | None:
+        """Settling time from the spectrum; None without a point that attracts, or of a misprint."""
+        design, form = self.design, self.equations.form
+        if design is None or not design.settled or form != form.designable:
             return None
-        predicted = self.design.predicted_settling()
+        predicted = design.predicted_settling()
         return predicted if np.isfinite(predicted) else None
 
     @checked
@@ -280,7 +280,7 @@ class Solution(Record):
             "steps": self.run.steps,
             "settling_steps": self.run.settling_steps,
             "settling_verified": self.run.verified,
-            "predicted_settling_time": self._predicted,
+            "predicted_settling_time": self.predicted_settling,
             "dt": self.step_length,
             "total_time": self.total_time,
             "units": {**self.problem.units, "time": self.problem.time_unit},
@@ -299,8 +299,8 @@ class Solution(Record):
                 f"settling to tolerance  {self.settling_in_fastest_time_constants:.0f} fastest "
                 f"time constants = {self.settling_time:.4g} unit time constants"
             )
-        if self._predicted is not None:
-            lines.append(f"predicted              {self._predicted:.4g} unit time constants")
+        if (predicted := self.predicted_settling) is not None:
+            lines.append(f"predicted              {predicted:.4g} unit time constants")
         lines.append(f"certified              {'yes' if self.certified else 'no'}: {self.verdict}")
         return "\n".join(lines)
 

@@ -30,7 +30,7 @@ from ann_dc.two_level.lyapunov import Lyapunov, lyapunov_of
 class OracleGain:
     """lambda = share |B/A| of (21), (33), from the solution; for studies only.
 
-    A step of lambda lowers Theta for 0 < lambda < -B/A only, and B is seldom negative; the rule is
+    A step of lambda lowers Theta for 0 < lambda < -B/A only, and B is often positive; the rule is
     run as it is printed, with the absolute value. Where B < 0, a share of 1/2 lowers Theta most,
     and a share of 1 leaves it as it is. Where B >= 0 no lambda lowers it.
 

@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 
 import ann_dc
+from ann_dc.decomposition import switch
 from ann_dc.optimality import Complementarity
 from ann_dc.report import report_table, write_solution
 
@@ -28,6 +29,18 @@ def test_the_report_names_what_decides(solution):
     assert "recurrence" not in text
     assert "relative, in the problem's natural scales (constraints" in " ".join(text.split())
     assert "in the problem's units" not in text
+
+
+def test_a_misprint_has_no_predicted_settling(solution):
+    """Gains are designed for the corrected equations, whose spectrum says nothing of others."""
+    assert solution.predicted_settling == solution.design.predicted_settling()
+    printed = ann_dc.solve(solution.problem, form=switch("S4"))
+    assert printed.design.settled
+    assert printed.predicted_settling is None
+    console = Console(width=120, color_system=None)
+    with console.capture() as capture:
+        console.print(report_table(printed))
+    assert "predicted" not in capture.get()
 
 
 def test_inequalities_are_told_where_there_are_any(solution, tmp_path):

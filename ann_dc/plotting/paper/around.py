@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ann_dc.hints.checked import checked
-from ann_dc.paper.around import RADIUS, Around, obstacles, whole
+from ann_dc.paper.around import APART, RADIUS, Around, obstacles, whole
 from ann_dc.plotting.paper.plane import Disc, Drawn, Panel, plane
 from ann_dc.plotting.paper.stages import controls_over_stages
 from ann_dc.plotting.style import BLUE, GREEN, INK, ORANGE, VERMILION, with_unit
@@ -49,7 +49,8 @@ def figure_4(cases: Sequence[Around]) -> Figure:
         start=(x_0, y_0),
         target=(x_d, y_d),
         unit=problem.unit("x"),
-        title="Figure 4. Paths among obstacles; room: from a segment to the nearest obstacle",
+        title=f"Figure 4. Paths among obstacles of radius {RADIUS:g} m; room: from a segment to an "
+        f"edge; constraints keep nodes and points between them {APART:g} m from centres",
         columns=COLUMNS,
     )
 

@@ -88,7 +88,7 @@ def gain_over_iterations(
                 if values is not None:
                     axes.plot(j, drawable(values), **style)
             _signed(column[2], j, drawable(curve.B), curve.colour)
-        column[-1].set_xlabel("outer iteration j (1)")
+        column[-1].set_xlabel("outer iteration j")
         if max(len(curve.gain) for curve in curves) > LONG:
             column[-1].set_xscale("log")
         else:
@@ -155,7 +155,7 @@ def definitions(curves: Annotated[Sequence[Curves], NotEmpty()], *, title: str =
     for axes in (b, change):
         axes.axhline(0.0, color=GREY, lw=0.8, zorder=1)
     for axes in (bound, change):
-        axes.set_xlabel("outer iteration j (1)")
+        axes.set_xlabel("outer iteration j")
     headline(figure, title)
     legend_below(figure)
     return figure
@@ -197,7 +197,7 @@ def following(
     quotients.set_ylabel("error / |e_t, e_beta| (1)")
     quotients.set_ylim(bottom=0)
     for axes in (errors, quotients):
-        axes.set_xlabel("outer iteration j (1)")
+        axes.set_xlabel("outer iteration j")
         quiet(axes)
     headline(figure, title)
     legend_below(figure)

@@ -53,13 +53,17 @@ def figure_1(*, D: Positive = 1.0, phi: Finite = 0.5, varphi: Finite = 0.45) -> 
     _dashed(axes, rear, (0.75 * D, 0.0))
     _dashed(axes, front, 0.56 * D * ahead)
     turned = np.array([np.cos(phi + varphi), np.sin(phi + varphi)])
-    _arrow(axes, front, front + 0.7 * D * turned, GREEN)
+    _dashed(axes, front, 0.7 * D * turned)
     _arrow(axes, rear, rear + 0.45 * D * ahead, BLUE)
     _angle(axes, rear, 0.5 * D, (0.0, phi), "phi")
     _angle(axes, front, 0.5 * D, (phi, phi + varphi), "varphi")
     _label(axes, rear - 0.12 * D * (ahead - aside), "(x, y)", INK, ha="right", va="center")
-    _label(axes, 0.42 * D * ahead - 0.12 * D * aside, "nu", BLUE, ha="center")
-    _label(axes, front + 0.74 * D * turned, "eta turns varphi", GREEN, va="bottom")
+    _label(axes, 0.3 * D * ahead - 0.12 * D * aside, "nu", BLUE, ha="center")
+    turning = np.array([np.cos(phi + varphi + 0.3), np.sin(phi + varphi + 0.3)])
+    style = {"arrowstyle": "-|>", "color": GREEN, "lw": 1.3, "connectionstyle": "arc3,rad=0.15"}
+    ends = (front + 0.62 * D * turned, front + 0.62 * D * turning)
+    axes.annotate("", tuple(ends[1]), tuple(ends[0]), arrowprops=style)
+    _label(axes, front + 0.74 * D * turned, "eta: rate of varphi", GREEN, va="bottom")
     _label(axes, 0.62 * D * ahead + 0.08 * D * aside, f"D = {D:g} m", INK, ha="right", va="bottom")
     axes.set_xlim(-0.6 * D, 2.2 * D)
     axes.set_ylim(-0.45 * D, 1.35 * D)
@@ -133,7 +137,7 @@ def figure_3(problem: OptimalControlProblem) -> Figure:
     last = problem.horizon - 1
     width = COLUMNS[-1] + 2.0
     _box(axes, 0.0, 2.6, "", width=width, height=1.0)
-    axes.text(width / 2, 3.36, "upper level: coordinator, (14), (15), (17)", ha="center")
+    axes.text(width / 2, 3.36, "upper level: coordinator, (14), (15), (17) corrected", ha="center")
     axes.text(
         width / 2, 2.9, r"$t_k \leftarrow t_k + \lambda_t(\mu_k + \beta_{k+1})$"
         r"$\qquad \beta_k \leftarrow \beta_k + \lambda_\beta(q_k - t_{k-1})$", ha="center",

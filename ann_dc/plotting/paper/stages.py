@@ -60,7 +60,7 @@ def controls_over_stages(
             quiet(axes)
         column[0].set_title(panel.heading, fontsize=9, loc="left", color=INK)
     for axes in grid[-1]:
-        axes.set_xlabel("stage k (1)")
+        axes.set_xlabel("stage k")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     for axes, others in zip(grid[:, 0], grid[:, 1:]):
         low, high = axes.get_ylim()

@@ -51,7 +51,7 @@ def figure_6(found: Iterations) -> Figure:
             for m, colour in zip(range(len(plans.starts)), COLOURS)
         ]
     columns["what settles: T_0"] = [
-        _curves(f"two gains: {_needed(found.gradient)}", found.gradient, None, 0, SKY),
+        _curves(f"two gains (λ of t): {_needed(found.gradient)}", found.gradient, None, 0, SKY),
         _curves(f"Newton's method: {_needed(found.newton)}", found.newton, None, 0, PURPLE),
     ]
     letter = found.letter
@@ -59,10 +59,12 @@ def figure_6(found: Iterations) -> Figure:
         _curves("T_0 as printed, A and B as they are", letter, _known(letter), 0, INK),
         _curves("T_0 as printed, A and B of (20), (21)", letter, letter.printed_lyapunov, 0, GREY),
     ]
+    ends = np.concatenate([plans.run.outer_iterations for plans in found.cases])
+    settled = f"{(ends >= 0).sum()} of {len(ends)} plans settle"
     return gain_over_iterations(
         columns,
-        title=f"Figure 6. λ = {SHARE:g} |B/A| (33), which seldom settles; gains and steps that do; "
-        "(28)-(30) as printed",
+        title=f"Figure 6. λ = {SHARE:g} |B/A| (33), with which {settled}; gains and steps that "
+        "settle; (28)-(30) as printed",
     )
 
 

@@ -24,7 +24,7 @@ def test_a_column_a_case_with_the_third_iteration():
         assert [line.get_xdata()[0] for line in marked] == [3]
         assert one.get_yscale() == "log"
     assert [one.get_ylabel()[0] for one in axes[::2]] == ["λ", "A", "|", "Θ"]
-    assert all(one.get_xlabel() == "outer iteration j (1)" for one in axes[6:])
+    assert all(one.get_xlabel() == "outer iteration j" for one in axes[6:])
 
 
 def test_what_is_foretold_stands_beside_what_theta_did():

@@ -32,4 +32,4 @@ def test_what_runs_away_does_not_hide_the_rest():
 def test_axes_have_units():
     axes = drawn().axes
     assert [one.get_ylabel() for one in axes[::2]] == LABELS
-    assert all(one.get_xlabel() == "stage k (1)" for one in axes[2:])
+    assert all(one.get_xlabel() == "stage k" for one in axes[2:])
