@@ -87,8 +87,8 @@ from .study import load_study as load_study
 from .optimality import certify as certify
 from .export import export_network as export_network
 from .export import inspect_export as inspect_export
-from .export.weights import load as load
-from .export.weights import save as save
+from .weights import load as load
+from .weights import save as save
 from .solution import load_solution as load_solution
 
 # measure

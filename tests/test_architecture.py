@@ -299,7 +299,7 @@ def test_the_solver_loads_no_methods_that_few_need():
 
 
 def test_descriptions_and_files_need_no_compiler():
-    script = "from ann_dc.export.weights import load\nfrom ann_dc.network import Network"
+    script = "from ann_dc.weights import load\nfrom ann_dc.network import Network"
     assert "numba" not in loaded_by(script)
 
 

@@ -17,9 +17,9 @@ from minimax import CASES, car
 
 import ann_dc
 from ann_dc.export.reference import reference_vector
-from ann_dc.export.weights import packed_tensors, save, written
 from ann_dc.network import Cell, Connection, Network, Neuron
 from ann_dc.problem import plants
+from ann_dc.weights import packed_tensors, save, written
 
 OLD = Path(__file__).parent / "export" / "weights" / "double_integrator.npz"
 

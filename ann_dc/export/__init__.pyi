@@ -6,9 +6,7 @@ from . import (
     onnx as onnx,
     plain as plain,
     reference as reference,
-    results as results,
     runtimes as runtimes,
-    weights as weights,
 )
 from .catalogue import FORMATS as FORMATS
 from .exporting import (

@@ -10,7 +10,6 @@ import numpy as np
 from rich.table import Table
 
 from ann_dc.diagnosis import Diagnosis
-from ann_dc.export.weights.network_file import save as save_network
 from ann_dc.families.family_design import FamilyDesign
 from ann_dc.gain_design.freeze import Candidate
 from ann_dc.gain_design.procedure import Design
@@ -18,6 +17,7 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
 from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import span, table
+from ann_dc.weights.network_file import save as save_network
 
 SHOWN = 12
 """Candidates in the table, the fastest ones."""

@@ -10,13 +10,13 @@ from ann_dc.backends.curves import write_curves
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.run import Backend
-from ann_dc.export.weights.network_file import save as save_network
 from ann_dc.gain_design.neighbourhood import neighbourhood
 from ann_dc.optimality.complementarity import Complementarity
 from ann_dc.progress import Progress, silent
 from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import named_rows, span, unit_list, verdict_text
 from ann_dc.solution.solution import Solution
+from ann_dc.weights.network_file import save as save_network
 
 
 def report_table(solution: Solution, backend: Backend | None = None) -> Table:

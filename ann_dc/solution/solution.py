@@ -17,7 +17,6 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import UnknownNameError
 from ann_dc.evaluation.populations import kkt_point, neuron_values
-from ann_dc.export.results.saved_result import save_result
 from ann_dc.gain_design.procedure import Design
 from ann_dc.hints.checked import checked
 from ann_dc.hints.words import such_as
@@ -29,6 +28,7 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.free_time.step_length import StepLength, mean_length, stage_times
 from ann_dc.problem.written.written_problem import written
 from ann_dc.records import Record
+from ann_dc.solution.saved_result import save_result
 
 
 @such_as("ann_dc.solve(problem)")

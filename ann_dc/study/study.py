@@ -27,7 +27,6 @@ from ann_dc.study.execution.script import stop_script
 from ann_dc.study.keeping.rows import HEAD, SEED, TAIL, VERSIONS, Point, Row, Value, without_result
 from ann_dc.study.keeping.store import Store
 from ann_dc.study.measuring.metrics import DEFAULT, METRICS, metrics_of
-from ann_dc.study.measuring.yields import ends_of
 from ann_dc.study.planning import tasks
 from ann_dc.study.sampling import Plan, Sampling, plan_of
 from ann_dc.study.table import Table
@@ -43,6 +42,7 @@ from ann_dc.study.varying.settings import (
 )
 from ann_dc.study.varying.subject import Subject, plain, subject_of
 from ann_dc.study.work import Work, versions
+from ann_dc.yields import ends_of
 
 WHOLE = ("problem.N", "seed")
 """Settings that are whole numbers."""

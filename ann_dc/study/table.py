@@ -14,7 +14,8 @@ from ann_dc.errors import PandasMissing, UnknownNameError
 from ann_dc.hints.checked import checked
 from ann_dc.study.keeping.rows import FAILED, LOST, OUTCOME, TIMED_OUT, Row, Value
 from ann_dc.study.keeping.store import Store
-from ann_dc.study.measuring.yields import Limit, Yield, yield_of
+from ann_dc.study.measuring.yields import yield_of
+from ann_dc.yields import Limit, Yield
 
 NO_RESULT = (FAILED, TIMED_OUT, LOST)
 """Outcomes of points that have no result."""

@@ -75,7 +75,7 @@ def test_inputs_outside_the_ranges_are_warned_of(unicycles):
 
 @pytest.mark.slow
 def test_ranges_are_kept_in_a_file(unicycles, tmp_path):
-    from ann_dc.export.weights import load, save
+    from ann_dc.weights import load, save
 
     save(unicycles.network, tmp_path / "n.npz")
     assert load(tmp_path / "n.npz").ranges == unicycles.family.ranges

@@ -18,10 +18,10 @@ from ann_dc.errors import ArgumentError, ExportError, FileFormatError, NetworkEr
 from ann_dc.evaluation.rules import NEAR, size_of
 from ann_dc.export.reference.beside import check_vector, file_of, text_of, vector_of
 from ann_dc.export.reference.vector import VECTOR, EulerWalk, ReferenceVector
-from ann_dc.export.weights.hashes import content_hash
-from ann_dc.export.weights.manifest import read_json
-from ann_dc.export.weights.network_file import packed, unpacked
 from ann_dc.network.network import Network
+from ann_dc.weights.hashes import content_hash
+from ann_dc.weights.manifest import read_json
+from ann_dc.weights.network_file import packed, unpacked
 
 NETWORK = "network.npz"
 

@@ -38,10 +38,10 @@ from ann_dc.export.devices.beside import (
 from ann_dc.export.devices.crossbar import EXACT, Crossbar, crossbar_of, exact, nearest
 from ann_dc.export.reference.beside import file_of, notes_of
 from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
-from ann_dc.export.weights.manifest import Table
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Index, PositiveFinite
 from ann_dc.network.network import Network
+from ann_dc.weights.manifest import Table
 
 FORMAT = "ann_dc conductances"
 SCHEMA = 1

@@ -18,8 +18,8 @@ from ann_dc.export.devices.elements import (
     Element,
 )
 from ann_dc.export.devices.machine import Machine
-from ann_dc.export.weights.manifest import Table
 from ann_dc.network.functions import function_block
+from ann_dc.weights.manifest import Table
 
 READS = {PRODUCT: 2, FUNCTION: 1}
 """How many elements one of a kind reads."""

@@ -9,9 +9,9 @@ from xml.parsers import expat
 
 from ann_dc.errors import FileFormatError
 from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.export.weights.hashes import content_hash, wiring_hash
-from ann_dc.export.weights.manifest import Table, read_manifest
 from ann_dc.network.network import Network
+from ann_dc.weights.hashes import content_hash, wiring_hash
+from ann_dc.weights.manifest import Table, read_manifest
 
 VECTOR = "reference_vector.json"
 SCHEMA = 1

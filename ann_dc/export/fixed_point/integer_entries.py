@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ann_dc.errors import FileFormatError
-from ann_dc.export.weights.manifest import Table
+from ann_dc.weights.manifest import Table
 
 NAME = "fixed_point.json"
 

@@ -27,8 +27,8 @@ from ann_dc.export.fixed_point.arithmetic.program import (
 from ann_dc.export.fixed_point.golden import FEWEST, MOST, FixedPoint, Measured, Port
 from ann_dc.export.fixed_point.integer_entries import NAME, integers, require, within
 from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.export.weights.manifest import Table, read_manifest
 from ann_dc.scale import Scale
+from ann_dc.weights.manifest import Table, read_manifest
 
 FORMAT = "ann_dc fixed point"
 SCHEMA = 2

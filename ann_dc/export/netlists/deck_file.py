@@ -15,8 +15,8 @@ from ann_dc.errors import FileFormatError
 from ann_dc.export.netlists.build import Build
 from ann_dc.export.netlists.reading.flat import logical_lines
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.export.weights.hashes import content_hash
 from ann_dc.fidelity.circuit_study import NEAR
+from ann_dc.weights.hashes import content_hash
 
 DECK, FOLDER = "deck.cir", "library"
 CONTROLS, WAVEFORMS = "controls.csv", "waveforms.txt"

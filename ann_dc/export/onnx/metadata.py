@@ -10,8 +10,8 @@ import hashlib
 import json
 from typing import Any
 
-from ann_dc.export.weights.hashes import content_hash, wiring_hash
 from ann_dc.network.network import Network
+from ann_dc.weights.hashes import content_hash, wiring_hash
 
 DIGEST = "digest"
 LAYOUT = (

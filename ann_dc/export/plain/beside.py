@@ -10,8 +10,8 @@ from ann_dc.errors import FileFormatError
 from ann_dc.evaluation.generated.choice import fast_evaluator
 from ann_dc.export.reference.beside import vector_of
 from ann_dc.export.reference.vector import VECTOR, EulerWalk, ReferenceVector, check_states
-from ann_dc.export.weights.hashes import content_hash
 from ann_dc.network.network import Network
+from ann_dc.weights.hashes import content_hash
 
 MANIFEST = "manifest.json"
 NEAR = 1e-6

@@ -19,12 +19,12 @@ from ann_dc.errors import AnnDcError, FileFormatError
 from ann_dc.export.plain.beside import MANIFEST, walked
 from ann_dc.export.reference.beside import check_vector, text_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.export.weights.entries import NUMBER, Entries, Stored
-from ann_dc.export.weights.matrix import to_csv
-from ann_dc.export.weights.network_file import written
-from ann_dc.export.weights.reading import network_of
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+from ann_dc.weights.entries import NUMBER, Entries, Stored
+from ann_dc.weights.matrix import to_csv
+from ann_dc.weights.network_file import written
+from ann_dc.weights.reading import network_of
 
 MATRIX, TENSORS = "weights.csv", "tensors.csv"
 HEAD = ["tensor", "shape", "index", "value"]

@@ -9,12 +9,12 @@ from ann_dc.errors import FileFormatError, UnknownNameError
 from ann_dc.export.plain.beside import MANIFEST, walked
 from ann_dc.export.reference.beside import check_vector, file_of, text_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.export.weights.hashes import check_hashes
-from ann_dc.export.weights.manifest import read_manifest
-from ann_dc.export.weights.network_file import packed, unpacked, written
-from ann_dc.export.weights.writing import arrays_of
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+from ann_dc.weights.hashes import check_hashes
+from ann_dc.weights.manifest import read_manifest
+from ann_dc.weights.network_file import packed, unpacked, written
+from ann_dc.weights.writing import arrays_of
 
 FORMS = {"safetensors": "network.safetensors", "npz": "network.npz"}
 """Names of the weight file."""

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.export.weights.hashes import content_hash
-from ann_dc.export.weights.manifest import Table, read_manifest
 from ann_dc.network.network import Network
 from ann_dc.network.selection import clamped_rows
+from ann_dc.weights.hashes import content_hash
+from ann_dc.weights.manifest import Table, read_manifest
 
 SUMS = "SHA256SUMS"
 

@@ -21,11 +21,11 @@ from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import FileFormatError
 from ann_dc.evaluation.generated.choice import FastEvaluator, fast_evaluator
-from ann_dc.export.weights.hashes import content_hash, wiring_hash
-from ann_dc.export.weights.manifest import Table, read_manifest
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import PositiveFinite
 from ann_dc.network.network import Network
+from ann_dc.weights.hashes import content_hash, wiring_hash
+from ann_dc.weights.manifest import Table, read_manifest
 
 VECTOR = "reference_vector.json"
 """Name of its file in every export."""

@@ -12,8 +12,8 @@ from ann_dc.errors import FileFormatError
 from ann_dc.export.reference.beside import file_of, notes_of, vector_of
 from ann_dc.export.reference.places import Places
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.export.weights.manifest import Table
 from ann_dc.network.network import Network
+from ann_dc.weights.manifest import Table
 
 
 class Beside(NamedTuple):

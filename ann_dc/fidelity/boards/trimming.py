@@ -29,7 +29,7 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, PositiveFinite, Share
 from ann_dc.progress import Progress
-from ann_dc.study.measuring.yields import Yield
+from ann_dc.yields import Yield
 
 BEST = 1.05
 """Of what all trims leave, or the best number of them: so near it is no use to trim on."""

@@ -29,11 +29,7 @@ from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, Index
-from ann_dc.study.keeping.rows import OUTCOME
-from ann_dc.study.measuring.yields import SETTLED, Yield, yield_of as share_of
-
-LOST = "lost"
-"""Outcome of a circuit that does not settle near the optimum."""
+from ann_dc.yields import Yield, within
 
 CLOSE = 0.1
 """Of a limit: so far two figures on both sides of it are off, both together, and still agree."""
@@ -183,11 +179,8 @@ def yield_of(
     figures = [_figures(specimen, timed) for specimen in drawn]
     errors, times = (np.array([each[n] for each in figures]) for n in range(2))
     noise = control_noise(common)
-    columns = {
-        OUTCOME: np.where(np.isfinite(errors), SETTLED, LOST),
-        "error": noisy(errors, noise),
-        "settling_time": times,
-    }
+    columns = {"error": noisy(errors, noise), "settling_time": times}
+    passed = within(columns, spec.limits)
     return CircuitYield(
         spec=spec,
         seeds=tuple(seeds),
@@ -195,7 +188,7 @@ def yield_of(
         noise=noise,
         settling_times=times,
         unknown=tuple(each[2] for each in figures),
-        found=share_of(columns, spec.limits),
+        found=Yield(passed=int(passed.sum()), count=samples),
         spots=_spots(backend, common, spec, errors, times, noise, spots),
     )
 

@@ -9,7 +9,8 @@ import numpy as np
 from ann_dc.report.findings.columns import Column
 from ann_dc.report.findings.findings import Findings
 from ann_dc.study.keeping.rows import OUTCOME
-from ann_dc.study.measuring.yields import SETTLED, Yield, draws_of, ends_of
+from ann_dc.study.measuring.yields import SETTLED, draws_of
+from ann_dc.yields import Yield, ends_of
 
 
 class Limit(NamedTuple):

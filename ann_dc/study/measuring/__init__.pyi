@@ -12,7 +12,6 @@ from .sample import Sample as Sample
 from .yields import (
     Yield as Yield,
     draws_of as draws_of,
-    ends_of as ends_of,
-    within as within,
+    good_rows as good_rows,
     yield_of as yield_of,
 )

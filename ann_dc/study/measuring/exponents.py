@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
-from ann_dc.study.measuring.yields import CONFIDENCE
+from ann_dc.yields import CONFIDENCE
 
 FEWEST = 3
 """Different values of x that a fit has to have."""

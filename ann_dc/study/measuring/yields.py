@@ -1,140 +1,20 @@
-"""Yield: what share of the samples keeps within a spec, and how sure that is."""
+"""Yield of a study: settled rows within a spec, and the draws that they come from."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from scipy.stats import beta
 
-from ann_dc.errors import StudyError
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Index, Share
 from ann_dc.study.keeping.rows import OUTCOME, SEED
 from ann_dc.study.varying.settings import family_of, is_drawn
+from ann_dc.yields import Limit, Yield, within
 
 SETTLED = "settled"
-CONFIDENCE = 0.95
-
-Limit: TypeAlias = float | tuple[float | None, float | None] | list[float | None]
-"""A largest value, or the smallest and the largest, None for none."""
 
 
-@checked
-@dataclass(frozen=True, kw_only=True)
-class Yield:
-    r"""A share with its interval.
-
-    Attributes
-    ----------
-    passed, count : int
-        Samples within the spec, and all that count.
-    confidence : float
-        Of the interval.
-    draws : int, optional
-        Independent draws that the samples come from; fewer than samples if one draw is used under
-        several settings, 0 if nothing is drawn. All samples by default.
-
-    Examples
-    --------
-    >>> print(Yield(passed=190, count=200, draws=100))  # each draw under two settings
-    95.0 % (88.7 to 98.4 %, 190 of 200 from 100 draws)
-    >>> print(Yield(passed=2, count=3, draws=0))
-    66.7 % (2 of 3, nothing drawn: no interval)
-    >>> print(Yield(passed=95, count=100))
-    95.0 % (88.7 to 98.4 %, 95 of 100)
-    >>> Yield(passed=0, count=100).high < 0.04  # the rule of three
-    True
-    """
-
-    passed: Index
-    count: Index
-    confidence: Share = CONFIDENCE
-    draws: Index | None = None
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.passed <= self.count:
-            raise StudyError(f"passed: expected 0 to {self.count}, got {self.passed}")
-
-    @property
-    def share(self) -> float:
-        """passed / count; nan of nothing."""
-        return self.passed / self.count if self.count else float("nan")
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Lowest and highest share that the draws do not contradict; nan if nothing is drawn.
-
-        Samples of one draw count as one sample with their mean: the interval is exact if they
-        agree, and too wide if they do not.
-
-        References
-        ----------
-        .. [1] C. J. Clopper, E. S. Pearson, The use of confidence or fiducial limits illustrated in
-           the case of the binomial, Biometrika 26, 1934, 404-413.
-        """
-        if not self.count:
-            return 0.0, 1.0
-        number = self.count if self.draws is None else self.draws
-        if not number:
-            return math.nan, math.nan
-        good, tail = self.share * number, (1 - self.confidence) / 2
-        low = beta.ppf(tail, good, number - good + 1) if self.passed else 0.0
-        high = beta.isf(tail, good + 1, number - good) if self.passed < self.count else 1.0
-        return float(low), float(high)
-
-    @property
-    def low(self) -> float:
-        """Of the interval."""
-        return self.interval[0]
-
-    @property
-    def high(self) -> float:
-        """Of the interval."""
-        return self.interval[1]
-
-    def __str__(self) -> str:
-        low, high = self.interval
-        said, of = f"{100 * self.share:.1f} %", f"{self.passed} of {self.count}"
-        if self.draws == 0:
-            return f"{said} ({of}, nothing drawn: no interval)"
-        few = self.draws is not None and self.draws < self.count
-        of += f" from {self.draws} draws" if few else ""
-        return f"{said} ({100 * low:.1f} to {100 * high:.1f} %, {of})"
-
-
-def ends_of(limit: Limit) -> tuple[float, float]:
-    """Smallest and largest value that keeps a limit, infinite where there is none.
-
-    Parameters
-    ----------
-    limit : float or pair
-
-    Raises
-    ------
-    StudyError
-        If it is neither, or empty.
-
-    Examples
-    --------
-    >>> ends_of(0.05), ends_of((5.0, None))
-    ((-inf, 0.05), (5.0, inf))
-    """
-    pair = tuple(limit) if isinstance(limit, (tuple, list)) else (None, limit)
-    if len(pair) != 2 or any(isinstance(end, (str, bool)) for end in pair):
-        raise StudyError(f"spec: a limit is a number or (smallest, largest), got {limit!r}")
-    low, high = pair
-    ends = -math.inf if low is None else float(low), math.inf if high is None else float(high)
-    if not ends[0] <= ends[1]:
-        raise StudyError(f"spec: the limit {limit!r} is empty; give (smallest, largest)")
-    return ends
-
-
-def within(columns: Mapping[str, np.ndarray], spec: Mapping[str, Limit]) -> np.ndarray:
-    """Which rows settled and keep every limit of a spec; what is nan or missing does not.
+def good_rows(columns: Mapping[str, np.ndarray], spec: Mapping[str, Limit]) -> np.ndarray:
+    """Tell which rows settled and keep every limit of a spec.
 
     Parameters
     ----------
@@ -149,15 +29,10 @@ def within(columns: Mapping[str, np.ndarray], spec: Mapping[str, Limit]) -> np.n
     Examples
     --------
     >>> columns = {"outcome": np.array(["settled", "diverged"]), "control_error": np.zeros(2)}
-    >>> within(columns, {"control_error": 0.02}).tolist()
+    >>> good_rows(columns, {"control_error": 0.02}).tolist()
     [True, False]
     """
-    found = np.asarray(columns[OUTCOME] == SETTLED)
-    for name, limit in spec.items():
-        low, high = ends_of(limit)
-        values = columns[name]
-        found &= (values >= low) & (values <= high)
-    return found
+    return (columns[OUTCOME] == SETTLED) & (within(columns, spec) if spec else True)
 
 
 def yield_of(columns: Mapping[str, np.ndarray], spec: Mapping[str, Limit]) -> Yield:
@@ -174,7 +49,7 @@ def yield_of(columns: Mapping[str, np.ndarray], spec: Mapping[str, Limit]) -> Yi
     -------
     Yield
     """
-    passed = within(columns, spec)
+    passed = good_rows(columns, spec)
     return Yield(passed=int(passed.sum()), count=len(passed), draws=draws_of(columns))
 
 

@@ -13,8 +13,8 @@ from matplotlib.mathtext import MathTextParser
 import ann_dc
 from ann_dc.errors import FileFormatError
 from ann_dc.export.drawings import latex_check, latex_files
-from ann_dc.export.weights import load, save
 from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.weights import load, save
 
 QUICK = ("pendulum",)
 SLOW = [name for name in (*ann_dc.plants.names(), *MADE) if name not in QUICK]

@@ -13,9 +13,9 @@ from onnx_runs import vector_of
 import ann_dc
 from ann_dc.errors import ArgumentError, ExportError, ExportPackageMissing
 from ann_dc.export.onnx import onnx_files
-from ann_dc.export.weights import content_hash, wiring_hash
 from ann_dc.network import Cell, Connection, Network, Neuron
 from ann_dc.scale import Scale
+from ann_dc.weights import content_hash, wiring_hash
 
 
 def test_a_file_says_whose_network_it_is(car, files):

@@ -19,10 +19,10 @@ import ann_dc
 from ann_dc.evaluation import evaluator
 from ann_dc.export.plain import reader, weights_files
 from ann_dc.export.reference import EulerWalk, ReferenceVector
-from ann_dc.export.weights import content_hash, wiring_hash
 from ann_dc.network.metrics import Kind
 from ann_dc.scale import Scale
 from ann_dc.solver import synthesize
+from ann_dc.weights import content_hash, wiring_hash
 
 EARLY = (1, 50)
 METRIC = ("gain", "grid", "tree")

@@ -9,8 +9,8 @@ import pytest
 import ann_dc
 from ann_dc.errors import FileFormatError
 from ann_dc.export.reference import ReferenceVector, reference_vector
-from ann_dc.export.weights import content_hash, wiring_hash
 from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
+from ann_dc.weights import content_hash, wiring_hash
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,6 @@ from ann_dc.backends.recurrent import RecurrentBackend
 from ann_dc.backends.spice import SpiceBackend
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation import evaluator
-from ann_dc.export.weights import load, save
 from ann_dc.gain_design import Design, design
 from ann_dc.hardware.defects import (
     detuned,
@@ -51,6 +50,7 @@ from ann_dc.network import (
 )
 from ann_dc.network.metrics import Kind, TimeConstants
 from ann_dc.solver import synthesize
+from ann_dc.weights import load, save
 
 NONE = {
     "leak": lambda n, where: leak(n, np.inf, where),

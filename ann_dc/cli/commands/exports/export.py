@@ -152,6 +152,6 @@ def _saved(place: Path) -> Any:
 
         return load_solution(place).network
 
-    from ann_dc.export.weights.network_file import load
+    from ann_dc.weights.network_file import load
 
     return load(place)

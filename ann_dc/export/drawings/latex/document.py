@@ -16,11 +16,11 @@ from ann_dc.export.drawings.latex.symbols import (
     range_of,
     symbols_of,
 )
-from ann_dc.export.weights.hashes import content_hash, wiring_hash
 from ann_dc.network.cell import ONE, Block, Connection, Product, Sum
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.prefixes import counted
+from ann_dc.weights.hashes import content_hash, wiring_hash
 
 TERMS = 4
 """Terms of a sum in a line."""

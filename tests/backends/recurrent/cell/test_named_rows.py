@@ -13,11 +13,11 @@ from ann_dc.backends.recurrent import RecurrentLayer
 from ann_dc.backends.recurrent.cell import CellLayer
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation import evaluator
-from ann_dc.export.weights import wiring_hash
 from ann_dc.gain_design import apply_gains, hand_gains
 from ann_dc.network import Cell, Network, Neuron, Template
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
+from ann_dc.weights import wiring_hash
 
 
 def test_a_state_dict_speaks_the_networks_names():

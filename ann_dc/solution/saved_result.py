@@ -24,13 +24,13 @@ from pathlib import Path
 from typing import Any
 
 from ann_dc.errors import AnnDcError, FileFormatError
-from ann_dc.export.results.reading import Reader
-from ann_dc.export.results.writing import Writer
-from ann_dc.export.weights.entries import Entries
-from ann_dc.export.weights.manifest import Table, read_manifest
-from ann_dc.export.weights.network_file import MAX_BYTES, packed, unpacked
-from ann_dc.export.weights.npz import BROKEN, NpzEntries, packed_entries
 from ann_dc.network.network import Network
+from ann_dc.solution.result_reader import Reader
+from ann_dc.solution.result_writer import Writer
+from ann_dc.weights.entries import Entries
+from ann_dc.weights.manifest import Table, read_manifest
+from ann_dc.weights.network_file import MAX_BYTES, packed, unpacked
+from ann_dc.weights.npz import BROKEN, NpzEntries, packed_entries
 from ann_dc.whole_files.files import read_whole, write_folder
 
 FORMAT = "ann_dc solution"

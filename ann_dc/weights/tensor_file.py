@@ -26,9 +26,9 @@ from typing import final
 import numpy as np
 
 from ann_dc.errors import FileFormatError, OutputError
-from ann_dc.export.weights.entries import NUMBER, Entries, Stored
-from ann_dc.export.weights.manifest import MOST_TABLES, read_json, tables_in
-from ann_dc.export.weights.npz import check_printable
+from ann_dc.weights.entries import NUMBER, Entries, Stored
+from ann_dc.weights.manifest import MOST_TABLES, read_json, tables_in
+from ann_dc.weights.npz import check_printable
 
 METADATA = "__metadata__"
 PREFIX = 8

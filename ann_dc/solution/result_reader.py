@@ -20,8 +20,6 @@ import numpy as np
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import FileFormatError, UnknownNameError
-from ann_dc.export.results.writing import METRICS
-from ann_dc.export.weights.entries import Entries
 from ann_dc.gain_design.freeze import Candidate
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.rules.gains import Gains
@@ -29,6 +27,8 @@ from ann_dc.gain_design.scheduled_run import FirstRun
 from ann_dc.network.metrics.contract import Metric
 from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.network import Network
+from ann_dc.solution.result_writer import METRICS
+from ann_dc.weights.entries import Entries
 
 SHAPES: dict[type, dict[str, str]] = {
     Trajectory: {"time": "T", "states": "T n", "residual_time": "R", "residuals": "R 2"},

@@ -7,7 +7,6 @@ from dataclasses import asdict
 
 import numpy as np
 
-from ann_dc.export.weights.manifest import FORMAT, SCHEMA, weight_names
 from ann_dc.network.cell import Connection, Template
 from ann_dc.network.metrics.contract import Kind, Metric
 from ann_dc.network.metrics.grid import Grid
@@ -17,6 +16,7 @@ from ann_dc.network.metrics.tree import Tree
 from ann_dc.network.network import Network
 from ann_dc.network.selection import clamped_rows
 from ann_dc.scale import Scale
+from ann_dc.weights.manifest import FORMAT, SCHEMA, weight_names
 
 ABOUT = (
     "N equal cells in a row (stages 0 to N - 1): dx/ds = M d(x). The drive d of a neuron, and the "

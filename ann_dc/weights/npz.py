@@ -17,7 +17,7 @@ from typing import final
 import numpy as np
 
 from ann_dc.errors import FileFormatError, OutputError
-from ann_dc.export.weights.entries import BYTE, Entries, Stored
+from ann_dc.weights.entries import BYTE, Entries, Stored
 
 BROKEN = (
     zipfile.BadZipFile,

@@ -11,10 +11,10 @@ from designs import coordinated, designed, near_start, small
 from minimax import CASES, car
 
 from ann_dc.evaluation import evaluator
-from ann_dc.export.weights import to_csv, to_matrix
 from ann_dc.network import ONE, Cell, Connection, Limiter, Network, Neuron, Sum, Template
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
+from ann_dc.weights import to_csv, to_matrix
 
 NETWORKS = {
     "car": lambda: small("car"),

@@ -10,10 +10,10 @@ import pytest
 
 from ann_dc.backends import Outcome
 from ann_dc.errors import OutputError
-from ann_dc.export.results import Writer
 from ann_dc.network import Cell, Network, Neuron
 from ann_dc.network.metrics import Grid
 from ann_dc.records import WHERE_GIVEN
+from ann_dc.solution import Writer
 
 NETWORK = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=()), stages=1)
 

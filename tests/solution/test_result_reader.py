@@ -13,10 +13,10 @@ from hypothesis import given, settings, strategies as st
 from network_files import assert_same
 
 from ann_dc.errors import AnnDcError, FileFormatError, NetworkError, UnknownNameError
-from ann_dc.export.results import Reader, Writer
-from ann_dc.export.weights import NpzEntries, packed_entries
 from ann_dc.network import Cell, Network, Neuron
 from ann_dc.network.metrics import Metric, Pyramid, TimeConstants
+from ann_dc.solution import Reader, Writer
+from ann_dc.weights import NpzEntries, packed_entries
 
 NETWORK = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=()), stages=2)
 

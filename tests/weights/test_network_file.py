@@ -24,7 +24,6 @@ from ann_dc.decomposition import SWITCHES
 from ann_dc.errors import OutputError
 from ann_dc.evaluation import evaluator
 from ann_dc.evaluation.generated import fast_evaluator
-from ann_dc.export.weights import content_hash, load, save, wiring_hash
 from ann_dc.network import (
     Absent,
     Cell,
@@ -41,6 +40,7 @@ from ann_dc.network.metrics import Grid, Kind, Metric, Pyramid, TimeConstants, T
 from ann_dc.scale import Scale
 from ann_dc.solution import certificate_of
 from ann_dc.solver import synthesize
+from ann_dc.weights import content_hash, load, save, wiring_hash
 
 
 def round_trip(network: Network, path) -> Network:

@@ -5,10 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ann_dc.errors import FileFormatError
-from ann_dc.export.weights.entries import Entries
-from ann_dc.export.weights.hashes import check_hashes
-from ann_dc.export.weights.manifest import Table, read_manifest, weight_names
-from ann_dc.export.weights.writing import STIFFNESSES
 from ann_dc.network.cell import (
     Cell,
     Connection,
@@ -28,6 +24,10 @@ from ann_dc.network.metrics.stiffness import Stiffness
 from ann_dc.network.metrics.time_constants import TimeConstants
 from ann_dc.network.network import Network
 from ann_dc.scale import Scale
+from ann_dc.weights.entries import Entries
+from ann_dc.weights.hashes import check_hashes
+from ann_dc.weights.manifest import Table, read_manifest, weight_names
+from ann_dc.weights.writing import STIFFNESSES
 
 MAX_MANIFEST = 2_000_000
 """Largest manifest in bytes."""

@@ -22,9 +22,9 @@ from network_files import (
 )
 
 from ann_dc.errors import FileFormatError, OutputError
-from ann_dc.export.weights import MAX_MANIFEST, load, save
 from ann_dc.network import Absent, Cell, Network, Neuron
 from ann_dc.network.metrics import Kind
+from ann_dc.weights import MAX_MANIFEST, load, save
 
 HOSTILE = {
     "no manifest": (drop("manifest"), "entry 'manifest' is missing"),
