@@ -18,7 +18,7 @@ from ann_dc.errors import DesignError
 from ann_dc.gain_design.freeze import Candidate
 from ann_dc.gain_design.procedure import Design
 from ann_dc.hints.checked import checked
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import such_as
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.prefixes import counted
 from ann_dc.solution.solution import Solution

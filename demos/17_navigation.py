@@ -24,7 +24,7 @@ from ann_dc.navigation import (
     random_world,
 )
 from ann_dc.plotting.worlds import plane
-from ann_dc.problem.robots import car_robot
+from ann_dc.problem import car_robot
 
 SEEDS = (1, 0, 2, 3)
 """Of the worlds; the first one is drawn."""

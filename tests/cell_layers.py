@@ -3,8 +3,9 @@
 import numpy as np
 import torch
 
-from ann_dc.backends.recurrent.cell import CellLayer
-from ann_dc.network import Connection, Network, Template
+from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.network.cell import Connection, Template
+from ann_dc.network.network import Network
 
 
 def assert_close(actual, expected, relative=1e-12) -> None:

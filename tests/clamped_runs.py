@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from designs import small, wired_with
 
-from ann_dc.analysis import equilibrium
-from ann_dc.evaluation import evaluator
-from ann_dc.network import Limiter, Network
-from ann_dc.network.metrics import Kind
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.cell import Limiter
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 
 COUPLED = (Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE)
 

@@ -5,15 +5,19 @@ from functools import cache
 import numpy as np
 from reference import ipopt
 
-from ann_dc.decomposition import decompose, switch
-from ann_dc.evaluation import neuron_values
-from ann_dc.gain_design import Design, design
-from ann_dc.network import COORDINATION, Network
-from ann_dc.network.metrics import Kind
-from ann_dc.problem import OptimalControlProblem, plants
-from ann_dc.solution import certificate_of
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import switch
+from ann_dc.evaluation.populations import neuron_values
+from ann_dc.gain_design.procedure import Design, design
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import COORDINATION, Network
+from ann_dc.problem import plants
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.solution.solution import certificate_of
 from ann_dc.solver import synthesize
-from ann_dc.two_level import Gradient, TwoLevels, UpperGains, UpperMap
+from ann_dc.two_level.levels import TwoLevels
+from ann_dc.two_level.upper_gains import UpperGains, UpperMap
+from ann_dc.two_level.upper_level import Gradient
 
 NEURON = switch("S14")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from typer.testing import CliRunner
 
-from ann_dc.cli import app
+from ann_dc.cli.commands.app import app
 
 ROOT = Path(__file__).parents[1]
 PENDULUM = ROOT / "demos" / "pendulum.toml"

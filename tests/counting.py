@@ -2,7 +2,15 @@
 
 from collections import Counter
 
-from ann_dc.hardware.circuit import CAPACITOR, GENERATOR, MULTIPLIER, OP_AMP, OTA, RESISTOR, SWITCH
+from ann_dc.hardware.circuit.cost import (
+    CAPACITOR,
+    GENERATOR,
+    MULTIPLIER,
+    OP_AMP,
+    OTA,
+    RESISTOR,
+    SWITCH,
+)
 
 LEAVES = {
     **dict.fromkeys(("opamp", "opamp_fd"), OP_AMP),

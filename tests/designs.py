@@ -7,11 +7,16 @@ import numpy as np
 from problems import SUITE
 from random_metrics import STIFFNESSES, with_stiffness
 
-from ann_dc.analysis import Linearisation
-from ann_dc.decomposition import CORRECTED, Form, decompose
-from ann_dc.gain_design import Design, Recipe, apply_gains, closed_form, design
-from ann_dc.network import Network
-from ann_dc.network.metrics import Kind, Pyramid, TimeConstants
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import CORRECTED, Form
+from ann_dc.gain_design.procedure import Design, design
+from ann_dc.gain_design.rules.gains import apply_gains
+from ann_dc.gain_design.rules.recipe import Recipe, closed_form
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.metrics.pyramid import Pyramid
+from ann_dc.network.metrics.time_constants import TimeConstants
+from ann_dc.network.network import Network
 from ann_dc.solver import synthesize
 
 

@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 from fontTools.ttLib import TTFont
 
 import ann_dc
-from ann_dc.export.drawings.cell import cell_page
-from ann_dc.network import Network
+from ann_dc.export.drawings.cell_picture import cell_page
+from ann_dc.network.network import Network
 
 SVG = "{http://www.w3.org/2000/svg}"
 

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from ann_dc.analysis import Saddle, equilibrium, saddle_of
-from ann_dc.gain_design import Gains, apply_gains, stiffness_of
-from ann_dc.network import Network
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.saddle import Saddle, saddle_of
+from ann_dc.gain_design.rules.gains import Gains, apply_gains
+from ann_dc.gain_design.rules.grid_gains import stiffness_of
+from ann_dc.network.network import Network
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,12 @@ import minimax
 import pytest
 
 import ann_dc
-from ann_dc.export.fixed_point import FixedPoint, fixed_point
-from ann_dc.export.reference import ReferenceVector, reference_vector
-from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
-from ann_dc.network.metrics import ALL_KINDS
+from ann_dc.export.fixed_point.golden import FixedPoint
+from ann_dc.export.fixed_point.widths import fixed_point
+from ann_dc.export.reference.vector import ReferenceVector, reference_vector
+from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
+from ann_dc.network.metrics.contract import ALL_KINDS
+from ann_dc.network.network import Network
 
 PROBLEMS = {
     "double_integrator": lambda: ann_dc.plants.double_integrator(N=4),

@@ -4,7 +4,7 @@ import re
 import sys
 from pathlib import Path
 
-from ann_dc.export import FORMATS
+from ann_dc.export.catalogue import FORMATS
 
 PAGE = Path(__file__).parents[1] / "demos" / "README.md"
 HEAD = "| format | what it is | carries | loses | settings |\n|---|---|---|---|---|\n"

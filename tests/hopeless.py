@@ -2,7 +2,7 @@
 
 import sympy as sp
 
-from ann_dc.problem import OptimalControlProblem
+from ann_dc.problem.declaration import OptimalControlProblem
 
 x, y, v, a, b, w = sp.symbols("x y v a b w")
 still = sp.S.Zero

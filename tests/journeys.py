@@ -4,8 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.navigation import Journey, Plan, World, disc, drive, polygon
-from ann_dc.problem.robots import unicycle_robot
+from ann_dc.navigation.closed_loop import Journey, drive
+from ann_dc.navigation.obstacles import disc, polygon
+from ann_dc.navigation.planner import Plan
+from ann_dc.navigation.world import World
+from ann_dc.problem.robot import unicycle_robot
 
 ROBOT = unicycle_robot()
 

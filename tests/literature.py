@@ -9,7 +9,7 @@ import numpy as np
 import sympy as sp
 from problems import SuiteProblem
 
-from ann_dc.problem import OptimalControlProblem
+from ann_dc.problem.declaration import OptimalControlProblem
 
 HALF = sp.Rational(1, 2)
 

@@ -2,7 +2,7 @@
 
 import sympy as sp
 
-from ann_dc.problem import OptimalControlProblem
+from ann_dc.problem.declaration import OptimalControlProblem
 
 
 def _glider() -> OptimalControlProblem:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.backends.spice.ngspice import Ngspice
-from ann_dc.hardware.parts import MultiplierLaw
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.hardware.parts.parasitics import MultiplierLaw
 
 Sweep = tuple[np.ndarray, ...]
 """(x, y, z, out): both inputs over full scale, what is added and the output in volts."""

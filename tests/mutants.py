@@ -24,8 +24,8 @@ import numpy as np
 
 import ann_dc
 from ann_dc.errors import AnnDcError
-from ann_dc.export.reference import ReferenceVector
-from ann_dc.weights import content_hash, hashes_of
+from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.weights.hashes import content_hash, hashes_of
 
 SPARE = 50_000_000
 """Bytes that opening a file may take besides `TIMES` its size."""

@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from ann_dc.evaluation import DomainGuard, evaluator
-from ann_dc.export.onnx import onnx_files
-from ann_dc.export.reference import ReferenceVector
-from ann_dc.network import Network
-from ann_dc.weights import content_hash, wiring_hash
+from ann_dc.evaluation.domains import DomainGuard
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.export.onnx.files import onnx_files
+from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.network.network import Network
+from ann_dc.weights.hashes import content_hash, wiring_hash
 
 DIVERGED = 1e9
 """Times the largest state at the start."""

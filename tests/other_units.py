@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import sympy as sp
 
-from ann_dc.problem import OptimalControlProblem
+from ann_dc.problem.declaration import OptimalControlProblem
 
 
 @dataclass(frozen=True)

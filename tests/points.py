@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ann_dc.problem import OptimalControlProblem, natural_scales
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.scales import natural_scales
 
 
 def random_point(

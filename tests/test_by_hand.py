@@ -4,21 +4,23 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from ann_dc.analysis import spectrum
-from ann_dc.backends import OdeBackend, Outcome, Settling
-from ann_dc.evaluation import evaluator
-from ann_dc.network import (
+from ann_dc.analysis.spectra import spectrum
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.settling import Settling
+from ann_dc.backends.status import Outcome
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.cell import (
     ONE,
     Cell,
     Connection,
     Function,
     Limiter,
-    Network,
     Neuron,
     Product,
     Sum,
     Template,
 )
+from ann_dc.network.network import Network
 
 
 def wire(source: str, target: str, weight=1.0, template=Template.SELF) -> Connection:

@@ -13,20 +13,23 @@ import pytest
 import torch
 from simulator import needs_ngspice
 
-from ann_dc.backends.recurrent import FixedStep, RecurrentLayer
-from ann_dc.backends.spice import CircuitRun, SpiceBackend, simulate
-from ann_dc.fidelity import Specimen
-from ann_dc.hardware.circuit import Deviations, draw
-from ann_dc.hardware.parts import (
+from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
+from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.hardware.circuit.deviations import Deviations, draw
+from ann_dc.hardware.parts.datasheet import Tolerances
+from ann_dc.hardware.parts.levels import (
     BEHAVIOURAL,
     TRANSISTOR,
     Level,
-    Tolerances,
     macro,
     ota_c,
     switched_capacitor,
 )
-from ann_dc.network import Cell, Connection, Network, Neuron, Product
+from ann_dc.network.cell import Cell, Connection, Neuron, Product
+from ann_dc.network.network import Network
 
 STEP = 0.1
 

@@ -6,7 +6,7 @@ from constrained import CONSTRAINED
 from reference import ipopt
 
 import ann_dc
-from ann_dc.evaluation import kkt_point
+from ann_dc.evaluation.populations import kkt_point
 
 HARD = {"goddard"}
 """Whose first run does not settle: a singular arc."""

@@ -28,13 +28,24 @@ from ann_dc import (
     ode,
     synthesize,
 )
-from ann_dc.backends.spice import CircuitRun, simulate
-from ann_dc.backends.spice.netlist import Simulation
+from ann_dc.backends.spice.backend import simulate
+from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.backends.spice.netlist.timing import Simulation
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity import Specimen, fitted, predict, settled_noise
-from ann_dc.hardware.circuit import CLAMP_OFFSETS, CLAMP_REFERENCE, bill_of
-from ann_dc.hardware.emulation import Noise, emulated_state
-from ann_dc.hardware.parts import E96, EXACT, SKY130, Parasitics, Tolerances, presets
+from ann_dc.fidelity.fitting import fitted
+from ann_dc.fidelity.noise_run import settled_noise
+from ann_dc.fidelity.prediction import predict
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.hardware.circuit.bill import bill_of
+from ann_dc.hardware.circuit.circuit import CLAMP_REFERENCE
+from ann_dc.hardware.circuit.parameters import CLAMP_OFFSETS
+from ann_dc.hardware.emulation.noise_currents import Noise
+from ann_dc.hardware.emulation.states import emulated_state
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.datasheet import Tolerances
+from ann_dc.hardware.parts.e_series import E96, EXACT
+from ann_dc.hardware.parts.foundry import SKY130
+from ann_dc.hardware.parts.parasitics import Parasitics
 from ann_dc.resources import circuits_path
 
 SMALL = {

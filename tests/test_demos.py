@@ -11,7 +11,7 @@ from reference import best_of
 from simulator import needs_ngspice
 
 import ann_dc
-from ann_dc.export import FORMATS
+from ann_dc.export.catalogue import FORMATS
 
 DEMOS = Path(__file__).parents[1] / "demos"
 

@@ -7,11 +7,12 @@ import pytest
 from designs import designed
 
 import ann_dc
-from ann_dc.analysis import LIMIT, Cause, Spectrum
+from ann_dc.analysis.slowness import LIMIT, Cause
+from ann_dc.analysis.spectra import Spectrum
 from ann_dc.diagnosis import HELPS, Diagnosis, Remedy, analyse
 from ann_dc.errors import DesignError
-from ann_dc.gain_design import hand_gains
-from ann_dc.network.metrics import Kind
+from ann_dc.gain_design.rules.gains import hand_gains
+from ann_dc.network.metrics.contract import Kind
 
 NAMES = ("car", "pendulum", "cstr", "double_integrator", "planar_quadrotor")
 

@@ -9,11 +9,13 @@ from hopeless import INFEASIBLE, UNBOUNDED
 from rich.console import Console
 
 import ann_dc
-from ann_dc.backends import OdeBackend, Outcome
-from ann_dc.backends.recurrent import FixedStep, RecurrentBackend
-from ann_dc.gain_design import hand_gains
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.backends.status import Outcome
+from ann_dc.gain_design.rules.gains import hand_gains
 from ann_dc.problem import plants
-from ann_dc.report import report_table
+from ann_dc.report.solution import report_table
 
 SOON = 2000
 """Steps of the first run after which it is known: a second or two."""

@@ -6,7 +6,7 @@ from designs import designed
 from exact_metric import exact_metric, is_dual
 from problems import SUITE
 
-from ann_dc.analysis import spectrum
+from ann_dc.analysis.spectra import spectrum
 
 LONG = (
     *("car_N72", "car_N36", "car_N18", "car_T5", "car_g3", "unicycle_obstacle", "cart_pole"),

@@ -9,9 +9,10 @@ from minimax import CASES, car, epigraph, small
 
 import ann_dc
 from ann_dc.errors import DesignError, FormError, NetworkError, ProblemError
-from ann_dc.evaluation import evaluator, kkt_point
-from ann_dc.optimality import ipopt_point
-from ann_dc.two_level import coordinate
+from ann_dc.evaluation.populations import kkt_point
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.optimality.reference_solvers import ipopt_point
+from ann_dc.two_level.coordination import coordinate
 
 
 @pytest.mark.parametrize(

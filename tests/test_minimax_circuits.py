@@ -9,15 +9,18 @@ from minimax import CASES, car, small
 from simulator import needs_ngspice
 
 from ann_dc import SpiceBackend, design, emulate, equilibrium, levels, presets, spectrum
-from ann_dc.backends.spice import refined
-from ann_dc.backends.spice.netlist import Simulation
-from ann_dc.backends.spice.ngspice import Ngspice
-from ann_dc.evaluation import kkt_point
-from ann_dc.fidelity import Specimen, predict
-from ann_dc.hardware.circuit import bill_of, draw
-from ann_dc.hardware.emulation import emulated_state
-from ann_dc.hardware.parts import E96, Tolerances
-from ann_dc.hardware.schematic import Integrator, PICell
+from ann_dc.backends.spice.netlist.timing import Simulation
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.spice.refinement import refined
+from ann_dc.evaluation.populations import kkt_point
+from ann_dc.fidelity.prediction import predict
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.hardware.circuit.bill import bill_of
+from ann_dc.hardware.circuit.deviations import draw
+from ann_dc.hardware.emulation.states import emulated_state
+from ann_dc.hardware.parts.datasheet import Tolerances
+from ann_dc.hardware.parts.e_series import E96
+from ann_dc.hardware.schematic.elements import Integrator, PICell
 
 MACRO = levels.macro()
 BUILT = (levels.BEHAVIOURAL, MACRO, levels.TRANSISTOR)

@@ -16,12 +16,14 @@ from designs import coordinated, designed, small
 from minimax import CASES, car
 
 import ann_dc
-from ann_dc.export.reference import reference_vector
-from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.export.reference.vector import reference_vector
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.network import Network
 from ann_dc.problem import plants
-from ann_dc.weights import packed_tensors, save, written
+from ann_dc.weights.network_file import save, written
+from ann_dc.weights.tensor_file import packed_tensors
 
-OLD = Path(__file__).parent / "export" / "weights" / "double_integrator.npz"
+OLD = Path(__file__).parent / "weights" / "double_integrator.npz"
 
 
 @pytest.fixture(scope="module")

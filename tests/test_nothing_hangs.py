@@ -9,8 +9,8 @@ from reference import ipopt
 from seeds import seeds
 
 import ann_dc
-from ann_dc.backends import Outcome
-from ann_dc.solution import certificate_of
+from ann_dc.backends.status import Outcome
+from ann_dc.solution.solution import certificate_of
 
 GRACE = 5.0
 """Seconds of this process over the limit within which a call returns."""

@@ -12,7 +12,7 @@ from ngspice_runs import ENDLESS, on_linux, wait_for, working_in
 from simulator import needs_ngspice
 
 import ann_dc
-from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import SpiceTimeoutError
 from ann_dc.resources import cores
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from command_line import run
 
-from ann_dc.decomposition import SWITCHES
+from ann_dc.decomposition.form import SWITCHES
 
 GUIDE = Path(__file__).parents[1] / "demos" / "guide"
 PAGE = (GUIDE / "paper_to_code.md").read_text()

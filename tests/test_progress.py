@@ -10,8 +10,9 @@ import pytest
 from command_line import run
 
 import ann_dc
-from ann_dc.backends import OdeBackend, Outcome
-from ann_dc.backends.recurrent import RecurrentBackend
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.status import Outcome
 from ann_dc.errors import ArgumentValueError
 from ann_dc.problem import plants
 from ann_dc.progress import Deadline, Paced, Stopped, silent

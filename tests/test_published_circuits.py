@@ -5,9 +5,10 @@ import pytest
 from simulator import needs_ngspice
 
 import ann_dc
-from ann_dc.backends import Outcome
-from ann_dc.hardware.parts import macro
-from ann_dc.network import ONE, Cell, Connection, Function, Limiter, Network, Neuron, Sum
+from ann_dc.backends.status import Outcome
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.network.cell import ONE, Cell, Connection, Function, Limiter, Neuron, Sum
+from ann_dc.network.network import Network
 
 
 def wires(target: str, **weights: float) -> list[Connection]:

@@ -11,7 +11,7 @@ import pytest
 import typer.main
 from bench.record import QUOTATION, quoting
 
-from ann_dc.cli import app
+from ann_dc.cli.commands.app import app
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"

@@ -11,7 +11,7 @@ from network_files import assert_same
 
 import ann_dc
 from ann_dc import evaluator, plants
-from ann_dc.families import design_family
+from ann_dc.families.family_design import design_family
 
 BACKEND = ann_dc.OdeBackend(verify=False)
 

@@ -10,11 +10,11 @@ from simulator import needs_ngspice
 
 import ann_dc
 from ann_dc import Soft
-from ann_dc.decomposition import as_latex
-from ann_dc.evaluation import kkt_point
-from ann_dc.fidelity import predict
-from ann_dc.hardware.schematic import PICell
-from ann_dc.solution import certificate_of
+from ann_dc.decomposition.latex import as_latex
+from ann_dc.evaluation.populations import kkt_point
+from ann_dc.fidelity.prediction import predict
+from ann_dc.hardware.schematic.elements import PICell
+from ann_dc.solution.solution import certificate_of
 
 PRICED = Soft(price=1, compliance=0.02)
 

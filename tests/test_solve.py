@@ -10,13 +10,16 @@ from reference import ipopt
 
 import ann_dc
 from ann_dc import solve
-from ann_dc.backends import OdeBackend, Outcome
-from ann_dc.decomposition import SWITCHES
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.status import Outcome
+from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import DesignError, FormError, ProblemError, SynthesisError, UnknownNameError
-from ann_dc.gain_design import hand_gains
-from ann_dc.network.metrics import Kind
-from ann_dc.problem import OptimalControlProblem, line_start, plants, random_start, zero_start
-from ann_dc.solution import certificate_of
+from ann_dc.gain_design.rules.gains import hand_gains
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.problem import plants
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.start import line_start, random_start, zero_start
+from ann_dc.solution.solution import certificate_of
 from ann_dc.solver import synthesize
 
 QUICK = OdeBackend(verify=False)

@@ -9,10 +9,11 @@ from problems import SUITE
 from seeds import seeds
 
 from ann_dc import design, equilibrium
-from ann_dc.evaluation import kkt_point
-from ann_dc.gain_design import Design
-from ann_dc.optimality import certify
-from ann_dc.problem import OptimalControlProblem, scales_of
+from ann_dc.evaluation.populations import kkt_point
+from ann_dc.gain_design.procedure import Design
+from ann_dc.optimality.certificate import certify
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.scales import scales_of
 
 
 def kelvin_reactor(N=20) -> OptimalControlProblem:

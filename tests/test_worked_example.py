@@ -9,15 +9,20 @@ import numpy as np
 import pytest
 from car_by_hand import DT, A, control_matrix, solved_stage, step
 
-from ann_dc.decomposition import Form, LowerForm, decompose, switch
-from ann_dc.evaluation import neuron_values
-from ann_dc.gain_design import apply_gains, design, hand_gains
-from ann_dc.network import Network
-from ann_dc.network.metrics import Kind
-from ann_dc.problem import Start, plants
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import Form, LowerForm, switch
+from ann_dc.evaluation.populations import neuron_values
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
+from ann_dc.problem import plants
+from ann_dc.problem.start import Start
 from ann_dc.solver import synthesize
-from ann_dc.synthesis import start_values
-from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevels, UpperMap
+from ann_dc.synthesis.row import start_values
+from ann_dc.two_level.levels import TwoLevels
+from ann_dc.two_level.upper_gains import UpperMap
+from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator
 
 GAIN, SMALL = 0.05, 1e-3
 """The plain Lagrangian's optimum repels: a large gain leaves it within three iterations."""

@@ -31,8 +31,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ann_dc.analysis.saddle import RowShadow, Saddle, saddle_of, shadow_rows
-from ann_dc.analysis.second_order import penalty_threshold
+from ann_dc.analysis.saddle import RowShadow, Saddle, penalty_threshold, saddle_of, shadow_rows
 from ann_dc.analysis.spectra import Spectrum, slowest_modes, spectrum
 from ann_dc.errors import NetworkError
 from ann_dc.hints.checked import checked

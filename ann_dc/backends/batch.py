@@ -16,7 +16,7 @@ from ann_dc.backends.integration.methods import Between
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.variants.numbers import Numbers
+from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
 from ann_dc.prefixes import counted
 

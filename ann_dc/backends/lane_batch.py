@@ -32,7 +32,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.generated.plan import Axis, refusal
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.evaluation.variants.numbers import Numbers
+from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
 from ann_dc.progress import Paced, Progress, Stopped
 from ann_dc.resources import cores

@@ -41,9 +41,9 @@ from ann_dc.backends.run import Run
 from ann_dc.backends.settling import HEADWAY, Settling, window_of
 from ann_dc.backends.status import OVERFLOW, Outcome, Status
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.generated.choice import fast_evaluator
+from ann_dc.evaluation.generated.generated import fast_evaluator
 from ann_dc.evaluation.generated.lanes import Lanes
-from ann_dc.evaluation.variants.numbers import Numbers
+from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, Index, Positive
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind

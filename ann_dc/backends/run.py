@@ -9,7 +9,7 @@ import numpy as np
 
 from ann_dc.backends.status import Status
 from ann_dc.backends.trajectory import Trajectory
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import such_as
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
 from ann_dc.progress import Deadline

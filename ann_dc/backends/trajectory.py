@@ -17,7 +17,7 @@ from ann_dc.backends.curves import Curves, Tabulated
 from ann_dc.backends.integration.methods import Between, Known
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.rules import size_in_words, size_of
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import such_as
 from ann_dc.network.network import Network
 from ann_dc.records import Record
 

@@ -24,11 +24,10 @@ from ann_dc.decomposition.inequalities import InequalityRow, end_rows, pressed, 
 from ann_dc.decomposition.symbols import fresh, rounded
 from ann_dc.errors import FormError
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import NotEmpty
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import NotEmpty, such_as
 from ann_dc.phases import phase
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.free_time.step_length import StepLength
+from ann_dc.problem.step_length import StepLength
 
 
 @checked

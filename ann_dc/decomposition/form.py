@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from ann_dc.errors import UnknownNameError
 from ann_dc.hints.checked import checked
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import such_as
 
 
 class CostWeight(enum.Enum):

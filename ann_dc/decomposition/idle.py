@@ -17,7 +17,7 @@ import numpy as np
 import sympy as sp
 
 from ann_dc.decomposition.determined import determined
-from ann_dc.problem.constraints.bounds import ROOM
+from ann_dc.problem.bounds import ROOM
 from ann_dc.problem.declaration import HOLD, OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 

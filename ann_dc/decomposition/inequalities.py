@@ -19,9 +19,9 @@ from typing import cast
 import sympy as sp
 
 from ann_dc.decomposition.symbols import fresh
-from ann_dc.problem.constraints.inequality import Inequality
-from ann_dc.problem.constraints.soft import Soft
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.inequality import Inequality
+from ann_dc.problem.soft import Soft
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

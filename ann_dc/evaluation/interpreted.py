@@ -8,10 +8,10 @@ from typing import final
 import numpy as np
 
 from ann_dc.evaluation import loops
-from ann_dc.evaluation.clamps.lane_clamps import LaneClamps, clamp_code
-from ann_dc.evaluation.clamps.pivots import clamped_moves
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import Bounds, DomainGuard
+from ann_dc.evaluation.lane_clamps import LaneClamps, clamp_code
+from ann_dc.evaluation.pivots import clamped_moves
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import Tape
 from ann_dc.network.network import Network

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.evaluation import rules
-from ann_dc.evaluation.clamps.pivots import is_railed, stands_at_rail
 from ann_dc.evaluation.formulas import (
     check_written,
     compiled,
@@ -24,6 +23,7 @@ from ann_dc.evaluation.formulas import (
     value_at,
 )
 from ann_dc.evaluation.metric_arrays import clear, move
+from ann_dc.evaluation.pivots import is_railed, stands_at_rail
 from ann_dc.evaluation.rules import FLOOR, LOST, OVERFLOW, RAN, SETTLED, SMALLEST_POSITION
 from ann_dc.evaluation.tape import (
     BY_VALUE,

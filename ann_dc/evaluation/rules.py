@@ -12,7 +12,7 @@ rail, never positive at a high one, and zero if the neuron moves.
 1. A neuron with a diagonal row of M does not move if its own drive points outward: `pushes_out`.
 2. A neuron that the metric couples to others is judged by its move (`pushes_out`) while it is free
    and by its current (`lets_go`) while it is held, never by its drive: neighbours may pull it off
-   the rail against its own drive, or hold it there. `ann_dc.evaluation.clamps` finds who is held.
+   the rail against its own drive, or hold it there. `ann_dc.evaluation` finds who is held.
 3. Whatever the metric, all moves are zero only if every drive is zero or points outward at a rail.
    So residuals, certificates and `rests` read drives that are cut by their own signs.
 

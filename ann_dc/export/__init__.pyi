@@ -9,10 +9,5 @@ from . import (
     runtimes as runtimes,
 )
 from .catalogue import FORMATS as FORMATS
-from .exporting import (
-    Exported as Exported,
-    export_network as export_network,
-    settings_from as settings_from,
-)
-from .formats import Format as Format
-from .inspecting import Inspection as Inspection, inspect_export as inspect_export
+from .exporting import export_network as export_network
+from .inspecting import inspect_export as inspect_export

@@ -32,7 +32,7 @@ from ann_dc.hints.values import NotEmpty, Own
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.optimality.certificate import Certificate
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.objectives.several import weights_of
+from ann_dc.problem.several import weights_of
 from ann_dc.problem.start import line_start
 from ann_dc.progress import Progress, silent
 from ann_dc.solution.solution import certificate_of

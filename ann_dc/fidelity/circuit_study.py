@@ -19,7 +19,7 @@ from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.rules import NEAR
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity
-from ann_dc.fidelity.loops.loop_gains import LoopGain, loop_gains, why_no_loops
+from ann_dc.fidelity.loop_gains import LoopGain, loop_gains, why_no_loops
 from ann_dc.fidelity.metric_demand import MetricDemand, metric_demand
 from ann_dc.fidelity.monte_carlo import predicted_errors
 from ann_dc.fidelity.noise_run import control_noise, noisy

@@ -21,11 +21,10 @@ import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.objectives import Objective
-from ann_dc.analysis.second_order import threshold_of
+from ann_dc.analysis.saddle import threshold_of
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.choice import Choice
-from ann_dc.gain_design.found import FoundChoice
+from ann_dc.gain_design.choice import Choice, FoundChoice
 from ann_dc.gain_design.freeze import (
     Candidate,
 )
@@ -37,8 +36,7 @@ from ann_dc.gain_design.rules.presets import presets_of
 from ann_dc.gain_design.rules.recipe import RECIPES, Recipe, recipe_of_first_run
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Own
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import Own, such_as
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
 from ann_dc.phases import phase

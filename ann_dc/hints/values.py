@@ -5,12 +5,289 @@ They stand in ``Annotated`` hints, which a type checker reads as the type itself
 
 from __future__ import annotations
 
+import collections.abc as abc
+import enum
+import inspect
 import math
-from collections.abc import Mapping
+import numbers
+import types
+from collections.abc import Callable, Mapping, Set, Sized
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias, TypeVar
 
 import numpy as np
+
+from ann_dc.errors import ArgumentError, ArgumentTypeError, ArgumentValueError
+
+# ---- how a refusal says what was expected and what was given
+
+_Class = TypeVar("_Class", bound=type)
+
+_SUCH_AS: dict[type, str] = {}
+
+LONGEST_TEXT = 40
+"""Letters of a given text that a refusal repeats."""
+
+
+def such_as(example: str) -> Callable[[_Class], _Class]:
+    """Say how a user comes by an object of a class; refusals of all others tell it.
+
+    Parameters
+    ----------
+    example : str
+        What a user writes, such as "ann_dc.plants.car()".
+
+    Examples
+    --------
+    >>> @such_as("Cat()")
+    ... class Cat:
+    ...     pass
+    >>> class_words(Cat)
+    'a Cat such as Cat()'
+    """
+
+    def keep(kind: _Class) -> _Class:
+        _SUCH_AS[kind] = example
+        return kind
+
+    return keep
+
+
+def class_words(kind: type) -> str:
+    """What a refusal calls an object of a class, and how to come by one."""
+    if issubclass(kind, enum.Enum):
+        return f"one of {', '.join(str(member) for member in kind)}"
+    example = f" such as {_SUCH_AS[kind]}" if kind in _SUCH_AS else ""
+    return with_article(kind.__name__) + example
+
+
+def given_words(given: object) -> str:
+    """What a refusal says was given.
+
+    Examples
+    --------
+    >>> given_words("ode"), given_words([]), given_words(np.zeros((2, 3))), given_words(len)
+    ("the text 'ode'", 'an empty list', 'an array of shape (2, 3)', 'the function len')
+    """
+    if given is None or isinstance(given, (bool, int, float, complex, np.generic, enum.Enum)):
+        return repr(given)
+    if isinstance(given, (str, bytes)):
+        text = repr(given[:LONGEST_TEXT]) + ("..." if len(given) > LONGEST_TEXT else "")
+        return f"{'the text' if isinstance(given, str) else 'the bytes'} {text}"
+    if isinstance(given, type):
+        return f"the class {given.__name__}"
+    if inspect.isroutine(given):
+        return f"the function {getattr(given, '__name__', given)}"
+    if isinstance(given, np.ndarray):
+        kind = "an array" if given.dtype.kind in "fiu" else f"an array of {given.dtype}"
+        return f"{kind} of shape {given.shape}"
+    name = with_article(type(given).__name__)
+    if isinstance(given, (list, tuple, Mapping, Set)) and type(given).__module__ == "builtins":
+        return f"an empty {type(given).__name__}" if not given else f"{name} of {len(given)}"
+    return name
+
+
+def way_out(given: object, kind: type, fits: Callable[[Any], bool]) -> str:
+    """What to pass instead, where that can be told from what was given; else nothing.
+
+    Parameters
+    ----------
+    given : object
+        What was refused.
+    kind : type
+        What was expected.
+    fits : callable of object
+        Whether something else would be taken.
+    """
+    if isinstance(given, type):
+        return f"; make one: {given.__name__}(...)" if _makes(given, kind) else ""
+    if inspect.isroutine(given):
+        made = getattr(given, "__annotations__", {}).get("return")
+        called = made in (kind, kind.__name__)
+        return f"; call it: {given.__name__}(...)" if called else ""
+    for name, value in getattr(given, "__dict__", {}).items():
+        if not name.startswith("_") and value is not None and fits(value):
+            return f"; pass its .{name}"
+    return ""
+
+
+def _makes(given: type, kind: type) -> bool:
+    try:
+        return issubclass(given, kind)
+    except TypeError:  # a protocol with more than methods
+        return all(hasattr(given, name) for name in vars(kind) if not name.startswith("_"))
+
+
+def with_article(name: str) -> str:
+    """A name as one of its kind.
+
+    >>> with_article("Network"), with_article("OdeBackend")
+    ('a Network', 'an OdeBackend')
+    """
+    return f"{'an' if name[:1] in 'AEIOaeio' else 'a'} {name}"
+
+
+def is_empty(given: object) -> bool:
+    """Whether what has a length has none."""
+    return isinstance(given, Sized) and len(given) == 0
+
+
+# ---- what is wrong with a value, and the error that says it: what was expected, given, and to pa
+
+
+@dataclass(frozen=True, kw_only=True)
+class Complaint:
+    """What is wrong with a value.
+
+    Attributes
+    ----------
+    expected : str
+        In words.
+    given : object
+    where : str
+        The place inside the argument, such as "[2]"; empty where it is the argument itself.
+    error : type of ArgumentError
+        What is raised.
+    wanted : type or None
+        The class that was expected, where it was one.
+    """
+
+    expected: str
+    given: object
+    where: str = ""
+    error: type[ArgumentError] = ArgumentTypeError
+    wanted: type | None = None
+
+    def raised_for(self, name: str) -> ArgumentError:
+        """The error for an argument of that ``name``."""
+        hint, kind = "", self.wanted
+        if kind is not None:
+            fits = class_check(kind)
+            hint = way_out(self.given, kind, lambda one: fits(one) is None)
+        return self.error(
+            f"{name}{self.where}: expected {self.expected}, got {given_words(self.given)}{hint}"
+        )
+
+
+Check: TypeAlias = Callable[[Any], Complaint | None]
+"""None where a value is as it should be."""
+
+
+def class_check(kind: type) -> Check:
+    """The check of a class: of a protocol by its members, of any other by `isinstance`."""
+    if kind in (abc.Callable, types.FunctionType):
+        return callable_check
+    protocol = getattr(kind, "_is_protocol", False)
+    members = _members(kind) if protocol else ()
+
+    def check(value: Any) -> Complaint | None:
+        fits = all(_has(value, m) for m in members) if protocol else isinstance(value, kind)
+        if fits and not (protocol and isinstance(value, type)):
+            return None
+        return Complaint(expected=class_words(kind), given=value, wanted=kind)
+
+    return check
+
+
+def _members(protocol: type) -> tuple[str, ...]:
+    """Names that a protocol asks for."""
+    kinds = [kind for kind in protocol.__mro__ if getattr(kind, "_is_protocol", False)]
+    names = {n for kind in kinds for n in (*vars(kind), *getattr(kind, "__annotations__", {}))}
+    asked = {name for name in names if not name.startswith("_") or name == "__call__"}
+    return tuple(sorted(asked - {"__init__"}))
+
+
+def _has(value: Any, name: str) -> bool:
+    """Whether an object has an attribute; a property of its class is not evaluated."""
+    return hasattr(type(value), name) or name in getattr(value, "__dict__", ())
+
+
+def callable_check(value: Any) -> Complaint | None:
+    """The check of a function: a ``value`` that can be called and is no class."""
+    if callable(value) and not isinstance(value, type):
+        return None
+    return Complaint(expected="a function", given=value)
+
+
+# ---- the checks of single numbers, texts and arrays
+
+
+def _none(value: Any) -> Complaint | None:
+    return None if value is None else Complaint(expected="None", given=value)
+
+
+def float_check(value: Any) -> Complaint | None:
+    """The check of a number: a ``value`` that is not nan."""
+    if number_check(value) is not None:
+        return Complaint(expected="a number", given=value)
+    if value != value:
+        return Complaint(expected="a number", given=value, error=ArgumentValueError)
+    return None
+
+
+def number_check(value: Any) -> Complaint | None:
+    """The check of a number that may be nan: a real ``value`` and no bool."""
+    if type(value) is float or (isinstance(value, numbers.Real) and not isinstance(value, bool)):
+        return None
+    return Complaint(expected="a number", given=value)
+
+
+def _int(value: Any) -> Complaint | None:
+    if type(value) is int or (
+        isinstance(value, numbers.Integral) and not isinstance(value, (bool, np.bool_))
+    ):
+        return None
+    return Complaint(expected="a whole number", given=value)
+
+
+def _complex(value: Any) -> Complaint | None:
+    if isinstance(value, numbers.Complex) and not isinstance(value, bool):
+        return None
+    return Complaint(expected="a number", given=value)
+
+
+def _bool(value: Any) -> Complaint | None:
+    if value is True or value is False or isinstance(value, np.bool_):
+        return None
+    return Complaint(expected="True or False", given=value)
+
+
+def _text(value: Any) -> Complaint | None:
+    return None if isinstance(value, str) else Complaint(expected="text", given=value)
+
+
+def _array(value: Any) -> Complaint | None:
+    if isinstance(value, (list, tuple)):
+        value = as_array(value)
+    if isinstance(value, np.ndarray) and value.dtype.kind in "fiubc":
+        return None
+    return Complaint(expected="a NumPy array of numbers", given=value)
+
+
+def as_array(value: Any) -> Any:
+    """Lists of numbers as an array; anything else as it is."""
+    if not isinstance(value, (list, tuple)):
+        return value
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return value
+    return array if array.dtype.kind in "fiub" else value
+
+
+SCALARS: dict[Any, Check] = {
+    type(None): _none,
+    float: float_check,
+    int: _int,
+    complex: _complex,
+    bool: _bool,
+    str: _text,
+    np.ndarray: _array,
+}
+"""By their type hint."""
+
+
+# ---- what a hint may say beyond a type: a range of numbers, a shape, that it is not empty
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,14 +17,14 @@ from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome
-from ann_dc.evaluation.generated.choice import fast_evaluator
+from ann_dc.evaluation.generated.generated import fast_evaluator
 from ann_dc.hardware.circuit.scaling import time_unit
 from ann_dc.navigation.half_planes import Ahead, Margin, discs, half_planes
 from ann_dc.navigation.planner import Plan, Situation
 from ann_dc.network.cell import Function, Product
 from ann_dc.network.network import Network
 from ann_dc.prefixes import counted
-from ann_dc.problem.robots.planning import LINEAR, NONLINEAR, Planning
+from ann_dc.problem.robot_planning import LINEAR, NONLINEAR, Planning
 
 FIRST_ROUNDS = 6
 """Rounds of settling and linearising before a robot starts."""

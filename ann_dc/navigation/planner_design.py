@@ -36,9 +36,9 @@ from ann_dc.navigation.planner import Plan, Situation
 from ann_dc.navigation.world import World, random_world
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
-from ann_dc.problem.constraints.soft import Soft
-from ann_dc.problem.robots.planning import Planning, planning_problem
-from ann_dc.problem.robots.robot import Robot
+from ann_dc.problem.robot import Robot
+from ann_dc.problem.robot_planning import Planning, planning_problem
+from ann_dc.problem.soft import Soft
 from ann_dc.progress import Progress, silent
 from ann_dc.synthesis.synthesis import synthesize
 
@@ -111,7 +111,7 @@ def design_planner(
 
     Examples
     --------
-    >>> from ann_dc.problem.robots import car_robot
+    >>> from ann_dc.problem import car_robot
     >>> planner = design_planner(car_robot(), horizon=16)  # doctest: +SKIP
     """
     if not np.isfinite(soft.price):
@@ -148,8 +148,8 @@ def planner_for(
 
     Examples
     --------
-    >>> from ann_dc.problem.constraints import Soft
-    >>> from ann_dc.problem.robots import NONLINEAR, planning_problem, unicycle_robot
+    >>> from ann_dc.problem import Soft
+    >>> from ann_dc.problem import NONLINEAR, planning_problem, unicycle_robot
     >>> size = {"horizon": 10, "dt": 0.1, "slots": 1, "pull": 0.1, "reach": 2.0}
     >>> discs = planning_problem(
     ...     unicycle_robot(), **size, soft=Soft(price=100.0, compliance=0.002), form=NONLINEAR

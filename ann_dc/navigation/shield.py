@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, NotNegative, Positive
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import Count, NotNegative, Positive, such_as
 from ann_dc.navigation.planner import Plan, Situation
 
 STILL = 1e-6

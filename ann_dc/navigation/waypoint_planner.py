@@ -27,8 +27,8 @@ from ann_dc.hints.values import Count, Index, Positive
 from ann_dc.navigation.planner import Plan, Situation
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
-from ann_dc.problem.robots.planning import leg_problem
-from ann_dc.problem.robots.robot import Robot
+from ann_dc.problem.robot import Robot
+from ann_dc.problem.robot_planning import leg_problem
 from ann_dc.progress import Progress, silent
 
 PACE = 0.7
@@ -107,7 +107,7 @@ def design_waypoint_planner(
 
     Examples
     --------
-    >>> from ann_dc.problem.robots import car_robot
+    >>> from ann_dc.problem import car_robot
     >>> planner = design_waypoint_planner(car_robot(), stages=8)  # doctest: +SKIP
     """
     problem = leg_problem(robot, stages=stages, reach=3.0)

@@ -10,10 +10,9 @@ import numpy as np
 
 from ann_dc.errors import WorldError
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Index, Own, Positive
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import Index, Own, Positive, such_as
 from ann_dc.navigation.obstacles import Obstacle, disc
-from ann_dc.problem.robots.robot import Robot, car_robot
+from ann_dc.problem.robot import Robot, car_robot
 
 
 @such_as("ann_dc.navigation.random_world(0)")

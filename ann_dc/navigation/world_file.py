@@ -31,7 +31,7 @@ from ann_dc.errors import AnnDcError, WorldError
 from ann_dc.hints.checked import checked
 from ann_dc.navigation.obstacles import Obstacle, disc, polygon
 from ann_dc.navigation.world import World
-from ann_dc.problem.robots.robot import Robot, car_robot, unicycle_robot
+from ann_dc.problem.robot import Robot, car_robot, unicycle_robot
 from ann_dc.whole_files.files import read_table
 
 ROBOTS: Mapping[str, Callable[..., Robot]] = {"car": car_robot, "unicycle": unicycle_robot}

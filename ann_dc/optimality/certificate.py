@@ -24,13 +24,13 @@ import numpy as np
 from ann_dc.errors import ArgumentValueError
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import OrNan, Shape
+from ann_dc.optimality.by_stages import Minimum
 from ann_dc.optimality.complementarity import Complementarity
 from ann_dc.optimality.contact import SMALLEST_STATE
 from ann_dc.optimality.expansion import Expansion
 from ann_dc.optimality.largest import Largest
+from ann_dc.optimality.minimum import minimum_of
 from ann_dc.optimality.newton import step_of
-from ann_dc.optimality.second_order.by_stages import Minimum
-from ann_dc.optimality.second_order.minimum import minimum_of
 from ann_dc.optimality.soft_rows import SoftRows
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.records import WHERE_GIVEN

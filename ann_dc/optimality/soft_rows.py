@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ann_dc.problem.constraints.inequality import Inequality
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.inequality import Inequality
 
 AT_PRICE = 1e-6
 """Share of the price below which a multiplier may be missing from it and still count as there."""

@@ -8,9 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ann_dc.families.family_design import FamilyDesign
+from ann_dc.families.family_design import FamilyDesign, Validation
 from ann_dc.families.front import Front
-from ann_dc.families.validation import Validation
 from ann_dc.hints.checked import checked
 from ann_dc.plotting.style import (
     BLUE,

@@ -23,7 +23,7 @@ from ann_dc.plotting.style import (
     title,
     with_unit,
 )
-from ann_dc.problem.constraints.bounds import NO_BOUND
+from ann_dc.problem.bounds import NO_BOUND
 from ann_dc.solution.solution import Solution
 
 HEADINGS = ("phi", "theta", "psi")

@@ -1,19 +1,15 @@
 from . import plants as plants
-from .constraints import Inequality as Inequality, Soft as Soft
 from .declaration import OptimalControlProblem as OptimalControlProblem
-from .excursions import bridge_variance as bridge_variance
-from .expression import FUNCTIONS as FUNCTIONS, parse_expression as parse_expression
-from .free_time import StepLength as StepLength
-from .scales import (
-    Scales as Scales,
-    natural_scales as natural_scales,
-    scales_of as scales_of,
-    straight_line as straight_line,
-)
+from .robot import car_robot as car_robot, unicycle_robot as unicycle_robot
+from .robot_planning import NONLINEAR as NONLINEAR, planning_problem as planning_problem
+from .scales import Scales as Scales, scales_of as scales_of, straight_line as straight_line
+from .soft import Soft as Soft
 from .start import (
     Start as Start,
     line_start as line_start,
     random_start as random_start,
     zero_start as zero_start,
 )
+from .step_length import StepLength as StepLength
 from .toml_file import load_problem as load_problem
+from .written_problem import declared as declared

@@ -20,13 +20,10 @@ import sympy as sp
 
 from ann_dc.errors import ProblemError
 from ann_dc.hints.checked import checked
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import such_as
 from ann_dc.prefixes import counted
-from ann_dc.problem.constraints.assumptions import bounds_assumed, check_inputs
-from ann_dc.problem.constraints.bounds import bounds_of, limits_of, rows_of
-from ann_dc.problem.constraints.fixed_ends import check_ends
-from ann_dc.problem.constraints.inequality import Inequality, Relations, relations_of
-from ann_dc.problem.constraints.soft import Softness, soft_of
+from ann_dc.problem.assumptions import bounds_assumed, check_inputs
+from ann_dc.problem.bounds import bounds_of, limits_of, rows_of
 from ann_dc.problem.fields import (
     both_ends,
     check_names,
@@ -39,11 +36,12 @@ from ann_dc.problem.fields import (
     values_a_stage,
     whole_stages,
 )
-from ann_dc.problem.free_time.handed_on import HandedOn
-from ann_dc.problem.free_time.step_length import SCALE, StepLength, step_length
+from ann_dc.problem.fixed_ends import check_ends
 from ann_dc.problem.functions import ProblemFunctions
-from ann_dc.problem.objectives.measured import Measured
-from ann_dc.problem.objectives.several import (
+from ann_dc.problem.handed_on import HandedOn
+from ann_dc.problem.inequality import Inequality, Relations, relations_of
+from ann_dc.problem.measured import Measured
+from ann_dc.problem.several import (
     Objectives,
     Several,
     Weights,
@@ -52,6 +50,8 @@ from ann_dc.problem.objectives.several import (
     weight_inputs,
     weights_of,
 )
+from ann_dc.problem.soft import Softness, soft_of
+from ann_dc.problem.step_length import SCALE, StepLength, step_length
 from ann_dc.records import Record
 from ann_dc.scale import Scale
 

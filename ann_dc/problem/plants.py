@@ -20,7 +20,7 @@ import sympy as sp
 from ann_dc.errors import UnknownNameError
 from ann_dc.hints.checked import checked
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.free_time.timed_plants import car_free_time, pendulum_free_time
+from ann_dc.problem.timed_plants import car_free_time, pendulum_free_time
 from ann_dc.problem.vehicles import (
     HALF,
     bicycle,

@@ -12,10 +12,9 @@ import numpy as np
 
 from ann_dc.errors import ProblemError
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Index, Shape
-from ann_dc.hints.words import such_as
-from ann_dc.problem.constraints.domain import culprit, terms
+from ann_dc.hints.values import Index, Shape, such_as
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.domain import culprit, terms
 from ann_dc.problem.scales import straight_line
 
 SPREAD = 0.1

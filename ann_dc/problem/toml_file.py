@@ -62,12 +62,12 @@ import sympy as sp
 
 from ann_dc.errors import ProblemError
 from ann_dc.hints.checked import checked
-from ann_dc.problem.constraints.inequality import PREFIXES
-from ann_dc.problem.constraints.relation_text import parse_relations
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.expression import parse_expression
 from ann_dc.problem.fields import FORMULA_NAMES
-from ann_dc.problem.free_time.step_length import StepLength
+from ann_dc.problem.inequality import PREFIXES
+from ann_dc.problem.relation_text import parse_relations
+from ann_dc.problem.step_length import StepLength
 from ann_dc.scale import Scale
 from ann_dc.whole_files.files import read_table
 

@@ -19,14 +19,14 @@ from ann_dc.errors import UnknownNameError
 from ann_dc.evaluation.populations import kkt_point, neuron_values
 from ann_dc.gain_design.procedure import Design
 from ann_dc.hints.checked import checked
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import such_as
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate, certify
 from ann_dc.phases import phase
 from ann_dc.prefixes import lasting
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.free_time.step_length import StepLength, mean_length, stage_times
-from ann_dc.problem.written.written_problem import written
+from ann_dc.problem.step_length import StepLength, mean_length, stage_times
+from ann_dc.problem.written_problem import written
 from ann_dc.records import Record
 from ann_dc.solution.saved_result import save_result
 

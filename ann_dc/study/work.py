@@ -23,8 +23,8 @@ from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.spice.backend import simulate
 from ann_dc.errors import AnnDcError, StudyError
-from ann_dc.evaluation.variants.numbers import Numbers, numbers_of
-from ann_dc.evaluation.variants.wiring import require_one_wiring
+from ann_dc.evaluation.variant_numbers import Numbers, numbers_of
+from ann_dc.evaluation.variant_wiring import require_one_wiring
 from ann_dc.hardware.defects.drawing import drawn_numbers
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
@@ -48,17 +48,17 @@ from ann_dc.study.measuring.metrics import Metric
 from ann_dc.study.measuring.network_samples import BatchSample, RunSample
 from ann_dc.study.measuring.sample import Sample
 from ann_dc.study.planning import is_batched
-from ann_dc.study.varying.realisation import Realisation
-from ann_dc.study.varying.settings import ORDERS, backend_of, behind
-from ann_dc.study.varying.subject import Subject
-from ann_dc.study.varying.variants import (
+from ann_dc.study.varying.realisation import (
     TOGETHER,
+    Realisation,
     defect_stream,
     network_at,
     started,
     with_defects,
     with_gains,
 )
+from ann_dc.study.varying.settings import ORDERS, backend_of, behind
+from ann_dc.study.varying.subject import Subject
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
 
 CURVES = 200

@@ -4,7 +4,7 @@
 `upper_gains` chooses and predicts, `lyapunov` and `oracle_gain` are its proof and
 the gain that comes from it, `coordination` puts all this together for one problem.
 
-Torch is taken from `ann_dc.backends.recurrent.layers`, which says how to get it where it is
+Torch is taken from `ann_dc.backends.recurrent`, which says how to get it where it is
 missing.
 """
 

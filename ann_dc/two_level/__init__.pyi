@@ -1,13 +1,11 @@
 from .coordination import (
-    COORDINATORS as COORDINATORS,
     Coordination as Coordination,
     Undesigned as Undesigned,
     best_gradient as best_gradient,
     coordinate as coordinate,
-    newton as newton,
 )
 from .levels import TwoLevels as TwoLevels
-from .lower_level import Closed as Closed, Iterated as Iterated, LowerLevel as LowerLevel
+from .lower_level import Closed as Closed, Iterated as Iterated
 from .lyapunov import (
     Distances as Distances,
     Lyapunov as Lyapunov,
@@ -21,7 +19,6 @@ from .theorem import (
     Hypothesis as Hypothesis,
     PrintedMatrices as PrintedMatrices,
     StageHessians as StageHessians,
-    StageMatrices as StageMatrices,
     theorem_IV_1 as theorem_IV_1,
     theorem_IV_2 as theorem_IV_2,
 )

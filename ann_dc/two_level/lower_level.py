@@ -10,7 +10,7 @@ import numpy as np
 
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hints.checked import checked
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import such_as
 from ann_dc.network.network import Network
 from ann_dc.two_level.sample import Sample
 

@@ -37,11 +37,10 @@ from typing import Annotated
 import numpy as np
 
 from ann_dc.errors import DesignError, NetworkError
-from ann_dc.evaluation.generated.choice import fast_evaluator
+from ann_dc.evaluation.generated.generated import fast_evaluator
 from ann_dc.evaluation.reference import evaluator, tape_with_penalty
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import NotEmpty, NotNegative, Shape, State
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import NotEmpty, NotNegative, Shape, State, such_as
 from ann_dc.network.network import COORDINATION, Network
 from ann_dc.two_level.upper_gains import UpperMap
 

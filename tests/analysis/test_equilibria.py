@@ -5,10 +5,11 @@ import pytest
 from designs import coordinated, designed
 from hypothesis import given, strategies as st
 
-from ann_dc.analysis import equilibrium
+from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.errors import ArgumentValueError, NetworkError
-from ann_dc.evaluation import evaluator
-from ann_dc.network import Cell, Connection, Limiter, Network, Neuron, Product
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Product
+from ann_dc.network.network import Network
 
 
 def wire(source: str, target: str, weight: float = 1.0) -> Connection:

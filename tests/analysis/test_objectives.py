@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ann_dc.analysis import SETTLING_TIME, STEPS
+from ann_dc.analysis.objectives import SETTLING_TIME, STEPS
 
 MODES = np.array([-4.0, -0.5 + 1j, -0.5 - 1j, -2.0])
 

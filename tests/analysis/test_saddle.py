@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from designs import designed
 
-from ann_dc.analysis import saddle_of
+from ann_dc.analysis.saddle import saddle_of
 
 
 @pytest.fixture

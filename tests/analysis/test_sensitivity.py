@@ -11,29 +11,23 @@ from minimax import small as cart
 from problems import SUITE
 from simulator import needs_ngspice
 
-from ann_dc.analysis import equilibrium, input_sensitivity, weight_sensitivity
-from ann_dc.backends import OdeBackend
-from ann_dc.backends.spice import SpiceBackend, simulate
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.sensitivity import input_sensitivity, weight_sensitivity
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation import evaluator
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.emulation import emulate, emulated_state
-from ann_dc.hardware.parts import Datasheet, Kind, Level, macro
-from ann_dc.network import (
-    Absent,
-    Cell,
-    Connection,
-    Function,
-    Limiter,
-    Network,
-    Neuron,
-    Pin,
-    Product,
-    Sum,
-    Template,
-    metrics,
-)
-from ann_dc.problem import Soft
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.emulation.states import emulated_state
+from ann_dc.hardware.parts.datasheet import Datasheet, Kind
+from ann_dc.hardware.parts.levels import Level, macro
+from ann_dc.network import metrics
+from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Sum, Template
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.network import Network
+from ann_dc.problem.soft import Soft
 from ann_dc.solver import synthesize
 
 PREVIOUS, NEXT = Template.PREVIOUS, Template.NEXT

@@ -9,10 +9,14 @@ from designs import small
 from exact_metric import exact_metric, is_dual
 from problems import SUITE
 
-from ann_dc.analysis import LIMIT, Cause, Mode, slowness_of, spectrum
+from ann_dc.analysis.slowness import LIMIT, Cause, Mode, slowness_of
+from ann_dc.analysis.spectra import spectrum
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design import WITH_COORDINATORS, Design, apply_gains, design, hand_gains
-from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.gain_design.procedure import Design, design
+from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.network import Network
 from ann_dc.solver import synthesize
 
 MEASURED = ("car", "van_der_pol", "pendulum", "double_integrator", "planar_quadrotor")

@@ -12,13 +12,19 @@ from random_metrics import with_stiffness
 from wired import neighbour_wired
 
 from ann_dc import Kind, Recipe, design, synthesize
-from ann_dc.analysis import Linearisation, penalty_threshold, slowest_modes, spectrum
-from ann_dc.backends.spice import SpiceBackend
-from ann_dc.evaluation import evaluator
-from ann_dc.gain_design import WITH_COORDINATORS, WITHOUT_COORDINATORS, apply_gains, closed_form
-from ann_dc.hardware.emulation import emulate, pole_spectrum
-from ann_dc.hardware.parts import macro, presets
-from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.saddle import penalty_threshold
+from ann_dc.analysis.spectra import slowest_modes, spectrum
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.rules.gains import apply_gains
+from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, WITHOUT_COORDINATORS, closed_form
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.emulation.states import pole_spectrum
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.network import Network
 
 
 def test_spectrum_is_that_of_the_jacobian():

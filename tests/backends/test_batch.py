@@ -8,10 +8,10 @@ import pytest
 from designs import designed
 from recurrent_runs import RECURRENT, growing, pole, short, targets
 
-from ann_dc.backends import Outcome
-from ann_dc.backends.recurrent import FixedStep
+from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.backends.status import Outcome
 from ann_dc.errors import ArgumentError, NetworkError
-from ann_dc.evaluation import evaluator
+from ann_dc.evaluation.reference import evaluator
 
 
 def test_a_sample_that_is_no_number_costs_itself_alone():

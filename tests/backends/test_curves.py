@@ -9,9 +9,12 @@ import pytest
 
 import ann_dc
 from ann_dc import plants
-from ann_dc.backends import Curves, Trajectory, write_curves
+from ann_dc.backends.curves import Curves, write_curves
+from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import OutputError, PandasMissing
-from ann_dc.network import Absent, Cell, Network, Neuron, Pin
+from ann_dc.network.cell import Cell, Neuron
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.network import Network
 from ann_dc.scale import Scale
 
 Q, U = Neuron(name="q.x", scale=Scale(2.0, 1.0)), Neuron(name="u.a", scale=Scale(-3.0))

@@ -8,10 +8,15 @@ from designs import designed
 from recurrent_runs import suited
 
 import ann_dc
-from ann_dc.backends import BATCHES, BatchRun, Outcome
-from ann_dc.backends.recurrent import ORDERS, in_code
+from ann_dc.backends.batch import BatchRun
+from ann_dc.backends.ode import BATCHES
+from ann_dc.backends.recurrent import in_code
+from ann_dc.backends.recurrent.rules.orders import ORDERS
+from ann_dc.backends.status import Outcome
 from ann_dc.errors import NetworkError
-from ann_dc.network import Cell, Connection, Function, Network, Neuron, Pin
+from ann_dc.network.cell import Cell, Connection, Function, Neuron
+from ann_dc.network.ends import Pin
+from ann_dc.network.network import Network
 from ann_dc.progress import Stopped
 
 RNG = np.random.default_rng(3)

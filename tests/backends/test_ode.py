@@ -13,15 +13,22 @@ from problems import SUITE
 from reference import ipopt
 
 import ann_dc.progress
-from ann_dc.backends import METHODS, OdeBackend, Outcome, Run, Settling, ode
-from ann_dc.decomposition import PRINTED, SWITCHES, decompose
+from ann_dc.backends import ode
+from ann_dc.backends.ode import METHODS, OdeBackend
+from ann_dc.backends.run import Run
+from ann_dc.backends.settling import Settling
+from ann_dc.backends.status import Outcome
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import PRINTED, SWITCHES
 from ann_dc.errors import UnknownNameError
-from ann_dc.evaluation import InterpretedEvaluator
-from ann_dc.gain_design import apply_gains, hand_gains
-from ann_dc.network import COORDINATION, Cell, Connection, Function, Network, Neuron, Product
-from ann_dc.problem import Start, line_start, plants
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product
+from ann_dc.network.network import COORDINATION, Network
+from ann_dc.problem import plants
+from ann_dc.problem.start import Start, line_start
 from ann_dc.solver import synthesize
-from ann_dc.synthesis import start_values
+from ann_dc.synthesis.row import start_values
 
 QUICK = OdeBackend(verify=False)
 

@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 
-from ann_dc.backends import (
-    Recorder,
-    Run,
-    Settling,
-    not_settled,
-    recorder as recorder_module,
-    settled,
-)
-from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.backends import recorder as recorder_module
+from ann_dc.backends.recorder import Recorder
+from ann_dc.backends.run import Run
+from ann_dc.backends.settling import Settling
+from ann_dc.backends.status import not_settled, settled
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.network import Network
 
 CELL = Cell(
     neurons=(Neuron(name="x"),),

@@ -3,7 +3,7 @@
 import numpy as np
 from hypothesis import given, strategies as st
 
-from ann_dc.backends import last_exit
+from ann_dc.backends.settling import last_exit
 
 
 @given(

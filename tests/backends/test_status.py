@@ -8,7 +8,8 @@ import pytest
 
 import ann_dc
 from ann_dc import OdeBackend, RecurrentBackend, SpiceBackend, ode
-from ann_dc.backends import (
+from ann_dc.backends import status
+from ann_dc.backends.status import (
     UNMET,
     Outcome,
     Status,
@@ -18,13 +19,13 @@ from ann_dc.backends import (
     not_settled,
     settled,
     stalled,
-    status,
     stopped,
     unbounded,
 )
 from ann_dc.errors import NetworkError
-from ann_dc.network import ONE, Cell, Connection, Function, Limiter, Network, Neuron, Product
-from ann_dc.solution import found_without
+from ann_dc.network.cell import ONE, Cell, Connection, Function, Limiter, Neuron, Product
+from ann_dc.network.network import Network
+from ann_dc.solution.running import found_without
 
 CELL = Cell(
     neurons=(Neuron(name="q.x"), Neuron(name="q.v")),

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ann_dc.backends import Trajectory, control_error, control_values
+from ann_dc.backends.trajectory import Trajectory, control_error, control_values
 from ann_dc.errors import UnknownNameError
-from ann_dc.network import Absent, Cell, Network, Neuron
+from ann_dc.network.cell import Cell, Neuron
+from ann_dc.network.ends import Absent
+from ann_dc.network.network import Network
 from ann_dc.scale import Scale
 
 Q, U = Neuron(name="q.x", scale=Scale(2.0)), Neuron(name="u.a", scale=Scale(-3.0))

@@ -17,8 +17,8 @@ from bench.figure import Figure, show
 from problems import SUITE
 
 import ann_dc
-from ann_dc.network.metrics import Kind
-from ann_dc.solution import certificate_of
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.solution.solution import certificate_of
 
 STARTS = 20
 SHORT = [name for name, entry in SUITE.items() if entry.problem.horizon <= 50]

@@ -28,10 +28,13 @@ from bench.figure import Figure, show
 from bench.jax_flow import jax_flow
 
 import ann_dc
-from ann_dc.backends.recurrent import CHECK, CHECK_ON_GPU
-from ann_dc.backends.recurrent.cell import EliminationLayer, PyramidLayer, TorchTape
-from ann_dc.evaluation import FUNCTION, PRODUCT, SUM, InterpretedEvaluator, evaluator
-from ann_dc.network import input_batch, moved_starts
+from ann_dc.backends.recurrent.backend import CHECK, CHECK_ON_GPU
+from ann_dc.backends.recurrent.cell.metrics import EliminationLayer, PyramidLayer
+from ann_dc.backends.recurrent.cell.tape import TorchTape
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM
+from ann_dc.network.inputs import input_batch, moved_starts
 
 CARS = 1024
 ONE_BY_ONE = 40

@@ -32,8 +32,9 @@ def settle(samples: int, horizon: int, accelerated: bool) -> None:
     import torch
 
     import ann_dc
-    from ann_dc.analysis import Linearisation
-    from ann_dc.gain_design import WITH_COORDINATORS, apply_gains, closed_form
+    from ann_dc.analysis.linearisation import Linearisation
+    from ann_dc.gain_design.rules.gains import apply_gains
+    from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, closed_form
 
     plain = ann_dc.synthesize(ann_dc.plants.car(N=horizon, dt=0.9 / horizon))
     linear = Linearisation(plain).at(plain.start_state)

@@ -11,14 +11,19 @@ import numpy as np
 from bench.figure import Figure, show
 
 import ann_dc
-from ann_dc.analysis import equilibrium, stability_limit
-from ann_dc.backends.spice import SpiceBackend, simulate
-from ann_dc.backends.spice.netlist import deck_of
-from ann_dc.backends.spice.ngspice import Ngspice
-from ann_dc.fidelity import predict, sample_decks, sensitivity
-from ann_dc.hardware.emulation import emulate, emulated_state
-from ann_dc.hardware.parts import BEHAVIOURAL, TRANSISTOR, macro, presets, switched_capacitor
-from ann_dc.network.metrics import Kind
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.spectra import stability_limit
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.netlist.deck import deck_of
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.fidelity.error_budget import sensitivity
+from ann_dc.fidelity.monte_carlo import sample_decks
+from ann_dc.fidelity.prediction import predict
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.emulation.states import emulated_state
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, switched_capacitor
+from ann_dc.network.metrics.contract import Kind
 
 
 def median(work: Callable[[], object], repeats: int = 3) -> float:

@@ -13,12 +13,13 @@ from dataclasses import replace
 from bench.figure import Figure, show
 
 import ann_dc
-from ann_dc.backends.spice import SpiceBackend
-from ann_dc.backends.spice.netlist import Simulation
-from ann_dc.fidelity import fitted, predict
-from ann_dc.hardware.circuit import CAPACITOR, MULTIPLIER, OP_AMP, RESISTOR, cost_of
-from ann_dc.hardware.parts import TRANSISTOR, macro
-from ann_dc.network.metrics import Kind
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.netlist.timing import Simulation
+from ann_dc.fidelity.fitting import fitted
+from ann_dc.fidelity.prediction import predict
+from ann_dc.hardware.circuit.cost import CAPACITOR, MULTIPLIER, OP_AMP, RESISTOR, cost_of
+from ann_dc.hardware.parts.levels import TRANSISTOR, macro
+from ann_dc.network.metrics.contract import Kind
 
 ROWS = (
     ("double_integrator", 20),

@@ -17,9 +17,9 @@ from bench.batch import random_cars
 from bench.figure import Figure, show
 
 import ann_dc
-from ann_dc.export.onnx import onnx_files
-from ann_dc.export.reference import ReferenceVector, reference_vector
-from ann_dc.network import input_batch, moved_starts
+from ann_dc.export.onnx.files import onnx_files
+from ann_dc.export.reference.vector import ReferenceVector, reference_vector
+from ann_dc.network.inputs import input_batch, moved_starts
 
 CARS = (1, 64, 1024)
 STAGES = (9, 90)

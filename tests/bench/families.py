@@ -12,7 +12,7 @@ import numpy as np
 from bench.figure import Figure, show
 
 import ann_dc
-from ann_dc.families import design_family
+from ann_dc.families.family_design import design_family
 
 HELD_OUT = 1000
 SHARE, SLOWER = 0.99, 4.0

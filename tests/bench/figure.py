@@ -56,7 +56,7 @@ def picture(figures: Sequence[Figure], file: str | Path, label: str) -> None:
     label : str
         Of the axis, with the unit.
     """
-    from ann_dc.plotting import BLUE, INK, new_figure, quiet
+    from ann_dc.plotting.style import BLUE, INK, new_figure, quiet
 
     drawn = [figure for figure in figures if math.isfinite(figure.number)]
     sheet = new_figure(8.0, 0.8 + 0.24 * len(drawn))

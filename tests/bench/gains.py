@@ -19,9 +19,9 @@ from literature import LITERATURE
 from problems import SUITE
 
 import ann_dc
-from ann_dc.network.metrics import ALL_KINDS, Kind
+from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.problem import plants
-from ann_dc.solution import certificate_of
+from ann_dc.solution.solution import certificate_of
 
 WIRINGS = {
     "all kinds": ALL_KINDS,

@@ -25,8 +25,9 @@ from bench.families import FAMILIES as RANGES
 from bench.figure import Figure, show
 
 import ann_dc
-from ann_dc.export.fixed_point import c99_files, golden
-from ann_dc.export.reference import reference_vector
+from ann_dc.export.fixed_point import golden
+from ann_dc.export.fixed_point.c99 import c99_files
+from ann_dc.export.reference.vector import reference_vector
 
 INPUTS, SEED = 10_000, 23
 WIDTHS = (16, 32)

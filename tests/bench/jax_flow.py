@@ -8,8 +8,10 @@ import numpy as np
 import torch
 
 import ann_dc
-from ann_dc.backends.recurrent.cell import PyramidLayer, TorchTape
-from ann_dc.evaluation import PRODUCT, SUM, evaluator
+from ann_dc.backends.recurrent.cell.metrics import PyramidLayer
+from ann_dc.backends.recurrent.cell.tape import TorchTape
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.tape import PRODUCT, SUM
 
 
 def jax_flow(network: ann_dc.Network):

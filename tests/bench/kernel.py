@@ -12,9 +12,11 @@ import numpy as np
 from bench.figure import Figure, show
 
 import ann_dc
-from ann_dc.analysis import Linearisation
-from ann_dc.evaluation import InterpretedEvaluator, loops
-from ann_dc.gain_design import WITH_COORDINATORS, apply_gains, closed_form
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.evaluation import loops
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.gain_design.rules.gains import apply_gains
+from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, closed_form
 
 REPEATS = 7
 

@@ -12,7 +12,7 @@ import torch
 from bench.figure import Figure, show
 
 import ann_dc
-from ann_dc.families import seeded_starts
+from ann_dc.families.seeded_starts import seeded_starts
 
 STARTS, SINGLE = 64, 3
 PROBLEMS = {

@@ -14,14 +14,16 @@ import numpy as np
 from bench.figure import Figure, show
 from metric_networks import with_metric
 
-from ann_dc.backends.spice import SpiceBackend
-from ann_dc.backends.spice.netlist import Simulation
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.netlist.timing import Simulation
 from ann_dc.errors import SpiceTimeoutError
-from ann_dc.fidelity import MetricDemand, fitted, metric_demand, predict
-from ann_dc.hardware.circuit import CAPACITOR, NEGATIVE, OP_AMP, RESISTOR
-from ann_dc.hardware.parts import macro
-from ann_dc.network import Network
-from ann_dc.network.metrics import Kind
+from ann_dc.fidelity.fitting import fitted
+from ann_dc.fidelity.metric_demand import MetricDemand, metric_demand
+from ann_dc.fidelity.prediction import predict
+from ann_dc.hardware.circuit.cost import CAPACITOR, NEGATIVE, OP_AMP, RESISTOR
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 
 PLANTS = {"car": None, "pendulum": 12, "two_link_arm": 8}
 """Horizons that are shorter than the suite's, where ngspice would take too long."""

@@ -20,13 +20,17 @@ from bench.kernel import many
 from random_metrics import STIFFNESSES, with_stiffness
 
 import ann_dc
-from ann_dc.analysis import Linearisation
-from ann_dc.backends.recurrent.cell import CellLayer
-from ann_dc.evaluation import InterpretedEvaluator, evaluator, loops
-from ann_dc.evaluation.generated import Axis, Lanes
-from ann_dc.evaluation.vector_code import call
-from ann_dc.gain_design import Recipe, apply_gains, closed_form
-from ann_dc.network.metrics import Kind
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.evaluation import loops
+from ann_dc.evaluation.generated.lanes import Lanes
+from ann_dc.evaluation.generated.plan import Axis
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.vector_code.calls import call
+from ann_dc.gain_design.rules.gains import apply_gains
+from ann_dc.gain_design.rules.recipe import Recipe, closed_form
+from ann_dc.network.metrics.contract import Kind
 
 HORIZONS = (9, 90, 900, 9000)
 KINDS = Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE

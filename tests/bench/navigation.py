@@ -21,19 +21,16 @@ from bench.figure import Figure, show
 from bench.nlp_planner import NlpPlanner
 
 from ann_dc import plotting
-from ann_dc.navigation import (
-    Journey,
-    Planner,
-    Shield,
-    design_planner,
-    design_waypoint_planner,
-    drive,
-    planner_for,
-    random_world,
-)
-from ann_dc.plotting.worlds import journey as picture
-from ann_dc.problem.constraints import Soft
-from ann_dc.problem.robots import NONLINEAR, Robot, car_robot, planning_problem
+from ann_dc.navigation.closed_loop import Journey, drive
+from ann_dc.navigation.planner import Planner
+from ann_dc.navigation.planner_design import design_planner, planner_for
+from ann_dc.navigation.shield import Shield
+from ann_dc.navigation.waypoint_planner import design_waypoint_planner
+from ann_dc.navigation.world import random_world
+from ann_dc.plotting.worlds.journey import journey as picture
+from ann_dc.problem.robot import Robot, car_robot
+from ann_dc.problem.robot_planning import NONLINEAR, planning_problem
+from ann_dc.problem.soft import Soft
 
 FIRST, WORLDS = 1000, 200
 """Seed of the first world, and how many."""

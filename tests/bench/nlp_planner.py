@@ -9,8 +9,10 @@ import casadi as ca
 import numpy as np
 import sympy as sp
 
-from ann_dc.navigation import Margin, Plan, Situation, World
-from ann_dc.problem.robots import Robot
+from ann_dc.navigation.half_planes import Margin
+from ann_dc.navigation.planner import Plan, Situation
+from ann_dc.navigation.world import World
+from ann_dc.problem.robot import Robot
 
 AWAY = np.array([100.0, 100.0, 0.5])
 """x, y and reach of a slot without a disc."""

@@ -18,8 +18,8 @@ from random_problems import FAMILIES, problem
 from reference import ipopt
 
 import ann_dc
-from ann_dc.gain_design import COARSE
-from ann_dc.optimality import ipopt_point
+from ann_dc.gain_design.rules.presets import COARSE
+from ann_dc.optimality.reference_solvers import ipopt_point
 
 SEEDS = range(10)
 STARTS = 6

@@ -16,8 +16,8 @@ import numpy as np
 from bench.figure import Figure, show
 
 import ann_dc
-from ann_dc.analysis import spectrum
-from ann_dc.network.metrics import Kind
+from ann_dc.analysis.spectra import spectrum
+from ann_dc.network.metrics.contract import Kind
 
 STAGES = (9, 18, 36, 72, 144)
 CHOICES = {

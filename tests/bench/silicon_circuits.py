@@ -12,12 +12,15 @@ import numpy as np
 from bench.figure import Figure, show
 
 import ann_dc
-from ann_dc.backends.spice import CircuitRun, SpiceBackend
-from ann_dc.backends.spice.pdk import area_of
-from ann_dc.fidelity import predict
-from ann_dc.hardware.circuit import cost_of, load_power
-from ann_dc.hardware.parts import CORNERS, SKY130, Conditions
-from ann_dc.network.metrics import Kind
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.backends.spice.pdk.area import area_of
+from ann_dc.fidelity.prediction import predict
+from ann_dc.hardware.circuit.cost import cost_of
+from ann_dc.hardware.circuit.loads import load_power
+from ann_dc.hardware.parts.conditions import CORNERS, Conditions
+from ann_dc.hardware.parts.foundry import SKY130
+from ann_dc.network.metrics.contract import Kind
 
 ENDS = ((27.0, 1.0), (-40.0, 0.9), (125.0, 0.9), (-40.0, 1.1), (125.0, 1.1))
 """Temperatures in degrees Celsius and supplies over nominal."""

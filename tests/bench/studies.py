@@ -23,14 +23,16 @@ from bench.figure import Figure, show
 from problems import SUITE
 
 import ann_dc
-from ann_dc.analysis import Linearisation
-from ann_dc.analysis.settling import predicted_settling
-from ann_dc.backends.measures import decay_rate
-from ann_dc.fidelity import predicted_errors
-from ann_dc.gain_design import Recipe, apply_gains, closed_form
-from ann_dc.hardware.defects import drawn_numbers, mismatch
-from ann_dc.hardware.parts import macro
-from ann_dc.network import input_batch, moved_starts
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.predicted_settling import predicted_settling
+from ann_dc.backends.decay import decay_rate
+from ann_dc.fidelity.monte_carlo import predicted_errors
+from ann_dc.gain_design.rules.gains import apply_gains
+from ann_dc.gain_design.rules.recipe import Recipe, closed_form
+from ann_dc.hardware.defects.drawing import drawn_numbers
+from ann_dc.hardware.defects.numbers import mismatch
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.network.inputs import input_batch, moved_starts
 
 CHIPS, TARGETS, CIRCUITS = 10_000, 100_000, 1000
 CHIPS_BAR, TARGETS_BAR, CIRCUITS_BAR = 60.0, 60.0, 300.0

@@ -25,8 +25,8 @@ from rich.console import Console
 from rich.table import Table
 
 import ann_dc
-from ann_dc.gain_design import Design
-from ann_dc.solution import certificate_of
+from ann_dc.gain_design.procedure import Design
+from ann_dc.solution.solution import certificate_of
 
 STARTS = ("line", "zeros", "random 0", "random 1", "random 2")
 

@@ -14,12 +14,16 @@ from bench.figure import Figure, show
 from bench.preset_circuits import PLANTS, network_of
 from by_hand import BY_HAND
 
-from ann_dc.backends.spice import SpiceBackend, simulate
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.errors import AnnDcError
-from ann_dc.fidelity import Specimen, predict, settled_error, specimens
-from ann_dc.fidelity.boards import corners
-from ann_dc.hardware.circuit import cost_of, load_power
-from ann_dc.hardware.parts import TRANSISTOR, Kind, transistor
+from ann_dc.fidelity.boards.corners import corners
+from ann_dc.fidelity.monte_carlo import settled_error, specimens
+from ann_dc.fidelity.prediction import predict
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.hardware.circuit.cost import cost_of
+from ann_dc.hardware.circuit.loads import load_power
+from ann_dc.hardware.parts.datasheet import Kind
+from ann_dc.hardware.parts.levels import TRANSISTOR, transistor
 
 OFF = 0.1
 """By how much the emulated error may be off that of ngspice."""

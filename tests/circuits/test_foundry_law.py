@@ -9,8 +9,8 @@ from multiplier_sweeps import Bench, found, known, told
 from simulator import needs_ngspice
 from small_pdk import needs_pdk
 
-from ann_dc.backends.spice.pdk import place_of
-from ann_dc.hardware.parts import SKY130
+from ann_dc.backends.spice.pdk.place import place_of
+from ann_dc.hardware.parts.foundry import SKY130
 
 LAW = SKY130.datasheet.multiplier_law
 SHARES = np.linspace(-1.0, 1.0, 5)

@@ -8,7 +8,7 @@ from library_table import CIRCUITS
 from multiplier_sweeps import Bench, found, known, told
 from simulator import needs_ngspice
 
-from ann_dc.hardware.parts import GILBERT
+from ann_dc.hardware.parts.transistors import GILBERT
 
 SCALES = (0.5, 0.8, 1.25)
 SHARES = np.linspace(-1.0, 1.0, 7)

@@ -4,7 +4,7 @@ import warnings
 
 import pytest
 
-from ann_dc.cli import notes, progress_line
+from ann_dc.cli.terminal import notes, progress_line
 
 
 def test_what_the_library_warns_of_becomes_one_note_a_sentence(capsys):

@@ -3,16 +3,12 @@
 import pytest
 import sympy as sp
 
-from ann_dc.decomposition import (
-    PRINTED,
-    PRINTED_CONDITIONS,
-    PRINTED_EXAMPLE,
-    SWITCHES,
-    decompose,
-    switch,
-)
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import PRINTED, PRINTED_CONDITIONS, PRINTED_EXAMPLE, SWITCHES, switch
 from ann_dc.errors import FormError
-from ann_dc.problem import OptimalControlProblem, StepLength, plants
+from ann_dc.problem import plants
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.step_length import StepLength
 
 x, a = sp.symbols("x a")
 mu, t, t_prev, beta, beta_next = sp.symbols("mu_x t_x t_prev_x beta_x beta_next_x")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from ann_dc.decomposition import (
+from ann_dc.decomposition.form import (
     CORRECTED,
     PRINTED,
     PRINTED_CONDITIONS,

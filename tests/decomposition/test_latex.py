@@ -2,8 +2,9 @@
 
 import sympy as sp
 
-from ann_dc.decomposition import as_latex, decompose
-from ann_dc.problem import OptimalControlProblem
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.latex import as_latex
+from ann_dc.problem.declaration import OptimalControlProblem
 
 
 def test_names_and_numbers_of_the_paper():

@@ -14,36 +14,23 @@ from hypothesis import given, settings, strategies as st
 from minimax import CASES, car, small as cart
 from problems import SUITE
 
-from ann_dc.analysis import Linearisation
-from ann_dc.backends.recurrent.cell import TorchEvaluator
-from ann_dc.decomposition import PRINTED, SWITCHES
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
+from ann_dc.decomposition.form import PRINTED, SWITCHES
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation import (
-    FLOOR,
-    SMALLEST_POSITION,
-    Evaluator,
-    InterpretedEvaluator,
-    ReferenceEvaluator,
-    evaluator,
-)
-from ann_dc.evaluation.generated import GeneratedEvaluator
-from ann_dc.gain_design import Recipe, apply_gains, closed_form
-from ann_dc.network import (
-    FUNCTIONS,
-    Absent,
-    Cell,
-    Connection,
-    Function,
-    Limiter,
-    Network,
-    Neuron,
-    Pin,
-    Product,
-    Sum,
-    Template,
-)
-from ann_dc.network.metrics import Kind
-from ann_dc.problem import Soft
+from ann_dc.evaluation.contract import Evaluator
+from ann_dc.evaluation.generated.generated import GeneratedEvaluator
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.evaluation.reference import ReferenceEvaluator, evaluator
+from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
+from ann_dc.gain_design.rules.gains import apply_gains
+from ann_dc.gain_design.rules.recipe import Recipe, closed_form
+from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Sum, Template
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.functions import FUNCTIONS
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
+from ann_dc.problem.soft import Soft
 from ann_dc.solver import synthesize
 
 TINY = 1e-30

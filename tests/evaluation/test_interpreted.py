@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 from designs import coordinated, near_start, small
 
-from ann_dc.evaluation import LOST, RAN, SETTLED, Bounds, InterpretedEvaluator, evaluator
-from ann_dc.evaluation.generated import FastEvaluator, GeneratedEvaluator
-from ann_dc.network import Cell, Connection, Function, Network, Neuron
+from ann_dc.evaluation.domains import Bounds
+from ann_dc.evaluation.generated.generated import FastEvaluator, GeneratedEvaluator
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.rules import LOST, RAN, SETTLED
+from ann_dc.network.cell import Cell, Connection, Function, Neuron
+from ann_dc.network.network import Network
 
 
 @pytest.fixture(params=[InterpretedEvaluator, GeneratedEvaluator], ids=lambda kind: kind.__name__)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from designs import designed
 
-from ann_dc.evaluation import kkt_point, neuron_values
+from ann_dc.evaluation.populations import kkt_point, neuron_values
 
 
 @pytest.mark.parametrize("name", ["double_integrator", "car"])

@@ -5,7 +5,7 @@ import pytest
 from designs import coordinated, near_start, small
 from problems import SUITE
 
-from ann_dc.evaluation import evaluator, tape_with_penalty
+from ann_dc.evaluation.reference import evaluator, tape_with_penalty
 
 TINY = 1e-30
 

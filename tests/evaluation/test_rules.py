@@ -27,11 +27,14 @@ from hypothesis import given, settings, strategies as st
 from random_metrics import random_metric, rows
 from random_networks import random_network
 
-from ann_dc.backends.recurrent.cell import TorchEvaluator
-from ann_dc.evaluation import InterpretedEvaluator, ReferenceEvaluator, evaluator
-from ann_dc.evaluation.clamps import projected
-from ann_dc.evaluation.generated import Axis, GeneratedEvaluator, Lanes
-from ann_dc.network.metrics import Kind, Metric, Row
+from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
+from ann_dc.evaluation.generated.generated import GeneratedEvaluator
+from ann_dc.evaluation.generated.lanes import Lanes
+from ann_dc.evaluation.generated.plan import Axis
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.evaluation.projection import projected
+from ann_dc.evaluation.reference import ReferenceEvaluator, evaluator
+from ann_dc.network.metrics.contract import Kind, Metric, Row
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
 EVALUATORS = (ReferenceEvaluator, InterpretedEvaluator, GeneratedEvaluator, TorchEvaluator)

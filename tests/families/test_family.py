@@ -6,8 +6,8 @@ from hypothesis import given, settings, strategies as st
 
 from ann_dc import plants, synthesize
 from ann_dc.errors import ProblemError, UnknownNameError
-from ann_dc.evaluation import neuron_values
-from ann_dc.families import Family, family_of
+from ann_dc.evaluation.populations import neuron_values
+from ann_dc.families.family import Family, family_of
 
 PROBLEM = plants.double_integrator(N=5)
 NETWORK = synthesize(PROBLEM)

@@ -12,10 +12,11 @@ from reference import ipopt
 
 from ann_dc import STEPS, OdeBackend, Recipe, design, plants, synthesize
 from ann_dc.errors import DesignError, RangeWarning
-from ann_dc.families import Failure, FamilyDesign, design_family, family_of, why
-from ann_dc.network.metrics import Kind
-from ann_dc.problem import OptimalControlProblem
-from ann_dc.solution import certificate_of
+from ann_dc.families.family import family_of
+from ann_dc.families.family_design import Failure, FamilyDesign, design_family, why
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.solution.solution import certificate_of
 
 OVER = {"q_d.x": (0.5, 2.0), "q_0.v": (-0.5, 0.5)}
 
@@ -57,7 +58,7 @@ def test_a_failure_is_told_with_its_reason(unicycles):
     """A network whose penalties are next to nothing holds no optimum."""
     weak = design(plants.unicycle(), kinds=[Kind.TIME_CONSTANTS])
     gains = replace(weak.gains, rho=1e-6 * weak.gains.rho)
-    from ann_dc.gain_design import apply_gains
+    from ann_dc.gain_design.rules.gains import apply_gains
 
     network = apply_gains(weak.network, gains)
     end = OdeBackend(verify=False, limit=100.0).run(network).trajectory.final
@@ -75,7 +76,7 @@ def test_inputs_outside_the_ranges_are_warned_of(unicycles):
 
 @pytest.mark.slow
 def test_ranges_are_kept_in_a_file(unicycles, tmp_path):
-    from ann_dc.weights import load, save
+    from ann_dc.weights.network_file import load, save
 
     save(unicycles.network, tmp_path / "n.npz")
     assert load(tmp_path / "n.npz").ranges == unicycles.family.ranges

@@ -10,13 +10,18 @@ import numpy as np
 import pytest
 from simulator import needs_ngspice
 
-from ann_dc.backends.spice import SpiceBackend
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity import NEAR, Reason, specimen, study_circuit
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.parts import BEHAVIOURAL, E96, macro, ota_c, presets
-from ann_dc.network import Network
-from ann_dc.network.metrics import Kind
+from ann_dc.fidelity import specimen
+from ann_dc.fidelity.circuit_study import NEAR, study_circuit
+from ann_dc.fidelity.prediction import Reason
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.e_series import E96
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -169,7 +174,7 @@ def test_time_constants_have_no_demand_and_need_no_reason(monkeypatch):
 
 
 def test_loops_that_take_too_long_cost_nothing_else(monkeypatch):
-    module = import_module("ann_dc.fidelity.loops.loop_gains")
+    module = import_module("ann_dc.fidelity.loop_gains")
     monkeypatch.setattr(module, "LARGEST", 10)
     found = study_circuit(network(), SpiceBackend(level=macro()), loops=1, simulated=False)
     assert found.loops == ()

@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from ann_dc.analysis import equilibrium
-from ann_dc.backends.spice import SpiceBackend
-from ann_dc.fidelity import budget, sensitivity, total_error
-from ann_dc.gain_design import design
-from ann_dc.hardware.circuit import draw, snapped
-from ann_dc.hardware.emulation import emulate, emulated_state
-from ann_dc.hardware.parts import (
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.fidelity.error_budget import budget, sensitivity, total_error
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.circuit.deviations import draw, snapped
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.emulation.states import emulated_state
+from ann_dc.hardware.parts.datasheet import TYPICAL, Datasheet, Tolerances
+from ann_dc.hardware.parts.e_series import (
     E12,
     E24,
     E24_PAIRS,
@@ -21,13 +23,10 @@ from ann_dc.hardware.parts import (
     E96_PAIRS,
     EXACT,
     SERIES,
-    TYPICAL,
-    Datasheet,
     Series,
-    Tolerances,
-    macro,
 )
-from ann_dc.network.metrics import Kind
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

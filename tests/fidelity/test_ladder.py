@@ -9,34 +9,19 @@ from simulator import needs_ngspice
 from torch_free import forget_torch
 
 from ann_dc.backends.recurrent import in_code
-from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NgspiceMissing
-from ann_dc.fidelity import (
-    Group,
-    Ladder,
-    Measured,
-    Rung,
-    climb,
-    ode_rung,
-    recurrent_rung,
-    rungs,
-)
-from ann_dc.gain_design import design
-from ann_dc.hardware.generators import Polynomial
-from ann_dc.hardware.parts import (
-    BEHAVIOURAL,
-    E96,
-    EXACT,
-    TRANSISTOR,
-    Datasheet,
-    Tolerances,
-    macro,
-    ota_c,
-    presets,
-)
-from ann_dc.network import Network
-from ann_dc.network.metrics import Kind
-from ann_dc.optimality import SolverTiming
+from ann_dc.fidelity.ladder import Ladder, Measured, climb, ode_rung, recurrent_rung
+from ann_dc.fidelity.rung import Group, Rung, rungs
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.generators.curves import Polynomial
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
+from ann_dc.hardware.parts.e_series import E96, EXACT
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
+from ann_dc.optimality.reference_solvers import SolverTiming
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

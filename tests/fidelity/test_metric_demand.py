@@ -5,13 +5,15 @@ import pytest
 from metric_networks import BEYOND, with_metric
 from wired import neighbour_wired
 
-from ann_dc.analysis import equilibrium, spectrum
-from ann_dc.backends import DOP853, OdeBackend
-from ann_dc.backends.spice import SpiceBackend
-from ann_dc.fidelity import metric_demand
-from ann_dc.hardware.emulation import emulate, pole_spectrum
-from ann_dc.hardware.parts import macro
-from ann_dc.network.metrics import Kind
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.spectra import spectrum
+from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.fidelity.metric_demand import metric_demand
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.emulation.states import pole_spectrum
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.network.metrics.contract import Kind
 
 
 def settled(network) -> np.ndarray:

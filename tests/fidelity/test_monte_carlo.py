@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from ann_dc import Kind, SpiceBackend, design, plants
-from ann_dc.fidelity import measured_errors, monte_carlo
-from ann_dc.hardware.parts import macro
+from ann_dc.fidelity import monte_carlo
+from ann_dc.fidelity.monte_carlo import measured_errors
+from ann_dc.hardware.parts.levels import macro
 
 
 def test_a_circuit_that_still_moves_has_no_error(monkeypatch):

@@ -11,32 +11,35 @@ import pytest
 from problems import SUITE
 from simulator import needs_ngspice
 
-from ann_dc.analysis import equilibrium
-from ann_dc.backends import Outcome, Trajectory
-from ann_dc.backends.spice import STEPS, SpiceBackend, read_back, source_card, with_noise
-from ann_dc.backends.spice.netlist import deck_of
-from ann_dc.backends.spice.ngspice import Ngspice, Raw, find_ngspice, read_raw
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.circuit_run import read_back
+from ann_dc.backends.spice.netlist.deck import deck_of
+from ann_dc.backends.spice.ngspice.process import find_ngspice
+from ann_dc.backends.spice.ngspice.raw import Raw, read_raw
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.spice.noise import STEPS, source_card, with_noise
+from ann_dc.backends.status import Outcome
+from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation import InterpretedEvaluator, evaluator
-from ann_dc.fidelity import run_with_noise, settled_noise, started_at
-from ann_dc.gain_design import design
-from ann_dc.hardware.circuit import Deviations, draw
-from ann_dc.hardware.emulation import (
-    AmplifierNodes,
-    Emulation,
-    Noise,
-    draw_noise,
-    emulate,
-    emulated_state,
-    noise_input,
-    noise_sources,
-    noisy_network,
-    white,
-)
-from ann_dc.hardware.parts import BEHAVIOURAL, Level, Parasitics, Tolerances, macro
-from ann_dc.hardware.schematic import Integrator
-from ann_dc.network import Cell, Connection, Network, Neuron, Product
-from ann_dc.network.metrics import Kind
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.fidelity.noise_run import run_with_noise, settled_noise, started_at
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.circuit.deviations import Deviations, draw
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.nodes import AmplifierNodes
+from ann_dc.hardware.emulation.noise_currents import Noise, draw_noise, noise_sources, white
+from ann_dc.hardware.emulation.noise_inputs import noise_input, noisy_network
+from ann_dc.hardware.emulation.states import emulated_state
+from ann_dc.hardware.parts.datasheet import Tolerances
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level, macro
+from ann_dc.hardware.parts.parasitics import Parasitics
+from ann_dc.hardware.schematic.elements import Integrator
+from ann_dc.network.cell import Cell, Connection, Neuron, Product
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 from ann_dc.solver import synthesize
 
 BOLTZMANN = 1.380649e-23

@@ -9,36 +9,27 @@ import pytest
 from problems import SUITE
 from simulator import needs_ngspice
 
-from ann_dc.analysis import stability_limit
-from ann_dc.backends import OdeBackend
-from ann_dc.backends.spice import SpiceBackend, refined, simulate
-from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.analysis.spectra import stability_limit
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity import (
-    Prediction,
-    Reason,
-    Specimen,
-    Unpredicted,
-    predict,
-    prediction_of,
-    smallest_margin,
-    study_circuit,
-)
-from ann_dc.gain_design import design
-from ann_dc.gain_design.rules import WITHOUT_COORDINATORS
-from ann_dc.hardware.circuit import snapped
-from ann_dc.hardware.emulation import emulate, pole_spectrum
-from ann_dc.hardware.parts import (
-    BEHAVIOURAL,
-    E24,
-    TRANSISTOR,
-    macro,
-    ota_c,
-    presets,
-    switched_capacitor,
-)
-from ann_dc.network import ONE, Cell, Connection, Network, Neuron, Product
-from ann_dc.network.metrics import Kind
+from ann_dc.fidelity.circuit_study import study_circuit
+from ann_dc.fidelity.fitting import smallest_margin
+from ann_dc.fidelity.prediction import Prediction, Reason, Unpredicted, predict, prediction_of
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.deviations import snapped
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.emulation.states import pole_spectrum
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.e_series import E24
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c, switched_capacitor
+from ann_dc.network.cell import ONE, Cell, Connection, Neuron, Product
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

@@ -7,21 +7,17 @@ import pytest
 from constrained import CONSTRAINED
 from designs import designed
 
-from ann_dc.analysis import Linearisation, spectrum
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.spectra import spectrum
 from ann_dc.errors import AnnDcError, DesignError
-from ann_dc.gain_design import (
-    Recipe,
-    SettledPoint,
-    apply_gains,
-    candidate_of,
-    compare,
-    design,
-    downhill,
-    freeze,
-    rehearsal,
-)
-from ann_dc.network import Limiter
-from ann_dc.network.metrics import Kind
+from ann_dc.gain_design import freeze, rehearsal
+from ann_dc.gain_design.freeze import candidate_of, compare, downhill
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.rules.gains import apply_gains
+from ann_dc.gain_design.rules.grid_gains import SettledPoint
+from ann_dc.gain_design.rules.recipe import Recipe
+from ann_dc.network.cell import Limiter
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.problem import plants
 from ann_dc.progress import Paced, Stopped
 from ann_dc.solver import synthesize

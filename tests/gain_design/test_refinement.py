@@ -7,26 +7,20 @@ import numpy as np
 import pytest
 import torch
 
-from ann_dc.analysis import (
-    SETTLING_TIME,
-    STEPS,
-    TWO_PHASE_STEPS,
-    Linearisation,
-    spectrum,
-)
-from ann_dc.backends import OdeBackend
-from ann_dc.backends.recurrent import SIMULTANEOUS, TWO_PHASE, FixedStep, RecurrentBackend
-from ann_dc.gain_design import (
-    Freedom,
-    Recipe,
-    SettledPoint,
-    Variation,
-    apply_gains,
-    best_step,
-    design,
-    refined,
-)
-from ann_dc.network.metrics import Kind, Pyramid
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.objectives import SETTLING_TIME, STEPS, TWO_PHASE_STEPS
+from ann_dc.analysis.spectra import spectrum
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, TWO_PHASE
+from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.refinement import Freedom, Variation, best_step, refined
+from ann_dc.gain_design.rules.gains import apply_gains
+from ann_dc.gain_design.rules.grid_gains import SettledPoint
+from ann_dc.gain_design.rules.recipe import Recipe
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.problem import plants
 from ann_dc.progress import silent
 from ann_dc.solver import synthesize

@@ -22,17 +22,8 @@ from ann_dc.errors import (
     DesignError,
     require_positive,
 )
-from ann_dc.hints import (
-    Count,
-    FloatOrNan,
-    NotEmpty,
-    Own,
-    PositiveFinite,
-    Shape,
-    check_of,
-    checked,
-    such_as,
-)
+from ann_dc.hints.checked import check_of, checked
+from ann_dc.hints.values import Count, FloatOrNan, NotEmpty, Own, PositiveFinite, Shape, such_as
 
 PROBLEM = ann_dc.plants.double_integrator(N=3)
 

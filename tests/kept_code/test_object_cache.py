@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ann_dc.kept_code import FOLDER_VARIABLE, object_cache
+from ann_dc.kept_code import object_cache
+from ann_dc.kept_code.object_cache import FOLDER_VARIABLE
 
 PROGRAM = textwrap.dedent(
     """

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from ann_dc.navigation import Ahead, Margin, disc, discs, half_planes, polygon
-from ann_dc.problem.robots import LINEAR, NONLINEAR
+from ann_dc.navigation.half_planes import Ahead, Margin, discs, half_planes
+from ann_dc.navigation.obstacles import disc, polygon
+from ann_dc.problem.robot_planning import LINEAR, NONLINEAR
 
 STAGES = 12
 GOAL = np.array([5.0, 0.0])

@@ -7,19 +7,16 @@ import pytest
 from reference import ipopt
 
 from ann_dc.errors import DesignError
-from ann_dc.hardware.circuit import ProbeRun, ScalingRules, scale
-from ann_dc.navigation import (
-    Margin,
-    Situation,
-    World,
-    design_planner,
-    disc,
-    drive,
-    planner_for,
-    random_world,
-)
-from ann_dc.problem.constraints import Soft
-from ann_dc.problem.robots import NONLINEAR, car_robot, planning_problem, unicycle_robot
+from ann_dc.hardware.circuit.scaling import ProbeRun, ScalingRules, scale
+from ann_dc.navigation.closed_loop import drive
+from ann_dc.navigation.half_planes import Margin
+from ann_dc.navigation.obstacles import disc
+from ann_dc.navigation.planner import Situation
+from ann_dc.navigation.planner_design import design_planner, planner_for
+from ann_dc.navigation.world import World, random_world
+from ann_dc.problem.robot import car_robot, unicycle_robot
+from ann_dc.problem.robot_planning import NONLINEAR, planning_problem
+from ann_dc.problem.soft import Soft
 
 ROBOT = unicycle_robot(reverse=0.5)
 

@@ -6,7 +6,7 @@ from hypothesis import given, strategies as st
 from scipy.optimize import minimize
 
 from ann_dc.errors import WorldError
-from ann_dc.navigation import disc, polygon
+from ann_dc.navigation.obstacles import disc, polygon
 
 coordinate = st.floats(-5, 5)
 places = st.tuples(coordinate, coordinate)

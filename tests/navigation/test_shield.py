@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
-from ann_dc.navigation import Plan, Shield, Situation, World, disc
-from ann_dc.problem.robots import car_robot, unicycle_robot
+from ann_dc.navigation.obstacles import disc
+from ann_dc.navigation.planner import Plan, Situation
+from ann_dc.navigation.shield import Shield
+from ann_dc.navigation.world import World
+from ann_dc.problem.robot import car_robot, unicycle_robot
 
 ROBOT = unicycle_robot(reverse=1.0, radius=0.2)
 

@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 from ann_dc import apply_gains, design, synthesize
-from ann_dc.navigation import Situation, WaypointPlanner, World, disc, drive
-from ann_dc.network.metrics import Kind
-from ann_dc.problem.robots import leg_problem, unicycle_robot
+from ann_dc.navigation.closed_loop import drive
+from ann_dc.navigation.obstacles import disc
+from ann_dc.navigation.planner import Situation
+from ann_dc.navigation.waypoint_planner import WaypointPlanner
+from ann_dc.navigation.world import World
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.problem.robot import unicycle_robot
+from ann_dc.problem.robot_planning import leg_problem
 
 ROBOT = unicycle_robot(speed=2.0)
 

@@ -5,8 +5,9 @@ import pytest
 from seeds import seeds
 
 from ann_dc.errors import WorldError
-from ann_dc.navigation import World, disc, random_world
-from ann_dc.problem.robots import car_robot, unicycle_robot
+from ann_dc.navigation.obstacles import disc
+from ann_dc.navigation.world import World, random_world
+from ann_dc.problem.robot import car_robot, unicycle_robot
 
 
 def world(obstacles, **given):

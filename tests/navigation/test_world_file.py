@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import FileFormatError, WorldError
-from ann_dc.navigation import load_world
+from ann_dc.navigation.world_file import load_world
 
 YARD = """
 start = [0, 0, 0.5, 0]

@@ -5,17 +5,21 @@ import sys
 import numpy as np
 import pytest
 
-from ann_dc.backends import OdeBackend
-from ann_dc.backends.recurrent import RecurrentBackend
-from ann_dc.backends.recurrent.cell import TorchEvaluator
-from ann_dc.backends.spice import SpiceBackend
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import AnnDcError, NetworkError, SynthesisError
-from ann_dc.evaluation import InterpretedEvaluator, ReferenceEvaluator
-from ann_dc.evaluation.generated import GeneratedEvaluator, fast_evaluator
-from ann_dc.export import FORMATS
-from ann_dc.export.reference import reference_vector
-from ann_dc.network import FUNCTIONS, Cell, Connection, Function, Network, Neuron, function_block
-from ann_dc.synthesis import Wiring, gradient
+from ann_dc.evaluation.generated.generated import GeneratedEvaluator, fast_evaluator
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.evaluation.reference import ReferenceEvaluator
+from ann_dc.export.catalogue import FORMATS
+from ann_dc.export.reference.vector import reference_vector
+from ann_dc.network.cell import Cell, Connection, Function, Neuron
+from ann_dc.network.functions import FUNCTIONS, function_block
+from ann_dc.network.network import Network
+from ann_dc.synthesis.adjoint import gradient
+from ann_dc.synthesis.wiring import Wiring
 
 FunctionBlock = type(FUNCTIONS[0])
 SOFTPLUS = FunctionBlock(

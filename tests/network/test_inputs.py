@@ -5,10 +5,14 @@ import pytest
 from designs import small
 from hypothesis import given, settings, strategies as st
 
-from ann_dc.decomposition import CORRECTED, SWITCHES, decompose
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import CORRECTED, SWITCHES
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.network import Cell, Connection, Network, Neuron, input_batch, moved_starts
-from ann_dc.problem import plants, scales_of
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.inputs import input_batch, moved_starts
+from ann_dc.network.network import Network
+from ann_dc.problem import plants
+from ann_dc.problem.scales import scales_of
 from ann_dc.solver import synthesize
 
 # ---- inputs ------------------------------------------------------------------------------------

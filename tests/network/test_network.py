@@ -7,21 +7,13 @@ import pytest
 from designs import coordinated, designed, small
 from hypothesis import given, settings, strategies as st
 
-from ann_dc.decomposition import SWITCHES
+from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.evaluation import evaluator
-from ann_dc.network import (
-    Absent,
-    Cell,
-    Connection,
-    Limiter,
-    Network,
-    Neuron,
-    PIDual,
-    Pin,
-    Sum,
-    Template,
-)
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Sum, Template
+from ann_dc.network.duals import PIDual
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.network import Network
 from ann_dc.scale import Scale
 
 X = Neuron(name="x")

@@ -13,9 +13,13 @@ from problems import SUITE
 from reference import ipopt
 
 from ann_dc import equilibrium, synthesize
-from ann_dc.evaluation import kkt_point
-from ann_dc.optimality import Minimum, certify, smallest_curvature
-from ann_dc.problem import OptimalControlProblem, natural_scales, plants, scales_of
+from ann_dc.evaluation.populations import kkt_point
+from ann_dc.optimality.by_stages import Minimum
+from ann_dc.optimality.certificate import certify
+from ann_dc.optimality.curvature import smallest_curvature
+from ann_dc.problem import plants
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.scales import natural_scales, scales_of
 
 NAMES = ["car", "unicycle", "bicycle", "van_der_pol", "lq_unst", "pendulum_state_cost", "cstr"]
 

@@ -9,8 +9,12 @@ from other_units import Units, written_in
 from seeds import seeds
 
 from ann_dc.errors import ArgumentValueError
-from ann_dc.optimality import LARGEST_MISS, Minimum, certify, ipopt_point
-from ann_dc.problem import OptimalControlProblem, plants
+from ann_dc.optimality.by_stages import Minimum
+from ann_dc.optimality.certificate import certify
+from ann_dc.optimality.complementarity import LARGEST_MISS
+from ann_dc.optimality.reference_solvers import ipopt_point
+from ann_dc.problem import plants
+from ann_dc.problem.declaration import OptimalControlProblem
 
 CAR, LINE = plants.car(), plants.double_integrator(N=40, dt=3 / 40)
 (PX, PY, _, _), (NU, ETA) = CAR.states, CAR.controls

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from ann_dc.optimality import Expansion
-from ann_dc.problem import OptimalControlProblem, natural_scales, plants
+from ann_dc.optimality.expansion import Expansion
+from ann_dc.problem import plants
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.scales import natural_scales
 
 a, b, x = sp.symbols("a b x")
 

@@ -8,8 +8,9 @@ from minimax import small
 
 import ann_dc
 from ann_dc.errors import ArgumentValueError
-from ann_dc.evaluation import kkt_point
-from ann_dc.optimality import Largest, certify
+from ann_dc.evaluation.populations import kkt_point
+from ann_dc.optimality.certificate import certify
+from ann_dc.optimality.largest import Largest
 
 
 @pytest.fixture(scope="module")

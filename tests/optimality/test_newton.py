@@ -10,8 +10,9 @@ from points import random_point
 from problems import SUITE
 from reference import ipopt
 
-from ann_dc.optimality import newton_step
-from ann_dc.problem import natural_scales, plants
+from ann_dc.optimality.newton import newton_step
+from ann_dc.problem import plants
+from ann_dc.problem.scales import natural_scales
 
 NAMES = ["car", "unicycle", "bicycle", "van_der_pol", "lq_unst", "pendulum_state_cost", "cstr"]
 

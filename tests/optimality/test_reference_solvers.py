@@ -10,8 +10,10 @@ from costates import costates
 from problems import SUITE
 from reference import ipopt
 
-from ann_dc.optimality import certify, ipopt_point, time_solvers
-from ann_dc.problem import OptimalControlProblem, plants
+from ann_dc.optimality.certificate import certify
+from ann_dc.optimality.reference_solvers import ipopt_point, time_solvers
+from ann_dc.problem import plants
+from ann_dc.problem.declaration import OptimalControlProblem
 
 PROBLEM = plants.double_integrator(N=4)
 

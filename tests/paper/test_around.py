@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from closed_chains import CAR, closed_chain
 
-from ann_dc.paper import CASES, Case, around, driven, obstacles, replanned
+from ann_dc.paper.around import around, driven, obstacles
+from ann_dc.paper.replans import CASES, Case, replanned
 
 
 @cache

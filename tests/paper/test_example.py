@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ann_dc.backends import Outcome
-from ann_dc.evaluation import evaluator
-from ann_dc.paper import demonstrations
+from ann_dc.backends.status import Outcome
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.paper.example import demonstrations
 from ann_dc.problem import plants
 from ann_dc.solver import solve
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ann_dc
-from ann_dc.paper import path_of, rolled_out, run_away
+from ann_dc.paper.paths import path_of, rolled_out, run_away
 from ann_dc.problem import plants
 
 

@@ -8,10 +8,10 @@ from car_by_hand import DT, A
 from closed_chains import CAR, closed_chain
 from reference import ipopt
 
-from ann_dc.evaluation import neuron_values
-from ann_dc.paper import CASES, Case, iterations, one_gain, replanned, to_the_letter
+from ann_dc.evaluation.populations import neuron_values
+from ann_dc.paper.replans import CASES, Case, iterations, one_gain, replanned, to_the_letter
 from ann_dc.problem import plants
-from ann_dc.two_level import UpperMap
+from ann_dc.two_level.upper_gains import UpperMap
 
 ONE = Case(name="one obstacle", stages=(4,))
 

@@ -8,7 +8,7 @@ from matplotlib.colors import same_color
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.families import Failure, FamilyDesign, design_family
+from ann_dc.families.family_design import Failure, FamilyDesign, design_family
 
 OVER = {"q_d.x": (0.5, 2.0), "q_0.v": (-0.5, 0.5)}
 

@@ -4,7 +4,8 @@ import pytest
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.fidelity import Group, Measured
+from ann_dc.fidelity.ladder import Measured
+from ann_dc.fidelity.rung import Group
 
 RUNGS = [
     Measured(name="ODE", group=Group.DIGITAL, error=1e-12, settling=1e-5),

@@ -9,7 +9,7 @@ import sympy as sp
 from hypothesis import given, strategies as st
 
 from ann_dc.errors import AnnDcError, ProblemError, UnknownNameError
-from ann_dc.problem import OptimalControlProblem
+from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.scale import Scale
 
 x, v, a, w = sp.symbols("x v a w")

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, assume, given, settings, strategies as st
 from sympy.printing.str import StrPrinter
 
 from ann_dc.errors import ExpressionError
-from ann_dc.problem import FUNCTIONS, parse_expression
+from ann_dc.problem.expression import FUNCTIONS, parse_expression
 
 x, y = sp.symbols("x y")
 SYMBOLS = {"x": x, "y": y}

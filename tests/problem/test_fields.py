@@ -8,10 +8,11 @@ import sympy as sp
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.backends.spice import SpiceBackend
-from ann_dc.decomposition import as_latex
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.decomposition.latex import as_latex
 from ann_dc.errors import ProblemError
-from ann_dc.problem import OptimalControlProblem, load_problem
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.toml_file import load_problem
 
 KINDS = [ann_dc.Kind.TIME_CONSTANTS]
 

@@ -10,7 +10,8 @@ from hypothesis import given, strategies as st
 from problems import SUITE
 from reference import casadi_functions
 
-from ann_dc.problem import OptimalControlProblem, plants
+from ann_dc.problem import plants
+from ann_dc.problem.declaration import OptimalControlProblem
 
 x, v, a, w = sp.symbols("x v a w")
 WITH_EVERYTHING = OptimalControlProblem(

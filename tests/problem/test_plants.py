@@ -7,7 +7,8 @@ from problems import SUITE
 from reference import best_of, ipopt
 
 from ann_dc.errors import UnknownNameError
-from ann_dc.problem import OptimalControlProblem, plants
+from ann_dc.problem import plants
+from ann_dc.problem.declaration import OptimalControlProblem
 
 FAST = ["car", "car_D.5", "unicycle", "bicycle", "double_integrator"]
 FAST += ["lq_stable", "lq_unst", "lq_unst_nc", "van_der_pol", "pendulum", "cstr"]

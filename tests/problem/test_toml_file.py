@@ -10,7 +10,8 @@ import pytest
 import sympy as sp
 
 from ann_dc.errors import ExpressionError, FileFormatError, ProblemError
-from ann_dc.problem import load_problem, plants
+from ann_dc.problem import plants
+from ann_dc.problem.toml_file import load_problem
 
 DEMO = Path(__file__).parents[2] / "demos" / "pendulum.toml"
 

@@ -8,9 +8,12 @@ import pytest
 from rich.console import Console
 
 from ann_dc import Kind, SpiceBackend, design, plants
-from ann_dc.fidelity import study_circuit
-from ann_dc.hardware.parts import E12, Datasheet, Tolerances, macro, presets
-from ann_dc.report import CircuitReport
+from ann_dc.fidelity.circuit_study import study_circuit
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
+from ann_dc.hardware.parts.e_series import E12
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.report.circuit import CircuitReport
 
 
 @cache

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import OutputError
-from ann_dc.report import make_room, write_json
+from ann_dc.report.json_file import make_room, write_json
 
 
 def test_numbers_that_json_does_not_know_become_null(tmp_path):

@@ -7,9 +7,9 @@ import pytest
 from rich.console import Console
 
 import ann_dc
-from ann_dc.decomposition import switch
-from ann_dc.optimality import Complementarity
-from ann_dc.report import report_table, write_solution
+from ann_dc.decomposition.form import switch
+from ann_dc.optimality.complementarity import Complementarity
+from ann_dc.report.solution import report_table, write_solution
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ import pytest
 import sympy as sp
 from rich.console import Console
 
-from ann_dc.problem import OptimalControlProblem
-from ann_dc.report import named_rows, printable, span, table, unit_list, verdict_text
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.report.tables import named_rows, printable, span, table, unit_list, verdict_text
 
 
 def shown(thing):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import ann_dc
-from ann_dc.optimality import Hopeless, Prospect
-from ann_dc.solution import knowledge_of, path_of
+from ann_dc.optimality.prospects.prospect import Hopeless, Prospect
+from ann_dc.solution.finding import path_of
+from ann_dc.solution.knowledge import knowledge_of
 
 CART = ann_dc.plants.double_integrator(N=5)
 

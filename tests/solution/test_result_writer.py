@@ -8,12 +8,13 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from ann_dc.backends import Outcome
+from ann_dc.backends.status import Outcome
 from ann_dc.errors import OutputError
-from ann_dc.network import Cell, Network, Neuron
-from ann_dc.network.metrics import Grid
+from ann_dc.network.cell import Cell, Neuron
+from ann_dc.network.metrics.grid import Grid
+from ann_dc.network.network import Network
 from ann_dc.records import WHERE_GIVEN
-from ann_dc.solution import Writer
+from ann_dc.solution.result_writer import Writer
 
 NETWORK = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=()), stages=1)
 

@@ -17,7 +17,7 @@ from network_files import entry, rewritten
 import ann_dc
 from ann_dc import plants
 from ann_dc.errors import FileFormatError, OutputError
-from ann_dc.solution import opened_result, save_result
+from ann_dc.solution.saved_result import opened_result, save_result
 
 
 @pytest.fixture(scope="module")

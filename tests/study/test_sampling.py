@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from ann_dc.errors import StudyError
-from ann_dc.study import Sampling, Span, Study
+from ann_dc.study.sampling import Sampling, Span
+from ann_dc.study.study import Study
 
 METRICS = ("settling_time",)
 

@@ -9,9 +9,11 @@ import pytest
 
 import ann_dc
 from ann_dc.errors import ArgumentError, StoreError, StudyError, UnknownNameError
-from ann_dc.study import Metric, Study
-from ann_dc.study.execution import Task
-from ann_dc.study.keeping import CIRCUMSTANCES, Store
+from ann_dc.study.execution.attempts import Task
+from ann_dc.study.keeping.rows import CIRCUMSTANCES
+from ann_dc.study.keeping.store import Store
+from ann_dc.study.measuring.metrics import Metric
+from ann_dc.study.study import Study
 
 METRICS = ["settling_time", "control_error"]
 MISMATCH = "defect.mismatch"

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 import ann_dc
-from ann_dc.decomposition import switch
-from ann_dc.fidelity import predicted_errors
-from ann_dc.network import Cell, Connection, Network, Neuron
-from ann_dc.study import Metric, Study
-from ann_dc.study.execution import Task
+from ann_dc.decomposition.form import switch
+from ann_dc.fidelity.monte_carlo import predicted_errors
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.network import Network
+from ann_dc.study.execution.attempts import Task
+from ann_dc.study.measuring.metrics import Metric
+from ann_dc.study.study import Study
 
 
 def rows(study: Study) -> list[dict]:

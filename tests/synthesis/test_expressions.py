@@ -6,9 +6,13 @@ import sympy as sp
 from hypothesis import given, settings, strategies as st
 
 from ann_dc.errors import SynthesisError
-from ann_dc.evaluation import evaluator
-from ann_dc.network import Cell, Function, Network, Neuron, Product
-from ann_dc.synthesis import Wiring, assemble, gradient, signal_of
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.cell import Cell, Function, Neuron, Product
+from ann_dc.network.network import Network
+from ann_dc.synthesis.adjoint import gradient
+from ann_dc.synthesis.assembly import assemble
+from ann_dc.synthesis.expressions import signal_of
+from ann_dc.synthesis.wiring import Wiring
 
 X, Y, Z = SYMBOLS = sp.symbols("x y z")
 NAMES = [str(s) for s in SYMBOLS]

@@ -7,8 +7,8 @@ from constrained import CONSTRAINED, x
 from numpy.testing import assert_allclose
 
 from ann_dc import OptimalControlProblem, apply_gains, hand_gains, synthesize
-from ann_dc.evaluation import evaluator
-from ann_dc.problem import Scales
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.problem.scales import Scales
 from ann_dc.scale import Scale
 
 SMOOTH = ("car_disc1", "corridor", "lander", "power", "end_disc", "tank_level", "free_start")

@@ -2,7 +2,9 @@
 
 from hypothesis import given, strategies as st
 
-from ann_dc.synthesis import Wiring, assemble, times
+from ann_dc.synthesis.assembly import assemble
+from ann_dc.synthesis.signals import times
+from ann_dc.synthesis.wiring import Wiring
 
 
 @given(st.permutations(["a", "b", "c", "d"]))

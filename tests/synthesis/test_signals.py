@@ -3,7 +3,7 @@
 import sympy as sp
 from hypothesis import given, settings, strategies as st
 
-from ann_dc.synthesis import add, partial, scaled, times
+from ann_dc.synthesis.signals import add, partial, scaled, times
 
 SYMBOLS = sp.symbols("x y z")
 

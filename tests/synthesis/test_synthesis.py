@@ -9,12 +9,17 @@ import sympy as sp
 from designs import near_start, small
 from problems import SUITE
 
-from ann_dc.decomposition import CORRECTED, PRINTED, SWITCHES, Form, decompose
-from ann_dc.evaluation import evaluator
-from ann_dc.network import Function, Network, Product
-from ann_dc.problem import OptimalControlProblem, Scales, Start, line_start, plants, scales_of
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES, Form
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.cell import Function, Product
+from ann_dc.network.network import Network
+from ann_dc.problem import plants
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.scales import Scales, scales_of
+from ann_dc.problem.start import Start, line_start
 from ann_dc.scale import Scale
-from ann_dc.synthesis import synthesize
+from ann_dc.synthesis.synthesis import synthesize
 
 RHO = 0.7
 

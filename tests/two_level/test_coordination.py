@@ -3,17 +3,18 @@
 import numpy as np
 import pytest
 
-from ann_dc.backends import Outcome, Settling
+from ann_dc.backends.settling import Settling
+from ann_dc.backends.status import Outcome
 from ann_dc.problem import plants
-from ann_dc.two_level import (
+from ann_dc.two_level.coordination import (
     COORDINATORS,
     Coordination,
-    Iterated,
     Undesigned,
     best_gradient,
     coordinate,
     newton,
 )
+from ann_dc.two_level.lower_level import Iterated
 
 MASS = plants.double_integrator(N=5)
 

@@ -16,11 +16,15 @@ from closed_chains import (
     two_level,
 )
 
-from ann_dc.decomposition import PRINTED, decompose
-from ann_dc.gain_design import apply_gains
-from ann_dc.solution import certificate_of
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import PRINTED
+from ann_dc.gain_design.rules.gains import apply_gains
+from ann_dc.solution.solution import certificate_of
 from ann_dc.solver import synthesize
-from ann_dc.two_level import Iterated, NewtonCoordinator, TwoLevelRun, TwoLevels
+from ann_dc.two_level.levels import TwoLevels
+from ann_dc.two_level.lower_level import Iterated
+from ann_dc.two_level.run import TwoLevelRun
+from ann_dc.two_level.upper_level import NewtonCoordinator
 
 
 @pytest.fixture(scope="module")

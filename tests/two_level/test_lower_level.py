@@ -7,12 +7,15 @@ import pytest
 from closed_chains import CAR, NEURON, closed_chain, coordination, near, two_level
 from designs import designed
 
-from ann_dc.decomposition import LowerForm, decompose
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import LowerForm
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation import evaluator
-from ann_dc.solution import certificate_of
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.solution.solution import certificate_of
 from ann_dc.solver import synthesize
-from ann_dc.two_level import Closed, Gradient, Iterated, TwoLevels
+from ann_dc.two_level.levels import TwoLevels
+from ann_dc.two_level.lower_level import Closed, Iterated
+from ann_dc.two_level.upper_level import Gradient
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ann_dc.two_level import Lyapunov, lyapunov_of, printed_of
+from ann_dc.two_level.lyapunov import Lyapunov, lyapunov_of, printed_of
 
 NUMBERS = st.floats(-10, 10, allow_subnormal=False)
 PAIRS = st.tuples(st.integers(1, 6), st.integers(1, 3)).flatmap(

@@ -6,13 +6,16 @@ from closed_chains import CAR, closed_chain, near, two_level
 from designs import designed
 
 from ann_dc import solve
-from ann_dc.backends.recurrent import RecurrentBackend
-from ann_dc.decomposition import SWITCHES
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import FormError, NetworkError
-from ann_dc.evaluation.generated import fast_evaluator
-from ann_dc.network import COORDINATION
+from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.network.network import COORDINATION
 from ann_dc.problem import plants
-from ann_dc.two_level import Lyapunov, OracleBackend, OracleCoordinator, OracleGain, TwoLevelRun
+from ann_dc.two_level.lyapunov import Lyapunov
+from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
+from ann_dc.two_level.run import TwoLevelRun
+from ann_dc.two_level.upper_level import OracleCoordinator
 
 
 def oracle_run(share: float, limit: int) -> TwoLevelRun:

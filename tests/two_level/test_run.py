@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ann_dc.backends import Outcome
-from ann_dc.two_level import TwoLevelRun
+from ann_dc.backends.status import Outcome
+from ann_dc.two_level.run import TwoLevelRun
 
 
 def ended(residuals, tolerance=1e-6) -> TwoLevelRun:

@@ -6,10 +6,13 @@ from dataclasses import replace
 import pytest
 
 from ann_dc.errors import NetworkError, ProblemError
-from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
+from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
+from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
-from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevels, coordinate
+from ann_dc.two_level.coordination import coordinate
+from ann_dc.two_level.levels import TwoLevels
+from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator
 
 
 def test_a_network_without_a_problem_has_no_levels():

@@ -12,23 +12,25 @@ from designs import designed, near_start, small
 from problems import SUITE
 from reference import casadi_functions, ipopt
 
-from ann_dc.decomposition import CORRECTED, decompose, switch
-from ann_dc.evaluation import neuron_values
-from ann_dc.gain_design import apply_gains, hand_gains
-from ann_dc.network import COORDINATION, Network
-from ann_dc.problem import Start, plants
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import CORRECTED, switch
+from ann_dc.evaluation.populations import neuron_values
+from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.network.network import COORDINATION, Network
+from ann_dc.problem import plants
+from ann_dc.problem.start import Start
 from ann_dc.solver import synthesize
-from ann_dc.synthesis import start_values
-from ann_dc.two_level import (
+from ann_dc.synthesis.row import start_values
+from ann_dc.two_level.levels import TwoLevels
+from ann_dc.two_level.theorem import (
     Following,
-    Gradient,
     Hypothesis,
     PrintedMatrices,
     StageHessians,
-    TwoLevels,
     theorem_IV_1,
     theorem_IV_2,
 )
+from ann_dc.two_level.upper_level import Gradient
 
 NEURON = switch("S14")
 FORMS = pytest.mark.parametrize("form", [CORRECTED, NEURON], ids=["q_0 given", "q_0 a neuron"])

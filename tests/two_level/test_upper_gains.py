@@ -7,15 +7,20 @@ import numpy as np
 import pytest
 from designs import small
 
-from ann_dc.analysis import equilibrium
-from ann_dc.decomposition import decompose, switch
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import switch
 from ann_dc.errors import DesignError
-from ann_dc.gain_design import WITH_COORDINATORS, apply_gains, design, hand_gains
-from ann_dc.network import COORDINATION
-from ann_dc.network.metrics import Kind
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import COORDINATION
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
-from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevels, UpperGains, UpperMap
+from ann_dc.two_level.levels import TwoLevels
+from ann_dc.two_level.upper_gains import UpperGains, UpperMap
+from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator
 
 PROBLEMS = {
     "car": plants.car,

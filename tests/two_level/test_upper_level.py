@@ -7,12 +7,14 @@ from designs import designed
 from reference import ipopt
 
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design import apply_gains, hand_gains
-from ann_dc.network import COORDINATION
+from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.network.network import COORDINATION
 from ann_dc.problem import plants
-from ann_dc.solution import certificate_of
+from ann_dc.solution.solution import certificate_of
 from ann_dc.solver import synthesize
-from ann_dc.two_level import Gradient, NewtonCoordinator, TwoLevels, UpperMap
+from ann_dc.two_level.levels import TwoLevels
+from ann_dc.two_level.upper_gains import UpperMap
+from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator
 
 
 @pytest.mark.slow

@@ -10,11 +10,12 @@ from constrained import CONSTRAINED
 from designs import coordinated, designed, near_start, small
 from minimax import CASES, car
 
-from ann_dc.evaluation import evaluator
-from ann_dc.network import ONE, Cell, Connection, Limiter, Network, Neuron, Sum, Template
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.cell import ONE, Cell, Connection, Limiter, Neuron, Sum, Template
+from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
-from ann_dc.weights import to_csv, to_matrix
+from ann_dc.weights.matrix import to_csv, to_matrix
 
 NETWORKS = {
     "car": lambda: small("car"),

@@ -17,30 +17,26 @@ from network_files import assert_same
 from problems import SUITE
 from random_metrics import random_blocks
 
-from ann_dc.backends import OdeBackend
-from ann_dc.backends.recurrent import RecurrentBackend
-from ann_dc.backends.recurrent.cell import CellLayer
-from ann_dc.decomposition import SWITCHES
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import OutputError
-from ann_dc.evaluation import evaluator
-from ann_dc.evaluation.generated import fast_evaluator
-from ann_dc.network import (
-    Absent,
-    Cell,
-    Connection,
-    Limiter,
-    Network,
-    Neuron,
-    Pin,
-    Role,
-    Sum,
-    Template,
-)
-from ann_dc.network.metrics import Grid, Kind, Metric, Pyramid, TimeConstants, Tree
+from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role, Sum, Template
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.metrics.contract import Kind, Metric
+from ann_dc.network.metrics.grid import Grid
+from ann_dc.network.metrics.pyramid import Pyramid
+from ann_dc.network.metrics.time_constants import TimeConstants
+from ann_dc.network.metrics.tree import Tree
+from ann_dc.network.network import Network
 from ann_dc.scale import Scale
-from ann_dc.solution import certificate_of
+from ann_dc.solution.solution import certificate_of
 from ann_dc.solver import synthesize
-from ann_dc.weights import content_hash, load, save, wiring_hash
+from ann_dc.weights.hashes import content_hash, wiring_hash
+from ann_dc.weights.network_file import load, save
 
 
 def round_trip(network: Network, path) -> Network:

@@ -16,7 +16,7 @@ from network_files import (
 )
 
 from ann_dc.errors import FileFormatError
-from ann_dc.weights import load, save
+from ann_dc.weights.network_file import load, save
 
 
 @pytest.mark.parametrize("place", ["missing.npz", "", "\0", "/dev/zero", "."])

@@ -7,7 +7,7 @@ import tracemalloc
 import pytest
 
 from ann_dc.errors import FileFormatError, OutputError
-from ann_dc.whole_files import (
+from ann_dc.whole_files.files import (
     make_folder,
     read_whole,
     write_folder,

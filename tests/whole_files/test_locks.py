@@ -8,9 +8,9 @@ import sys
 import pytest
 
 from ann_dc.errors import OutputError, StoreError
-from ann_dc.whole_files import Lock
+from ann_dc.whole_files.locks import Lock
 
-HOLD = "import sys, time; from pathlib import Path; from ann_dc.whole_files import Lock; " \
+HOLD = "import sys, time; from pathlib import Path; from ann_dc.whole_files.locks import Lock; " \
        "lock = Lock(Path(sys.argv[1])); print('held', flush=True); time.sleep(60)"  # fmt: skip
 
 

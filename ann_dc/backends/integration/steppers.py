@@ -32,7 +32,7 @@ from ann_dc.backends.integration.methods import Between, Method
 from ann_dc.backends.integration.systems import Integrand
 from ann_dc.backends.integration.tableaus import Rows
 from ann_dc.evaluation.domains import DomainGuard
-from ann_dc.evaluation.generated.choice import FastEvaluator
+from ann_dc.evaluation.generated.generated import FastEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.network import Network
 

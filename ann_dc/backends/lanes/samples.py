@@ -11,7 +11,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.generated.plan import Plan
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
-from ann_dc.evaluation.variants.numbers import Numbers
+from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.functions import function_block
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network

@@ -24,8 +24,8 @@ from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome, Status
 from ann_dc.backends.trajectory import SAMPLES
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.generated.choice import fast_evaluator
-from ann_dc.evaluation.variants.numbers import Numbers
+from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, Index
 from ann_dc.network.metrics.contract import ALL_KINDS, Kind

@@ -22,11 +22,11 @@ from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, STAGE_BY_STAGE,
 from ann_dc.backends.recurrent.rules.steps import StepRule, above_limit
 from ann_dc.backends.settling import GROWTH, HEADWAY, Settling, window_of
 from ann_dc.backends.status import OVERFLOW
-from ann_dc.evaluation.generated.choice import fast_evaluator
+from ann_dc.evaluation.generated.generated import fast_evaluator
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.generated.plan import refusal
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.evaluation.variants.numbers import Numbers
+from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress
 

@@ -21,7 +21,7 @@ from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.generated.choice import fast_evaluator
+from ann_dc.evaluation.generated.generated import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import RESTING
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -30,7 +30,7 @@ from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, PICell
 from ann_dc.hints.checked import checked
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import such_as
 
 OVERLOAD = 0.95
 """Share of full scale from which on a node counts as overloaded, where there are no rails."""

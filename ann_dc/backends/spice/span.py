@@ -20,9 +20,9 @@ from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.emulation.amplifiers.idle_clamps import beside_rails
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.idle_clamps import beside_rails
 from ann_dc.hardware.emulation.states import emulated_state, pole_spectrum
 from ann_dc.hardware.parts.levels import Level
 

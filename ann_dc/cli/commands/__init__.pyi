@@ -2,11 +2,15 @@ from .app import main as main
 from .circuit import circuit as circuit
 from .coordinate import coordinate as coordinate
 from .design import design as design
-from .exports import export as export, inspect as inspect
+from .export import export as export
+from .inspect import inspect as inspect
 from .ladder import ladder as ladder
 from .navigate import navigate as navigate
 from .paper import paper as paper
+from .places import PlaceOptions as PlaceOptions
 from .plants import plants as plants
+from .questions import BoardOptions as BoardOptions
+from .report import report as report
 from .show import show as show
 from .solve import solve as solve
-from .studies import report as report, study as study
+from .study import study as study

@@ -18,8 +18,8 @@ from ann_dc.cli.arguments.levels import (
 from ann_dc.cli.arguments.output import CurvesOption, FigureOption, JsonOption, QuietOption, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
-from ann_dc.cli.commands.boards.places import PlaceOptions
-from ann_dc.cli.commands.boards.questions import SAMPLES, TRIMMED, BoardOptions
+from ann_dc.cli.commands.places import PlaceOptions
+from ann_dc.cli.commands.questions import SAMPLES, TRIMMED, BoardOptions
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.report.json_file import make_room

@@ -9,11 +9,12 @@ case, a chunk further on in the other; that is all the difference.
 from __future__ import annotations
 
 from ann_dc.evaluation.generated.metric_code import add_metric
-from ann_dc.evaluation.generated.metric_tables import (
+from ann_dc.evaluation.generated.plan import (
     FIELDS as METRIC_FIELDS,
     INTEGERS as METRIC_INTEGERS,
+    Axis,
+    Plan,
 )
-from ann_dc.evaluation.generated.plan import Axis, Plan
 from ann_dc.evaluation.row_code import Buses, add_residuals
 from ann_dc.evaluation.tape import PRODUCT, SUM
 from ann_dc.evaluation.vector_code.elementary import function_of

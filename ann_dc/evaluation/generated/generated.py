@@ -12,16 +12,19 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.clamps.pivots import clamped_moves
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import Bounds, DomainGuard
 from ann_dc.evaluation.generated.iterations import grown, recur
 from ann_dc.evaluation.generated.jacobian_code import NAMES as JACOBIAN_NAMES
 from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.generated.plan import Axis, Plan, refusal
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.evaluation.pivots import clamped_moves
 from ann_dc.evaluation.reference import evaluator, node_values, outside_of
 from ann_dc.evaluation.tape import Tape
 from ann_dc.network.network import Network
+
+# ---- A network as generated code evaluates it, a state at a time: what integrators call in loops
 
 _of_thread = threading.local()
 
@@ -229,3 +232,28 @@ class GeneratedEvaluator(Evaluator):
         )
         x[:] = state[entry.ghost + places]
         return done, last, outcome
+
+
+# ---- the quickest evaluator that there is for a network
+
+FastEvaluator = GeneratedEvaluator | InterpretedEvaluator
+"""What `fast_evaluator` gives."""
+
+
+def fast_evaluator(network: Network, tape: Tape | None = None) -> FastEvaluator:
+    """Generated code where the wiring is one for which it is, else loops over a tape.
+
+    Parameters
+    ----------
+    network : Network
+    tape : Tape, optional
+        Replaces the network's own by one with other numbers.
+
+    Examples
+    --------
+    >>> from ann_dc import plants, synthesize
+    >>> type(fast_evaluator(synthesize(plants.double_integrator(N=5)))).__name__
+    'GeneratedEvaluator'
+    """
+    tape = tape or evaluator(network).tape
+    return (InterpretedEvaluator if refusal(tape) else GeneratedEvaluator)(network, tape)

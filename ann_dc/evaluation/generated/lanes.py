@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.evaluation.clamps.lane_clamps import LaneClamps, clamp_code
 from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.generated.cell_code import FIELDS, GIVEN, NAMES, cell_code
 from ann_dc.evaluation.generated.jacobian_code import (
@@ -21,8 +20,8 @@ from ann_dc.evaluation.generated.jacobian_code import (
     jacobian_code,
     slots_of,
 )
-from ann_dc.evaluation.generated.metric_tables import pyramid_tables, stiffness_tables
-from ann_dc.evaluation.generated.plan import Axis, Plan
+from ann_dc.evaluation.generated.plan import Axis, Plan, pyramid_tables, stiffness_tables
+from ann_dc.evaluation.lane_clamps import LaneClamps, clamp_code
 from ann_dc.evaluation.tape import Tape
 from ann_dc.evaluation.vector_code.code import code
 from ann_dc.evaluation.vector_code.memory import lined_up

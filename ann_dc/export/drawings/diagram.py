@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.drawings.cell.picture import cell_page
+from ann_dc.export.drawings.cell_picture import cell_page
 from ann_dc.export.drawings.chain_diagram import chain_page
 from ann_dc.export.drawings.checking import VECTOR, check_pdf, check_svg, read_vector, told_of
 from ann_dc.export.drawings.labels import short_names

@@ -13,8 +13,8 @@ import re
 from collections.abc import Mapping
 
 from ann_dc.errors import FileFormatError
+from ann_dc.export.drawings import check_structure, document_of
 from ann_dc.export.drawings.checking import VECTOR, read_vector
-from ann_dc.export.drawings.latex import check_structure, document_of
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network

@@ -5,7 +5,7 @@ solved by the same elimination (see `ann_dc.network.metrics`), level by level.
 
 Where neurons that a metric couples stand at rails, a loop exchanges moves and currents in the
 table (M_RR, (M d)_R) of the R neurons with rails, one neuron a turn. Neurons are held and let go in
-the rounds of `ann_dc.evaluation.clamps`.
+the rounds of `ann_dc.evaluation`.
 """
 
 from __future__ import annotations

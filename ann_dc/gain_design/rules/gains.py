@@ -18,8 +18,7 @@ from ann_dc.evaluation.metric_arrays import metric_arrays
 from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.evaluation.tape import Tape
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import FloatOrNan, OrNan, Shape
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import FloatOrNan, OrNan, Shape, such_as
 from ann_dc.network.metrics.contract import Metric, Row
 from ann_dc.network.metrics.time_constants import TimeConstants
 from ann_dc.network.network import Network

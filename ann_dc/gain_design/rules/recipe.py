@@ -26,14 +26,12 @@ import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation, MeanLinearisation
 from ann_dc.errors import DesignError, UnknownNameError, require_positive
-from ann_dc.gain_design.rules.coarse_gains import pyramid
-from ann_dc.gain_design.rules.diode_weights import diode_weights, pressed_weights
+from ann_dc.gain_design.rules.coarse_gains import diode_weights, pressed_weights, pyramid
 from ann_dc.gain_design.rules.gains import Gains
 from ann_dc.gain_design.rules.objective_gains import with_objectives
 from ann_dc.gain_design.rules.row_weights import by_reach, equilibrated
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Own
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import Own, such_as
 from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.metrics.time_constants import TimeConstants
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.evaluation.variants.numbers import Numbers
+from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.hardware.defects.strengths import TIME_CONSTANTS, draws, require_finite
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import FloatOrNan, Index, NotEmpty

@@ -10,15 +10,15 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
-from ann_dc.hardware.emulation.amplifiers.capacitors import released
-from ann_dc.hardware.emulation.amplifiers.idle_clamps import rest_idle
-from ann_dc.hardware.emulation.amplifiers.op_amps import add_grid_node, add_inverter, add_op_amp
-from ann_dc.hardware.emulation.amplifiers.transconductors import add_transconductors
 from ann_dc.hardware.emulation.assembly import Assembly
+from ann_dc.hardware.emulation.capacitors import released
 from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.idle_clamps import rest_idle
 from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
+from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_op_amp
 from ann_dc.hardware.emulation.states import emulated_state
+from ann_dc.hardware.emulation.transconductors import add_transconductors
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hardware.schematic.buildable import check_metric

@@ -15,7 +15,7 @@ import numpy as np
 
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import such_as
 from ann_dc.network.network import Network
 
 

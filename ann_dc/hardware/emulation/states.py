@@ -7,7 +7,7 @@ import numpy as np
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import SEEPING
-from ann_dc.hardware.emulation.amplifiers.diodes import paced_at
+from ann_dc.hardware.emulation.diodes import paced_at
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.schematic.elements import PICell

@@ -16,7 +16,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts.conditions import ROOM, Conditions
 from ann_dc.hardware.parts.parasitics import NONE, PRODUCT, MultiplierLaw, Parasitics
 from ann_dc.hints.checked import checked
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import such_as
 from ann_dc.prefixes import engineering
 
 FOLLOWING = ("rails", "multiplier_rails", "amplifier_power", "multiplier_power")

@@ -32,8 +32,7 @@ from ann_dc.hardware.parts.technologies import (
 )
 from ann_dc.hardware.parts.transistors import transistor_sheet
 from ann_dc.hints.checked import checked
-from ann_dc.hints.values import FloatOrNan, PositiveFinite
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import FloatOrNan, PositiveFinite, such_as
 from ann_dc.network.metrics import contract
 
 

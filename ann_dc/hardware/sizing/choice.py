@@ -14,7 +14,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
 from ann_dc.hardware.circuit.loads import heaviest
 from ann_dc.hardware.circuit.scaling import Scaling
-from ann_dc.hardware.emulation.amplifiers.grounds import FAST
+from ann_dc.hardware.emulation.grounds import FAST
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.schematic import Schematic

@@ -1,2 +1,0 @@
-from .barrier import Caution as Caution
-from .search import Extremum as Extremum, interior_point as interior_point

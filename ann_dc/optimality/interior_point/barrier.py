@@ -21,7 +21,7 @@ import numpy as np
 
 from ann_dc.optimality.contact import Slots, rows_of
 from ann_dc.optimality.expansion import Frame
-from ann_dc.problem.constraints.bounds import widths
+from ann_dc.problem.bounds import widths
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 

@@ -24,10 +24,10 @@ from functools import cached_property
 
 import numpy as np
 
+from ann_dc.optimality.by_stages import Minimum, counted
 from ann_dc.optimality.expansion import Expansion
 from ann_dc.optimality.interior_point.barrier import Barrier, Point
 from ann_dc.optimality.newton import banded_system, equilibrated, solved
-from ann_dc.optimality.second_order.by_stages import Minimum, counted
 
 PROXIMITY = 0.1
 """Barrier parameter of a restoration step, relative to the squares of the slacks."""

@@ -17,7 +17,7 @@ from scipy.sparse.linalg import splu
 
 from ann_dc.optimality.prospects.search import Path, Search
 from ann_dc.optimality.soft_rows import penalty
-from ann_dc.problem.constraints.bounds import widths
+from ann_dc.problem.bounds import widths
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 from ann_dc.progress import Progress, silent

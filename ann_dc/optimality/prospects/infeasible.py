@@ -14,8 +14,8 @@ import numpy as np
 
 from ann_dc.optimality.prospects.feasibility import feasible_path
 from ann_dc.optimality.prospects.search import Path, Search
-from ann_dc.problem.constraints.inequality import Inequality
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.inequality import Inequality
 from ann_dc.problem.scales import natural_scales
 from ann_dc.progress import Progress, silent
 

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ann_dc.problem.constraints.boundary import boundary_slopes
-from ann_dc.problem.constraints.inequality import Inequality
+from ann_dc.problem.boundary import boundary_slopes
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.inequality import Inequality
 from ann_dc.problem.scales import straight_line
 
 

@@ -1,14 +1,7 @@
 from .around import figure_4 as figure_4, figure_5 as figure_5
 from .example import free_controls as free_controls, free_paths as free_paths
-from .iterations import (
-    Curves as Curves,
-    definitions as definitions,
-    following as following,
-    gain_over_iterations as gain_over_iterations,
-)
-from .plane import Disc as Disc, Drawn as Drawn, Panel as Panel, plane as plane
+from .plane import plane as plane
 from .schemes import figure_1 as figure_1, figure_2 as figure_2, figure_3 as figure_3
-from .stages import controls_over_stages as controls_over_stages
 from .two_levels import (
     figure_6 as figure_6,
     figure_of_definitions as figure_of_definitions,

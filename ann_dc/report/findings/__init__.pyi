@@ -1,6 +1,5 @@
 from .bands import (
     Band as Band,
-    Combination as Combination,
     band as band,
     boxes as boxes,
     combinations as combinations,
@@ -8,9 +7,9 @@ from .bands import (
     is_clustered as is_clustered,
     strength as strength,
 )
-from .causes import Cause as Cause, causes as causes, slowest as slowest, worst as worst
-from .columns import Column as Column, column_of as column_of
-from .exponents import Growth as Growth, exponents as exponents, fit as fit
+from .causes import causes as causes, slowest as slowest, worst as worst
+from .columns import Column as Column
+from .exponents import Growth as Growth, exponents as exponents
 from .findings import Findings as Findings
 from .shares import (
     Limit as Limit,

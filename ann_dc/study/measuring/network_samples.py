@@ -13,7 +13,7 @@ from ann_dc.backends.trajectory import Trajectory, control_values
 from ann_dc.errors import StudyError
 from ann_dc.network.network import Network
 from ann_dc.study.measuring.sample import Sample, word_of
-from ann_dc.study.varying.variants import network_at
+from ann_dc.study.varying.realisation import network_at
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-from .basin import SPREADS as SPREADS, End as End, basin as basin, ends as ends
+from .basin import End as End, basin as basin, ends as ends
 from .constraints import tightened as tightened
 from .forms import (
     FORMS as FORMS,
@@ -9,7 +9,6 @@ from .forms import (
 from .gains import (
     FACTORS as FACTORS,
     boundaries as boundaries,
-    gain_names as gain_names,
     settling_against_gains as settling_against_gains,
 )
 from .hardware import (
@@ -25,8 +24,4 @@ from .horizon import (
     settling_against_horizon as settling_against_horizon,
 )
 from .realisations import REALISATIONS as REALISATIONS, realisations as realisations
-from .steps import (
-    SHARES as SHARES,
-    Steps as Steps,
-    settling_against_steps as settling_against_steps,
-)
+from .steps import SHARES as SHARES, settling_against_steps as settling_against_steps

@@ -12,9 +12,9 @@ from ann_dc.hints.values import Count, Index
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.study.keeping.rows import Value
+from ann_dc.study.measuring.yields import SETTLED
 from ann_dc.study.study import Study
 from ann_dc.study.table import Table
-from ann_dc.yields import SETTLED
 
 SPREADS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Of random starts around the straight line; a neuron is near one."""

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.study.keeping.rows import OUTCOME, Row
+from ann_dc.study.measuring.yields import SETTLED
 from ann_dc.study.study import Study
 from ann_dc.study.varying.settings import WORDS
-from ann_dc.yields import SETTLED
 
 FORMS = tuple(WORDS["design.form"])
 """All: corrected, printed, S1 to S17."""

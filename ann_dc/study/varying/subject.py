@@ -16,10 +16,10 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.written.written_problem import WrittenProblem, declared, written
+from ann_dc.problem.written_problem import WrittenProblem, declared, written
 from ann_dc.records import Record
-from ann_dc.solution.result_reader import Reader
 from ann_dc.solution.result_writer import Writer
+from ann_dc.solution.saved_result import Reader
 from ann_dc.solver import synthesize
 from ann_dc.study.keeping.rows import Value
 

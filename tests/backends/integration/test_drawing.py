@@ -12,22 +12,20 @@ from problems import SUITE
 from scipy.integrate import solve_ivp
 
 import ann_dc.backends.recorder
-from ann_dc.backends import (
-    OdeBackend,
-    Outcome,
-    Settling,
-    Trajectory,
-    control_settling,
-    control_values,
-    ode,
-)
-from ann_dc.backends.integration import Cells, CompiledAgain, SolvedAgain
+from ann_dc.backends import ode
+from ann_dc.backends.integration.cells import Cells
+from ann_dc.backends.integration.drawing import CompiledAgain, SolvedAgain
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.settling import Settling, control_settling
+from ann_dc.backends.status import Outcome
+from ann_dc.backends.trajectory import Trajectory, control_values
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation import evaluator
-from ann_dc.evaluation.generated import fast_evaluator
-from ann_dc.gain_design import design
-from ann_dc.network import ONE, Cell, Connection, Function, Limiter, Network, Neuron, Product
-from ann_dc.network.metrics import Kind
+from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.procedure import design
+from ann_dc.network.cell import ONE, Cell, Connection, Function, Limiter, Neuron, Product
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 from ann_dc.solver import synthesize
 
 

@@ -6,24 +6,17 @@ from designs import designed
 from hypothesis import given, settings, strategies as st
 from scipy import integrate
 
-from ann_dc.backends import COMPILED, DOP853, OdeBackend, Outcome
-from ann_dc.backends.integration import (
-    DOP853_TABLEAU,
-    TSIT5_TABLEAU,
-    Cells,
-    Course,
-    Ends,
-    Integrand,
-    Log,
-    Rows,
-    advance,
-    draw,
-    generated,
-    interpreted,
-)
-from ann_dc.evaluation import InterpretedEvaluator
-from ann_dc.evaluation.generated import Axis, Lanes
-from ann_dc.network import Cell, Connection, Function, Limiter, Network, Neuron
+from ann_dc.backends.integration.cells import Cells
+from ann_dc.backends.integration.integrator import Course, Ends, Log, advance, draw
+from ann_dc.backends.integration.systems import Integrand, generated, interpreted
+from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, TSIT5_TABLEAU, Rows
+from ann_dc.backends.ode import COMPILED, DOP853, OdeBackend
+from ann_dc.backends.status import Outcome
+from ann_dc.evaluation.generated.lanes import Lanes
+from ann_dc.evaluation.generated.plan import Axis
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron
+from ann_dc.network.network import Network
 
 of_every_kind = pytest.mark.parametrize("kind", ["interpreted", "generated"])
 every_cell = pytest.mark.parametrize("cells", [Cells.INTERPRETED, Cells.GENERATED], ids=str)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from ann_dc import ode
-from ann_dc.backends import OdeBackend
-from ann_dc.network import ONE, Cell, Connection, Limiter, Network, Neuron
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.network.cell import ONE, Cell, Connection, Limiter, Neuron
+from ann_dc.network.network import Network
 
 IMPLICIT = [ode.RADAU, ode.BDF, ode.LSODA]
 

@@ -5,9 +5,11 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from ann_dc.backends import METHODS, OdeBackend, ode
-from ann_dc.network import ONE, Cell, Connection, Limiter, Network, Neuron, Role
-from ann_dc.network.metrics import Grid
+from ann_dc.backends import ode
+from ann_dc.backends.ode import METHODS, OdeBackend
+from ann_dc.network.cell import ONE, Cell, Connection, Limiter, Neuron, Role
+from ann_dc.network.metrics.grid import Grid
+from ann_dc.network.network import Network
 
 LOWEST = -1.0
 """Where the drive of x would take it, below its rail at zero."""

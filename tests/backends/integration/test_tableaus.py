@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import DOP853
 from scipy.integrate._ivp.rk import Dop853DenseOutput
 
-from ann_dc.backends.integration import DOP853_TABLEAU, TSIT5_TABLEAU, Rows
+from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, TSIT5_TABLEAU, Rows
 
 
 def test_the_coefficients_are_those_of_scipy():

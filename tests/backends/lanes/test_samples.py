@@ -9,13 +9,17 @@ from designs import designed, wired_with
 from random_metrics import with_stiffness
 
 import ann_dc
-from ann_dc.backends import BATCHES, BatchRun, Outcome
-from ann_dc.backends.recurrent import ORDERS
+from ann_dc.backends.batch import BatchRun
+from ann_dc.backends.ode import BATCHES
+from ann_dc.backends.recurrent.rules.orders import ORDERS
+from ann_dc.backends.status import Outcome
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.variants import Numbers, numbers_of
-from ann_dc.hardware.defects import detuned, extra_pole, leak, mismatch, offset, rails, slew
-from ann_dc.network import Cell, Connection, Function, Network, Neuron, Sum
-from ann_dc.network.metrics import Kind
+from ann_dc.evaluation.variant_numbers import Numbers, numbers_of
+from ann_dc.hardware.defects.numbers import detuned, leak, mismatch, offset
+from ann_dc.hardware.defects.parts import extra_pole, rails, slew
+from ann_dc.network.cell import Cell, Connection, Function, Neuron, Sum
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 
 STEP = ann_dc.FixedStep(step=1e-3)
 

@@ -19,22 +19,21 @@ from recurrent_runs import (
 )
 
 from ann_dc import solve
-from ann_dc.backends import OdeBackend, Outcome
-from ann_dc.backends.recurrent import (
-    SIMULTANEOUS,
-    STAGE_BY_STAGE,
-    TWO_PHASE,
-    Anderson,
-    FixedStep,
-    RecurrentBackend,
-)
-from ann_dc.decomposition import SWITCHES, decompose
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.recurrent.rules.acceleration import Anderson
+from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, STAGE_BY_STAGE, TWO_PHASE
+from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.backends.status import Outcome
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.evaluation import evaluator
-from ann_dc.gain_design import apply_gains, hand_gains
-from ann_dc.network import Network, moved_starts
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.network.inputs import moved_starts
+from ann_dc.network.network import Network
 from ann_dc.problem import plants
-from ann_dc.solution import certificate_of
+from ann_dc.solution.solution import certificate_of
 from ann_dc.solver import synthesize
 
 

@@ -10,24 +10,22 @@ from metric_networks import with_metric
 from problems import SUITE
 from simulator import needs_ngspice
 
-from ann_dc.backends.spice import SpiceBackend, simulate
-from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError, SpiceError
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import combined, draw, snapped
-from ann_dc.hardware.parts import (
-    BEHAVIOURAL,
-    E12,
-    SKY130,
-    Tolerances,
-    macro,
-    ota_c,
-    switched_capacitor,
-)
-from ann_dc.network import Cell, Connection, Network, Neuron
-from ann_dc.network.metrics import Kind
-from ann_dc.problem import StepLength, plants
-from ann_dc.solution import certificate_of
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.deviations import combined, draw, snapped
+from ann_dc.hardware.parts.datasheet import Tolerances
+from ann_dc.hardware.parts.e_series import E12
+from ann_dc.hardware.parts.foundry import SKY130
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c, switched_capacitor
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
+from ann_dc.problem import plants
+from ann_dc.problem.step_length import StepLength
+from ann_dc.solution.solution import certificate_of
 from ann_dc.solver import synthesize
 
 

@@ -10,17 +10,20 @@ from problems import SUITE
 from reference import ipopt
 from simulator import needs_ngspice
 
-from ann_dc.analysis import spectrum
-from ann_dc.backends import Trajectory
-from ann_dc.backends.spice import OVERLOAD, CircuitRun, SpiceBackend, read_back
-from ann_dc.backends.spice.netlist import deck_of
-from ann_dc.backends.spice.ngspice import Ngspice, Raw
-from ann_dc.gain_design import design
-from ann_dc.hardware.circuit import OP_AMP
-from ann_dc.hardware.parts import TRANSISTOR, macro
-from ann_dc.network.metrics import Kind
-from ann_dc.problem import OptimalControlProblem, plants
-from ann_dc.solution import certificate_of
+from ann_dc.analysis.spectra import spectrum
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.circuit_run import OVERLOAD, CircuitRun, read_back
+from ann_dc.backends.spice.netlist.deck import deck_of
+from ann_dc.backends.spice.ngspice.raw import Raw
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.trajectory import Trajectory
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.circuit.cost import OP_AMP
+from ann_dc.hardware.parts.levels import TRANSISTOR, macro
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.problem import plants
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.solution.solution import certificate_of
 from ann_dc.solver import synthesize
 
 BEHAVIOURAL = re.compile(r"^\s*B|^\s*[EGFH]\w*\b.*\b(value|vol|cur|poly|table|laplace)\b", re.I)

@@ -10,15 +10,19 @@ import sympy as sp
 from simulator import needs_ngspice
 
 from ann_dc import Study
-from ann_dc.backends.spice import CircuitRun, SpiceBackend, refined
-from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import SpiceTimeoutError
-from ann_dc.fidelity import measured_runs, predict
-from ann_dc.gain_design import design
-from ann_dc.hardware.parts import macro, switched_capacitor
-from ann_dc.network.metrics import Kind
-from ann_dc.problem import OptimalControlProblem, plants
-from ann_dc.report import measured
+from ann_dc.fidelity.monte_carlo import measured_runs
+from ann_dc.fidelity.prediction import predict
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.parts.levels import macro, switched_capacitor
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.problem import plants
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.report.tables import measured
 from ann_dc.solver import synthesize
 
 BACKEND = SpiceBackend(level=macro(), simulator=Ngspice(timeout=300.0))

@@ -6,13 +6,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ann_dc.analysis import spectrum
-from ann_dc.backends.spice import SpiceBackend, span_of
-from ann_dc.fidelity import Specimen
-from ann_dc.gain_design import design
-from ann_dc.hardware.emulation import emulate, pole_spectrum
-from ann_dc.hardware.parts import BEHAVIOURAL, macro
-from ann_dc.network.metrics import Kind
+from ann_dc.analysis.spectra import spectrum
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.span import span_of
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.emulation.states import pole_spectrum
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

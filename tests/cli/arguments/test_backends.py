@@ -3,7 +3,7 @@
 import pytest
 from command_line import RECURRENT, refused
 
-from ann_dc.cli.arguments import BACKENDS, RunOptions, backend_of
+from ann_dc.cli.arguments.backends import BACKENDS, RunOptions, backend_of
 
 SHARED = {"ode": ("method", "verify"), "recurrent": ("order", "step", "acceleration")}
 

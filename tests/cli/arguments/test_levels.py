@@ -5,10 +5,11 @@ from typing import get_args, get_type_hints
 import pytest
 from command_line import QUICK, refused
 
-from ann_dc.analysis import stability_limit
-from ann_dc.cli.arguments import LevelOptions, level_of
+from ann_dc.analysis.spectra import stability_limit
+from ann_dc.cli.arguments.levels import LevelOptions, level_of
 from ann_dc.errors import ProblemError
-from ann_dc.hardware.parts import BEHAVIOURAL, TRANSISTOR, presets
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

@@ -8,7 +8,7 @@ import scipy.integrate
 import scipy.linalg
 from command_line import PENDULUM, ROOT, refused, run
 
-from ann_dc.cli.arguments import arithmetic_of
+from ann_dc.cli.arguments.problem import arithmetic_of
 from ann_dc.errors import AnnDcError, ProblemError
 from ann_dc.problem import plants
 

@@ -10,8 +10,8 @@ from command_line import CIRCUIT, QUICK, ROOT, refused, run, strict
 from simulator import needs_ngspice
 from small_pdk import needs_pdk
 
-from ann_dc.backends.spice.pdk import INSTALL, PACKAGE
-from ann_dc.hardware.parts import E24
+from ann_dc.backends.spice.pdk.files import INSTALL, PACKAGE
+from ann_dc.hardware.parts.e_series import E24
 
 DESIGN = "ann_dc.cli.arguments.building.network_to_build"
 

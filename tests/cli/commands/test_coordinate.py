@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from command_line import COORDINATE, ROOT, refused, run, strict
 
-from ann_dc.backends import Settling
+from ann_dc.backends.settling import Settling
 
 
 def test_help_tells_where_the_run_ends():

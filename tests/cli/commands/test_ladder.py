@@ -4,8 +4,8 @@ import pytest
 from command_line import QUICK, ROOT, refused, run, strict
 from simulator import needs_ngspice
 
-from ann_dc.fidelity import Rung
-from ann_dc.hardware.parts import BEHAVIOURAL, macro, switched_capacitor
+from ann_dc.fidelity.rung import Rung
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, switched_capacitor
 
 LADDER = ["ladder", *QUICK[1:]]
 

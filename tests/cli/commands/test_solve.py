@@ -6,9 +6,10 @@ from command_line import PENDULUM, RECURRENT, SMALL, refused, run, strict, termi
 from torch_free import forget_torch
 
 import ann_dc
-from ann_dc.backends import OdeBackend
-from ann_dc.backends.recurrent import RecurrentBackend, in_code
-from ann_dc.optimality import LARGEST_RESIDUAL
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.recurrent import in_code
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.optimality.certificate import LARGEST_RESIDUAL
 
 
 def test_help_tells_the_defaults_of_the_library():

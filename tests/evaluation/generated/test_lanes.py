@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from designs import near_start, wired_with
 
-from ann_dc.evaluation import InterpretedEvaluator
-from ann_dc.evaluation.generated import WRITTEN_OUT, Axis, Lanes
-from ann_dc.evaluation.vector_code import LINE
-from ann_dc.network.metrics import Kind
+from ann_dc.evaluation.generated.lanes import Lanes
+from ann_dc.evaluation.generated.plan import WRITTEN_OUT, Axis
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.evaluation.vector_code.memory import LINE
+from ann_dc.network.metrics.contract import Kind
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
 KINDS = Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TIME_CONSTANTS

@@ -9,10 +9,14 @@ from random_metrics import random_metric, with_stiffness
 from seeds import seeds
 
 from ann_dc import plants, synthesize
-from ann_dc.evaluation import evaluator
-from ann_dc.evaluation.generated import Axis, Lanes
-from ann_dc.network import Absent, Cell, Connection, Network, Neuron, Pin, Role
-from ann_dc.network.metrics import Grid, Kind
+from ann_dc.evaluation.generated.lanes import Lanes
+from ann_dc.evaluation.generated.plan import Axis
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.cell import Cell, Connection, Neuron, Role
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.metrics.grid import Grid
+from ann_dc.network.network import Network
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 2)
 WHOLE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)

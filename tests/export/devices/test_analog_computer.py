@@ -17,9 +17,10 @@ from scipy.integrate import solve_ivp
 
 import ann_dc
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.devices import analog_computer_check, analog_computer_files
-from ann_dc.export.reference import reference_vector
-from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.export.devices.analog_computer import analog_computer_check, analog_computer_files
+from ann_dc.export.reference.vector import reference_vector
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.network import Network
 
 FUNCTIONS = {"sin": math.sin, "cos": math.cos, "tan": math.tan, "rectify": lambda x: max(x, 0.0)}
 

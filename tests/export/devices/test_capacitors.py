@@ -9,10 +9,11 @@ import pytest
 
 import ann_dc
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.evaluation import evaluator
-from ann_dc.export.devices import capacitors_check, capacitors_files, units_of
-from ann_dc.export.reference import ReferenceVector, reference_vector
-from ann_dc.network import ONE, Cell, Connection, Limiter, Network, Neuron
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.export.devices.capacitors import capacitors_check, capacitors_files, units_of
+from ann_dc.export.reference.vector import ReferenceVector, reference_vector
+from ann_dc.network.cell import ONE, Cell, Connection, Limiter, Neuron
+from ann_dc.network.network import Network
 
 KINDS = [ann_dc.Kind.TIME_CONSTANTS]
 

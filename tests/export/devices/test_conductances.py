@@ -9,11 +9,12 @@ import pytest
 from seeds import seeds
 
 import ann_dc
-from ann_dc.backends import OdeBackend
+from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.devices import conductances_check, conductances_files, weights_of
-from ann_dc.export.reference import reference_vector
-from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.export.devices.conductances import conductances_check, conductances_files, weights_of
+from ann_dc.export.reference.vector import reference_vector
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.network import Network
 
 
 @pytest.fixture(scope="module")

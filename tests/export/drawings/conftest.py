@@ -3,8 +3,8 @@
 import pytest
 
 import ann_dc
-from ann_dc.export.reference import reference_vector
-from ann_dc.network import Network
+from ann_dc.export.reference.vector import reference_vector
+from ann_dc.network.network import Network
 
 
 @pytest.fixture(scope="session")

@@ -4,12 +4,8 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import FileFormatError
-from ann_dc.export.drawings import (
-    diagram_check,
-    diagram_files,
-    latex_check,
-    latex_files,
-)
+from ann_dc.export.drawings.diagram import diagram_check, diagram_files
+from ann_dc.export.drawings.equations import latex_check, latex_files
 
 FORMATS = {"diagram": (diagram_files, diagram_check), "latex": (latex_files, latex_check)}
 

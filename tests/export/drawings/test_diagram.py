@@ -9,9 +9,11 @@ from drawn import MADE, Picture, cell_of, network_of
 
 import ann_dc
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.drawings import chain_page, diagram_check, diagram_files
-from ann_dc.export.drawings.cell import cell_page
-from ann_dc.network import Cell, Connection, Function, Limiter, Network, Neuron, Product, Sum
+from ann_dc.export.drawings.cell_picture import cell_page
+from ann_dc.export.drawings.chain_diagram import chain_page
+from ann_dc.export.drawings.diagram import diagram_check, diagram_files
+from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Sum
+from ann_dc.network.network import Network
 
 QUICK = ["car", "planar_quadrotor", *MADE]
 SLOW = [name for name in ann_dc.plants.names() if name not in QUICK]

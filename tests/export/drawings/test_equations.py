@@ -12,9 +12,10 @@ from matplotlib.mathtext import MathTextParser
 
 import ann_dc
 from ann_dc.errors import FileFormatError
-from ann_dc.export.drawings import latex_check, latex_files
-from ann_dc.network import Cell, Connection, Network, Neuron
-from ann_dc.weights import load, save
+from ann_dc.export.drawings.equations import latex_check, latex_files
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.network import Network
+from ann_dc.weights.network_file import load, save
 
 QUICK = ("pendulum",)
 SLOW = [name for name in (*ann_dc.plants.names(), *MADE) if name not in QUICK]

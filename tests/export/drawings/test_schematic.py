@@ -13,10 +13,11 @@ from drawn import Picture, rows
 
 import ann_dc
 from ann_dc.errors import ExportError, ExportPackageMissing, FileFormatError
-from ann_dc.export.drawings import circuit_sheets, schematic_check, schematic_files
-from ann_dc.export.netlists import pack_files
-from ann_dc.export.reference import reference_vector
-from ann_dc.hardware.schematic import Integrator
+from ann_dc.export.drawings.schematic import schematic_check, schematic_files
+from ann_dc.export.drawings.sheets import circuit_sheets
+from ann_dc.export.netlists.pack import pack_files
+from ann_dc.export.reference.vector import reference_vector
+from ann_dc.hardware.schematic.elements import Integrator
 
 pytest.importorskip("schemdraw", reason="no schemdraw here")
 TOLD = {"title": "a picture"}

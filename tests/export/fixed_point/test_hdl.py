@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from fixed_points import PROBLEMS, in_integers, needs, pressed, said, walked, written
 
-from ann_dc.export.fixed_point import FixedPoint, hdl_check, hdl_files
+from ann_dc.export.fixed_point.golden import FixedPoint
+from ann_dc.export.fixed_point.hdl import hdl_check, hdl_files
 
 SOURCES = ("ann_dc_network.sv", "testbench.sv")
 

@@ -9,7 +9,8 @@ from fixed_points import walked
 from seeds import seeds
 
 from ann_dc.errors import AnnDcError, FileFormatError
-from ann_dc.export.fixed_point import c99_check, c99_files, hdl_check, hdl_files
+from ann_dc.export.fixed_point.c99 import c99_check, c99_files
+from ann_dc.export.fixed_point.hdl import hdl_check, hdl_files
 
 NAME = "fixed_point.json"
 

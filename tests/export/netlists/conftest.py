@@ -3,8 +3,8 @@
 import pytest
 
 import ann_dc
-from ann_dc.export.reference import ReferenceVector, reference_vector
-from ann_dc.network import Network
+from ann_dc.export.reference.vector import ReferenceVector, reference_vector
+from ann_dc.network.network import Network
 
 
 def designed(problem: ann_dc.OptimalControlProblem) -> tuple[Network, ReferenceVector]:

@@ -11,21 +11,14 @@ from simulator import needs_ngspice
 from small_pdk import needs_pdk
 
 import ann_dc
-from ann_dc.backends.spice import level_words
+from ann_dc.backends.spice.level_words import level_words
 from ann_dc.errors import ExportError, NetworkError
-from ann_dc.export.netlists import (
-    dialect_check,
-    kicad_check,
-    kicad_files,
-    ltspice_files,
-    pack_check,
-    pack_files,
-    verilog_a_check,
-    verilog_a_files,
-    xyce_files,
-)
-from ann_dc.export.reference import reference_vector
-from ann_dc.fidelity import predict
+from ann_dc.export.netlists.dialects import dialect_check, ltspice_files, xyce_files
+from ann_dc.export.netlists.kicad import kicad_check, kicad_files
+from ann_dc.export.netlists.pack import pack_check, pack_files
+from ann_dc.export.netlists.verilog_a import verilog_a_check, verilog_a_files
+from ann_dc.export.reference.vector import reference_vector
+from ann_dc.fidelity.prediction import predict
 
 
 def test_formats_share_a_circuit(small, monkeypatch):

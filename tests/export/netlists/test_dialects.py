@@ -11,8 +11,9 @@ from simulator import needs_ngspice
 
 import ann_dc
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.netlists import dialect_check, ltspice_files, pack_files, xyce_files
-from ann_dc.export.reference import reference_vector
+from ann_dc.export.netlists.dialects import dialect_check, ltspice_files, xyce_files
+from ann_dc.export.netlists.pack import pack_files
+from ann_dc.export.reference.vector import reference_vector
 
 BOTH = pytest.mark.parametrize("files_of", [ltspice_files, xyce_files])
 

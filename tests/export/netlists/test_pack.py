@@ -18,17 +18,12 @@ from simulator import needs_ngspice
 
 import ann_dc
 from ann_dc.errors import ExportError, FileFormatError, UnknownNameError
-from ann_dc.export.netlists import (
-    dialect_check,
-    ltspice_files,
-    pack_check,
-    pack_files,
-    verilog_a_check,
-    verilog_a_files,
-    xyce_files,
-)
-from ann_dc.export.reference import reference_vector, with_sums
-from ann_dc.hardware.parts import E96
+from ann_dc.export.netlists.dialects import dialect_check, ltspice_files, xyce_files
+from ann_dc.export.netlists.pack import pack_check, pack_files
+from ann_dc.export.netlists.verilog_a import verilog_a_check, verilog_a_files
+from ann_dc.export.reference.beside import with_sums
+from ann_dc.export.reference.vector import reference_vector
+from ann_dc.hardware.parts.e_series import E96
 
 SUMS = "SHA256SUMS"
 KINDS = [ann_dc.Kind.TIME_CONSTANTS]

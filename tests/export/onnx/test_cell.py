@@ -15,11 +15,12 @@ from hypothesis import given, settings, strategies as st
 from onnx_runs import OnnxNetwork, Walk
 from random_networks import far_wired, random_network
 
-from ann_dc.evaluation import evaluator
-from ann_dc.export.onnx import onnx_check, onnx_files
-from ann_dc.export.reference import reference_vector
-from ann_dc.network import Network
-from ann_dc.network.metrics import Kind
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.export.onnx.check import onnx_check
+from ann_dc.export.onnx.files import onnx_files
+from ann_dc.export.reference.vector import reference_vector
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 
 STEP = 0.1
 SEEDS = st.integers(0, 2**32 - 1)

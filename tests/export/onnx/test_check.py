@@ -11,8 +11,9 @@ from onnx import helper, numpy_helper
 from seeds import seeds
 
 from ann_dc.errors import FileFormatError
-from ann_dc.export.onnx import onnx_check, onnx_files
-from ann_dc.export.reference import reference_vector
+from ann_dc.export.onnx.check import onnx_check
+from ann_dc.export.onnx.files import onnx_files
+from ann_dc.export.reference.vector import reference_vector
 
 MODELS = ("step.onnx", "settle.onnx")
 

@@ -12,10 +12,11 @@ from onnx_runs import vector_of
 
 import ann_dc
 from ann_dc.errors import ArgumentError, ExportError, ExportPackageMissing
-from ann_dc.export.onnx import onnx_files
-from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.export.onnx.files import onnx_files
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.network import Network
 from ann_dc.scale import Scale
-from ann_dc.weights import content_hash, wiring_hash
+from ann_dc.weights.hashes import content_hash, wiring_hash
 
 
 def test_a_file_says_whose_network_it_is(car, files):

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from onnx_runs import OnnxNetwork
 
-from ann_dc.network import FUNCTIONS, Cell, Connection, Function, Network, Neuron, function_block
+from ann_dc.network.cell import Cell, Connection, Function, Neuron
+from ann_dc.network.functions import FUNCTIONS, function_block
+from ann_dc.network.network import Network
 
 SMALL = np.logspace(-12, 0, 49)
 BOTH = np.concatenate([-SMALL, SMALL, [-7.0, -3.0, 3.0, 7.0]])

@@ -12,9 +12,11 @@ from reference import ipopt
 from seeds import seeds
 
 import ann_dc
-from ann_dc.export.reference import reference_vector
-from ann_dc.network import Cell, Connection, Function, Network, Neuron, input_batch, moved_starts
-from ann_dc.network.metrics import Kind
+from ann_dc.export.reference.vector import reference_vector
+from ann_dc.network.cell import Cell, Connection, Function, Neuron
+from ann_dc.network.inputs import input_batch, moved_starts
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 
 
 def layer_steps(network: Network, x: np.ndarray, inputs, step: float, tolerance: float):

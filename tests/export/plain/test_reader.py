@@ -16,13 +16,14 @@ from minimax import CASES, car
 from random_networks import far_wired, random_network
 
 import ann_dc
-from ann_dc.evaluation import evaluator
-from ann_dc.export.plain import reader, weights_files
-from ann_dc.export.reference import EulerWalk, ReferenceVector
-from ann_dc.network.metrics import Kind
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.export.plain.reader import reader
+from ann_dc.export.plain.weight_files import weights_files
+from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.scale import Scale
 from ann_dc.solver import synthesize
-from ann_dc.weights import content_hash, wiring_hash
+from ann_dc.weights.hashes import content_hash, wiring_hash
 
 EARLY = (1, 50)
 METRIC = ("gain", "grid", "tree")

@@ -8,8 +8,9 @@ from designs import coordinated, designed, small
 
 import ann_dc
 from ann_dc.errors import ExportError, FileFormatError, UnknownNameError
-from ann_dc.export.plain import csv_check, csv_files, weights_check, weights_files
-from ann_dc.export.reference import reference_vector
+from ann_dc.export.plain.tables import csv_check, csv_files
+from ann_dc.export.plain.weight_files import weights_check, weights_files
+from ann_dc.export.reference.vector import reference_vector
 
 WAYS = {
     "safetensors": (weights_files, weights_check, "network.safetensors"),

@@ -8,9 +8,10 @@ import pytest
 
 import ann_dc
 from ann_dc.errors import FileFormatError
-from ann_dc.export.reference import ReferenceVector, reference_vector
-from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
-from ann_dc.weights import content_hash, wiring_hash
+from ann_dc.export.reference.vector import ReferenceVector, reference_vector
+from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
+from ann_dc.network.network import Network
+from ann_dc.weights.hashes import content_hash, wiring_hash
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,11 @@ from scipy.linalg import expm
 
 import ann_dc
 from ann_dc.errors import ExportError, ExportPackageMissing, FileFormatError
-from ann_dc.evaluation import evaluator
-from ann_dc.export.reference import reference_vector
-from ann_dc.export.runtimes import nir_check, nir_files
-from ann_dc.network import Cell, Connection, Limiter, Network, Neuron, Sum
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.export.reference.vector import reference_vector
+from ann_dc.export.runtimes.nir_graph import nir_check, nir_files
+from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Sum
+from ann_dc.network.network import Network
 
 nir = pytest.importorskip("nir", reason="the package nir is not installed")
 h5py = pytest.importorskip("h5py", reason="the package h5py is not installed")

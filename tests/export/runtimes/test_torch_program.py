@@ -17,13 +17,14 @@ from clamped_runs import run_with_changes
 from onnx_runs import vector_of
 
 import ann_dc
-from ann_dc.backends.recurrent.cell import CellLayer
+from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.errors import ArgumentError, FileFormatError
-from ann_dc.evaluation import evaluator
-from ann_dc.export.reference import reference_vector
-from ann_dc.export.runtimes import torch_program_check, torch_program_files
-from ann_dc.network import Cell, Connection, Limiter, Network, Neuron, Role
-from ann_dc.network.metrics import Grid
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.export.reference.vector import reference_vector
+from ann_dc.export.runtimes.torch_program import torch_program_check, torch_program_files
+from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role
+from ann_dc.network.metrics.grid import Grid
+from ann_dc.network.network import Network
 
 CASES = {
     "time constants": lambda: (
@@ -146,7 +147,7 @@ def pulled() -> Network:
 
 @pytest.mark.slow
 def test_a_program_moves_a_neuron_off_its_rail_where_another_one_pulls():
-    """With a drive of -1 it is pulled off, with -3 it is held: see `clamps.projected`."""
+    """With a drive of -1 it is pulled off, with -3 it is held: see `projection.projected`."""
     program = loaded(torch_program_files(pulled(), vector_of(pulled())))
     inputs = torch.tensor([[[-1.0], [4.0]], [[-3.0], [4.0]]], dtype=torch.float64)
     x, step = torch.zeros(2, 2, dtype=torch.float64), torch.tensor(0.5, dtype=torch.float64)

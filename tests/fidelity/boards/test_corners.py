@@ -11,9 +11,12 @@ from simulator import needs_ngspice
 
 from ann_dc import Kind, SpiceBackend, design, plants
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity import predict
-from ann_dc.fidelity.boards import corners
-from ann_dc.hardware.parts import TRANSISTOR, Conditions, Datasheet, Tolerances, macro, presets
+from ann_dc.fidelity.boards.corners import corners
+from ann_dc.fidelity.prediction import predict
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.conditions import Conditions
+from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
+from ann_dc.hardware.parts.levels import TRANSISTOR, macro
 
 PARTS = Tolerances(resistor=1e-3, resistor_drift=1e-5, offset=1e-5, offset_drift=1e-7)
 

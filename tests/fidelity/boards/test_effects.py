@@ -9,15 +9,26 @@ from by_hand import wired_by_hand
 from simulator import needs_ngspice
 from wired import neighbour_wired
 
-from ann_dc.backends.spice import SpiceBackend, simulate
-from ann_dc.backends.spice.netlist import deck_of
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.netlist.deck import deck_of
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.fidelity import predict
-from ann_dc.fidelity.boards import Effect, Found, effects_table, known_effects, with_parasitics
-from ann_dc.hardware.circuit import MARGIN, heaviest
-from ann_dc.hardware.parts import BOARD_PARAMETERS, macro, presets
-from ann_dc.hardware.sizing import SHARE, check_currents, is_stable
-from ann_dc.network import Network
+from ann_dc.fidelity.boards.effects import (
+    Effect,
+    Found,
+    effects_table,
+    known_effects,
+    with_parasitics,
+)
+from ann_dc.fidelity.prediction import predict
+from ann_dc.hardware.circuit.loads import heaviest
+from ann_dc.hardware.circuit.scaling import MARGIN
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.hardware.parts.parasitics import BOARD_PARAMETERS
+from ann_dc.hardware.sizing.choice import check_currents
+from ann_dc.hardware.sizing.margins import is_stable
+from ann_dc.hardware.sizing.resistors import SHARE
+from ann_dc.network.network import Network
 
 CLOSE = 0.05
 """Error and settling of emulation and ngspice."""

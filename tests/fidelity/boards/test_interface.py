@@ -7,10 +7,11 @@ import pytest
 
 from ann_dc import Kind, SpiceBackend, design, plants
 from ann_dc.errors import ArgumentError, NetworkError
-from ann_dc.fidelity import predict
-from ann_dc.fidelity.boards import Interface, interface_cost
-from ann_dc.hardware.parts import BEHAVIOURAL, macro, switched_capacitor
-from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.fidelity.boards.interface import Interface, interface_cost
+from ann_dc.fidelity.prediction import predict
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, switched_capacitor
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.network import Network
 
 EXACT = Interface()
 

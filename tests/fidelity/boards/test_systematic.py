@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from wired import neighbour_wired
 
-from ann_dc.backends.spice import SpiceBackend
-from ann_dc.fidelity import Specimen
-from ann_dc.fidelity.boards import systematic, with_parasitics
-from ann_dc.hardware.parts import macro
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.fidelity.boards.effects import with_parasitics
+from ann_dc.fidelity.boards.systematic import systematic
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.hardware.parts.levels import macro
 
 GIVEN = {
     "multiplier_nonlinearity": 4e-3,

@@ -9,12 +9,19 @@ import pytest
 from scipy.optimize import root_scalar
 
 from ann_dc import Kind, SpiceBackend, design, plants
-from ann_dc.analysis import stability_limit
+from ann_dc.analysis.spectra import stability_limit
 from ann_dc.errors import ArgumentError, NetworkError
-from ann_dc.fidelity import Specimen, control_noise, predicted_errors, sensitivity
-from ann_dc.fidelity.boards import Trimming, misread, reading_of, trim_steps, trimming
-from ann_dc.hardware.circuit import Quantity
-from ann_dc.hardware.parts import BEHAVIOURAL, Tolerances, macro, presets, switched_capacitor
+from ann_dc.fidelity.boards.readings import misread, reading_of
+from ann_dc.fidelity.boards.trim_order import trim_steps
+from ann_dc.fidelity.boards.trimming import Trimming, trimming
+from ann_dc.fidelity.error_budget import sensitivity
+from ann_dc.fidelity.monte_carlo import predicted_errors
+from ann_dc.fidelity.noise_run import control_noise
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.datasheet import Tolerances
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, switched_capacitor
 
 GOOD = Tolerances(resistor=1e-4, offset=1e-3)
 LARGE = {"double_integrator": 3, "pendulum": 3}

@@ -7,20 +7,19 @@ import pytest
 from simulator import needs_ngspice
 
 from ann_dc import Kind, SpiceBackend, design, plants
-from ann_dc.analysis import stability_limit
+from ann_dc.analysis.spectra import stability_limit
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity import Specimen, control_noise, predict, predicted_errors
-from ann_dc.fidelity.boards import Spec, yield_of
-from ann_dc.hardware.parts import (
-    BEHAVIOURAL,
-    E12,
-    TRANSISTOR,
-    Conditions,
-    Tolerances,
-    macro,
-    switched_capacitor,
-)
-from ann_dc.study.measuring import Yield
+from ann_dc.fidelity.boards.spec import Spec
+from ann_dc.fidelity.boards.yields import yield_of
+from ann_dc.fidelity.monte_carlo import predicted_errors
+from ann_dc.fidelity.noise_run import control_noise
+from ann_dc.fidelity.prediction import predict
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.hardware.parts.conditions import Conditions
+from ann_dc.hardware.parts.datasheet import Tolerances
+from ann_dc.hardware.parts.e_series import E12
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, switched_capacitor
+from ann_dc.study.measuring.yields import Yield
 
 SAMPLES = 8
 

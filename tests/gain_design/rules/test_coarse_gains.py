@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from designs import small
 
-from ann_dc.analysis import Linearisation, MeanLinearisation, saddle_of
-from ann_dc.gain_design.rules import pyramid
+from ann_dc.analysis.linearisation import Linearisation, MeanLinearisation
+from ann_dc.analysis.saddle import saddle_of
+from ann_dc.gain_design.rules.coarse_gains import pyramid
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import DesignError, UnknownNameError
-from ann_dc.evaluation import evaluator
-from ann_dc.gain_design import apply_gains, hand_gains
-from ann_dc.network.metrics import Kind
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

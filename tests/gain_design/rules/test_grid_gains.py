@@ -7,10 +7,10 @@ import pytest
 from designs import designed
 
 import ann_dc
-from ann_dc.analysis import Linearisation
-from ann_dc.evaluation.generated import fast_evaluator
-from ann_dc.gain_design import Recipe, SettledPoint
-from ann_dc.gain_design.rules import weights_of_rows
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.gain_design.rules.grid_gains import SettledPoint
+from ann_dc.gain_design.rules.recipe import Recipe, weights_of_rows
 
 
 @pytest.fixture(scope="module")

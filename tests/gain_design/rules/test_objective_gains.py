@@ -7,10 +7,11 @@ import pytest
 from minimax import CASES, car, small
 
 import ann_dc
-from ann_dc.analysis import Linearisation
-from ann_dc.evaluation import evaluator
-from ann_dc.gain_design import Recipe, apply_gains, closed_form
-from ann_dc.network.metrics import Kind
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.rules.gains import apply_gains
+from ann_dc.gain_design.rules.recipe import Recipe, closed_form
+from ann_dc.network.metrics.contract import Kind
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from ann_dc import design, plants, synthesize
-from ann_dc.gain_design import COARSE, KNOTS, NEARBY, presets_of
-from ann_dc.network import Role
+from ann_dc.gain_design.rules.presets import COARSE, KNOTS, NEARBY, presets_of
+from ann_dc.network.cell import Role
 
 
 @pytest.fixture(scope="module")

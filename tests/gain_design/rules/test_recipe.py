@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from designs import small
 
-from ann_dc.analysis import Linearisation
+from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.errors import DesignError, UnknownNameError
-from ann_dc.gain_design import Recipe, closed_form, equilibrated
+from ann_dc.gain_design.rules.recipe import Recipe, closed_form
+from ann_dc.gain_design.rules.row_weights import equilibrated
 
 
 def start_of(name: str) -> Linearisation:

@@ -11,20 +11,18 @@ import numpy as np
 import pytest
 from designs import small
 
-from ann_dc.backends.spice import SpiceBackend
-from ann_dc.backends.spice.netlist import Nodes, Values, cell_of, deck_of
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.netlist.cells import cell_of
+from ann_dc.backends.spice.netlist.deck import deck_of
+from ann_dc.backends.spice.netlist.nodes import Nodes
+from ann_dc.backends.spice.netlist.values import Values
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import (
-    CAPACITOR,
-    COLUMNS,
-    GENERATOR,
-    MULTIPLIER,
-    OP_AMP,
-    RESISTOR,
-    bill_of,
-)
-from ann_dc.hardware.parts import E24, E24_PAIRS, E96, EXACT, macro, ota_c, switched_capacitor
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.bill import COLUMNS, bill_of
+from ann_dc.hardware.circuit.cost import CAPACITOR, GENERATOR, MULTIPLIER, OP_AMP, RESISTOR
+from ann_dc.hardware.parts.e_series import E24, E24_PAIRS, E96, EXACT
+from ann_dc.hardware.parts.levels import macro, ota_c, switched_capacitor
 
 LEVELS = {
     "macro": macro(),

@@ -7,13 +7,17 @@ import pytest
 from designs import near_start
 from problems import SUITE
 
-from ann_dc.backends import DOP853, OdeBackend
-from ann_dc.evaluation import evaluator
-from ann_dc.gain_design import WITH_COORDINATORS, WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
-from ann_dc.hardware.parts import SMALLEST_RESISTOR
-from ann_dc.hardware.schematic import Adder, Integrator, PICell, metric_values, schematic_of
-from ann_dc.network import Network
+from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.circuit import circuit_of
+from ann_dc.hardware.circuit.scaling import ProbeRun, scale
+from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
+from ann_dc.hardware.schematic.elements import Adder, Integrator, PICell
+from ann_dc.hardware.schematic.metric_parts import metric_values
+from ann_dc.hardware.schematic.schematic import schematic_of
+from ann_dc.network.network import Network
 from ann_dc.solver import synthesize
 
 

@@ -7,10 +7,11 @@ import pytest
 from counting import LEAVES, counted
 from designs import small
 
-from ann_dc.backends.spice import SpiceBackend
-from ann_dc.backends.spice.netlist import deck_of
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import (
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.netlist.deck import deck_of
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.cost import (
     CAPACITOR,
     GENERATOR,
     GENERATOR_MULTIPLIERS,
@@ -22,7 +23,9 @@ from ann_dc.hardware.circuit import (
     cost_of,
     parts_of,
 )
-from ann_dc.hardware.parts import Datasheet, macro, ota_c, presets
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.parts.levels import macro, ota_c
 from ann_dc.resources import circuits_path
 
 CLAMPS = "clamp_low", "clamp_high"

@@ -7,11 +7,14 @@ import pytest
 from designs import small
 from hypothesis import given, settings, strategies as st
 
-from ann_dc.backends.spice import SpiceBackend
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import checked_deviations, combined, draw
-from ann_dc.hardware.parts import Conditions, Kind, Tolerances, macro
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.deviations import checked_deviations, combined, draw
+from ann_dc.hardware.parts.conditions import Conditions
+from ann_dc.hardware.parts.datasheet import Kind, Tolerances
+from ann_dc.hardware.parts.levels import macro
 
 FULL = Tolerances(resistor=0.01, capacitor=0.02, offset=1e-3, gain=0.03, product_offset=2e-3)
 

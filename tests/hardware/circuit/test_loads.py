@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from wired import prepared
 
-from ann_dc.backends.spice import SpiceBackend
-from ann_dc.backends.spice.netlist import deck_of
-from ann_dc.hardware.circuit import heaviest, load_power, loads_of, moving_load
-from ann_dc.hardware.parts import macro
-from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.netlist.deck import deck_of
+from ann_dc.hardware.circuit.loads import heaviest, load_power, loads_of, moving_load
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
+from ann_dc.network.network import Network
 
 
 def driven(deck) -> dict[str, float]:

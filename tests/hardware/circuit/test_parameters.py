@@ -5,12 +5,15 @@ from functools import cache
 import pytest
 from designs import small
 
-from ann_dc.backends.spice import SpiceBackend
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.circuit import RESERVED, Quantity, aliases
-from ann_dc.hardware.parts import Kind, macro
-from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.circuit.parameters import RESERVED, Quantity, aliases
+from ann_dc.hardware.parts.datasheet import Kind
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.network import Network
 
 PLANTS = ["car", "double_integrator", "cstr"]
 

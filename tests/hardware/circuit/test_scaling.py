@@ -7,12 +7,12 @@ import pytest
 from designs import designed
 from hypothesis import given, strategies as st
 
-from ann_dc.analysis import spectrum
-from ann_dc.backends import DOP853, OdeBackend
+from ann_dc.analysis.spectra import spectrum
+from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.evaluation import evaluator
-from ann_dc.hardware.circuit import ProbeRun, ScalingRules, scale
-from ann_dc.network import Product
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.hardware.circuit.scaling import ProbeRun, ScalingRules, scale
+from ann_dc.network.cell import Product
 
 
 @cache

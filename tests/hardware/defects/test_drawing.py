@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from designs import coordinated, wired_with
 
-from ann_dc.backends import BATCHES, OdeBackend
+from ann_dc.backends.ode import BATCHES, OdeBackend
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.variants import numbers_of
-from ann_dc.hardware.defects import detuned, drawn_numbers, mismatch
-from ann_dc.network.metrics import Kind
+from ann_dc.evaluation.variant_numbers import numbers_of
+from ann_dc.hardware.defects.drawing import drawn_numbers
+from ann_dc.hardware.defects.numbers import detuned, mismatch
+from ann_dc.network.metrics.contract import Kind
 
 SEEDS = (0, 7, 2**40)
 

@@ -11,46 +11,40 @@ from hypothesis import given, settings, strategies as st
 from problems import SUITE
 from scipy.integrate import solve_ivp
 
-from ann_dc.analysis import Linearisation, equilibrium
-from ann_dc.backends import OdeBackend, Outcome, Settling
-from ann_dc.backends.recurrent import RecurrentBackend
-from ann_dc.backends.spice import SpiceBackend
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.settling import Settling
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.status import Outcome
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.evaluation import evaluator
-from ann_dc.gain_design import Design, design
-from ann_dc.hardware.defects import (
-    detuned,
-    extra_pole,
-    gain_error,
-    leak,
-    mismatch,
-    noise,
-    offset,
-    quantised,
-    rails,
-    slew,
-)
-from ann_dc.hardware.emulation import emulate, emulated_state
-from ann_dc.hardware.parts import E12, E24, E96, macro
-from ann_dc.network import (
-    EVERYWHERE,
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.procedure import Design, design
+from ann_dc.hardware.defects.numbers import detuned, gain_error, leak, mismatch, offset, quantised
+from ann_dc.hardware.defects.parts import extra_pole, noise, rails, slew
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.emulation.states import emulated_state
+from ann_dc.hardware.parts.e_series import E12, E24, E96
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.network.cell import (
     ONE,
-    Absent,
     Cell,
     Connection,
     Function,
     Limiter,
-    Network,
     Neuron,
-    Pin,
     Product,
-    Selection,
     Sum,
     Template,
 )
-from ann_dc.network.metrics import Kind, TimeConstants
+from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.metrics.time_constants import TimeConstants
+from ann_dc.network.network import Network
+from ann_dc.network.selection import EVERYWHERE, Selection
 from ann_dc.solver import synthesize
-from ann_dc.weights import load, save
+from ann_dc.weights.network_file import load, save
 
 NONE = {
     "leak": lambda n, where: leak(n, np.inf, where),

@@ -9,27 +9,31 @@ from metric_networks import BEYOND, with_metric
 from problems import SUITE
 from simulator import needs_ngspice
 
-from ann_dc.analysis import equilibrium, spectrum
-from ann_dc.backends import DOP853, OdeBackend, last_exit
-from ann_dc.backends.spice import SpiceBackend, read_back, simulate
-from ann_dc.backends.spice.netlist import Simulation, deck_of
-from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.spectra import spectrum
+from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.backends.settling import last_exit
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.circuit_run import read_back
+from ann_dc.backends.spice.netlist.deck import deck_of
+from ann_dc.backends.spice.netlist.timing import Simulation
+from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError, SpiceError, UnknownNameError
-from ann_dc.evaluation import evaluator
-from ann_dc.fidelity import predict
-from ann_dc.gain_design import design
-from ann_dc.hardware.circuit import MARGIN, Circuit, Quantity, circuit_of, draw
-from ann_dc.hardware.emulation import AmplifierNodes, emulate, emulated_state, pole_spectrum
-from ann_dc.hardware.parts import (
-    Datasheet,
-    Kind,
-    Level,
-    Tolerances,
-    macro,
-    ota_c,
-    switched_capacitor,
-)
-from ann_dc.hardware.schematic import Adder, GridNode, Part, schematic_of, wiring_of
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.fidelity.prediction import predict
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
+from ann_dc.hardware.circuit.deviations import draw
+from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.circuit.scaling import MARGIN
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.emulation.nodes import AmplifierNodes
+from ann_dc.hardware.emulation.states import emulated_state, pole_spectrum
+from ann_dc.hardware.parts.datasheet import Datasheet, Kind, Tolerances
+from ann_dc.hardware.parts.levels import Level, macro, ota_c, switched_capacitor
+from ann_dc.hardware.schematic.elements import Adder, GridNode, Part
+from ann_dc.hardware.schematic.metric_wiring import wiring_of
+from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.network import metrics
 from ann_dc.solver import synthesize
 

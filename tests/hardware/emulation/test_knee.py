@@ -12,12 +12,14 @@ from scipy.optimize import brentq
 from simulator import needs_ngspice
 
 from ann_dc import Kind, SpiceBackend, design, equilibrium, evaluator, levels, synthesize
-from ann_dc.backends.spice.netlist import Simulation
+from ann_dc.backends.spice.netlist.timing import Simulation
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.evaluation import kkt_point
-from ann_dc.hardware.emulation import knee, knee_shift
-from ann_dc.network import Cell, Connection, DiodeDual, Function, Network, Neuron, Sum
-from ann_dc.solution import certificate_of
+from ann_dc.evaluation.populations import kkt_point
+from ann_dc.hardware.emulation.knee import knee, knee_shift
+from ann_dc.network.cell import Cell, Connection, Function, Neuron, Sum
+from ann_dc.network.duals import DiodeDual
+from ann_dc.network.network import Network
+from ann_dc.solution.solution import certificate_of
 
 DUAL = DiodeDual(neuron="z", residual="g", sum="y", multiplier="m")
 

@@ -9,27 +9,28 @@ import pytest
 from numpy.polynomial.polynomial import polyval
 from simulator import needs_ngspice
 
-from ann_dc.backends.spice import SpiceBackend, simulate
-from ann_dc.backends.spice.netlist import Simulation, Subcircuit, subcircuit_of
-from ann_dc.backends.spice.ngspice import Ngspice
-from ann_dc.evaluation import evaluator
-from ann_dc.fidelity import predict
-from ann_dc.gain_design import design
-from ann_dc.hardware.circuit import (
-    Circuit,
-    ProbeRun,
-    built_range,
-    circuit_of,
-    loads_of,
-    scale,
-    slopes_of,
-)
-from ann_dc.hardware.emulation import emulate
-from ann_dc.hardware.generators import FittedQuotient, Polynomial, cascade_of
-from ann_dc.hardware.parts import TRANSISTOR, Datasheet, Level, MultiplierLaw, Parasitics, macro
-from ann_dc.hardware.schematic import Generator, schematic_of
-from ann_dc.network import Cell, Connection, Function, Network, Neuron, Product
-from ann_dc.network.metrics import Kind
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.netlist.curves import Subcircuit, subcircuit_of
+from ann_dc.backends.spice.netlist.timing import Simulation
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.fidelity.prediction import predict
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
+from ann_dc.hardware.circuit.generators import built_range, slopes_of
+from ann_dc.hardware.circuit.loads import loads_of
+from ann_dc.hardware.circuit.scaling import ProbeRun, scale
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.generators.cascade import cascade_of
+from ann_dc.hardware.generators.curves import FittedQuotient, Polynomial
+from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.parts.levels import TRANSISTOR, Level, macro
+from ann_dc.hardware.parts.parasitics import MultiplierLaw, Parasitics
+from ann_dc.hardware.schematic.elements import Generator
+from ann_dc.hardware.schematic.schematic import schematic_of
+from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.resources import circuits_path
 from ann_dc.solver import synthesize

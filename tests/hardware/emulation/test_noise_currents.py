@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import ArgumentError, NetworkError
-from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
-from ann_dc.hardware.emulation import Noise, draw_noise, noise_sources, white
-from ann_dc.hardware.schematic import schematic_of
-from ann_dc.network import Absent, Cell, Connection, Network, Neuron, Sum, Template
+from ann_dc.hardware.circuit.circuit import circuit_of
+from ann_dc.hardware.circuit.scaling import ProbeRun, scale
+from ann_dc.hardware.emulation.noise_currents import Noise, draw_noise, noise_sources, white
+from ann_dc.hardware.schematic.schematic import schematic_of
+from ann_dc.network.cell import Cell, Connection, Neuron, Sum, Template
+from ann_dc.network.ends import Absent
+from ann_dc.network.network import Network
 
 BOLTZMANN = 1.380649e-23
 NANOSECONDS = Noise(step=10e-9, seed=3)

@@ -7,8 +7,13 @@ from numpy.polynomial import polynomial
 from ranges import RANGES, SMOOTH
 
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.hardware.generators import Breakpoints, FittedPolynomial, FittedQuotient, Polynomial
-from ann_dc.network import FUNCTIONS, function_block
+from ann_dc.hardware.generators.curves import (
+    Breakpoints,
+    FittedPolynomial,
+    FittedQuotient,
+    Polynomial,
+)
+from ann_dc.network.functions import FUNCTIONS, function_block
 
 
 def computed(fit: FittedPolynomial, u: np.ndarray) -> np.ndarray:

@@ -7,9 +7,11 @@ import pytest
 from simulator import needs_ngspice
 
 from ann_dc import Kind, design, plants
-from ann_dc.backends.spice import CircuitRun, SpiceBackend
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.parts import NOMINAL, TRANSISTOR, Conditions, macro
+from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
+from ann_dc.hardware.parts.levels import TRANSISTOR, macro
 
 HARDEST = (
     Conditions(temperature=-40.0, supply=0.9, process="ss"),

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.parts import POSITIVE, Conditions, Datasheet, Kind, Tolerances
+from ann_dc.hardware.parts.conditions import Conditions
+from ann_dc.hardware.parts.datasheet import POSITIVE, Datasheet, Kind, Tolerances
 
 SIZES = [field.name for field in fields(Tolerances) if field.name != "kelvin"]
 

@@ -1,6 +1,6 @@
 """The level of a foundry's transistors, as parts see it."""
 
-from ann_dc.hardware.parts import SKY130, passive
+from ann_dc.hardware.parts.foundry import SKY130, passive
 
 
 def test_what_its_models_draw_is_not_drawn_twice():

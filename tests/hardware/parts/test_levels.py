@@ -6,21 +6,17 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.parts import (
+from ann_dc.hardware.parts.conditions import Conditions
+from ann_dc.hardware.parts.datasheet import TYPICAL, Datasheet, Kind, Tolerances
+from ann_dc.hardware.parts.levels import (
     BEHAVIOURAL,
     TRANSISTOR,
-    TYPICAL,
-    Conditions,
-    Datasheet,
-    Kind,
-    Parasitics,
-    Tolerances,
-    board_parameters,
     macro,
     ota_c,
     switched_capacitor,
     transistor,
 )
+from ann_dc.hardware.parts.parasitics import Parasitics, board_parameters
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,10 @@ import re
 import pytest
 
 from ann_dc.errors import UnknownNameError
-from ann_dc.hardware.parts import MACRO_PARAMETERS, Conditions, Kind, presets
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.board_models import MACRO_PARAMETERS
+from ann_dc.hardware.parts.conditions import Conditions
+from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.resources import circuits_path
 
 

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from wired import prepared
 
-from ann_dc.backends.spice.netlist import deck_of
+from ann_dc.backends.spice.netlist.deck import deck_of
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.parts import TRANSISTOR, MultiplierLaw, transistor, transistor_sheet
+from ann_dc.hardware.parts.levels import TRANSISTOR, transistor
+from ann_dc.hardware.parts.parasitics import MultiplierLaw
+from ann_dc.hardware.parts.transistors import transistor_sheet
 
 
 def test_mismatch_falls_with_the_root_of_the_area():

@@ -5,18 +5,14 @@ import pytest
 from designs import designed
 from metric_networks import BEYOND, PYRAMIDS, with_metric
 
-from ann_dc.backends import DOP853, OdeBackend
-from ann_dc.evaluation import evaluator
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.schematic import (
-    OWN,
-    Adder,
-    GridNode,
-    metric_parts,
-    metric_values,
-    wiring_of,
-)
-from ann_dc.network.metrics import Kind
+from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.schematic.elements import Adder, GridNode
+from ann_dc.hardware.schematic.metric_parts import metric_parts, metric_values
+from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
+from ann_dc.network.metrics.contract import Kind
 
 every_kind = pytest.mark.parametrize("kind", BEYOND)
 PLANTS = ("car", "pendulum", "double_integrator")

@@ -11,12 +11,14 @@ from designs import designed, wired_with
 from problems import SUITE
 
 from ann_dc import levels, presets
-from ann_dc.backends.spice import SpiceBackend
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design import design
-from ann_dc.hardware.schematic import Adder, Generator, Integrator, Multiplier, PICell, schematic_of
-from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
-from ann_dc.network.metrics import Kind
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.schematic.elements import Adder, Generator, Integrator, Multiplier, PICell
+from ann_dc.hardware.schematic.schematic import schematic_of
+from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 from ann_dc.solver import synthesize
 
 

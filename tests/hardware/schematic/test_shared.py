@@ -8,18 +8,16 @@ from simulator import needs_ngspice
 
 from ann_dc import SpiceBackend, emulate, equilibrium, levels, spectrum
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity import Specimen, sensitivity
-from ann_dc.hardware.circuit import Quantity
-from ann_dc.hardware.emulation import (
-    Noise,
-    Place,
-    draw_noise,
-    emulated_state,
-    noise_sources,
-    noisy_network,
-)
-from ann_dc.hardware.schematic import Adder, Generator, Integrator, check_shared, shared_nodes
-from ann_dc.network import Cell, Connection, Function, Network, Neuron, Sum
+from ann_dc.fidelity.error_budget import sensitivity
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.emulation.noise_currents import Noise, Place, draw_noise, noise_sources
+from ann_dc.hardware.emulation.noise_inputs import noisy_network
+from ann_dc.hardware.emulation.states import emulated_state
+from ann_dc.hardware.schematic.elements import Adder, Generator, Integrator
+from ann_dc.hardware.schematic.shared import check_shared, shared_nodes
+from ann_dc.network.cell import Cell, Connection, Function, Neuron, Sum
+from ann_dc.network.network import Network
 
 SENT, LEVEL = 0.3, levels.macro(a0=1e8)
 

@@ -7,29 +7,18 @@ import numpy as np
 import pytest
 from wired import neighbour_wired
 
-from ann_dc.backends.spice import SpiceBackend
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit import MARGIN, heaviest
-from ann_dc.hardware.parts import (
-    SKY130,
-    SMALLEST_RESISTOR,
-    TRANSISTOR,
-    Datasheet,
-    Level,
-    Parasitics,
-    macro,
-    presets,
-)
-from ann_dc.hardware.schematic import Adder, PICell
-from ann_dc.hardware.sizing import (
-    CURRENT,
-    GROUND,
-    SHARE,
-    SPARE,
-    STIFF,
-    is_stable,
-    least_margin,
-)
+from ann_dc.hardware.circuit.loads import heaviest
+from ann_dc.hardware.circuit.scaling import MARGIN
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR, Datasheet
+from ann_dc.hardware.parts.foundry import SKY130
+from ann_dc.hardware.parts.levels import TRANSISTOR, Level, macro
+from ann_dc.hardware.parts.parasitics import Parasitics
+from ann_dc.hardware.schematic.elements import Adder, PICell
+from ann_dc.hardware.sizing.margins import SPARE, is_stable, least_margin
+from ann_dc.hardware.sizing.resistors import CURRENT, GROUND, SHARE, STIFF
 
 PLANTS = {"double_integrator": 4, "car": 3}
 

@@ -9,10 +9,11 @@ from simulator import needs_ngspice
 
 from ann_dc import Kind, SpiceBackend, design
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity import predict
-from ann_dc.hardware.parts import macro
-from ann_dc.hardware.sizing import check_clamps, holding_margin
-from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
+from ann_dc.fidelity.prediction import predict
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.hardware.sizing.clamps import check_clamps, holding_margin
+from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
+from ann_dc.network.network import Network
 
 MACRO = macro(rails=13.0)
 

@@ -9,10 +9,13 @@ from constrained import dint_v
 from wired import neighbour_wired
 
 from ann_dc import Kind, design
-from ann_dc.backends.spice import SpiceBackend
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.parts import Datasheet, macro, presets
-from ann_dc.hardware.sizing import cure, is_stable, least_margin
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.hardware.sizing.cures import cure
+from ann_dc.hardware.sizing.margins import is_stable, least_margin
 
 
 def built(level, **given):

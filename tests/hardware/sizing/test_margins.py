@@ -3,10 +3,12 @@
 import pytest
 from wired import neighbour_wired
 
-from ann_dc.backends.spice import SpiceBackend
+from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.parts import BEHAVIOURAL, Datasheet, Parasitics, macro, switched_capacitor
-from ann_dc.hardware.sizing import is_stable, least_margin
+from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, switched_capacitor
+from ann_dc.hardware.parts.parasitics import Parasitics
+from ann_dc.hardware.sizing.margins import is_stable, least_margin
 
 
 def test_more_capacitance_asks_for_more_margin():

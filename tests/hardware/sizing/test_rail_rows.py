@@ -7,23 +7,16 @@ import pytest
 from constrained import a, dint_u, integrator, lander
 
 from ann_dc import Kind, OdeBackend, SpiceBackend, design, levels, ode
-from ann_dc.analysis import spectrum
-from ann_dc.backends.spice import probed
+from ann_dc.analysis.spectra import spectrum
+from ann_dc.backends.spice.probe import probed
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit import ProbeRun, ScalingRules, scale
-from ann_dc.hardware.schematic import Integrator, PICell
-from ann_dc.hardware.sizing import (
-    BANDWIDTH,
-    FASTER,
-    FOLLOWING,
-    GAIN,
-    INTO,
-    SLOWER,
-    following_margin,
-    with_rail_rows,
-)
-from ann_dc.network import Cell, Connection, Limiter, Network, Neuron, Role
-from ann_dc.network.metrics import Grid
+from ann_dc.hardware.circuit.scaling import ProbeRun, ScalingRules, scale
+from ann_dc.hardware.schematic.elements import Integrator, PICell
+from ann_dc.hardware.sizing.margins import FOLLOWING, following_margin
+from ann_dc.hardware.sizing.rail_rows import BANDWIDTH, FASTER, GAIN, INTO, SLOWER, with_rail_rows
+from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role
+from ann_dc.network.metrics.grid import Grid
+from ann_dc.network.network import Network
 from ann_dc.progress import silent
 
 RATE, PUSH, RAIL = 3.0, 2.0, 0.5

@@ -10,11 +10,16 @@ from problems import SUITE
 from random_metrics import random_metric, rows, with_errors
 from scipy import sparse
 
-from ann_dc.analysis import equilibrium
-from ann_dc.backends import OdeBackend, Settling, ode
-from ann_dc.evaluation import InterpretedEvaluator, evaluator
-from ann_dc.network import Network
-from ann_dc.network.metrics import Factors, Grid, Kind, Metric, Row, Tree
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.backends import ode
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.settling import Settling
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.metrics.contract import Factors, Kind, Metric, Row
+from ann_dc.network.metrics.grid import Grid
+from ann_dc.network.metrics.tree import Tree
+from ann_dc.network.network import Network
 
 every_kind = pytest.mark.parametrize("kind", Kind, ids=lambda kind: kind.name.lower())
 seeds = st.integers(0, 2**32 - 1)

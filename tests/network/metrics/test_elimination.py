@@ -10,7 +10,9 @@ from hypothesis import given, settings, strategies as st
 from problems import SUITE
 from random_metrics import random_blocks, rows, tridiagonal
 
-from ann_dc.network.metrics import Kind, Row, Tree, eliminate
+from ann_dc.network.metrics.contract import Kind, Row
+from ann_dc.network.metrics.elimination import eliminate
+from ann_dc.network.metrics.tree import Tree
 
 seeds = st.integers(0, 2**32 - 1)
 

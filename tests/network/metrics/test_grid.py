@@ -7,7 +7,8 @@ from hypothesis import given, settings, strategies as st
 from problems import SUITE
 from random_metrics import random_blocks, rows
 
-from ann_dc.network.metrics import Grid, Kind, Row
+from ann_dc.network.metrics.contract import Kind, Row
+from ann_dc.network.metrics.grid import Grid
 
 
 @settings(max_examples=40, deadline=None)

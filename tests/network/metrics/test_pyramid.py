@@ -7,11 +7,13 @@ import pytest
 from designs import coordinated, designed, near_start
 from hypothesis import given, settings, strategies as st
 
-from ann_dc.analysis import Linearisation
+from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation import evaluator
-from ann_dc.gain_design import Recipe, apply_gains, closed_form
-from ann_dc.network.metrics import Kind, Pyramid, hat_positions
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.rules.gains import apply_gains
+from ann_dc.gain_design.rules.recipe import Recipe, closed_form
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.metrics.pyramid import Pyramid, hat_positions
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

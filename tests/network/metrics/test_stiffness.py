@@ -10,8 +10,11 @@ from hypothesis import given, settings, strategies as st
 from random_metrics import random_blocks, rows, tridiagonal
 
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation import InterpretedEvaluator, evaluator
-from ann_dc.network.metrics import Grid, Kind, Row, Tree
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.metrics.contract import Kind, Row
+from ann_dc.network.metrics.grid import Grid
+from ann_dc.network.metrics.tree import Tree
 
 seeds = st.integers(0, 2**32 - 1)
 both = pytest.mark.parametrize("stiffness", [Grid, Tree])

@@ -3,7 +3,8 @@
 import numpy as np
 from designs import small
 
-from ann_dc.network.metrics import Kind, Row, TimeConstants
+from ann_dc.network.metrics.contract import Kind, Row
+from ann_dc.network.metrics.time_constants import TimeConstants
 
 ROW = Row(
     rates=np.array([[0.5, 0.0], [2.0, 4.0]]), primal=np.array([0]), chains=np.zeros((0, 2), int)

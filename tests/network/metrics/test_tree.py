@@ -8,7 +8,8 @@ from problems import SUITE
 from random_metrics import random_blocks, rows, tridiagonal
 from scipy import sparse
 
-from ann_dc.network.metrics import Kind, Row, Tree
+from ann_dc.network.metrics.contract import Kind, Row
+from ann_dc.network.metrics.tree import Tree
 
 seeds = st.integers(0, 2**32 - 1)
 

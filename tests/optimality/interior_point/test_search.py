@@ -8,9 +8,10 @@ import sympy as sp
 from constrained import CONSTRAINED
 from problems import SUITE
 
-from ann_dc.optimality import certify, ipopt_point
-from ann_dc.optimality.interior_point import interior_point
-from ann_dc.problem import OptimalControlProblem
+from ann_dc.optimality.certificate import certify
+from ann_dc.optimality.interior_point.search import interior_point
+from ann_dc.optimality.reference_solvers import ipopt_point
+from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Stopped
 
 PROBLEMS = {**SUITE, **CONSTRAINED}

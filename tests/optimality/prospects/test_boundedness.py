@@ -8,8 +8,10 @@ import sympy as sp
 from hopeless import UNBOUNDED
 from problems import SUITE
 
-from ann_dc.optimality import feasible_path, without_minimum
-from ann_dc.problem import OptimalControlProblem, straight_line
+from ann_dc.optimality.prospects.boundedness import without_minimum
+from ann_dc.optimality.prospects.feasibility import feasible_path
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.scales import straight_line
 
 
 def descended(problem):

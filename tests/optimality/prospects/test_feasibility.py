@@ -6,8 +6,10 @@ from hopeless import INFEASIBLE, UNBOUNDED
 from problems import SUITE
 from reference import ipopt
 
-from ann_dc.optimality import feasible_path, out_of_reach
-from ann_dc.problem import plants, straight_line
+from ann_dc.optimality.prospects.feasibility import feasible_path
+from ann_dc.optimality.prospects.infeasible import out_of_reach
+from ann_dc.problem import plants
+from ann_dc.problem.scales import straight_line
 
 
 def searched(problem):

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from hopeless import INFEASIBLE, UNBOUNDED, a, x
 
-from ann_dc.optimality import Hopeless, Infeasible, Prospect, Unbounded
-from ann_dc.problem import plants, straight_line
+from ann_dc.optimality.prospects.boundedness import Unbounded
+from ann_dc.optimality.prospects.infeasible import Infeasible
+from ann_dc.optimality.prospects.prospect import Hopeless, Prospect
+from ann_dc.problem import plants
+from ann_dc.problem.scales import straight_line
 
 
 def prospect_of(problem):

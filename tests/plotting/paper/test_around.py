@@ -7,8 +7,9 @@ import pytest
 from closed_chains import CAR, closed_chain
 from matplotlib.patches import Circle
 
-from ann_dc.paper import CASES, around, replanned
-from ann_dc.plotting.paper import figure_4, figure_5
+from ann_dc.paper.around import around
+from ann_dc.paper.replans import CASES, replanned
+from ann_dc.plotting.paper.around import figure_4, figure_5
 
 
 @cache

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ann_dc
-from ann_dc.plotting.paper import free_controls, free_paths
+from ann_dc.plotting.paper.example import free_controls, free_paths
 
 BACKEND = ann_dc.OdeBackend(verify=False)
 

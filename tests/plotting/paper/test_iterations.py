@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ann_dc.plotting.paper import Curves, definitions, following, gain_over_iterations
+from ann_dc.plotting.paper.iterations import Curves, definitions, following, gain_over_iterations
 
 J = np.arange(1.0, 7.0)
 CURVES = Curves(name="T_0", gain=0.5 / J, A=J, B=np.where(J < 4, -J, J), theta=10 * J)

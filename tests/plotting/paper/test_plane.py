@@ -5,7 +5,7 @@ import pytest
 from matplotlib.patches import Circle
 
 from ann_dc.errors import ArgumentError
-from ann_dc.plotting.paper import Disc, Drawn, Panel, plane
+from ann_dc.plotting.paper.plane import Disc, Drawn, Panel, plane
 
 ROWS = np.array([[0.0, 1.0, 5.0], [0.0, 2.0, 5.0]])
 DISCS = (Disc(x=2.0, y=1.0, radius=0.5), Disc(x=3.0, y=4.0, radius=0.25))

@@ -2,7 +2,7 @@
 
 from matplotlib.patches import Polygon
 
-from ann_dc.plotting.paper import figure_1, figure_2, figure_3
+from ann_dc.plotting.paper.schemes import figure_1, figure_2, figure_3
 from ann_dc.problem import plants
 
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ann_dc.plotting.paper import Drawn, Panel, controls_over_stages
+from ann_dc.plotting.paper.plane import Drawn, Panel
+from ann_dc.plotting.paper.stages import controls_over_stages
 
 ROWS = np.array([[4.0, 8.0, 6.0], [1.0, -1.0, 0.0]])
 LABELS = ["u_1 (m/s)", "u_2 (rad/s)"]

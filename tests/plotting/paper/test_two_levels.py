@@ -8,9 +8,9 @@ import pytest
 from closed_chains import CAR, closed_chain
 
 from ann_dc.errors import NetworkError
-from ann_dc.paper import Case, Iterations, replanned, to_the_letter
-from ann_dc.plotting.paper import figure_6, figure_of_definitions, figure_of_following
-from ann_dc.two_level import Following, Hypothesis
+from ann_dc.paper.replans import Case, Iterations, replanned, to_the_letter
+from ann_dc.plotting.paper.two_levels import figure_6, figure_of_definitions, figure_of_following
+from ann_dc.two_level.theorem import Following, Hypothesis
 
 HYPOTHESIS = Hypothesis(eigenvalues=(np.ones(6),))
 

@@ -5,7 +5,7 @@ from journeys import a_journey
 from PIL import Image
 
 from ann_dc.errors import OutputError
-from ann_dc.plotting.worlds import film
+from ann_dc.plotting.worlds.film import film
 
 
 def test_a_frame_a_period(tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 from journeys import a_journey
 from matplotlib.patches import Circle, Polygon
 
-from ann_dc.plotting.worlds import journey as picture
+from ann_dc.plotting.worlds.journey import journey as picture
 
 
 def test_the_plane_shows_obstacles_way_and_ends():

@@ -5,7 +5,8 @@ import pandas
 import pytest
 from study_pages import findings
 
-from ann_dc.report.findings import band, boxes, column_of, is_clustered, strength
+from ann_dc.report.findings.bands import band, boxes, is_clustered, strength
+from ann_dc.report.findings.columns import column_of
 
 
 def test_a_setting_of_few_values_has_a_band_a_value():

@@ -4,7 +4,9 @@ import numpy as np
 import pandas
 from study_pages import IDENTITY, findings
 
-from ann_dc.report.findings import Findings, causes, limits, slowest, worst
+from ann_dc.report.findings.causes import causes, slowest, worst
+from ann_dc.report.findings.findings import Findings
+from ann_dc.report.findings.shares import limits
 
 
 def test_messages_that_differ_in_numbers_are_one_cause():

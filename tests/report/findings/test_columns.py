@@ -4,7 +4,7 @@ import numpy as np
 import pandas
 import pytest
 
-from ann_dc.report.findings import column_of
+from ann_dc.report.findings.columns import column_of
 
 NUMBERS = {
     "floats": [1.5, 2.0, None],

@@ -6,7 +6,8 @@ import pytest
 from scipy.stats import linregress
 from study_pages import EXPONENT, findings
 
-from ann_dc.report.findings import column_of, exponents, fit
+from ann_dc.report.findings.columns import column_of
+from ann_dc.report.findings.exponents import exponents, fit
 
 
 def test_the_exponent_of_the_wall_time_is_found():

@@ -3,7 +3,7 @@
 import numpy as np
 from study_pages import findings
 
-from ann_dc.report.findings import limits, within
+from ann_dc.report.findings.shares import limits, within
 
 
 def test_what_has_no_value_is_not_within_the_spec():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from study_pages import findings, hostile
 
-from ann_dc.report.study_page import pack
+from ann_dc.report.study_page.packed import pack
 
 
 def unpacked(text):

@@ -15,7 +15,7 @@ from browser import Browser, needs_chromium
 from study_pages import HOSTILE, findings, frame, hostile, store
 
 from ann_dc.errors import OutputError, PandasMissing, PlotlyMissing
-from ann_dc.report.study_page import page_of, write_study_page
+from ann_dc.report.study_page.page import page_of, write_study_page
 
 READY = "document.documentElement.dataset.table && document.documentElement.dataset.figures"
 FIRST = "[...document.querySelectorAll('#rows tbody tr:not(.space)')][0].children"

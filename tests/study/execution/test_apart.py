@@ -12,8 +12,9 @@ import small_work
 from small_work import points, tasks
 
 from ann_dc.errors import StudyError
-from ann_dc.study.execution import Apart, execute, pickled
-from ann_dc.study.keeping import Store
+from ann_dc.study.execution.apart import Apart, pickled
+from ann_dc.study.execution.execution import execute
+from ann_dc.study.keeping.store import Store
 
 
 class Unknown:

@@ -9,8 +9,9 @@ import small_work
 from dask_cluster import Cluster
 from small_work import COLUMNS, points, tasks
 
-from ann_dc.study.execution import execute
-from ann_dc.study.keeping import CIRCUMSTANCES, Store
+from ann_dc.study.execution.execution import execute
+from ann_dc.study.keeping.rows import CIRCUMSTANCES
+from ann_dc.study.keeping.store import Store
 
 distributed = pytest.importorskip("distributed")
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::ResourceWarning")]

@@ -20,8 +20,11 @@ from small_work import COLUMNS, points, tasks
 
 from ann_dc.errors import StoreError, StudyError
 from ann_dc.progress import Stopped
-from ann_dc.study.execution import Script, execute, loaded, own_script, pickled
-from ann_dc.study.keeping import CIRCUMSTANCES, Store
+from ann_dc.study.execution.apart import pickled
+from ann_dc.study.execution.execution import execute
+from ann_dc.study.execution.script import Script, loaded, own_script
+from ann_dc.study.keeping.rows import CIRCUMSTANCES
+from ann_dc.study.keeping.store import Store
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import pytest
 
 from ann_dc.errors import StoreError
-from ann_dc.study.keeping import Store
+from ann_dc.study.keeping.store import Store
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from ann_dc.errors import StoreError
-from ann_dc.study.keeping import packed, unpacked
+from ann_dc.study.keeping.curves import packed, unpacked
 
 GOOD = packed({"time": np.linspace(0, 1, 5), "settled": [True, False]})
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from ann_dc.errors import StoreError
-from ann_dc.study.keeping import Finished, Store
+from ann_dc.study.keeping.rows import Finished
+from ann_dc.study.keeping.store import Store
 
 COLUMNS = ("point", "note", "outcome")
 

@@ -12,7 +12,8 @@ import pytest
 from pyarrow import parquet
 
 from ann_dc.errors import OutputError, PandasMissing, PyarrowMissing
-from ann_dc.study.keeping import Finished, Store
+from ann_dc.study.keeping.rows import Finished
+from ann_dc.study.keeping.store import Store
 
 COLUMNS = ("point", "number", "gaps", "all", "some", "word", "none", "mixed", "outcome")
 IDENTITY = {"settings": {"number": {"unit": "m"}}, "metrics": {"gaps": {"unit": ""}}}

@@ -14,7 +14,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from ann_dc.errors import StoreError
-from ann_dc.study.keeping import FAILED, LOST, TIMED_OUT, Finished, Store, packed, plain_row
+from ann_dc.study.keeping.columns import plain_row
+from ann_dc.study.keeping.curves import packed
+from ann_dc.study.keeping.rows import FAILED, LOST, TIMED_OUT, Finished
+from ann_dc.study.keeping.store import Store
 
 COLUMNS = ("point", "seed", "input.q_d.x", 'odd "name"; DROP TABLE rows --', "peak", "outcome")
 IDENTITY = {"title": "a study", "over": {"input.q_d.x": [0.5, 1.0]}, "seed": 3}

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ann_dc.study.measuring import exponent_of
+from ann_dc.study.measuring.exponents import exponent_of
 
 
 def test_the_exponent_of_a_power_law_lies_in_its_interval():

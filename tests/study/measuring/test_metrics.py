@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import ann_dc
-from ann_dc.study import METRICS, Study
-from ann_dc.study.execution import Task
+from ann_dc.study.execution.attempts import Task
+from ann_dc.study.measuring.metrics import METRICS
+from ann_dc.study.study import Study
 
 TIMES = ["settling_time", "verified_settling_time", "predicted_settling_time"]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ann_dc.study.measuring import draws_of, good_rows, yield_of
+from ann_dc.study.measuring.yields import draws_of, good_rows, yield_of
 
 
 def test_what_failed_or_is_missing_does_not_pass():

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ann_dc.study import Table
-from ann_dc.study.shipped import End, basin, ends
+from ann_dc.study.shipped.basin import End, basin, ends
+from ann_dc.study.table import Table
 
 
 def table(**columns) -> Table:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import ann_dc
-from ann_dc.decomposition import SWITCHES
-from ann_dc.study.shipped import FORMS, FormEnd, end_of, settling_of_forms
+from ann_dc.decomposition.form import SWITCHES
+from ann_dc.study.shipped.forms import FORMS, FormEnd, end_of, settling_of_forms
 
 
 def test_all_forms_are_there():

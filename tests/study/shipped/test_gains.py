@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import ann_dc
-from ann_dc.study import Table
-from ann_dc.study.shipped import boundaries, gain_names, settling_against_gains
+from ann_dc.study.shipped.gains import boundaries, gain_names, settling_against_gains
+from ann_dc.study.table import Table
 
 
 def test_every_population_has_a_study():

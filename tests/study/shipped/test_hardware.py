@@ -5,9 +5,9 @@ import pytest
 
 import ann_dc
 from ann_dc.errors import StudyError
-from ann_dc.fidelity import Specimen
-from ann_dc.hardware.parts import macro
-from ann_dc.study.shipped import BOARD, spot_check, yield_curves
+from ann_dc.fidelity.specimen import Specimen
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.study.shipped.hardware import BOARD, spot_check, yield_curves
 
 PLANT = "double_integrator"
 SPEC = {"control_error": 0.03, "slowest_mode_seconds": 1e-3}

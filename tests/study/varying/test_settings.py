@@ -5,11 +5,13 @@ import math
 import pytest
 
 import ann_dc
-from ann_dc.backends.spice import level_words
+from ann_dc.backends.spice.level_words import level_words
 from ann_dc.errors import StudyError
-from ann_dc.hardware.parts import Kind
-from ann_dc.study import FAMILIES, Study
-from ann_dc.study.varying import BRINGERS, WORDS, names_of, subject_of
+from ann_dc.hardware.parts.datasheet import Kind
+from ann_dc.study.study import Study
+from ann_dc.study.varying.realisation import BRINGERS
+from ann_dc.study.varying.settings import FAMILIES, WORDS, names_of
+from ann_dc.study.varying.subject import subject_of
 
 
 def test_every_family_has_names_for_a_plant():

@@ -5,7 +5,7 @@ matrix while it is small, every coarser level is halves of the one before. A sti
 elimination, level by level, whether it is built as a grid or as a tree. See
 `ann_dc.network.metrics`.
 
-While neurons are held at rails (`ann_dc.evaluation.clamps`), every sample has a stiffness of its
+While neurons are held at rails (`ann_dc.evaluation`), every sample has a stiffness of its
 own, which is eliminated anew; under a pyramid, M among the held neurons is inverted.
 """
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import torch
 
-from ann_dc.analysis.second_order import is_strict_minimum
+from ann_dc.analysis.saddle import is_strict_minimum
 from ann_dc.backends.recurrent.cell.fixed_order import total
 from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.backends.recurrent.cell.layer import CellLayer

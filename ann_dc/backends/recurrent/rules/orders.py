@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import such_as
 from ann_dc.network.network import Network
 
 NAMES = "simultaneous", "two-phase", "stage by stage"

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from ann_dc.backends.lanes.recurrence import StepLengths as StepLengths
 from ann_dc.errors import require_positive
 from ann_dc.hints.checked import checked
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import such_as
 from ann_dc.network.network import Network
 
 

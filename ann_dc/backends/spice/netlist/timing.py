@@ -15,7 +15,7 @@ from ann_dc.errors import require_positive
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import SwitchedCapacitors, Technology
 from ann_dc.hints.checked import checked
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import such_as
 
 ACCURATE = "method=trap reltol=1e-4 abstol=1e-12 vntol=1e-7 pivrel=1e-9"
 """Options of a run that proves stability: a damped method would hide ringing."""

@@ -22,7 +22,7 @@ from ann_dc.backends.spice.ngspice.process import Processes, find_ngspice
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.errors import OutputError, SpiceError, SpiceInputError
 from ann_dc.hints.checked import checked
-from ann_dc.hints.words import such_as
+from ann_dc.hints.values import such_as
 from ann_dc.phases import phase
 from ann_dc.progress import Progress, silent
 from ann_dc.resources import cores

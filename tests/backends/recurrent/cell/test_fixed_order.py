@@ -5,7 +5,7 @@ import pytest
 import torch
 from hypothesis import given, settings, strategies as st
 
-from ann_dc.backends.recurrent.cell import LIBRARY, applied, total
+from ann_dc.backends.recurrent.cell.fixed_order import LIBRARY, applied, total
 
 CURVES = ("sin", "cos", "tan", "exp", "tanh", "sinh", "cosh", "arctan", "arcsin", "arccos")
 places = st.lists(st.integers(0, 99), min_size=1, max_size=70)

@@ -10,12 +10,17 @@ from clamped_runs import COUPLED, OF_RUNS, railed, rails_of, run_with_changes
 from designs import coordinated, designed, near_start, small, wired_with
 from problems import SUITE
 
-from ann_dc.backends.recurrent import FixedStep, RecurrentLayer
-from ann_dc.backends.recurrent.cell import LIBRARY, CellLayer
-from ann_dc.decomposition import PRINTED, SWITCHES
+from ann_dc.backends.recurrent.cell.fixed_order import LIBRARY
+from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
+from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.decomposition.form import PRINTED, SWITCHES
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation import InterpretedEvaluator, evaluator
-from ann_dc.network import FUNCTIONS, Cell, Limiter, Network, Neuron, Sum, Template
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.cell import Cell, Limiter, Neuron, Sum, Template
+from ann_dc.network.functions import FUNCTIONS
+from ann_dc.network.network import Network
 
 every_coupled = pytest.mark.parametrize("kind", COUPLED, ids=lambda kind: kind.name.lower())
 

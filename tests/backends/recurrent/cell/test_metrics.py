@@ -9,12 +9,15 @@ from designs import near_start, wired_with
 from random_metrics import random_metric, with_stiffness
 
 import ann_dc
-from ann_dc.backends import Settling
-from ann_dc.backends.recurrent import TWO_PHASE, FixedStep, RecurrentLayer
-from ann_dc.backends.recurrent.cell import CellLayer, EliminationLayer
-from ann_dc.evaluation import evaluator
-from ann_dc.network import Network
-from ann_dc.network.metrics import Kind
+from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.recurrent.cell.metrics import EliminationLayer
+from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
+from ann_dc.backends.recurrent.rules.orders import TWO_PHASE
+from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.backends.settling import Settling
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 
 every_kind = pytest.mark.parametrize("kind", Kind, ids=lambda kind: kind.name.lower())
 stiff = pytest.mark.parametrize("kind", [Kind.GRID, Kind.TREE], ids=["grid", "tree"])

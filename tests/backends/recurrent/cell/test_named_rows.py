@@ -9,15 +9,16 @@ import torch
 from cell_layers import wire
 from designs import coordinated, near_start, small
 
-from ann_dc.backends.recurrent import RecurrentLayer
-from ann_dc.backends.recurrent.cell import CellLayer
+from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation import evaluator
-from ann_dc.gain_design import apply_gains, hand_gains
-from ann_dc.network import Cell, Network, Neuron, Template
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.network.cell import Cell, Neuron, Template
+from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
-from ann_dc.weights import wiring_hash
+from ann_dc.weights.hashes import wiring_hash
 
 
 def test_a_state_dict_speaks_the_networks_names():

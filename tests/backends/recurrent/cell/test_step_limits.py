@@ -6,10 +6,11 @@ import torch
 from designs import coordinated, designed, small
 
 import ann_dc
-from ann_dc.analysis import stability_limit
-from ann_dc.backends.recurrent import FixedStep, RecurrentLayer, dual_limit
-from ann_dc.backends.recurrent.cell import CellLayer
-from ann_dc.backends.recurrent.layers import lengths_of
+from ann_dc.analysis.spectra import stability_limit
+from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
+from ann_dc.backends.recurrent.layers.steps import dual_limit, lengths_of
+from ann_dc.backends.recurrent.rules.steps import FixedStep
 
 NETWORKS = {
     "time constants": lambda: small("car"),

@@ -9,9 +9,10 @@ from cell_layers import assert_close, with_factors
 from designs import coordinated, near_start, small
 from hypothesis import given, settings, strategies as st
 
-from ann_dc.backends.recurrent import FixedStep, RecurrentLayer
-from ann_dc.backends.recurrent.cell import CellLayer
-from ann_dc.evaluation import evaluator
+from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
+from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.evaluation.reference import evaluator
 
 
 @settings(max_examples=25, deadline=None)

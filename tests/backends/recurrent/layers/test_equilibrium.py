@@ -8,10 +8,11 @@ from recurrent_runs import short, suited, wire
 from reference import ipopt
 
 from ann_dc import design
-from ann_dc.backends import Settling
-from ann_dc.backends.recurrent import RecurrentLayer
-from ann_dc.network import Cell, Limiter, Network, Neuron
-from ann_dc.network.metrics import Kind
+from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
+from ann_dc.backends.settling import Settling
+from ann_dc.network.cell import Cell, Limiter, Neuron
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 
 EXACT = Settling(tolerance=1e-11, confirm=0.5)
 

@@ -13,18 +13,13 @@ from recurrent_runs import RECURRENT, ode, short, targets
 from scipy.integrate import solve_ivp
 
 import ann_dc.progress
-from ann_dc.backends.recurrent import (
-    ORDERS,
-    SIMULTANEOUS,
-    STAGE_BY_STAGE,
-    TWO_PHASE,
-    Anderson,
-    FixedStep,
-    RecurrentLayer,
-)
+from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
+from ann_dc.backends.recurrent.rules.acceleration import Anderson
+from ann_dc.backends.recurrent.rules.orders import ORDERS, SIMULTANEOUS, STAGE_BY_STAGE, TWO_PHASE
+from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation import evaluator
-from ann_dc.network.metrics import Kind
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.metrics.contract import Kind
 
 
 def test_in_single_precision():

@@ -9,15 +9,13 @@ from recurrent_runs import RECURRENT, growing, short, targets, wire
 from torch.utils._python_dispatch import TorchDispatchMode
 
 import ann_dc
-from ann_dc.backends import Outcome, Settling
-from ann_dc.backends.recurrent import (
-    SIMULTANEOUS,
-    STAGE_BY_STAGE,
-    TWO_PHASE,
-    FixedStep,
-    RecurrentLayer,
-)
-from ann_dc.network import Cell, Network, Neuron
+from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
+from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, STAGE_BY_STAGE, TWO_PHASE
+from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.backends.settling import Settling
+from ann_dc.backends.status import Outcome
+from ann_dc.network.cell import Cell, Neuron
+from ann_dc.network.network import Network
 
 
 def leak() -> Cell:

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 from recurrent_runs import RECURRENT, assert_same_end, pole, wire
 
-from ann_dc.backends import Outcome
-from ann_dc.backends.recurrent import FixedStep, RecurrentBackend
-from ann_dc.network import Cell, Function, Network, Neuron
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.backends.status import Outcome
+from ann_dc.network.cell import Cell, Function, Neuron
+from ann_dc.network.network import Network
 
 
 def test_a_reciprocal_keeps_its_side_of_the_pole():

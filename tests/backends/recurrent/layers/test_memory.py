@@ -9,23 +9,20 @@ from designs import designed
 from problems import SUITE
 from recurrent_runs import QUICK, RECURRENT, assert_same_end, ode, suited, wire
 
-from ann_dc.backends import Settling
-from ann_dc.backends.recurrent import (
-    SETTLED,
-    SIMULTANEOUS,
-    STAGE_BY_STAGE,
-    TWO_PHASE,
-    Anderson,
-    FixedStep,
-    Proposal,
-    RecurrentBackend,
-    RecurrentLayer,
-)
-from ann_dc.backends.recurrent.cell import Reading
-from ann_dc.backends.recurrent.layers import Memory
-from ann_dc.evaluation import evaluator
-from ann_dc.network import Cell, Network, Neuron, Product, Template
-from ann_dc.solution import certificate_of
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.recurrent.cell.flow import Reading
+from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
+from ann_dc.backends.recurrent.layers.ledger import SETTLED
+from ann_dc.backends.recurrent.layers.memory import Memory
+from ann_dc.backends.recurrent.layers.proposal import Proposal
+from ann_dc.backends.recurrent.rules.acceleration import Anderson
+from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, STAGE_BY_STAGE, TWO_PHASE
+from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.backends.settling import Settling
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.network.cell import Cell, Neuron, Product, Template
+from ann_dc.network.network import Network
+from ann_dc.solution.solution import certificate_of
 
 
 @pytest.mark.parametrize("order", [SIMULTANEOUS, TWO_PHASE], ids=repr)

@@ -8,24 +8,28 @@ import torch
 from clamped_runs import COUPLED, railed, rails_of
 from designs import coordinated, designed, near_start, small, wired_with
 
-from ann_dc.analysis import stability_limit
-from ann_dc.backends import OdeBackend, Settling
-from ann_dc.backends.recurrent import (
+from ann_dc.analysis.spectra import stability_limit
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.recurrent.cell.tape import TorchTape
+from ann_dc.backends.recurrent.layers.moves import move_of
+from ann_dc.backends.recurrent.layers.steps import dual_limit
+from ann_dc.backends.recurrent.rules.orders import (
     ORDERS,
     SIMULTANEOUS,
     STAGE_BY_STAGE,
     TWO_PHASE,
-    FixedStep,
     Order,
-    RecurrentBackend,
-    dual_limit,
 )
-from ann_dc.backends.recurrent.cell import CellLayer, TorchTape
-from ann_dc.backends.recurrent.layers import move_of
-from ann_dc.decomposition import CORRECTED, PRINTED, SWITCHES
-from ann_dc.evaluation import DUAL, evaluator
-from ann_dc.network import Cell, Connection, Limiter, Network, Neuron, Sum, Template
-from ann_dc.network.metrics import Kind
+from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.backends.settling import Settling
+from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.tape import DUAL
+from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Sum, Template
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 
 NAMES = ("double_integrator", "car", "van_der_pol", "cstr")
 

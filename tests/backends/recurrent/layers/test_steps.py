@@ -11,25 +11,22 @@ from hypothesis import given, settings, strategies as st
 from problems import SUITE
 from recurrent_runs import RECURRENT, assert_same_end, ode, wire
 
-from ann_dc.analysis import stability_limit
-from ann_dc.backends import OVERFLOW, Outcome, Settling
-from ann_dc.backends.recurrent import (
-    DIVERGED,
-    SETTLED,
-    AdaptiveStep,
-    FixedStep,
-    RecurrentBackend,
-    RecurrentLayer,
-    StepRule,
-    StepState,
-    dual_limit,
-)
-from ann_dc.backends.recurrent.cell import CellLayer
-from ann_dc.backends.recurrent.layers import lengths_of
-from ann_dc.decomposition import SWITCHES, decompose
-from ann_dc.evaluation import evaluator
-from ann_dc.gain_design import apply_gains, design, hand_gains
-from ann_dc.network import Cell, Network, Neuron
+from ann_dc.analysis.spectra import stability_limit
+from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
+from ann_dc.backends.recurrent.layers.ledger import DIVERGED, SETTLED
+from ann_dc.backends.recurrent.layers.steps import StepState, dual_limit, lengths_of
+from ann_dc.backends.recurrent.rules.steps import AdaptiveStep, FixedStep, StepRule
+from ann_dc.backends.settling import Settling
+from ann_dc.backends.status import OVERFLOW, Outcome
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import SWITCHES
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.network.cell import Cell, Neuron
+from ann_dc.network.network import Network
 from ann_dc.solver import synthesize
 
 

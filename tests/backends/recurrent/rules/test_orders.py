@@ -4,7 +4,7 @@ import pickle
 
 import pytest
 
-from ann_dc.backends.recurrent import ORDERS, TWO_PHASE, Order
+from ann_dc.backends.recurrent.rules.orders import ORDERS, TWO_PHASE, Order
 from ann_dc.errors import UnknownNameError
 
 

@@ -5,9 +5,9 @@ import pytest
 from recurrent_runs import short
 
 import ann_dc
-from ann_dc.backends.recurrent import AdaptiveStep, FixedStep, StepLengths, StepRule
-from ann_dc.backends.recurrent.cell import CellLayer
-from ann_dc.backends.recurrent.layers import lengths_of
+from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.recurrent.layers.steps import lengths_of
+from ann_dc.backends.recurrent.rules.steps import AdaptiveStep, FixedStep, StepLengths, StepRule
 from ann_dc.errors import NetworkError
 
 

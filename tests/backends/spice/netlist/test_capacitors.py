@@ -9,17 +9,19 @@ import torch
 from simulator import needs_ngspice
 from wired import neighbour_wired
 
-from ann_dc.analysis import stability_limit
-from ann_dc.backends import DOP853, OdeBackend
-from ann_dc.backends.recurrent import FixedStep, RecurrentLayer
-from ann_dc.backends.spice import SpiceBackend, read_back
-from ann_dc.backends.spice.netlist import deck_of
-from ann_dc.backends.spice.ngspice import Ngspice
-from ann_dc.gain_design import design
-from ann_dc.hardware.parts import switched_capacitor
-from ann_dc.hardware.schematic import PICell
-from ann_dc.network import Network
-from ann_dc.network.metrics import Kind
+from ann_dc.analysis.spectra import stability_limit
+from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
+from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.circuit_run import read_back
+from ann_dc.backends.spice.netlist.deck import deck_of
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.parts.levels import switched_capacitor
+from ann_dc.hardware.schematic.elements import PICell
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

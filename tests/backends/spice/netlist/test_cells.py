@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 from designs import small
 
-from ann_dc.backends.spice import SpiceBackend
-from ann_dc.backends.spice.netlist import CellText, Nodes, Values, cell_of
-from ann_dc.gain_design import WITHOUT_COORDINATORS, design
-from ann_dc.hardware.parts import Kind, macro, ota_c, switched_capacitor
-from ann_dc.network import Cell, Connection, Network, Neuron
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.netlist.cell_text import CellText
+from ann_dc.backends.spice.netlist.cells import cell_of
+from ann_dc.backends.spice.netlist.nodes import Nodes
+from ann_dc.backends.spice.netlist.values import Values
+from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
+from ann_dc.hardware.parts.datasheet import Kind
+from ann_dc.hardware.parts.levels import macro, ota_c, switched_capacitor
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.network import Network
 
 TECHNOLOGIES = {
     "op amps": macro(),

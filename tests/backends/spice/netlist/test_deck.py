@@ -9,13 +9,14 @@ from counting import counted
 from designs import coordinated, small
 from problems import SUITE
 
-from ann_dc.backends.spice import SpiceBackend
-from ann_dc.backends.spice.netlist import deck_of
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.netlist.deck import deck_of
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design import design
-from ann_dc.hardware.parts import BEHAVIOURAL, macro, ota_c, switched_capacitor
-from ann_dc.network import Cell, Connection, Network, Neuron
-from ann_dc.network.metrics import Kind
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c, switched_capacitor
+from ann_dc.network.cell import Cell, Connection, Neuron
+from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.network import Network
 from ann_dc.solver import synthesize
 
 

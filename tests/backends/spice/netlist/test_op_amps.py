@@ -10,13 +10,16 @@ from metric_networks import with_metric
 from simulator import needs_ngspice
 from wired import instances, neighbour_wired, prepared
 
-from ann_dc.backends.spice import SpiceBackend, simulate
-from ann_dc.backends.spice.netlist import deck_of
-from ann_dc.fidelity import predict
-from ann_dc.hardware.circuit import NEGATIVE, RESISTOR, to_ground
-from ann_dc.hardware.parts import Datasheet, Tolerances, macro, presets
-from ann_dc.hardware.schematic import GridNode
-from ann_dc.network.metrics import Kind
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.netlist.deck import deck_of
+from ann_dc.fidelity.prediction import predict
+from ann_dc.hardware.circuit.cost import NEGATIVE, RESISTOR
+from ann_dc.hardware.circuit.grid_values import to_ground
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.hardware.schematic.elements import GridNode
+from ann_dc.network.metrics.contract import Kind
 
 
 def run_of(level):

@@ -8,11 +8,14 @@ from designs import small
 from simulator import needs_ngspice
 from wired import instances, prepared
 
-from ann_dc.backends.spice import SpiceBackend, simulate
-from ann_dc.backends.spice.netlist import Nodes, Values, cell_of, deck_of
-from ann_dc.gain_design import design
-from ann_dc.hardware.parts import ota_c
-from ann_dc.network.metrics import Kind
+from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.netlist.cells import cell_of
+from ann_dc.backends.spice.netlist.deck import deck_of
+from ann_dc.backends.spice.netlist.nodes import Nodes
+from ann_dc.backends.spice.netlist.values import Values
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.parts.levels import ota_c
+from ann_dc.network.metrics.contract import Kind
 
 
 def test_pairs_and_single_ones_add_up_to_the_weights():

@@ -4,7 +4,9 @@ import os
 
 import pytest
 
-from ann_dc.backends.spice.ngspice import Ngspice, find_ngspice, process as processes
+from ann_dc.backends.spice.ngspice import process as processes
+from ann_dc.backends.spice.ngspice.process import find_ngspice
+from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import (
     NgspiceMissing,
 )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ann_dc.backends.spice.ngspice import value_of
+from ann_dc.backends.spice.ngspice.expressions import value_of
 from ann_dc.errors import FileFormatError
 
 

@@ -10,7 +10,9 @@ import pytest
 from ngspice_runs import DIVIDER, ENDLESS, on_linux
 from raw_files import ramp
 
-from ann_dc.backends.spice.ngspice import Ngspice, Raw, runner
+from ann_dc.backends.spice.ngspice import runner
+from ann_dc.backends.spice.ngspice.raw import Raw
+from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import (
     OutputError,
     RawFileError,

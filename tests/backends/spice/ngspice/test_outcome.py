@@ -7,7 +7,7 @@ import pytest
 from ngspice_runs import BLOW_UP
 from raw_files import binary, ramp
 
-from ann_dc.backends.spice.ngspice import Ngspice
+from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import (
     AnnDcError,
     EndedEarlyError,

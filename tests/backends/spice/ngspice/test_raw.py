@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 from raw_files import binary, header, ramp, text
 
-from ann_dc.backends.spice.ngspice import Raw, read_raw
+from ann_dc.backends.spice.ngspice.raw import Raw, read_raw
 from ann_dc.errors import (
     EndedEarlyError,
     FileFormatError,

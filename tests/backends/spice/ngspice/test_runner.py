@@ -15,7 +15,8 @@ from ngspice_runs import (
 )
 from raw_files import ramp
 
-from ann_dc.backends.spice.ngspice import Ngspice, runner
+from ann_dc.backends.spice.ngspice import runner
+from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import (
     SpiceCrashError,
     SpiceInputError,

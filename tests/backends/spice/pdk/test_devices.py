@@ -2,7 +2,7 @@
 
 import pytest
 
-from ann_dc.backends.spice.pdk import Device, devices_in
+from ann_dc.backends.spice.pdk.devices import Device, devices_in
 from ann_dc.errors import FileFormatError, UnknownNameError
 
 CARDS = """

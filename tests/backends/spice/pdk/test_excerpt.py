@@ -3,9 +3,10 @@
 import pytest
 from small_pdk import fet, put, transistor, written
 
-from ann_dc.backends.spice.pdk import Device, excerpt
+from ann_dc.backends.spice.pdk.devices import Device
+from ann_dc.backends.spice.pdk.excerpt import excerpt
 from ann_dc.errors import FileFormatError, NetworkError
-from ann_dc.hardware.parts import CORNERS, Conditions
+from ann_dc.hardware.parts.conditions import CORNERS, Conditions
 
 TRANSISTOR = Device(name="nfet_g5v0d10v5", width=20.0, length=1.0)
 

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 from small_pdk import needs_pdk, put, written
 
-from ann_dc.backends.spice.pdk import AGAIN, INSTALL, installed
+from ann_dc.backends.spice.pdk.files import AGAIN, INSTALL, installed
 from ann_dc.errors import FileFormatError, PdkMissing
 
 

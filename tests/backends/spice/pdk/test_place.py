@@ -8,12 +8,13 @@ from constrained import integrator, v
 from simulator import needs_ngspice
 from small_pdk import needs_pdk
 
-from ann_dc.backends.spice import SpiceBackend
-from ann_dc.backends.spice.ngspice import Ngspice
-from ann_dc.backends.spice.pdk import INSTEAD, place_of
-from ann_dc.gain_design import design
-from ann_dc.hardware.parts import NOMINAL, SKY130, Conditions
-from ann_dc.network.metrics import Kind
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.spice.pdk.place import INSTEAD, place_of
+from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
+from ann_dc.hardware.parts.foundry import SKY130
+from ann_dc.network.metrics.contract import Kind
 from ann_dc.problem import plants
 from ann_dc.resources import circuits_path
 from ann_dc.solver import synthesize

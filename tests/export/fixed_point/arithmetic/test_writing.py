@@ -5,7 +5,8 @@ import pytest
 from fixed_points import walked as designed
 
 import ann_dc
-from ann_dc.export.fixed_point.arithmetic import program_of, walked
+from ann_dc.export.fixed_point.arithmetic.walk import walked
+from ann_dc.export.fixed_point.arithmetic.writing import program_of
 
 CASES = [("double_integrator", kind) for kind in ann_dc.Kind]
 CASES += [(name, None) for name in ("car", "cstr", "bounds", "objectives")]

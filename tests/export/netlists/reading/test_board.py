@@ -3,7 +3,8 @@
 import pytest
 
 from ann_dc.errors import FileFormatError
-from ann_dc.export.netlists.reading import comments_of, read, values_of, wiring_of
+from ann_dc.export.netlists.reading.board import comments_of, values_of, wiring_of
+from ann_dc.export.netlists.reading.s_expressions import read
 
 TEXT = """(export (version "E")
  (components (comp (ref "R1") (value "1k")) (comp (ref "C1") (value "1n")))

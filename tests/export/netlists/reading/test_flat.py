@@ -9,7 +9,7 @@ from simulator import needs_ngspice
 
 import ann_dc
 from ann_dc.errors import FileFormatError
-from ann_dc.export.netlists.reading import flattened, logical_lines
+from ann_dc.export.netlists.reading.flat import flattened, logical_lines
 from ann_dc.hardware.parts import levels
 
 DECK = """* a title

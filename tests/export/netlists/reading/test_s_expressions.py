@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from ann_dc.errors import FileFormatError
-from ann_dc.export.netlists.reading import entries, entry, read, written
+from ann_dc.export.netlists.reading.s_expressions import entries, entry, read, written
 
 TEXTS = st.text(st.characters(codec="utf-8", exclude_categories=["Cs"]), max_size=12)
 TREES = st.recursive(

@@ -5,7 +5,7 @@ import time
 import pytest
 
 from ann_dc.errors import FileFormatError
-from ann_dc.export.netlists.reading import modules_of
+from ann_dc.export.netlists.reading.verilog import modules_of
 
 GOOD = """
 `include "disciplines.vams"

@@ -1,2 +1,0 @@
-from .places import PlaceOptions as PlaceOptions
-from .questions import BoardOptions as BoardOptions

@@ -1,0 +1,157 @@
+"""``ann-dc export``: a network taken away, in the formats of those who build or run it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ann_dc.cli.arguments.kinds import KINDS, metric_of
+from ann_dc.cli.arguments.numbers import pairs_of
+from ann_dc.cli.arguments.output import QuietOption, timed
+from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
+from ann_dc.cli.arguments.records import unfolded
+from ann_dc.cli.terminal import console, notes, progress_line
+from ann_dc.errors import ProblemError
+from ann_dc.progress import Progress
+
+NETWORKS = (".npz", ".safetensors")
+"""Endings of a PROBLEM that is a network already."""
+
+
+def _list_formats(wanted: bool) -> None:
+    if wanted:
+        from ann_dc.cli.commands.export_tables import formats_table
+
+        console().print(formats_table())
+        raise typer.Exit
+
+
+@unfolded
+@timed
+def export(
+    *,
+    problem: ProblemOptions,
+    to: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FORMAT,...",
+            show_default="weights",
+            help="Formats, or all of them: --formats. Repeatable.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Each format gets a folder of its name in DIR.")
+    ] = Path("out/export"),
+    given: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--with",
+            metavar="NAME=VALUE",
+            help="A setting of a format (see --formats), for instance bits=16. Repeatable.",
+        ),
+    ] = None,
+    metric: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND",
+            help=f"Metric that is built: {', '.join(KINDS)}. Time constants need neighbours only; "
+            "where far stages wait for each other, a pyramid, a grid or a tree settles sooner.",
+            show_default="time-constants",
+        ),
+    ] = None,
+    formats: Annotated[
+        bool,
+        typer.Option(
+            "--formats",
+            is_eager=True,
+            callback=_list_formats,
+            help="List the formats, what each carries, and its settings; needs no PROBLEM.",
+        ),
+    ] = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Take a problem's network away: weights, runtimes, circuits, chips, pictures.
+
+    PROBLEM may also be a weight file (.npz, .safetensors), the folder of an
+    export to weights, or one that ann-dc solve --save wrote (./car, if it has
+    the name of a plant); a plant or a problem file is designed first, with the
+    metric that --metric names. An earlier export in DIR is replaced. Every
+    format gets a reference vector, by which whoever takes it can check what it
+    does, and an index with hashes. What a format makes is checked before it is
+    written, and what the check found is told.
+
+    A format that cannot carry a network names the nodes that it cannot. With
+    several formats the others are written all the same.
+
+    Examples:
+
+      ann-dc export --formats
+      ann-dc export car --to onnx --metric pyramid --out out/car
+      ann-dc export car --to c99,hdl --with bits=16
+      ann-dc export car --to pack --with level=opa192_ad734
+      ann-dc export network.npz --to all
+      ann-dc inspect out/car
+
+    Exit code: 0 written, 1 some formats cannot carry the network, 2 bad input,
+    a package is missing, or unwritable output.
+    """
+    with notes(quiet), progress_line(quiet) as progress:
+        from ann_dc.export.exporting import export_network, settings_from
+
+        names = [name.strip() for names in to or ["weights"] for name in names.split(",")]
+        settings = settings_from(names, pairs_of(given or (), "--with", "bits=16"))
+        network = _network(problem, metric, progress)
+        done = export_network(network, names, out, progress=progress, **settings)
+    for each in done:
+        console(quiet=quiet).print(_sentence(each), soft_wrap=True)
+    raise typer.Exit(1 if any(each.why_not for each in done) else 0)
+
+
+def _sentence(done: Any) -> str:
+    """What became of a format."""
+    if done.why_not:
+        return f"no {done.name}: {done.why_not}"
+    files = ", ".join(str(file.relative_to(done.folder)) for file in done.files)
+    return f"wrote {done.folder}: {files}\n  checked: {done.worth}"
+
+
+def _network(problem: ProblemOptions, metric: str | None, progress: Progress) -> Any:
+    """The network of a weight file, of a folder that has one, or designed for a problem."""
+    from ann_dc.problem import plants
+
+    place = Path(problem.problem)
+    if problem.problem not in plants.names() and (place.suffix in NETWORKS or place.is_dir()):
+        if any((problem.settings, problem.horizon, problem.q_0, problem.q_d, metric)):
+            raise ProblemError(
+                f"{problem.problem}: a network stays as it was designed; leave out --set, "
+                "--horizon, --q-0, --q-d and --metric"
+            )
+        return _saved(place)
+    declared, kind = problem.declared(), metric_of(metric or "time-constants")
+
+    from ann_dc.cli.arguments.building import network_to_build
+
+    with arithmetic_of(declared):
+        return network_to_build(declared, kind, simulated=False, progress=progress)
+
+
+def _saved(place: Path) -> Any:
+    from ann_dc.export.index import INDEX, exported_network
+
+    if (place / INDEX).is_file():
+        return exported_network(place)
+    if next(place.glob(f"*/{INDEX}"), None):
+        raise ProblemError(
+            f"{place} has exports in it, and a network is read from one to weights: give "
+            f"{place / 'weights'}, a weight file, or the problem"
+        )
+    if place.is_dir():
+        from ann_dc.solution.loading import load_solution
+
+        return load_solution(place).network
+
+    from ann_dc.weights.network_file import load
+
+    return load(place)

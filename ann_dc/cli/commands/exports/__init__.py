@@ -1,5 +1,0 @@
-"""The commands about what is taken away."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

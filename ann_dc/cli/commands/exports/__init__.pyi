@@ -1,2 +1,0 @@
-from .export import export as export
-from .inspect import inspect as inspect

@@ -1,2 +1,0 @@
-from .report import report as report
-from .study import study as study

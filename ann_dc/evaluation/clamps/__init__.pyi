@@ -1,1 +1,0 @@
-from .projection import projected as projected

@@ -1,0 +1,167 @@
+"""Weights and rates of many networks of one wiring: what the samples of a batch may have their own.
+
+All else is that of one network: its cell, ends, inputs, rails and metric. A pyramid keeps its
+gains. A grid or a tree keeps its S in M = T^{1/2} S^{-1} T^{1/2}, with every sample's own T.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+
+from ann_dc.errors import NetworkError
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.evaluation.variant_wiring import require_one_wiring
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import NotEmpty, Own, such_as
+from ann_dc.network.network import Network
+
+
+@such_as("numbers_of(networks)")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Numbers:
+    """Numbers of B networks with E connections and P neurons in each of N cells.
+
+    Attributes
+    ----------
+    weights : (B, E, N) array
+        In the order of ``evaluator(network).edges``.
+    rates : (B, P, N) array
+        1 / tau; zero where a neuron is pinned or absent.
+
+    Raises
+    ------
+    NetworkError
+        If the shapes do not agree, or a number is not finite.
+
+    Examples
+    --------
+    >>> from ann_dc import defects, plants, synthesize
+    >>> network = synthesize(plants.double_integrator(N=3))
+    >>> numbers = numbers_of([network, defects.mismatch(network, 0.01, seed=1)])
+    >>> len(numbers), numbers.rates.shape[1:] == network.live.shape
+    (2, True)
+    """
+
+    weights: np.ndarray
+    rates: np.ndarray
+
+    def __post_init__(self) -> None:
+        for field in ("weights", "rates"):
+            given = np.ascontiguousarray(getattr(self, field), float)
+            if given.ndim != 3 or not len(given):
+                raise NetworkError(
+                    f"{field}: expected an array (B, rows, N), got one of shape {given.shape}"
+                )
+            if not np.isfinite(given).all():
+                raise NetworkError(f"{field}: a number is not finite")
+            given.setflags(write=False)
+            object.__setattr__(self, field, given)
+        apart = [shape[::2] for shape in (self.weights.shape, self.rates.shape)]
+        if apart[0] != apart[1]:
+            raise NetworkError(
+                f"weights, rates: samples and stages do not agree: {apart[0]} and {apart[1]}"
+            )
+
+    def __len__(self) -> int:
+        return len(self.weights)
+
+    def __getitem__(self, samples: slice | np.ndarray) -> Numbers:
+        """Those of some samples."""
+        return Numbers(weights=self.weights[samples], rates=self.rates[samples])
+
+    def check(self, network: Network) -> None:
+        """Refuse a network that they do not fit.
+
+        Parameters
+        ----------
+        network : Network
+
+        Raises
+        ------
+        NetworkError
+        """
+        tape = evaluator(network).tape
+        for field, own in (("weights", tape.weights), ("rates", tape.rates)):
+            given = getattr(self, field).shape[1:]
+            if given != own.shape:
+                raise NetworkError(
+                    f"numbers: {field} of a network of another wiring: {given} a sample, expected "
+                    f"{own.shape}"
+                )
+        if not np.array_equal(self.rates > 0, np.broadcast_to(tape.rates > 0, self.rates.shape)):
+            raise NetworkError(
+                "numbers: rates have to be positive where the network has a neuron, and zero where "
+                "it has none"
+            )
+
+    def network_of(self, network: Network, sample: int) -> Network:
+        """A network with the numbers of one sample.
+
+        Parameters
+        ----------
+        network : Network
+            Which they fit.
+        sample : int
+
+        Returns
+        -------
+        Network
+            Equal to rounding to the one whose numbers these are.
+        """
+        edges, cell = evaluator(network).edges, network.cell
+        weights, rates = self.weights[sample], self.rates[sample]
+        connections = tuple(replace(c, weight=weights[edges[c.name]]) for c in cell.connections)
+        neurons = []
+        for neuron, rate in zip(cell.neurons, rates):
+            tau = np.broadcast_to(np.asarray(neuron.tau, float), rate.shape).copy()
+            np.divide(1.0, rate, out=tau, where=rate > 0)
+            neurons.append(replace(neuron, tau=tau))
+        cell = replace(cell, connections=connections, neurons=tuple(neurons))
+        return replace(network, cell=cell)
+
+
+@checked
+def numbers_of(networks: Annotated[Sequence[Network], NotEmpty(), Own()]) -> Numbers:
+    """Numbers of networks of one wiring, for ``run_batch`` of the first of them.
+
+    Parameters
+    ----------
+    networks : sequence of Network
+        Which differ in weights and time constants only.
+
+    Returns
+    -------
+    Numbers
+
+    Raises
+    ------
+    NetworkError
+        If there is none, or one differs from the first in anything else: the message says in what.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    >>> drawn = [ann_dc.defects.mismatch(network, 0.01, seed=seed) for seed in range(4)]
+    >>> batch = ann_dc.OdeBackend().run_batch(network, {}, numbers=numbers_of(drawn))
+    >>> batch.settled.tolist()
+    [True, True, True, True]
+    """
+    if not len(networks):
+        raise NetworkError("networks: expected one network or more, got none")
+    first = networks[0]
+    for number, network in enumerate(networks):
+        require_one_wiring(first, network, number)
+    edges = evaluator(first).edges
+    order = np.array([edges[c.name] for c in first.cell.connections], np.int64)
+    weights = np.zeros((len(networks), len(edges), first.stages))
+    rates = np.zeros((len(networks), *first.live.shape))
+    for sample, network in enumerate(networks):
+        for row, connection in zip(order, network.cell.connections):
+            weights[sample, row] = connection.weight
+        rates[sample] = network.row.rates
+    return Numbers(weights=weights, rates=rates)

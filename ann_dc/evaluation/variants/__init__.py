@@ -1,5 +1,0 @@
-"""Networks of one wiring that differ in their numbers: weights and time constants."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

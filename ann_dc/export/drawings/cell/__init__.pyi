@@ -1,1 +1,0 @@
-from .picture import cell_page as cell_page

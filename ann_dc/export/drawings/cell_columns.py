@@ -1,0 +1,189 @@
+"""Boxes in columns and panels: what reads stands to the right of what it reads.
+
+The upper panel shows what the multipliers measure, the lower one how all neurons move; a panel that
+would be too wide is cut. What a panel reads of neurons and of panels above stands on its left.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from ann_dc.export.drawings.cell_boxes import Box
+from ann_dc.export.drawings.page import WIDTH, text_width
+
+SPACE = 7.0
+"""Millimetres between columns at least."""
+COMFORT = 16.0
+"""Millimetres between columns of panels that share a line."""
+MARGIN = 6.0
+"""Millimetres beside a panel: where wires of neighbours come in."""
+FILL = 1.4
+"""How high a column may become, over the mean of all."""
+TALL, FEW = 80.0, 3
+"""Higher columns than that, in millimetres, are split where there are fewer than so many."""
+APART = 1.5
+"""Millimetres between boxes of a column."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Panel:
+    """A panel.
+
+    Attributes
+    ----------
+    title : str
+    pills : tuple of str
+        Nodes that it reads, in their order.
+    columns : tuple of tuples of Box
+    labels : tuple of str
+        What stands in the pills.
+    """
+
+    title: str
+    pills: tuple[str, ...]
+    labels: tuple[str, ...]
+    columns: tuple[tuple[Box, ...], ...]
+
+    @cached_property
+    def widths(self) -> list[float]:
+        """Of all columns in millimetres, that of the pills first."""
+        pills = max((text_width(label) for label in self.labels), default=0.0) + 3.0
+        return [pills, *(max(box.width for box in column) for column in self.columns)]
+
+    def room(self, width: float = WIDTH) -> float:
+        """Millimetres between two columns, in a panel of that ``width``."""
+        return (width - 2 * MARGIN - sum(self.widths)) / (len(self.widths) - 1)
+
+    @property
+    def comfort(self) -> float:
+        """Millimetres of a width that leaves room for wires."""
+        return 2 * MARGIN + sum(self.widths) + COMFORT * (len(self.widths) - 1)
+
+
+def panels_of(
+    boxes: Sequence[Box], order: Sequence[str], label: Callable[[str], str]
+) -> list[Panel]:
+    """The panels in which boxes are drawn.
+
+    Parameters
+    ----------
+    boxes : sequence of Box
+    order : sequence of str
+        All nodes, in the order in which pills stand.
+    label : function of a node's name
+        What stands in its pill.
+
+    Returns
+    -------
+    list of Panel
+    """
+    maker = {node: box for box in boxes if box.kind != "neuron" for node in box.sends}
+    reads = {box: [maker[n] for n in box.reads if n in maker and maker[n] is not box]
+             for box in boxes}  # fmt: skip
+    above = _ancestors([box for box in boxes if box.kind == "dual"], reads)
+    parts = (
+        ("what the multipliers measure", [box for box in boxes if box in above]),
+        (
+            "how the other neurons move" if above else "how the neurons move",
+            [box for box in boxes if box not in above],
+        ),
+    )
+    panels: list[Panel] = []
+    for title, inside in parts:
+        if inside:
+            panels += _cut(title, _columns(inside, reads), order, label)
+    return panels
+
+
+def lines_of(panels: Sequence[Panel]) -> list[list[tuple[Panel, float]]]:
+    """Panels, and widths that fill a page, line by line."""
+    lines: list[list[Panel]] = [[]]
+    for panel in panels:
+        if lines[-1] and sum(p.comfort for p in [*lines[-1], panel]) > WIDTH:
+            lines.append([])
+        lines[-1].append(panel)
+    spare = [(WIDTH - sum(panel.comfort for panel in line)) / len(line) for line in lines]
+    return [[(panel, panel.comfort + more) for panel in line] for line, more in zip(lines, spare)]
+
+
+def _ancestors(boxes: Sequence[Box], reads: dict[Box, list[Box]]) -> set[Box]:
+    """Boxes, and all whose values come into theirs."""
+    found, waiting = set(), list(boxes)
+    while waiting:
+        box = waiting.pop()
+        if box not in found:
+            found.add(box)
+            waiting += reads[box]
+    return found
+
+
+def _columns(boxes: list[Box], reads: dict[Box, list[Box]]) -> list[list[Box]]:
+    """Each box right of those that it reads; those that none reads, where there is room."""
+    inside, depth = set(boxes), {}
+
+    def depth_of(box: Box) -> int:
+        if box not in depth:
+            depth[box] = 1 + max((depth_of(b) for b in reads[box] if b in inside), default=-1)
+        return depth[box]
+
+    columns: list[list[Box]] = [[] for _ in range(1 + max(map(depth_of, boxes)))]
+    read = {b for box in boxes for b in reads[box]}
+    for box in boxes:
+        if box in read:
+            columns[depth[box]].append(box)
+    last = [box for box in boxes if box not in read]
+    while len(columns) < FEW and _height([*boxes]) / len(columns) > TALL:
+        columns.append([])
+    heights = [_height(column) for column in columns]
+    aim = max(*heights, FILL * (sum(heights) + _height(last)) / len(columns), 0.0)
+    last.sort(key=lambda b: -depth[b])  # stable: populations stay in their order
+    for (start, _), group in itertools.groupby(last, lambda b: (depth[b], _population(b))):
+        together = [*group]
+        high = min(heights[start:]) + _height(together) > aim
+        for run in [[box] for box in together] if high else [together]:
+            fits = [c for c in range(start, len(columns)) if heights[c] + _height(run) <= aim]
+            lowest = min(range(start, len(columns)), key=lambda c: heights[c])
+            place = fits[-1] if fits else lowest
+            columns[place] += run
+            heights[place] += _height(run)
+    return [column for column in columns if column]
+
+
+def _population(box: Box) -> str:
+    return box.name.partition(".")[0]
+
+
+def _height(boxes: Sequence[Box]) -> float:
+    return sum(box.height + APART for box in boxes)
+
+
+def _cut(
+    title: str, columns: list[list[Box]], order: Sequence[str], label: Callable[[str], str]
+) -> list[Panel]:
+    """As few panels as fit on a page."""
+    panels: list[Panel] = []
+    for count in range(1, len(columns) + 1):
+        size = math.ceil(len(columns) / count)
+        runs = [columns[i : i + size] for i in range(0, len(columns), size)]
+        panels = [_panel(title, run, order, label) for run in runs]
+        if all(panel.room() >= SPACE for panel in panels):
+            break
+    return panels[:1] + [replace(panel, title=f"{title}, continued") for panel in panels[1:]]
+
+
+def _panel(
+    title: str, columns: list[list[Box]], order: Sequence[str], label: Callable[[str], str]
+) -> Panel:
+    made = {n for column in columns for box in column if box.kind != "neuron" for n in box.sends}
+    read = {n for column in columns for box in column for n in box.reads} - made
+    pills = tuple(node for node in order if node in read)
+    return Panel(
+        title=title,
+        pills=pills,
+        labels=tuple(map(label, pills)),
+        columns=tuple(map(tuple, columns)),
+    )

@@ -1,0 +1,256 @@
+r"""Clamps of rails: walls where a circuit rests, op amps and diodes on its way there.
+
+Of an integrator with n rails a share n s of C lies in clamps, C_1 = s C in each. Where a circuit
+rests, those that are off are followers, loaded by R_1, behind a resistor of r + 1 / (2 pi GBW C_1),
+r being the output resistance of op amps. They bring f, which lags. With the symbols of `grounds`:
+
+.. math::
+    (1 + \kappa)\, e = x + n s\, (f - x) - h, \qquad
+    \tau\, \dot f = x - f, \quad T\, \tau = \frac{2 + r / R_1}{2 \pi\, GBW} + r\, C_1 .
+
+One that conducts keeps x where it is, which is what the limits of h are for. Its op amp, of gain
+A0, has to give the drop of a diode, by 1 / A0 of which the limits are wider, and what the current
+that would charge C drops across R_2 and r; to that it gives way by
+
+.. math:: x = h + \Big(\frac{50}{2 \pi\, GBW} + r C\Big) \frac{rate\, A}{T A_0} .
+
+It holds x beside its rail, by its offset and what its bias current makes of R_1. With d_1 at the
+lower rail l, d_2 at the upper one u, the capacitor holds another h, and all else is the same:
+
+.. math:: x = h + \frac{d_1 (u - h) + d_2 (h - l)}{u - l} , \qquad d = -I R_1 - v_{os} .
+
+On its way a clamp is in between, for a while: its op amp has to move, and the drop of its two
+idle diodes falls as x comes near the rail. This makes C larger, 1 + s V_D / (u - x) times, with
+V_D = 2 V_T. There the clamp of an upper rail is what it is made of, with y the end of C_1:
+
+.. math::
+    (1 + \kappa)\, e &= (1 - n s)\, x + s \textstyle\sum y - h, \qquad
+        \Big(\frac{1}{2 \pi\, GBW} + r C_1\Big) \dot y = o - y \\
+    \Big(1 + \frac{r}{R_1}\Big) \dot o &= 2 \pi\, GBW\, \Big(x - d - v - \frac{o}{A_0}\Big) , \quad
+        v = u - V_D\, \omega\!\Big(\frac{u - o}{V_D} + \ln \frac{R_1 I_s}{V_D}\Big) \\
+    C\, \dot h &= i - \frac{V_T}{R_2 + r}\,
+        \omega\!\Big(\frac{o}{V_T} + \ln \frac{(R_2 + r) I_s}{V_T}\Big) , \qquad
+        \omega + \ln \omega = z ,
+
+o between the op amp's own rails and as fast as its slew rate: the diodes' laws, solved for their
+currents. A clamp that cannot give what presses lets x past its rail. Of omega the blocks compute
+one step of Newton's method from ln(1 + e^z), which is within 1.5 %; V_T is that of 27 degrees.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ann_dc.hardware.circuit.circuit import (
+    CLAMP_DROP,
+    CLAMP_LAG,
+    CLAMP_REFERENCE,
+    CLAMP_SATURATION,
+    CLAMP_SHARE,
+    THERMAL,
+)
+from ann_dc.hardware.circuit.parameters import CLAMP_OFFSETS
+from ann_dc.hardware.emulation.assembly import Assembly
+from ann_dc.hardware.emulation.grounds import farads_over
+from ann_dc.hardware.emulation.idle_clamps import Clamp, clamps_of
+from ann_dc.hardware.emulation.knee import bent_rectifier
+from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
+from ann_dc.hardware.parts.board_models import op_amp_rails
+from ann_dc.hardware.schematic.elements import UNLIMITED, Integrator
+from ann_dc.network.cell import ONE, Function, Limiter
+
+
+@dataclass(frozen=True)
+class Clamps:
+    """What the clamps of an integrator add to it.
+
+    Attributes
+    ----------
+    into : str
+        Node that its inputs end at.
+    limiter : Limiter
+        Of its capacitor.
+    followers : mapping of node name to float
+        What follows its output, and the shares of its capacitor that lie there.
+    shifts : tuple of str
+        What its output is beside the voltage that its capacitor holds.
+    """
+
+    into: str
+    limiter: Limiter = UNLIMITED
+    followers: Mapping[str, float] = field(default_factory=dict)
+    shifts: tuple[str, ...] = ()
+
+    @property
+    def share(self) -> float:
+        """n s: of the capacitor, in clamps."""
+        return sum(self.followers.values())
+
+
+def add_clamps(assembly: Assembly, part: Integrator) -> Clamps:
+    """Add the clamps of an integrator's rails, if it has any.
+
+    Parameters
+    ----------
+    assembly : Assembly
+    part : Integrator
+
+    Returns
+    -------
+    Clamps
+        Without followers where it has none.
+    """
+    nodes, rails = AmplifierNodes(part.name), np.isfinite(assembly.circuit.rails(part))
+    into = nodes.held
+    # a shared neuron reads others of its kind in the last cell only, which a sum would do in all
+    if (rails.any() or assembly.moving) and not assembly.schematic.collects(part.name):
+        into = nodes.summed
+        assembly.sum(into)
+        assembly.connect(into, nodes.held, 1.0)
+    if assembly.moving:
+        clamps = clamps_of(assembly.circuit, assembly.datasheet, part)
+        shares = {_add_clamp(assembly, part, clamp, into): CLAMP_SHARE for clamp in clamps}
+        return Clamps(into=into, followers=shares)
+    if not rails.any():
+        return Clamps(into=into)
+    _add_follower(assembly, part)
+    return Clamps(
+        into=into,
+        limiter=_given_way(assembly, part, into),
+        followers={nodes.clamps: CLAMP_SHARE * int(rails.sum())},
+        shifts=tuple(_shifts(assembly, part)),
+    )
+
+
+def _add_follower(assembly: Assembly, part: Integrator) -> None:
+    """Add what all clamps follow with, as if none conducted."""
+    nodes, sheet = AmplifierNodes(part.name), assembly.datasheet
+    lag = (2 + sheet.rout * sheet.gbw / CLAMP_REFERENCE) / assembly.omega
+    assembly.neuron(nodes.clamps, lag + _share_lag(assembly, part), Origin(part.name))
+    assembly.connect(nodes.output, nodes.clamps, 1.0)
+    assembly.connect(nodes.clamps, nodes.clamps, -1.0)
+    assembly.leave_out(nodes.clamps, np.flatnonzero(~part.present).tolist())
+
+
+def _share_lag(assembly: Assembly, part: Integrator) -> np.ndarray:
+    """r C_1 (N,) in network time."""
+    return assembly.datasheet.rout * CLAMP_SHARE * _farads(assembly, part) / assembly.scaling.time
+
+
+def _farads(assembly: Assembly, part: Integrator) -> np.ndarray:
+    return np.where(part.present, assembly.circuit.capacitors[part.name], 0.0)
+
+
+def _carrying(assembly: Assembly, part: Integrator) -> np.ndarray:
+    """C (R_2 + r) (N,) in network time."""
+    farads = assembly.datasheet.rout * _farads(assembly, part) / assembly.scaling.time
+    return CLAMP_LAG / assembly.omega + farads
+
+
+def _given_way(assembly: Assembly, part: Integrator, into: str) -> Limiter:
+    """Add how far clamps that conduct give way; the capacitor's limits, of a diode's drop."""
+    nodes, circuit, a0 = AmplifierNodes(part.name), assembly.circuit, assembly.datasheet.a0
+    if into == nodes.summed:
+        way = _carrying(assembly, part) / part.tau / a0
+        assembly.connect(into, nodes.ground, -way / (1 + farads_over(assembly, part)))
+    drop, limiter = abs(circuit.value_of(part.name)) * CLAMP_DROP / a0, circuit.limiter(part)
+    return Limiter(low=limiter.low - drop, high=limiter.high + drop)
+
+
+def _shifts(assembly: Assembly, part: Integrator) -> Iterator[str]:
+    """Add how far clamps put an integrator beside its rails, by their offsets; their nodes."""
+    nodes, circuit = AmplifierNodes(part.name), assembly.circuit
+    rails, volt = circuit.rails(part), circuit.value_of(part.name)
+    reference = _reference(assembly)
+    for quantity, volts, other in zip(CLAMP_OFFSETS, rails, rails[::-1]):
+        if np.isfinite(volts):
+            name = f"{quantity.letters}.{part.name}"
+            span = volts - other  # infinite where there is no other rail
+            at_zero = 1.0 if np.isinf(other) else -other / span
+            assembly.sum(name)
+            assembly.bias(name, -volt * at_zero, part.name, quantity, reference)
+            off = assembly.deviation(part.name, quantity) + reference
+            connection = assembly.connect(nodes.held, name, -off / span)
+            assembly.slope(connection, -1 / span, part.name, quantity)
+            yield name
+
+
+def _reference(assembly: Assembly) -> float:
+    """Volts that a bias current drops before the reference of a clamp."""
+    sheet = assembly.datasheet
+    return sheet.parasitics.bias_current * CLAMP_REFERENCE / sheet.gbw
+
+
+def _add_clamp(assembly: Assembly, part: Integrator, clamp: Clamp, into: str) -> str:
+    """Add a clamp that moves: op amp, diodes, and its share of the capacitor; what that is called.
+
+    Its share ends at the virtual ground, and at what is called so.
+    """
+    nodes = clamp.nodes
+    _add_comparator(assembly, part, clamp)
+    _add_current(assembly, part, clamp, into)
+    lag = 1 / assembly.omega + _share_lag(assembly, part)
+    assembly.neuron(nodes.share, lag, Origin(part.name))
+    assembly.connect(nodes.op_amp, nodes.share, 1.0)
+    assembly.connect(nodes.share, nodes.share, -1.0)
+    for name in (nodes.op_amp, nodes.share):
+        assembly.leave_out(name, np.flatnonzero(~part.present).tolist())
+    return nodes.share
+
+
+def _add_comparator(assembly: Assembly, part: Integrator, clamp: Clamp) -> None:
+    """Add the op amp of a clamp, and the diode by which it follows while it is off."""
+    nodes, sheet, thermal = clamp.nodes, assembly.datasheet, clamp.idling
+    value = assembly.circuit.value_of(part.name)
+    rails = op_amp_rails(sheet, assembly.scaling.full_scale) * abs(value)
+    lag = (1 + sheet.rout * sheet.gbw / CLAMP_REFERENCE) / assembly.omega
+    limiter = Limiter(low=-rails, high=rails)
+    assembly.neuron(nodes.op_amp, lag, Origin(part.name), limiter=limiter)
+    target, per_target = nodes.op_amp, 1.0
+    if math.isfinite(sheet.slew):
+        target = nodes.drive
+        per_target = assembly.slewing(target, nodes.op_amp, abs(value))
+    drives = {part.name: 1.0, nodes.op_amp: -1 / sheet.a0, nodes.short: clamp.side * thermal}
+    for source, weight in drives.items():
+        assembly.connect(source, target, weight * per_target)
+    known = _reference(assembly) - clamp.rail / value
+    assembly.bias(target, value * per_target, part.name, CLAMP_OFFSETS[nodes.upper], known)
+    begins = math.log(clamp.seeping / thermal) + clamp.side * clamp.rail / thermal
+    _add_omega(assembly, nodes.short, nodes.op_amp, -clamp.side / thermal, begins)
+
+
+def _add_current(assembly: Assembly, part: Integrator, clamp: Clamp, into: str) -> None:
+    """Add what a clamp carries through its other diode, into the virtual ground."""
+    nodes, out = clamp.nodes, clamp.side * clamp.thermal
+    carrying = _carrying(assembly, part)
+    ohms = assembly.scaling.time * carrying / np.where(part.present, _farads(assembly, part), 1.0)
+    begins = np.log(ohms * CLAMP_SATURATION / THERMAL)
+    _add_omega(assembly, nodes.current, nodes.op_amp, 1 / out, begins)
+    pull = np.where(part.present, part.tau, 0.0) / carrying
+    assembly.connect(nodes.current, into, -out * pull)
+
+
+def _add_omega(
+    assembly: Assembly, name: str, source: str, weight: float, at_zero: float | np.ndarray
+) -> None:
+    """Add omega + ln omega = z = weight source + at_zero: near (1 + z - ln near) / (1 + near)."""
+    z, near, log, above, below = (f"{n}.{name}" for n in ("z", "near", "log", "above", "below"))
+    inverse, times = f"inverse.{name}", f"times.{name}"
+    assembly.sum(z)
+    assembly.connect(source, z, weight)
+    assembly.connect(ONE, z, at_zero)
+    assembly.add(*bent_rectifier(Function(name=near, function="rectify", x=z), 1.0))
+    assembly.function(log, "log", near)
+    assembly.sum(above)
+    assembly.sum(below)
+    for node, sign in ((ONE, 1.0), (z, 1.0), (log, -1.0)):
+        assembly.connect(node, above, sign)
+    assembly.connect(ONE, below, 1.0)
+    assembly.connect(near, below, 1.0)
+    assembly.function(inverse, "reciprocal", below)
+    assembly.product(times, near, above)
+    assembly.product(name, times, inverse)

@@ -1,0 +1,190 @@
+"""Robots that drive in a plane: how they move, what they can, what they would rather do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+
+import numpy as np
+import sympy as sp
+
+from ann_dc.errors import WorldError
+from ann_dc.hints.checked import checked
+from ann_dc.hints.values import NotNegative, Positive, such_as
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.functions import ProblemFunctions
+
+
+@such_as("ann_dc.navigation.car_robot()")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Robot:
+    """A robot in continuous time: dq/dt = F(q, u), its first two states its place (x, y).
+
+    Attributes
+    ----------
+    states, controls : sequence of sympy.Symbol
+    dynamics : sequence of sympy expressions
+        F. With all controls zero it stands still: that is how it brakes.
+    bounds : mapping of name to (low, high)
+        Of controls and states, as of a problem; every control has finite ones.
+    radius : float
+        Of the disc that contains it.
+    effort : mapping of name to float
+        What a plan pays for a control or a state, weight times its square over two, a second.
+    rolling : mapping of name to float
+        Controls about whose smaller values F is not linearised: a car that stands cannot steer.
+
+    Raises
+    ------
+    WorldError
+        If it has no place, a control has no limits, or it does not stand still.
+    """
+
+    states: Sequence[sp.Symbol]
+    controls: Sequence[sp.Symbol]
+    dynamics: Sequence[sp.Expr]
+    bounds: Mapping[str, Sequence[float | None]]
+    radius: float
+    effort: Mapping[str, float] = field(default_factory=dict)
+    rolling: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if len(self.states) < 2:
+            raise WorldError("states: expected x, y and what else there is, got fewer than two")
+        if not np.isfinite(self.limits).all():
+            raise WorldError(
+                "bounds: every control needs a lower and an upper one; "
+                f"got {dict(self.bounds)!r} for {', '.join(map(str, self.controls))}"
+            )
+        still = [sp.sympify(F).subs(dict.fromkeys(self.controls, 0)) for F in self.dynamics]
+        if any(sp.simplify(F) != 0 for F in still):
+            raise WorldError(
+                "dynamics: with all controls zero the robot has to stand still, since that is how "
+                f"it brakes; it moves with {still}"
+            )
+
+    @cached_property
+    def limits(self) -> np.ndarray:
+        """(m, 2): lowest and highest value of every control."""
+        return self._bounds(self.controls)
+
+    @cached_property
+    def state_limits(self) -> np.ndarray:
+        """(n, 2): lowest and highest value of every state."""
+        return self._bounds(self.states)
+
+    def _bounds(self, symbols: Sequence[sp.Symbol]) -> np.ndarray:
+        pairs = [self.bounds.get(symbol.name, (None, None)) for symbol in symbols]
+        ends = (-np.inf, np.inf)
+        return np.array([[e if p is None else p for p, e in zip(pair, ends)] for pair in pairs])
+
+    def stepped(self, dt: float | sp.Symbol) -> tuple[sp.Expr, ...]:
+        """q after dt, by the midpoint rule."""
+        step = sp.sympify(dt)
+        half = {q: q + sp.sympify(F) * step / 2 for q, F in zip(self.states, self.dynamics)}
+        middle = [sp.sympify(F).xreplace(half) for F in self.dynamics]
+        return tuple(q + step * F for q, F in zip(self.states, middle))
+
+    def steps(self, dt: float) -> ProblemFunctions:
+        """The midpoint rule in numbers, with its derivatives; compiled once a step."""
+        return _steps(self, dt)
+
+
+@lru_cache(maxsize=32)
+def _steps(robot: Robot, dt: float) -> ProblemFunctions:
+    problem = OptimalControlProblem(
+        states=robot.states,
+        controls=robot.controls,
+        map=robot.stepped(dt),
+        cost=sp.Add(*(u**2 for u in robot.controls)),
+        horizon=1,
+        q_0=(0,) * len(robot.states),
+    )
+    return problem.functions
+
+
+@checked
+def car_robot(
+    *,
+    wheel_base: Positive = 0.5,
+    radius: Positive = 0.15,
+    speed: Positive = 2.0,
+    reverse: NotNegative = 0.0,
+    steering: Positive = 0.6,
+    steering_rate: Positive = 3.0,
+) -> Robot:
+    """The paper's car: x, y, heading phi and steering varphi, driven by nu and eta.
+
+    Parameters
+    ----------
+    wheel_base : float
+        D, in metres.
+    radius : float
+        In metres.
+    speed, reverse : float
+        Largest nu ahead and back, in m/s.
+    steering : float
+        Largest |varphi|, in rad.
+    steering_rate : float
+        Largest |eta|, in rad/s.
+
+    References
+    ----------
+    Paper equation (22), without its friction.
+
+    Examples
+    --------
+    >>> car_robot(reverse=0.5).limits.tolist()
+    [[-0.5, 2.0], [-3.0, 3.0]]
+    """
+    x, y, phi, varphi, nu, eta = sp.symbols("x y phi varphi nu eta")
+    return Robot(
+        states=(x, y, phi, varphi),
+        controls=(nu, eta),
+        dynamics=(sp.cos(phi) * nu, sp.sin(phi) * nu, sp.tan(varphi) / wheel_base * nu, eta),
+        bounds={
+            "nu": (-reverse or 0.0, speed),
+            "eta": (-steering_rate, steering_rate),
+            "varphi": (-steering, steering),
+        },
+        radius=radius,
+        effort={"nu": 0.1, "eta": 0.05, "varphi": 0.1},
+        rolling={"nu": speed / 2},
+    )
+
+
+@checked
+def unicycle_robot(
+    *,
+    radius: Positive = 0.15,
+    speed: Positive = 2.0,
+    reverse: NotNegative = 0.0,
+    turning: Positive = 2.5,
+) -> Robot:
+    """A robot on two driven wheels: x, y and heading theta, driven by nu and omega.
+
+    Parameters
+    ----------
+    radius : float
+        In metres.
+    speed, reverse : float
+        Largest nu ahead and back, in m/s.
+    turning : float
+        Largest |omega|, in rad/s.
+
+    Examples
+    --------
+    >>> [str(u) for u in unicycle_robot().controls]
+    ['nu', 'omega']
+    """
+    x, y, theta, nu, omega = sp.symbols("x y theta nu omega")
+    return Robot(
+        states=(x, y, theta),
+        controls=(nu, omega),
+        dynamics=(sp.cos(theta) * nu, sp.sin(theta) * nu, omega),
+        bounds={"nu": (-reverse or 0.0, speed), "omega": (-turning, turning)},
+        radius=radius,
+        effort={"nu": 0.1, "omega": 0.1},
+        rolling={"nu": speed / 2},
+    )

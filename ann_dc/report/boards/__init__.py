@@ -1,5 +1,0 @@
-"""What a circuit does away from the bench, in words: tables, a verdict, JSON."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
