@@ -16,7 +16,7 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.functions import ProblemFunctions
 
 
-@such_as("ann_dc.navigation.car_robot()")
+@such_as("ann_dc.problem.car_robot()")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Robot:
     """A robot in continuous time: dq/dt = F(q, u), its first two states its place (x, y).
