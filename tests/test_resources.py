@@ -15,7 +15,7 @@ from threadpoolctl import ThreadpoolController
 
 import ann_dc
 from ann_dc import plants, resources
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.resources import one_thread
 
 ROOT = Path(ann_dc.__file__).parents[1]

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
 from ann_dc.network.network import Network

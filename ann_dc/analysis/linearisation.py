@@ -15,7 +15,7 @@ from copy import copy
 
 import numpy as np
 
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator, tape_with_penalty
 from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL
 from ann_dc.network.network import Network

@@ -23,7 +23,7 @@ import scipy.linalg
 from ann_dc.analysis.settling_modes import WORST_CONDITION, Modes
 from ann_dc.analysis.spectra import dense_flow
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.generated.generated import FastEvaluator, fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import PositiveFinite, State
 from ann_dc.network.network import Network

@@ -30,7 +30,7 @@ from scipy import sparse
 
 from ann_dc.analysis.linearisation import softness
 from ann_dc.analysis.spectra import DENSE_LIMIT, LinearOperator, dense_flow
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator, tape_with_penalty
 from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL, STATE
 from ann_dc.hints.checked import checked

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.generated.generated import FastEvaluator, fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM, reading
 from ann_dc.hints.checked import checked

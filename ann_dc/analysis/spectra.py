@@ -32,7 +32,7 @@ import scipy.linalg
 import scipy.sparse
 import scipy.sparse.linalg
 
-from ann_dc.evaluation.generated.generated import FastEvaluator, fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, State
 from ann_dc.network.metrics.contract import Kind, Metric, Row

@@ -29,8 +29,8 @@ from ann_dc.backends.lanes.memory import CONSTRAINT, DONE, STATIONARITY
 from ann_dc.backends.lanes.samples import samples_of
 from ann_dc.backends.status import Outcome
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.generated.lanes import Lanes
-from ann_dc.evaluation.generated.plan import Axis, refusal
+from ann_dc.evaluation.codegen.lanes import Lanes
+from ann_dc.evaluation.codegen.plan import Axis, refusal
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network

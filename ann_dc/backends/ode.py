@@ -41,8 +41,8 @@ from ann_dc.backends.run import Run
 from ann_dc.backends.settling import HEADWAY, Settling, window_of
 from ann_dc.backends.status import OVERFLOW, Outcome, Status
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.generated.generated import fast_evaluator
-from ann_dc.evaluation.generated.lanes import Lanes
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
+from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, Index, Positive

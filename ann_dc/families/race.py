@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ann_dc.errors import AnnDcError
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.rules import LOST, SETTLED
 from ann_dc.evaluation.tape import Tape, constant_values
 from ann_dc.gain_design.freeze import gains_of, spectrum_with

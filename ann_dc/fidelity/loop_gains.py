@@ -25,7 +25,7 @@ from scipy.optimize import root_scalar
 
 from ann_dc.analysis.spectra import dense_flow
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.parts.levels import Level

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.rules import SETTLED
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.rehearsal import PATIENCE, TOLERANCE, TRANSIENT, Pace, run_with_constants

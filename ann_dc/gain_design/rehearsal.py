@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.analysis.spectra import Spectrum
+from ann_dc.evaluation.codegen.evaluator import FastEvaluator
 from ann_dc.evaluation.domains import Bounds
-from ann_dc.evaluation.generated.generated import FastEvaluator
 from ann_dc.evaluation.rules import RAN, SETTLED, SMALLEST_POSITION
 from ann_dc.gain_design.freeze import LONG_ROW, Candidate, spectrum_with
 from ann_dc.gain_design.rules.grid_gains import SettledPoint

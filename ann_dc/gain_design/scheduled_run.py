@@ -20,8 +20,8 @@ import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.saddle import saddle_of
+from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
 from ann_dc.evaluation.domains import Bounds, safe_bounds
-from ann_dc.evaluation.generated.generated import FastEvaluator, fast_evaluator
 from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.evaluation.rules import LOST, RAN, SETTLED
 from ann_dc.evaluation.tape import Tape

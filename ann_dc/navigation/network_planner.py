@@ -17,7 +17,7 @@ from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.hardware.circuit.scaling import time_unit
 from ann_dc.navigation.half_planes import Ahead, Margin, discs, half_planes
 from ann_dc.navigation.planner import Plan, Situation

@@ -15,7 +15,7 @@ from ann_dc.backends.settling import Settling, settling_time
 from ann_dc.backends.status import Outcome, Status
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.gain_design.choice import DEARER
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.rules.gains import apply_gains, hand_gains

@@ -17,7 +17,7 @@ import numpy as np
 from ann_dc.backends.ode import OdeBackend, RightHandSide
 from ann_dc.backends.run import Backend, Run
 from ann_dc.errors import FormError, NetworkError, require_positive
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Shape
 from ann_dc.network.metrics.contract import Kind

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 from ann_dc.errors import NetworkError, ProblemError
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.network import COORDINATION, Network
 from ann_dc.problem.declaration import OptimalControlProblem

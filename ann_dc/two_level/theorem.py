@@ -37,7 +37,7 @@ from typing import Annotated
 import numpy as np
 
 from ann_dc.errors import DesignError, NetworkError
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator, tape_with_penalty
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import NotEmpty, NotNegative, Shape, State, such_as

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from ann_dc.errors import DesignError
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import State
 from ann_dc.network.network import COORDINATION, Network

@@ -23,8 +23,8 @@ import ann_dc
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.evaluation import loops
-from ann_dc.evaluation.generated.lanes import Lanes
-from ann_dc.evaluation.generated.plan import Axis
+from ann_dc.evaluation.codegen.lanes import Lanes
+from ann_dc.evaluation.codegen.plan import Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.vector_code.calls import call

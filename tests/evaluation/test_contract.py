@@ -18,8 +18,8 @@ from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
 from ann_dc.decomposition.form import PRINTED, SWITCHES
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.codegen.evaluator import GeneratedEvaluator
 from ann_dc.evaluation.contract import Evaluator
-from ann_dc.evaluation.generated.generated import GeneratedEvaluator
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import ReferenceEvaluator, evaluator
 from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from designs import coordinated, near_start, small
 
+from ann_dc.evaluation.codegen.evaluator import FastEvaluator, GeneratedEvaluator
 from ann_dc.evaluation.domains import Bounds
-from ann_dc.evaluation.generated.generated import FastEvaluator, GeneratedEvaluator
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import LOST, RAN, SETTLED

@@ -28,9 +28,9 @@ from random_metrics import random_metric, rows
 from random_networks import random_network
 
 from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
-from ann_dc.evaluation.generated.generated import GeneratedEvaluator
-from ann_dc.evaluation.generated.lanes import Lanes
-from ann_dc.evaluation.generated.plan import Axis
+from ann_dc.evaluation.codegen.evaluator import GeneratedEvaluator
+from ann_dc.evaluation.codegen.lanes import Lanes
+from ann_dc.evaluation.codegen.plan import Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.projection import projected
 from ann_dc.evaluation.reference import ReferenceEvaluator, evaluator

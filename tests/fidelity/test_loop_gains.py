@@ -11,7 +11,7 @@ from simulator import needs_ngspice
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.fidelity.boards.effects import with_parasitics
 from ann_dc.fidelity.circuit_study import study_circuit
 from ann_dc.fidelity.loop_gains import loop_gains

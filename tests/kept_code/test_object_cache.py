@@ -19,7 +19,7 @@ PROGRAM = textwrap.dedent(
     import numpy as np
     from ann_dc import plants, synthesize
     from ann_dc.evaluation import evaluator
-    from ann_dc.evaluation.generated import GeneratedEvaluator
+    from ann_dc.evaluation.codegen import GeneratedEvaluator
 
     network = synthesize(plants.double_integrator(N=5))
     x = np.linspace(0.1, 1.0, network.size)

@@ -10,7 +10,7 @@ from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import AnnDcError, NetworkError, SynthesisError
-from ann_dc.evaluation.generated.generated import GeneratedEvaluator, fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import GeneratedEvaluator, fast_evaluator
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import ReferenceEvaluator
 from ann_dc.export.catalogue import FORMATS

@@ -9,7 +9,7 @@ from ann_dc import solve
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import FormError, NetworkError
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.network.network import COORDINATION
 from ann_dc.problem import plants
 from ann_dc.two_level.lyapunov import Lyapunov

@@ -22,7 +22,7 @@ from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import OutputError
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role, Sum, Template
 from ann_dc.network.ends import Absent, Pin

@@ -10,9 +10,9 @@ import enum
 
 from ann_dc.backends.integration.systems import Integrand, generated, interpreted
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.codegen.evaluator import FastEvaluator, GeneratedEvaluator
+from ann_dc.evaluation.codegen.plan import refusal
 from ann_dc.evaluation.domains import DomainGuard
-from ann_dc.evaluation.generated.generated import FastEvaluator, GeneratedEvaluator
-from ann_dc.evaluation.generated.plan import refusal
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 
 

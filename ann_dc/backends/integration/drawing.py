@@ -17,8 +17,8 @@ import numpy as np
 from ann_dc.backends.integration.cells import Cells
 from ann_dc.backends.integration.integrator import Course, Ends, draw, share_of_tolerance
 from ann_dc.backends.integration.methods import Known, Method
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.contract import Evaluator
-from ann_dc.evaluation.generated.generated import fast_evaluator
 from ann_dc.network.network import Network
 
 PIECES = 20_000_000

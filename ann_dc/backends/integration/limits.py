@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ann_dc.evaluation.generated.generated import FastEvaluator
+from ann_dc.evaluation.codegen.evaluator import FastEvaluator
 
 INSIDE = 1e-12
 """Distance from a limit at which a neuron that is not held is evaluated, relative to the limit."""

@@ -31,8 +31,8 @@ from ann_dc.backends.integration.limits import LimitedSolver
 from ann_dc.backends.integration.methods import Between, Method
 from ann_dc.backends.integration.systems import Integrand
 from ann_dc.backends.integration.tableaus import Rows
+from ann_dc.evaluation.codegen.evaluator import FastEvaluator
 from ann_dc.evaluation.domains import DomainGuard
-from ann_dc.evaluation.generated.generated import FastEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.network import Network
 

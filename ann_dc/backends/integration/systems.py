@@ -12,10 +12,10 @@ from numba import types
 from numba.np.numpy_support import carray
 
 from ann_dc.evaluation import loops
+from ann_dc.evaluation.codegen.lanes import Lanes
+from ann_dc.evaluation.codegen.plan import Axis
 from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.formulas import called_by_address, inlined, inner
-from ann_dc.evaluation.generated.lanes import Lanes
-from ann_dc.evaluation.generated.plan import Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.loops import Workspace
 from ann_dc.evaluation.tape import Tape

@@ -25,8 +25,8 @@ from ann_dc.backends.lanes.memory import (
     TIME,
     TURN,
 )
+from ann_dc.evaluation.codegen.lanes import Entry, Lanes
 from ann_dc.evaluation.formulas import compiled, inlined
-from ann_dc.evaluation.generated.lanes import Entry, Lanes
 from ann_dc.evaluation.vector_code.calls import call
 from ann_dc.evaluation.vector_code.memory import lined_up
 from ann_dc.evaluation.vector_code.step_code import UNROLLED, step_code

@@ -43,8 +43,8 @@ from ann_dc.backends.lanes.recurrence_code import (
     WINDOW,
     recurrence_code,
 )
+from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.formulas import inlined, released
-from ann_dc.evaluation.generated.lanes import Lanes
 from ann_dc.evaluation.vector_code.calls import call
 from ann_dc.evaluation.vector_code.memory import lined_up
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from ann_dc.backends.lanes.group import Samples
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.codegen.plan import Plan
 from ann_dc.evaluation.domains import DomainGuard
-from ann_dc.evaluation.generated.plan import Plan
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.functions import function_block

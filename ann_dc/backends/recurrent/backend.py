@@ -24,7 +24,7 @@ from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome, Status
 from ann_dc.backends.trajectory import SAMPLES
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import Count, Index

@@ -22,9 +22,9 @@ from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, STAGE_BY_STAGE,
 from ann_dc.backends.recurrent.rules.steps import StepRule, above_limit
 from ann_dc.backends.settling import GROWTH, HEADWAY, Settling, window_of
 from ann_dc.backends.status import OVERFLOW
-from ann_dc.evaluation.generated.generated import fast_evaluator
-from ann_dc.evaluation.generated.lanes import Lanes
-from ann_dc.evaluation.generated.plan import refusal
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
+from ann_dc.evaluation.codegen.lanes import Lanes
+from ann_dc.evaluation.codegen.plan import refusal
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network

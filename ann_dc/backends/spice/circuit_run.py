@@ -21,7 +21,7 @@ from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import RESTING
 from ann_dc.hardware.circuit.circuit import Circuit

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ann_dc.errors import FileFormatError
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.export.reference.beside import vector_of
 from ann_dc.export.reference.vector import VECTOR, EulerWalk, ReferenceVector, check_states
 from ann_dc.network.network import Network

@@ -20,7 +20,7 @@ import numpy as np
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import FileFormatError
-from ann_dc.evaluation.generated.generated import FastEvaluator, fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import PositiveFinite
 from ann_dc.network.network import Network

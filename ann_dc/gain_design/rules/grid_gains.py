@@ -26,7 +26,7 @@ from scipy import sparse
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.saddle import Saddle, saddle_of, threshold_of
 from ann_dc.errors import DesignError
-from ann_dc.evaluation.generated.generated import FastEvaluator, fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
 from ann_dc.evaluation.tape import STATE, Tape
 from ann_dc.gain_design.rules.gains import Gains, tape_with
 from ann_dc.gain_design.rules.recipe import (

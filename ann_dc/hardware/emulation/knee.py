@@ -28,7 +28,7 @@ import numpy as np
 from scipy.sparse.linalg import splu
 
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.hints.checked import checked
 from ann_dc.hints.values import FloatOrNan, State
 from ann_dc.network.cell import ONE, Block, Connection, Function, Sum

@@ -20,7 +20,7 @@ from ann_dc.backends.settling import Settling, control_settling
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory, control_values
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.procedure import design
 from ann_dc.network.cell import ONE, Cell, Connection, Function, Limiter, Neuron, Product

@@ -12,8 +12,8 @@ from ann_dc.backends.integration.systems import Integrand, generated, interprete
 from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, TSIT5_TABLEAU, Rows
 from ann_dc.backends.ode import COMPILED, DOP853, OdeBackend
 from ann_dc.backends.status import Outcome
-from ann_dc.evaluation.generated.lanes import Lanes
-from ann_dc.evaluation.generated.plan import Axis
+from ann_dc.evaluation.codegen.lanes import Lanes
+from ann_dc.evaluation.codegen.plan import Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron
 from ann_dc.network.network import Network

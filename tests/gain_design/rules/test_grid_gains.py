@@ -8,7 +8,7 @@ from designs import designed
 
 import ann_dc
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.gain_design.rules.grid_gains import SettledPoint
 from ann_dc.gain_design.rules.recipe import Recipe, weights_of_rows
 

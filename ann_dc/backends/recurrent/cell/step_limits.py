@@ -9,7 +9,7 @@ import torch
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.recurrent.cell.metrics import Constants
 from ann_dc.backends.recurrent.cell.trained import with_constants
-from ann_dc.evaluation.generated.generated import fast_evaluator
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.network.network import Network
 
 

@@ -8,8 +8,8 @@ case, a chunk further on in the other; that is all the difference.
 
 from __future__ import annotations
 
-from ann_dc.evaluation.generated.metric_code import add_metric
-from ann_dc.evaluation.generated.plan import (
+from ann_dc.evaluation.codegen.metric_code import add_metric
+from ann_dc.evaluation.codegen.plan import (
     FIELDS as METRIC_FIELDS,
     INTEGERS as METRIC_INTEGERS,
     Axis,

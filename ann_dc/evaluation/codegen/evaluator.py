@@ -12,12 +12,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.codegen.iterations import grown, recur
+from ann_dc.evaluation.codegen.jacobian_code import NAMES as JACOBIAN_NAMES
+from ann_dc.evaluation.codegen.lanes import Lanes
+from ann_dc.evaluation.codegen.plan import Axis, Plan, refusal
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import Bounds, DomainGuard
-from ann_dc.evaluation.generated.iterations import grown, recur
-from ann_dc.evaluation.generated.jacobian_code import NAMES as JACOBIAN_NAMES
-from ann_dc.evaluation.generated.lanes import Lanes
-from ann_dc.evaluation.generated.plan import Axis, Plan, refusal
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.pivots import clamped_moves
 from ann_dc.evaluation.reference import evaluator, node_values, outside_of

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from designs import coordinated, near_start, small
 
+from ann_dc.evaluation.codegen.evaluator import FastEvaluator, GeneratedEvaluator, fast_evaluator
 from ann_dc.evaluation.domains import Bounds
-from ann_dc.evaluation.generated.generated import FastEvaluator, GeneratedEvaluator, fast_evaluator
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator, tape_with_penalty
 from ann_dc.network.cell import Cell, Connection, Neuron

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from functools import reduce
 from typing import TypeAlias
 
-from ann_dc.evaluation.generated.plan import Axis, Plan, node_width
+from ann_dc.evaluation.codegen.plan import Axis, Plan, node_width
 from ann_dc.evaluation.row_code import add_scaling
 from ann_dc.evaluation.vector_code.writer import Function, Module
 

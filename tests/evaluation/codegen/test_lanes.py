@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from designs import near_start, wired_with
 
-from ann_dc.evaluation.generated.lanes import Lanes
-from ann_dc.evaluation.generated.plan import WRITTEN_OUT, Axis
+from ann_dc.evaluation.codegen.lanes import Lanes
+from ann_dc.evaluation.codegen.plan import WRITTEN_OUT, Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.vector_code.memory import LINE
 from ann_dc.network.metrics.contract import Kind
@@ -33,7 +33,7 @@ def of_every_lane(lanes: Lanes, states: np.ndarray) -> tuple[np.ndarray, np.ndar
 @pytest.mark.parametrize("name", ["car", "two_link_arm", "double_integrator"])
 @pytest.mark.sampled
 def test_every_lane_is_a_state_of_its_own(monkeypatch, name, kind, most):
-    monkeypatch.setattr("ann_dc.evaluation.generated.plan.WRITTEN_OUT", most)
+    monkeypatch.setattr("ann_dc.evaluation.codegen.plan.WRITTEN_OUT", most)
     network = wired_with(name, kind)
     loops, lanes = (
         InterpretedEvaluator(network),

@@ -11,8 +11,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ann_dc.evaluation.generated.cell_code import FIELDS as CELL_FIELDS, CellWriter
-from ann_dc.evaluation.generated.plan import WRITERS, Plan
+from ann_dc.evaluation.codegen.cell_code import FIELDS as CELL_FIELDS, CellWriter
+from ann_dc.evaluation.codegen.plan import WRITERS, Plan
 from ann_dc.evaluation.tape import BY_VALUE, BY_WEIGHT
 from ann_dc.evaluation.vector_code.code import key_of
 from ann_dc.evaluation.vector_code.elementary import slope_of

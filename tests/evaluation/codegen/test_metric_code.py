@@ -9,8 +9,8 @@ from random_metrics import random_metric, with_stiffness
 from seeds import seeds
 
 from ann_dc import plants, synthesize
-from ann_dc.evaluation.generated.lanes import Lanes
-from ann_dc.evaluation.generated.plan import Axis
+from ann_dc.evaluation.codegen.lanes import Lanes
+from ann_dc.evaluation.codegen.plan import Axis
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.cell import Cell, Connection, Neuron, Role
 from ann_dc.network.ends import Absent, Pin

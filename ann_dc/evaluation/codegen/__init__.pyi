@@ -1,0 +1,1 @@
+from .evaluator import GeneratedEvaluator as GeneratedEvaluator, fast_evaluator as fast_evaluator

@@ -1,1 +1,0 @@
-from .generated import GeneratedEvaluator as GeneratedEvaluator, fast_evaluator as fast_evaluator
