@@ -85,12 +85,12 @@ class Yield:
 
     @property
     def low(self) -> float:
-        """Of the interval."""
+        """Lower end of the interval."""
         return self.interval[0]
 
     @property
     def high(self) -> float:
-        """Of the interval."""
+        """Upper end of the interval."""
         return self.interval[1]
 
     def __str__(self) -> str:

@@ -34,7 +34,7 @@ def test_limits_that_are_none(limit):
 
 
 def test_interval_of_samples_that_share_draws_is_that_of_the_draws():
-    """Whether a draw is counted under one setting or under three that agree."""
+    """A draw counts once, under one setting or under three that agree."""
     once, thrice = Yield(passed=18, count=20), Yield(passed=54, count=60, draws=20)
     assert thrice.interval == pytest.approx(once.interval)
     assert Yield(passed=54, count=60).low > thrice.low

@@ -375,7 +375,7 @@ def threshold_of(saddle: Saddle) -> float:
 
 
 def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> bool:
-    """Whether a settled point is one that the flow can rest at, from its drive Jacobian.
+    """Tell from its drive Jacobian if a settled point is one that the flow can rest at.
 
     With PI duals: the reduced Hessian is positive definite, a strict local minimum (K has as many
     negative eigenvalues as constraints). Without, or with neurons that are no part of the
@@ -414,6 +414,6 @@ def _leaking(network: Network, jacobian: Any) -> np.ndarray:
 
 
 def _of_compliance(jacobian: Any, free: np.ndarray, leaking: np.ndarray) -> Any:
-    """What neurons that leak, and rest where they do, add to the Jacobian of the free ones."""
+    """Return the share of leaking neurons at rest in the Jacobian of the free ones."""
     leak = sparse.diags_array(1.0 / -jacobian.diagonal()[leaking])
     return jacobian[free][:, leaking] @ leak @ jacobian[leaking][:, free]

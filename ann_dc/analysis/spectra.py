@@ -44,7 +44,7 @@ from ann_dc.progress import Paced, Progress, silent
 LinearOperator: Any = scipy.sparse.linalg.LinearOperator  # its arguments are not in the stubs
 
 ENDS = 4
-"""How many eigenvalues are asked for at each end of a spectrum."""
+"""Number of eigenvalues asked for at each end of a spectrum."""
 CLOSE, ROUGH = 1e-4, 0.02
 """Relative residual of these; of rightmost ones that are too crowded to be told apart."""
 EXACT = 1e-6
@@ -52,16 +52,16 @@ EXACT = 1e-6
 BASIS, RESTARTS = 60, 6
 """Vectors and restarts within which the rightmost ones are found, or else the inverse is asked."""
 SMALLEST = 24
-"""How many are asked for from the inverse."""
+"""Number of those asked for from the inverse."""
 NEAREST, CROWDED = 12, 0.125
-"""How many are asked for around a frequency; its share that is gone on by, at least."""
+"""Number of those asked for around a frequency; least step to the next, as a share of it."""
 FARTHER = 2.2
-"""How high the last centre is, over the fastest mode: what grows and does not swing is nearest to
+"""Height of the last centre over the fastest mode: what grows and does not swing is nearest to
 centres twice as far."""
 RIGHT = 0.25
-"""How far right of the axis the centres are, over the frequency: what grows is nearer to them."""
+"""Distance of the centres right of the axis over the frequency: what grows is nearer to them."""
 SLOWEST, RIGHTMOST = 12, 6
-"""How many modes are asked for from either operator, where their vectors count."""
+"""Number of modes asked for from either operator, where their vectors count."""
 
 
 def spectrum_ends(

@@ -48,13 +48,13 @@ CERTIFIABLE = 3e-10
 """KKT residual at which a run is judged: well below that of a certificate, which is taken in the
 scales of the sample and not in those of the network."""
 CONFIDENCE = 0.95
-"""Of the interval about a share."""
+"""Confidence of the interval about a share."""
 LONGEST_SEARCH = 20_000
 """Steps of the first run that looks for a settled point of an input that failed."""
 
 
 class Failure(Enum):
-    """Why a network does not settle to a certified optimum for an input."""
+    """Reason for which a network does not settle to a certified optimum for an input."""
 
     OUTSIDE_BASIN = "its optimum attracts, but the start lies outside the basin"
     PENALTY = "the penalty is too small there: its optimum repels"
@@ -66,7 +66,7 @@ class Failure(Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Validation:
-    """What a frozen network does for many inputs.
+    """Behaviour of a frozen network for many inputs.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class Validation:
 
     @property
     def share(self) -> float:
-        """Of the samples that settle to a certified optimum."""
+        """Share of the samples that settle to a certified optimum."""
         return float(self.certified.mean())
 
     @property
@@ -196,7 +196,7 @@ def validated(
 
 
 def why(network: Network, x: np.ndarray, *, lost: bool) -> Failure:
-    """Why a frozen network did not settle.
+    """Reason for which a frozen network did not settle.
 
     Parameters
     ----------

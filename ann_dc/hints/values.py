@@ -54,7 +54,7 @@ def such_as(example: str) -> Callable[[_Class], _Class]:
 
 
 def class_words(kind: type) -> str:
-    """What a refusal calls an object of a class, and how to come by one."""
+    """Return the name of an object of a class in a refusal, and how to come by one."""
     if issubclass(kind, enum.Enum):
         return f"one of {', '.join(str(member) for member in kind)}"
     example = f" such as {_SUCH_AS[kind]}" if kind in _SUCH_AS else ""
@@ -62,7 +62,7 @@ def class_words(kind: type) -> str:
 
 
 def given_words(given: object) -> str:
-    """What a refusal says was given.
+    """Return the words of a refusal for what was given.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def given_words(given: object) -> str:
 
 
 def way_out(given: object, kind: type, fits: Callable[[Any], bool]) -> str:
-    """What to pass instead, where that can be told from what was given; else nothing.
+    """Return what to pass instead, where what was given tells it; else nothing.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def with_article(name: str) -> str:
 
 
 def is_empty(given: object) -> bool:
-    """Whether what has a length has none."""
+    """Tell if an object with a length is empty."""
     return isinstance(given, Sized) and len(given) == 0
 
 
@@ -137,7 +137,7 @@ def is_empty(given: object) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Complaint:
-    """What is wrong with a value.
+    """Fault of a value.
 
     Attributes
     ----------
@@ -198,7 +198,7 @@ def _members(protocol: type) -> tuple[str, ...]:
 
 
 def _has(value: Any, name: str) -> bool:
-    """Whether an object has an attribute; a property of its class is not evaluated."""
+    """Tell if an object has an attribute; a property of its class is not evaluated."""
     return hasattr(type(value), name) or name in getattr(value, "__dict__", ())
 
 
@@ -284,7 +284,7 @@ SCALARS: dict[Any, Check] = {
     str: _text,
     np.ndarray: _array,
 }
-"""By their type hint."""
+"""Checks by the type hint of a scalar or an array."""
 
 
 # ---- what a hint may say beyond a type: a range of numbers, a shape, that it is not empty

@@ -37,7 +37,7 @@ from ann_dc.scale import Scale
 
 
 def listing(title: str, cell: Cell, live: np.ndarray, wires: Wires, kind: Kind) -> str:
-    """How many neurons, blocks, connections and wires of the metric there are.
+    """Numbers of neurons, blocks, connections and wires of the metric.
 
     Parameters
     ----------

@@ -287,7 +287,7 @@ def save_result(
 
 
 class SavedResult:
-    """What a folder holds; every record is taken once.
+    """Content of a folder; every record is taken once.
 
     Parameters
     ----------
@@ -352,7 +352,7 @@ class SavedResult:
 
 @contextlib.contextmanager
 def opened_result(folder: str | os.PathLike[str]) -> Iterator[SavedResult]:
-    """What `save_result` wrote; on leaving, all of it has to be taken.
+    """Open what `save_result` wrote; on leaving, all of it has to be taken.
 
     Parameters
     ----------

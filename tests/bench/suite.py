@@ -67,7 +67,7 @@ def start(problem, name: str):
 
 
 def is_known(objective: float, optima: tuple[float, ...]) -> bool:
-    """Whether an objective is one of some optima (to the digits of the table) or below the best."""
+    """Tell if an objective is one of some optima (to the digits given) or below the best."""
     near = any(abs(objective - best) <= 2e-4 * max(abs(best), 0.25) for best in optima)
     return near or objective < min(optima)
 

@@ -237,7 +237,7 @@ class GeneratedEvaluator(Evaluator):
 # ---- the quickest evaluator that there is for a network
 
 FastEvaluator = GeneratedEvaluator | InterpretedEvaluator
-"""What `fast_evaluator` gives."""
+"""Result of `fast_evaluator`."""
 
 
 def fast_evaluator(network: Network, tape: Tape | None = None) -> FastEvaluator:

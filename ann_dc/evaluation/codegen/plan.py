@@ -40,7 +40,7 @@ FIELDS = (
     "gaps",
     "gap_places",
 )
-"""What a metric reads and fills, in the order of the table of addresses."""
+"""Arrays that a metric reads and fills, in the order of the table of addresses."""
 INTEGERS = ("points", "levels", "middle", "gaps")
 """Those that are numbers themselves."""
 
@@ -51,7 +51,7 @@ def node_width(count: int) -> int:
 
 
 def pyramid_tables(tape: Tape, *, is_coupled: bool) -> dict[str, np.ndarray]:
-    """Of a tape with chains; a point without a neuron stands on either side of every level.
+    """Return the tables of a tape with chains; points without a neuron stand beside every level.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ class TwoEnds:
 
 
 def stiffness_tables(tape: Tape) -> dict[str, np.ndarray]:
-    """Of a tape with a stiffness: what a cell on either side needs, side by side.
+    """Return the tables of a tape with a stiffness: those of both neighbours, side by side.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ from ann_dc.study.measuring.sample import Sample
 TIGHT = OdeBackend(method=COMPILED.tighter(), verify=False)
 """Runs by which settling times are verified."""
 TAIL = (1e3, 0.1)
-"""Where the tail of a run begins and ends, in tolerances."""
+"""Begin and end of the tail of a run, in tolerances."""
 ACTIVE = 1e-6
 """Multiplier above which one counts: in network units, where it is near one, or of the largest."""
 FALLEN = float(np.log(1e3))
@@ -107,7 +107,7 @@ def largest_step(sample: Sample) -> float:
 
 
 def control_overshoot(sample: Sample) -> float:
-    """How far controls go beyond their end, over the largest of their ends."""
+    """Return the excess of controls over their end, over the largest of their ends."""
     return overshoot(sample.trajectory)
 
 
@@ -176,7 +176,7 @@ def kkt_residual(sample: Sample) -> float:
 
 
 def certified(sample: Sample) -> bool:
-    """Whether it settled, and its end is an optimum of both orders."""
+    """Tell if a run settled at an optimum of both orders."""
     return sample.settled and sample.certificate.certified
 
 

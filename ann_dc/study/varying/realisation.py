@@ -51,7 +51,7 @@ from ann_dc.study.varying.subject import Subject
 TOGETHER = ("mismatch", "time_constants")
 """Defects of numbers alone, which can be drawn for many points at once."""
 SPREAD = 0.1
-"""Of ``start.kind = "random"``: share of a neuron's scale by which it is disturbed."""
+"""Default of ``start.kind = "random"``: share of a neuron's scale by which it is disturbed."""
 
 
 def stream(seed: int, name: str) -> int:
@@ -83,7 +83,7 @@ BRINGERS: dict[str, Callable[[Network, float, int], Network]] = {
     "slew": lambda network, value, seed: defects.slew(network, value),
     "rails": lambda network, value, seed: defects.rails(network, value),
 }
-"""By the name of the defect, in the order in which they can follow each other."""
+"""Functions by the name of the defect, in the order in which they can follow each other."""
 
 
 def with_gains(network: Network, factors: Mapping[str, float]) -> Network:
