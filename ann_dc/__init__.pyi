@@ -92,4 +92,4 @@ from .weights import save as save
 from .solution import load_solution as load_solution
 
 # measure
-from .phases import Stopwatch as Stopwatch
+from .timing import Stopwatch as Stopwatch

@@ -15,13 +15,13 @@ import numpy as np
 from ann_dc.analysis.saddle import RowShadow
 from ann_dc.analysis.slowness import LIMIT, SHOWN, Cause, Mode, Slowness, slowness_of
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.freeze import Candidate
+from ann_dc.gain_design.candidates import Candidate
 from ann_dc.gain_design.procedure import Design
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import such_as
-from ann_dc.network.metrics.contract import Kind
-from ann_dc.prefixes import counted
+from ann_dc.network.preconditioners.base import Kind
+from ann_dc.si_prefixes import counted
 from ann_dc.solution.solution import Solution
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import such_as
 
 NEAR = 2.0
 """Distance to the limit within which nothing is worth doing."""

@@ -19,25 +19,25 @@ from ann_dc.errors import DesignError, FormError
 from ann_dc.families.family import Over
 from ann_dc.families.family_design import FamilyDesign, design_family
 from ann_dc.gain_design import procedure
+from ann_dc.gain_design.gain_rule import Recipe
+from ann_dc.gain_design.gains import Gains, apply_gains
 from ann_dc.gain_design.knowledge import NOTHING
 from ann_dc.gain_design.procedure import Design
-from ann_dc.gain_design.rules.gains import Gains, apply_gains
-from ann_dc.gain_design.rules.recipe import Recipe
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, NotEmpty, NotNegative, Own, Positive
-from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
-from ann_dc.optimality.prospects.prospect import Prospect
+from ann_dc.network.preconditioners.base import ALL_KINDS, Kind
+from ann_dc.optimality.existence import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.initial_guess import Start
 from ann_dc.problem.scales import Scales
-from ann_dc.problem.start import Start
 from ann_dc.progress import Deadline, Progress, silent
 from ann_dc.solution.knowledge import knowledge_of
 from ann_dc.solution.running import solution_of
 from ann_dc.solution.solution import Solution
 from ann_dc.synthesis import synthesis
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain, continuous
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Count, NotEmpty, NotNegative, Own, Positive
 
 OF_DESIGN = 0.7
 """Share of the seconds of a limit that a design may take; the run of its network has the rest."""

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.stats import beta
 
 from ann_dc.errors import StudyError
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Index, Share
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Index, Share
 
 CONFIDENCE = 0.95
 

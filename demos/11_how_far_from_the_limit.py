@@ -21,7 +21,7 @@ import numpy as np
 
 import ann_dc
 from ann_dc import Kind, plotting
-from ann_dc.network.metrics import Grid, Tree, Wires
+from ann_dc.network.preconditioners import Grid, Tree, Wires
 
 LIMIT = 2.0
 """Ratio with the metric that knows the problem exactly: every slow mode at Re s = -1/2."""

@@ -5,8 +5,8 @@ from functools import cache
 import sympy as sp
 
 from ann_dc.gain_design.procedure import design
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solver import synthesize
 

@@ -10,8 +10,8 @@ from designs import small, wired_with
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.cell import Limiter
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 
 COUPLED = (Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE)
 

@@ -9,8 +9,8 @@ from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import switch
 from ann_dc.evaluation.populations import neuron_values
 from ann_dc.gain_design.procedure import Design, design
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import COORDINATION, Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solution.solution import certificate_of

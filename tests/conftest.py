@@ -8,7 +8,7 @@ from random import Random
 import pytest
 from seeds import load_profile, mark_properties
 
-from ann_dc.kept_code.object_cache import FOLDER_VARIABLE
+from ann_dc.jit_cache import FOLDER_VARIABLE
 
 load_profile()
 

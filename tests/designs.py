@@ -10,13 +10,13 @@ from random_metrics import STIFFNESSES, with_stiffness
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, Form
+from ann_dc.gain_design.gain_rule import Recipe, closed_form
+from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.procedure import Design, design
-from ann_dc.gain_design.rules.gains import apply_gains
-from ann_dc.gain_design.rules.recipe import Recipe, closed_form
-from ann_dc.network.metrics.contract import Kind
-from ann_dc.network.metrics.pyramid import Pyramid
-from ann_dc.network.metrics.time_constants import TimeConstants
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.diagonal import TimeConstants
+from ann_dc.network.preconditioners.multilevel import Pyramid
 from ann_dc.solver import synthesize
 
 

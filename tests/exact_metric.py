@@ -7,8 +7,8 @@ from scipy import sparse
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.saddle import Saddle, saddle_of
-from ann_dc.gain_design.rules.gains import Gains, apply_gains
-from ann_dc.gain_design.rules.grid_gains import stiffness_of
+from ann_dc.gain_design.gains import Gains, apply_gains
+from ann_dc.gain_design.grid_gains import stiffness_of
 from ann_dc.network.network import Network
 
 

@@ -18,8 +18,8 @@ from ann_dc.export.fixed_point.golden import FixedPoint
 from ann_dc.export.fixed_point.widths import fixed_point
 from ann_dc.export.reference.vector import ReferenceVector, reference_vector
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
-from ann_dc.network.metrics.contract import ALL_KINDS
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import ALL_KINDS
 
 PROBLEMS = {
     "double_integrator": lambda: ann_dc.plants.double_integrator(N=4),

@@ -7,7 +7,7 @@ import numpy as np
 from ann_dc.navigation.closed_loop import Journey, drive
 from ann_dc.navigation.obstacles import disc, polygon
 from ann_dc.navigation.planner import Plan
-from ann_dc.navigation.world import World
+from ann_dc.navigation.scenario import World
 from ann_dc.problem.robot import unicycle_robot
 
 ROBOT = unicycle_robot()

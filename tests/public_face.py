@@ -25,7 +25,7 @@ def things() -> Iterator[tuple[str, Callable]]:
 
 def of_ours(thing: object) -> bool:
     module = getattr(thing, "__module__", "")
-    return module.startswith("ann_dc") and not module.startswith("ann_dc.hints")
+    return module.startswith("ann_dc") and not module.startswith("ann_dc.validation")
 
 
 def callables() -> dict[str, Callable]:

@@ -9,13 +9,13 @@ from scipy import sparse
 
 from ann_dc.analysis.saddle import saddle_of
 from ann_dc.errors import NetworkError
-from ann_dc.network.metrics.contract import Kind, Metric, Row
-from ann_dc.network.metrics.grid import Grid
-from ann_dc.network.metrics.pyramid import Pyramid
-from ann_dc.network.metrics.stiffness import Stiffness
-from ann_dc.network.metrics.time_constants import TimeConstants
-from ann_dc.network.metrics.tree import Tree
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind, Metric, Row
+from ann_dc.network.preconditioners.cyclic_reduction import Tree
+from ann_dc.network.preconditioners.diagonal import TimeConstants
+from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.stiffness import Stiffness
 
 STIFFNESSES = {Kind.GRID: Grid, Kind.TREE: Tree}
 

@@ -8,8 +8,8 @@ from random_metrics import random_metric
 from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Role, Sum
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.functions import FUNCTIONS
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 
 NEURONS = ("q.a", "t.a", "q.b", "t.b", "u", "mu", "s")
 ROLES = (*[Role.PRIMAL] * 5, Role.DUAL, Role.STATE)

@@ -4,8 +4,8 @@ import sys
 
 import small_work
 
-from ann_dc.study.execution.execution import execute
-from ann_dc.study.keeping.store import Store
+from ann_dc.study.execution import execute
+from ann_dc.study.store import Store
 
 
 def main():

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ann_dc.study.execution.attempts import Task
-from ann_dc.study.keeping.curves import packed
-from ann_dc.study.keeping.rows import HEAD, TAIL, Finished, Point
+from ann_dc.study.records import HEAD, TAIL, Finished, Point
+from ann_dc.study.stored_trajectories import packed
+from ann_dc.study.task_results import Task
 
 COLUMNS = (*HEAD, "does", "rho", "peak", *TAIL)
 NATIVE = 3600.0

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas
 
-from ann_dc.report.findings.findings import Findings
+from ann_dc.report.statistics import Findings
 
 HOSTILE = "</script><img src=x onerror=\"document.title='broken in'\">"
 IDENTITY = {

@@ -23,10 +23,10 @@ from ann_dc.backends import ode
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.export.netlists.pack import pack_check, pack_files
 from ann_dc.export.reference.vector import reference_vector
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.error_budget import budget, sensitivity
 from ann_dc.fidelity.noise_run import control_noise
 from ann_dc.fidelity.prediction import predict, prediction_of
-from ann_dc.fidelity.specimen import Specimen
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 

@@ -17,7 +17,7 @@ from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
 from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.circuit_run import CircuitRun
-from ann_dc.fidelity.specimen import Specimen
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.hardware.circuit.deviations import Deviations, draw
 from ann_dc.hardware.parts.datasheet import Tolerances
 from ann_dc.hardware.parts.levels import (

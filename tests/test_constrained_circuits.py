@@ -32,10 +32,10 @@ from ann_dc.backends.spice.backend import simulate
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.netlist.timing import Simulation
 from ann_dc.errors import NetworkError
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.fitting import fitted
 from ann_dc.fidelity.noise_run import settled_noise
 from ann_dc.fidelity.prediction import predict
-from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.bill import bill_of
 from ann_dc.hardware.circuit.circuit import CLAMP_REFERENCE
 from ann_dc.hardware.circuit.parameters import CLAMP_OFFSETS

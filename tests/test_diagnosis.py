@@ -11,8 +11,8 @@ from ann_dc.analysis.slowness import LIMIT, Cause
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.diagnosis import HELPS, Diagnosis, Remedy, analyse
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.rules.gains import hand_gains
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.gain_design.gains import hand_gains
+from ann_dc.network.preconditioners.base import Kind
 
 NAMES = ("car", "pendulum", "cstr", "double_integrator", "planar_quadrotor")
 

@@ -13,7 +13,7 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.backends.status import Outcome
-from ann_dc.gain_design.rules.gains import hand_gains
+from ann_dc.gain_design.gains import hand_gains
 from ann_dc.problem import plants
 from ann_dc.report.solution import report_table
 

@@ -13,8 +13,8 @@ from ann_dc.backends.spice.netlist.timing import Simulation
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.refinement import refined
 from ann_dc.evaluation.populations import kkt_point
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.prediction import predict
-from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.bill import bill_of
 from ann_dc.hardware.circuit.deviations import draw
 from ann_dc.hardware.emulation.states import emulated_state

@@ -21,7 +21,7 @@ from simulator import needs_ngspice
 from wired import neighbour_wired
 
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.specimen import Specimen
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.hardware.parts import presets
 
 SAMPLE = ("unicycle", "river", "two_tanks", "cart")

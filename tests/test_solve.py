@@ -14,11 +14,11 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.status import Outcome
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import DesignError, FormError, ProblemError, SynthesisError, UnknownNameError
-from ann_dc.gain_design.rules.gains import hand_gains
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.gain_design.gains import hand_gains
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.start import line_start, random_start, zero_start
+from ann_dc.problem.initial_guess import line_start, random_start, zero_start
 from ann_dc.solution.solution import certificate_of
 from ann_dc.solver import synthesize
 

@@ -8,8 +8,8 @@ from problems import SUITE
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import macro
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.solver import synthesize
 
 

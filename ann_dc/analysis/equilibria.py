@@ -14,9 +14,9 @@ from scipy.sparse.linalg import splu
 
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import State
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import State
 
 NEWTON_STEPS = 20
 """Most that are taken; from a settled state two or three do."""

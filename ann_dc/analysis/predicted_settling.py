@@ -24,9 +24,9 @@ from ann_dc.analysis.settling_modes import WORST_CONDITION, Modes
 from ann_dc.analysis.spectra import dense_flow
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import PositiveFinite, State
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import PositiveFinite, State
 
 LARGEST = 1500
 """Neurons up to which all modes are computed: some seconds."""

@@ -19,9 +19,9 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM, reading
-from ann_dc.hints.checked import checked
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
 
 
 @checked

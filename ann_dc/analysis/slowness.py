@@ -34,9 +34,9 @@ import numpy as np
 from ann_dc.analysis.saddle import RowShadow, Saddle, penalty_threshold, saddle_of, shadow_rows
 from ann_dc.analysis.spectra import Spectrum, slowest_modes, spectrum
 from ann_dc.errors import NetworkError
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import State
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import State
 
 LIMIT = 2.0
 """The ratio that the exact metric has, whatever the problem."""

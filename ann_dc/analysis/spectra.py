@@ -33,11 +33,11 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, State
-from ann_dc.network.metrics.contract import Kind, Metric, Row
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind, Metric, Row
 from ann_dc.progress import Paced, Progress, silent
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Count, State
 
 # ---- the ends of a large network's spectrum, by Arnoldi iterations on J = M d drive / dx
 

@@ -18,7 +18,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
-from ann_dc.prefixes import counted
+from ann_dc.si_prefixes import counted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

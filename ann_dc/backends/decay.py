@@ -10,8 +10,8 @@ import numpy as np
 
 from ann_dc.backends.settling import last_exit
 from ann_dc.backends.trajectory import Trajectory
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import PositiveFinite
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import PositiveFinite
 
 FEWEST = 5
 """Looks at a tail from which on it has a rate."""

@@ -44,11 +44,11 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.variant_numbers import Numbers
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, Index, Positive
-from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import ALL_KINDS, Kind
 from ann_dc.progress import Paced, Progress, Stopped, silent
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Count, Index, Positive
 
 CRAWL = 1000
 """Steps that have to take at least one fastest time constant (of the start) together."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from ann_dc.backends.integration.exits import LOOKS
 from ann_dc.backends.trajectory import Trajectory, control_values
-from ann_dc.hints.checked import checked
+from ann_dc.validation.checked import checked
 
 STAYS = 1e-6
 """Share of the largest final control by which one has moved in the end that counts as moving."""

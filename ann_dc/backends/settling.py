@@ -20,8 +20,8 @@ from ann_dc.backends.integration.exits import LOOKS, last_exit as last_exit, loc
 from ann_dc.backends.trajectory import Trajectory, control_values
 from ann_dc.errors import require_positive
 from ann_dc.evaluation.rules import size_of
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import PositiveFinite, such_as
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import PositiveFinite, such_as
 
 HEADWAY = 0.97
 """Share of the best residual of one window that the best of the next one has to fall below."""

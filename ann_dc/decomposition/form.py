@@ -10,8 +10,8 @@ import enum
 from dataclasses import dataclass, replace
 
 from ann_dc.errors import UnknownNameError
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import such_as
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import such_as
 
 
 class CostWeight(enum.Enum):

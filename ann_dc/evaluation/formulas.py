@@ -17,7 +17,7 @@ import numba as nb
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.kept_code.functions import callback, kept
+from ann_dc.jit_functions import callback, kept
 from ann_dc.network.functions import CODE, FUNCTIONS
 
 _SIN = CODE["sin"]
@@ -83,7 +83,7 @@ def _njit(**options: bool) -> Any:
 
 
 def called_by_address(function: Callable, signature: Any) -> Any:
-    """Compile a function that generated code calls; see `kept_code.functions.callback`."""
+    """Compile a function that generated code calls; see `jit_functions.callback`."""
     with _kept_here():
         return callback(function, signature, fastmath=_MATH)
 

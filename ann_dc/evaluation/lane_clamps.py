@@ -15,11 +15,7 @@ from numba import types
 from numba.np.numpy_support import carray
 
 from ann_dc.evaluation import rules
-from ann_dc.evaluation.formulas import called_by_address, inner
-from ann_dc.evaluation.pivots import clamp, is_railed
-from ann_dc.evaluation.solves import UNKNOWN, Couplings, Hold
-from ann_dc.evaluation.tape import Tape
-from ann_dc.evaluation.vector_code.calls import (
+from ann_dc.evaluation.codegen.calls import (
     WIDTH,
     cube,
     entries,
@@ -30,6 +26,10 @@ from ann_dc.evaluation.vector_code.calls import (
     matrix,
     vector,
 )
+from ann_dc.evaluation.formulas import called_by_address, inner
+from ann_dc.evaluation.pivots import clamp, is_railed
+from ann_dc.evaluation.solves import UNKNOWN, Couplings, Hold
+from ann_dc.evaluation.tape import Tape
 
 _pushes_out = inner(rules.pushes_out)
 

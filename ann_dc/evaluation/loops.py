@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.evaluation import rules
+from ann_dc.evaluation.codegen.calls import call
 from ann_dc.evaluation.formulas import (
     check_written,
     compiled,
@@ -36,7 +37,6 @@ from ann_dc.evaluation.tape import (
     SUM,
     Tape,
 )
-from ann_dc.evaluation.vector_code.calls import call
 
 _1, _2, _3 = index(1), index(2), index(3)
 _pushes_out = inner(rules.pushes_out)

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from ann_dc.evaluation.formulas import index, inner
-from ann_dc.network.metrics.contract import Metric, Row
-from ann_dc.network.metrics.pyramid import Pyramid, hat_positions
-from ann_dc.network.metrics.stiffness import Stiffness
+from ann_dc.network.preconditioners.base import Metric, Row
+from ann_dc.network.preconditioners.multilevel import Pyramid, hat_positions
+from ann_dc.network.preconditioners.stiffness import Stiffness
 
 
 def metric_arrays(metric: Metric, row: Row) -> dict[str, np.ndarray]:

@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ann_dc.evaluation.rules import BLOCKS, PIVOTS, ROUNDING, lets_go, pushes_out
-from ann_dc.network.metrics.contract import Clamp
+from ann_dc.network.preconditioners.base import Clamp
 
 
 def projected(
@@ -51,7 +51,7 @@ def projected(
     --------
     A neuron at its lower rail is pushed outward, but the other one pulls it off:
 
-    >>> from ann_dc.network.metrics import Grid, Row
+    >>> from ann_dc.network.preconditioners import Grid, Row
     >>> grid = Grid(own=np.array([[[1.0, -0.5], [-0.5, 1.0]]]), following=np.zeros((0, 2, 2)))
     >>> row = Row(rates=np.ones((2, 1)), primal=np.arange(2), chains=np.zeros((0, 2), int))
     >>> low, high, coupled = np.zeros(2), np.full(2, np.inf), np.ones(2, bool)

@@ -25,9 +25,9 @@ from ann_dc.evaluation.tape import (
     build_tape,
     reading,
 )
-from ann_dc.hints.checked import checked
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
 
 
 @checked

@@ -15,9 +15,9 @@ import numpy as np
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.variant_wiring import require_one_wiring
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import NotEmpty, Own, such_as
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import NotEmpty, Own, such_as
 
 
 @such_as("numbers_of(networks)")

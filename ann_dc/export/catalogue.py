@@ -17,10 +17,10 @@ from ann_dc.export.netlists.pack import pack_check, pack_files
 from ann_dc.export.netlists.verilog_a import verilog_a_check, verilog_a_files
 from ann_dc.export.onnx.check import onnx_check
 from ann_dc.export.onnx.files import onnx_files
-from ann_dc.export.plain.tables import csv_check, csv_files
-from ann_dc.export.plain.weight_files import weights_check, weights_files
+from ann_dc.export.plain_tables import csv_check, csv_files
 from ann_dc.export.runtimes.nir_graph import nir_check, nir_files
 from ann_dc.export.runtimes.torch_program import torch_program_check, torch_program_files
+from ann_dc.export.weight_files import weights_check, weights_files
 
 FORMATS: dict[str, Format] = {
     "weights": Format(

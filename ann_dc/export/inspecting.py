@@ -13,10 +13,10 @@ from ann_dc.export.formats import Files
 from ann_dc.export.index import INDEX, Index, check_index, read_files, read_index
 from ann_dc.export.readme import without_readme
 from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
-from ann_dc.prefixes import counted
 from ann_dc.progress import Progress, silent
+from ann_dc.si_prefixes import counted
+from ann_dc.validation.checked import checked
 from ann_dc.weights.hashes import content_hash, wiring_hash
 from ann_dc.weights.network_file import load
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ann_dc.export.formats import Files, Format
-from ann_dc.export.plain.reader import ARRAYS, reader
+from ann_dc.export.plain_reader import ARRAYS, reader
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.network.selection import clamped_rows

@@ -13,11 +13,11 @@ from typing import Annotated, Any
 import numpy as np
 
 from ann_dc.errors import ProblemError, UnknownNameError
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Own
 from ann_dc.network.inputs import drawn_values, input_batch, moved_starts
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Own
 
 Sample = dict[str, np.ndarray]
 """A value (N,) for every input of the family, in the user's units."""

@@ -26,21 +26,21 @@ from ann_dc.errors import DesignError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.families.family import Family, Over, Sample, family_of
 from ann_dc.families.race import LIMIT, ROUNDS, Runner, entered, raced, run_on, run_sample
-from ann_dc.gain_design.rehearsal import ELSEWHERE, Pace, distance
-from ann_dc.gain_design.rules.gains import Gains, apply_gains
-from ann_dc.gain_design.rules.grid_gains import SettledPoint
-from ann_dc.gain_design.rules.recipe import RECIPES, WITH_COORDINATORS
+from ann_dc.gain_design.gain_rule import RECIPES, WITH_COORDINATORS
+from ann_dc.gain_design.gains import Gains, apply_gains
+from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.scheduled_run import first_run
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Own, such_as
-from ann_dc.network.metrics.contract import ALL_KINDS, Kind
+from ann_dc.gain_design.trial_run import ELSEWHERE, Pace, distance
 from ann_dc.network.network import Network
-from ann_dc.optimality.prospects.prospect import Prospect
+from ann_dc.network.preconditioners.base import ALL_KINDS, Kind
+from ann_dc.optimality.existence import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
 from ann_dc.solution.knowledge import knowledge_of
 from ann_dc.solution.solution import certificate_of
 from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Own, such_as
 
 # ---- validation: on inputs that no choice has seen, what share settles to a certified optimum?
 

@@ -27,16 +27,16 @@ from ann_dc.errors import ProblemError
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.gain_design import procedure
 from ann_dc.gain_design.procedure import Design
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import NotEmpty, Own
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.optimality.certificate import Certificate
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.several import weights_of
-from ann_dc.problem.start import line_start
+from ann_dc.problem.initial_guess import line_start
+from ann_dc.problem.minimax import weights_of
 from ann_dc.progress import Progress, silent
 from ann_dc.solution.solution import certificate_of
 from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import NotEmpty, Own
 
 REGULAR = 0.02
 """Share of every objective, over its size on the straight line, beside the one that is minimised

@@ -22,19 +22,19 @@ from ann_dc.families.seeded_starts import LONGEST, checked_starts, seeded_starts
 from ann_dc.gain_design import procedure
 from ann_dc.gain_design.knowledge import NOTHING
 from ann_dc.gain_design.procedure import Design
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import NotEmpty, Own
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
-from ann_dc.optimality.prospects.prospect import Prospect
-from ann_dc.prefixes import counted
+from ann_dc.network.preconditioners.base import Kind
+from ann_dc.optimality.existence import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.start import Start
+from ann_dc.problem.initial_guess import Start
 from ann_dc.progress import Progress, silent
+from ann_dc.si_prefixes import counted
 from ann_dc.solution.knowledge import knowledge_of
 from ann_dc.solution.solution import Solution, certificate_of
 from ann_dc.synthesis.row import start_values
 from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import NotEmpty, Own
 
 NEAR_ONE_OPTIMUM = (Kind.GRID, Kind.TREE)
 """Metrics that are read off the optimum of the design, and hold few others."""

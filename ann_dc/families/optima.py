@@ -16,7 +16,7 @@ from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.status import Outcome
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.families.seeded_starts import LONGEST
-from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS
+from ann_dc.gain_design.gain_rule import WITH_COORDINATORS
 from ann_dc.gain_design.scheduled_run import first_run
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate

@@ -18,8 +18,8 @@ import numpy as np
 
 from ann_dc.errors import ProblemError
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.initial_guess import Start, check_start, line_start, random_start
 from ann_dc.problem.scales import fitting_controls
-from ann_dc.problem.start import Start, check_start, line_start, random_start
 
 MODES = 3
 """Half waves between the ends, at most."""

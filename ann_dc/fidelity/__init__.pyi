@@ -1,3 +1,4 @@
+from .circuit_instance import Specimen as Specimen
 from .circuit_study import study_circuit as study_circuit
 from .error_budget import (
     Item as Item,
@@ -6,9 +7,9 @@ from .error_budget import (
     total_error as total_error,
 )
 from .fitting import fitting_intervals as fitting_intervals, smallest_margin as smallest_margin
-from .ladder import climb as climb, quick as quick
+from .level_comparison import climb as climb, quick as quick
 from .loop_gains import LoopGain as LoopGain, loop_gains as loop_gains
-from .metric_demand import metric_demand as metric_demand
+from .model_level import Group as Group, Rung as Rung, rungs as rungs
 from .monte_carlo import (
     measured_errors as measured_errors,
     predicted_errors as predicted_errors,
@@ -16,5 +17,4 @@ from .monte_carlo import (
 )
 from .noise_run import settled_noise as settled_noise
 from .prediction import predict as predict, prediction_of as prediction_of
-from .rung import Group as Group, Rung as Rung, rungs as rungs
-from .specimen import Specimen as Specimen
+from .wire_requirements import metric_demand as metric_demand

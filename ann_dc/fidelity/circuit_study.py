@@ -18,21 +18,21 @@ from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.rules import NEAR
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity
 from ann_dc.fidelity.loop_gains import LoopGain, loop_gains, why_no_loops
-from ann_dc.fidelity.metric_demand import MetricDemand, metric_demand
 from ann_dc.fidelity.monte_carlo import predicted_errors
 from ann_dc.fidelity.noise_run import control_noise, noisy
 from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
-from ann_dc.fidelity.specimen import Specimen
+from ann_dc.fidelity.wire_requirements import MetricDemand, metric_demand
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, snapped
 from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.parts.technologies import OtaC
-from ann_dc.hints.checked import checked
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
+from ann_dc.validation.checked import checked
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -20,7 +20,7 @@ from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.circuit.parameters import Parameter
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.datasheet import TYPICAL, Kind, Tolerances
-from ann_dc.hints.checked import checked
+from ann_dc.validation.checked import checked
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

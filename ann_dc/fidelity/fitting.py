@@ -19,17 +19,17 @@ import numpy as np
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.error_budget import sensitivity, total_error
-from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import PICell
 from ann_dc.hardware.sizing.clamps import holding_margin
 from ann_dc.hardware.sizing.margins import SPARE, following_margin, least_margin
-from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 from ann_dc.scale import Scale
+from ann_dc.validation.checked import checked
 
 WIDER = (2**0.5, 2.0)
 """Intervals of Lagrange multipliers that are tried, over what they reached; more takes time."""

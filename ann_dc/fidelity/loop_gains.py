@@ -32,8 +32,8 @@ from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, PICell
 from ann_dc.hardware.schematic.schematic import Schematic
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import State
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import State
 
 LARGEST = 1500
 """Neurons of an emulation up to which all of its modes are computed."""

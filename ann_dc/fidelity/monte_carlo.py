@@ -15,12 +15,12 @@ from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.refinement import read_timed
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.specimen import Specimen
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, snapped
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hints.checked import checked
 from ann_dc.progress import Progress, silent
+from ann_dc.validation.checked import checked
 
 
 @checked

@@ -22,7 +22,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import size_of
-from ann_dc.fidelity.specimen import Specimen
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
@@ -34,8 +34,8 @@ from ann_dc.hardware.emulation.noise_currents import (
     sources_of,
 )
 from ann_dc.hardware.emulation.noise_inputs import noise_input, noisy_network
-from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
 
 LARGEST = 1000
 """Neurons of an emulation whose noise is computed unasked."""

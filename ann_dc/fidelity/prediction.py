@@ -19,13 +19,13 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import size_of
-from ann_dc.fidelity.specimen import Specimen, settling_of, transient_of
+from ann_dc.fidelity.circuit_instance import Specimen, settling_of, transient_of
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.conditions import NOMINAL
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hints.checked import checked
+from ann_dc.validation.checked import checked
 
 LARGEST = 6000
 """Neurons of an emulation up to which its transient is run."""

@@ -1,11 +1,9 @@
-from .neighbourhood import neighbourhood as neighbourhood
-from .procedure import Design as Design
-from .rules import (
+from .gain_rule import (
     WITH_COORDINATORS as WITH_COORDINATORS,
     WITHOUT_COORDINATORS as WITHOUT_COORDINATORS,
-    Gains as Gains,
     Recipe as Recipe,
-    apply_gains as apply_gains,
     closed_form as closed_form,
-    hand_gains as hand_gains,
 )
+from .gains import Gains as Gains, apply_gains as apply_gains, hand_gains as hand_gains
+from .neighbourhood import neighbourhood as neighbourhood
+from .procedure import Design as Design

@@ -17,13 +17,13 @@ import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.errors import AnnDcError, DesignError, NetworkError
-from ann_dc.gain_design.freeze import (
-    Candidate,
-    candidate_of,
-    compare,
-)
+from ann_dc.gain_design.candidates import Candidate, candidate_of, compare
+from ann_dc.gain_design.gain_rule import RECIPES, Recipe, recipe_of_first_run, steadier
+from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.knowledge import NOTHING, Cost
-from ann_dc.gain_design.rehearsal import (
+from ann_dc.gain_design.rule_presets import COARSE, places_of
+from ann_dc.gain_design.scheduled_run import EQUAL_ROWS, FirstRun, first_run
+from ann_dc.gain_design.trial_run import (
     ELSEWHERE,
     HASTY,
     PATIENT,
@@ -33,11 +33,7 @@ from ann_dc.gain_design.rehearsal import (
     rehearse,
     rehearsed,
 )
-from ann_dc.gain_design.rules.grid_gains import SettledPoint
-from ann_dc.gain_design.rules.presets import COARSE, places_of
-from ann_dc.gain_design.rules.recipe import RECIPES, Recipe, recipe_of_first_run, steadier
-from ann_dc.gain_design.scheduled_run import EQUAL_ROWS, FirstRun, first_run
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.progress import Progress, Stopped
 
 # ---- which network wins: kinds of metric in turn, at the settled point of the first run or anoth

@@ -22,9 +22,9 @@ import scipy.linalg
 
 from ann_dc.analysis.objectives import SETTLING_TIME, Objective
 from ann_dc.analysis.saddle import Saddle
-from ann_dc.network.metrics.contract import Metric, Row
-from ann_dc.network.metrics.pyramid import Pyramid
-from ann_dc.network.metrics.stiffness import Stiffness
+from ann_dc.network.preconditioners.base import Metric, Row
+from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.stiffness import Stiffness
 
 STEPS_TRIED = np.geomspace(0.25, 8.0, 16)
 """Where a search over steps may begin; 1 is the largest stable step of the simultaneous order."""

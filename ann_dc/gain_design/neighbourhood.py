@@ -9,10 +9,10 @@ import numpy as np
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.rules import SETTLED
 from ann_dc.gain_design.procedure import Design
-from ann_dc.gain_design.rehearsal import PATIENCE, TOLERANCE, TRANSIENT, Pace, run_with_constants
-from ann_dc.hints.checked import checked
+from ann_dc.gain_design.trial_run import PATIENCE, TOLERANCE, TRANSIENT, Pace, run_with_constants
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
+from ann_dc.validation.checked import checked
 
 SHARES = (0.05, 0.15)
 """Deviations of starts and initial states, over the range of every neuron on the settled path."""

@@ -24,23 +24,21 @@ from ann_dc.analysis.objectives import Objective
 from ann_dc.analysis.saddle import threshold_of
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError
+from ann_dc.gain_design.candidates import Candidate
 from ann_dc.gain_design.choice import Choice, FoundChoice
-from ann_dc.gain_design.freeze import (
-    Candidate,
-)
+from ann_dc.gain_design.gain_rule import RECIPES, Recipe, recipe_of_first_run
+from ann_dc.gain_design.gains import Gains, apply_gains
+from ann_dc.gain_design.grid_gains import SettledPoint, boost_of
 from ann_dc.gain_design.knowledge import NOTHING, Knowledge
 from ann_dc.gain_design.refinement import refined
-from ann_dc.gain_design.rules.gains import Gains, apply_gains
-from ann_dc.gain_design.rules.grid_gains import SettledPoint, boost_of
-from ann_dc.gain_design.rules.presets import presets_of
-from ann_dc.gain_design.rules.recipe import RECIPES, Recipe, recipe_of_first_run
+from ann_dc.gain_design.rule_presets import presets_of
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Own, such_as
-from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
-from ann_dc.phases import phase
+from ann_dc.network.preconditioners.base import ALL_KINDS, Kind
 from ann_dc.progress import Progress, Stopped, silent
+from ann_dc.timing import phase
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Own, such_as
 
 ALTERNATIVES = 2
 """Other gains that are run where those of a design end elsewhere."""

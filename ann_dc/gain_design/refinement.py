@@ -20,6 +20,7 @@ import numpy as np
 from ann_dc.analysis.objectives import SETTLING_TIME, Objective
 from ann_dc.analysis.saddle import saddle_of
 from ann_dc.analysis.spectra import DENSE_LIMIT
+from ann_dc.gain_design.candidates import Candidate, spectrum_with
 from ann_dc.gain_design.eigenvalue_gradient import (
     STEPS_TRIED,
     DenseFlow,
@@ -27,14 +28,13 @@ from ann_dc.gain_design.eigenvalue_gradient import (
     dense_metric,
     scaled_metric,
 )
-from ann_dc.gain_design.freeze import Candidate, spectrum_with
-from ann_dc.gain_design.rehearsal import rehearse
-from ann_dc.gain_design.rules.gains import Gains
-from ann_dc.gain_design.rules.grid_gains import SettledPoint
-from ann_dc.network.metrics.contract import Metric
+from ann_dc.gain_design.gains import Gains
+from ann_dc.gain_design.grid_gains import SettledPoint
+from ann_dc.gain_design.trial_run import rehearse
 from ann_dc.network.network import Network
-from ann_dc.phases import phase
+from ann_dc.network.preconditioners.base import Metric
 from ann_dc.progress import Paced, Progress, silent
+from ann_dc.timing import phase
 
 SECONDS = 20.0
 """What a refinement may take, of processor time: what else runs does not change what is found."""

@@ -25,12 +25,12 @@ from ann_dc.evaluation.domains import Bounds, safe_bounds
 from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.evaluation.rules import LOST, RAN, SETTLED
 from ann_dc.evaluation.tape import Tape
+from ann_dc.gain_design.gain_rule import Recipe, closed_form
+from ann_dc.gain_design.gains import tape_with
 from ann_dc.gain_design.knowledge import NOTHING, Finder, Knowledge
-from ann_dc.gain_design.rules.gains import tape_with
-from ann_dc.gain_design.rules.recipe import Recipe, closed_form
 from ann_dc.network.network import Network
-from ann_dc.phases import phase
 from ann_dc.progress import Progress, Stopped, silent
+from ann_dc.timing import phase
 
 LONGEST_RUN = 60_000
 """Steps, restarts included, after which a first run is given up."""

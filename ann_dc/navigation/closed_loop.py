@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count
 from ann_dc.navigation.planner import Plan, Planner, Situation
-from ann_dc.navigation.shield import Shield
-from ann_dc.navigation.world import World
+from ann_dc.navigation.safety_filter import Shield
+from ann_dc.navigation.scenario import World
 from ann_dc.progress import Progress, silent
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Count
 
 SHIELD = Shield()
 """That of every journey which is not told otherwise."""

@@ -20,10 +20,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, NotNegative
 from ann_dc.navigation.obstacles import Obstacle
 from ann_dc.problem.robot_planning import LINEAR, NONLINEAR
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Count, NotNegative
 
 CROSSED = 0.9
 """Share of an obstacle's reach below which a path that passes it crosses it."""

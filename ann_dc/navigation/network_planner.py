@@ -23,8 +23,8 @@ from ann_dc.navigation.half_planes import Ahead, Margin, discs, half_planes
 from ann_dc.navigation.planner import Plan, Situation
 from ann_dc.network.cell import Function, Product
 from ann_dc.network.network import Network
-from ann_dc.prefixes import counted
 from ann_dc.problem.robot_planning import LINEAR, NONLINEAR, Planning
+from ann_dc.si_prefixes import counted
 
 FIRST_ROUNDS = 6
 """Rounds of settling and linearising before a robot starts."""

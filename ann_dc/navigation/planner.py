@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ann_dc.navigation.world import World
+from ann_dc.navigation.scenario import World
 
 
 class Situation(NamedTuple):

@@ -23,24 +23,24 @@ import numpy as np
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.decomposition.equations import decompose
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.freeze import gains_of, spectrum_with
+from ann_dc.gain_design.candidates import gains_of, spectrum_with
+from ann_dc.gain_design.gain_rule import WITH_COORDINATORS
+from ann_dc.gain_design.gains import apply_gains
+from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.gains import apply_gains
-from ann_dc.gain_design.rules.grid_gains import SettledPoint
-from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, Positive
 from ann_dc.navigation.closed_loop import SETTLED, drive
 from ann_dc.navigation.network_planner import NetworkPlanner
 from ann_dc.navigation.planner import Plan, Situation
-from ann_dc.navigation.world import World, random_world
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.navigation.scenario import World, random_world
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem.robot import Robot
 from ann_dc.problem.robot_planning import Planning, planning_problem
 from ann_dc.problem.soft import Soft
 from ann_dc.progress import Progress, silent
 from ann_dc.synthesis.synthesis import synthesize
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Count, Positive
 
 SOFT = Soft(price=100.0, compliance=0.002)
 """What rows cost: more than keeping one is worth, and a little room for those that depend."""

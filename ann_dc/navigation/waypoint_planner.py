@@ -22,14 +22,14 @@ from ann_dc.backends.settling import Settling
 from ann_dc.evaluation.populations import neuron_values
 from ann_dc.families.family import Sample
 from ann_dc.families.family_design import design_family
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, Index, Positive
 from ann_dc.navigation.planner import Plan, Situation
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem.robot import Robot
 from ann_dc.problem.robot_planning import leg_problem
 from ann_dc.progress import Progress, silent
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Count, Index, Positive
 
 PACE = 0.7
 """Of the highest speed: that at which a leg is to be driven."""

@@ -14,9 +14,8 @@ from typing import Annotated, TypeAlias
 
 import numpy as np
 
+from ann_dc.dataclass_pickling import Record
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import OrNan, Shape, such_as
 from ann_dc.network.cell import ONE, Cell, Function, Neuron, Product, Role, Sum
 from ann_dc.network.checks import (
     check_cell,
@@ -27,11 +26,12 @@ from ann_dc.network.checks import (
     warn_outside,
 )
 from ann_dc.network.ends import Absent, Pin
-from ann_dc.network.metrics.contract import Kind, Metric, Row, Wires
-from ann_dc.network.metrics.time_constants import TimeConstants
-from ann_dc.prefixes import counted
-from ann_dc.records import Record
+from ann_dc.network.preconditioners.base import Kind, Metric, Row, Wires
+from ann_dc.network.preconditioners.diagonal import TimeConstants
 from ann_dc.scale import Scale
+from ann_dc.si_prefixes import counted
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import OrNan, Shape, such_as
 
 # ---- what a network is wired of, as a table of text: in one cell, and in all of them
 

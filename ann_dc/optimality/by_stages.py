@@ -32,7 +32,7 @@ from enum import Enum
 
 import numpy as np
 
-from ann_dc.kept_code.functions import kept
+from ann_dc.jit_functions import kept
 from ann_dc.optimality.expansion import Expansion
 
 FLAT = 1e-12

@@ -21,9 +21,8 @@ from typing import Annotated, TypeAlias
 
 import numpy as np
 
+from ann_dc.dataclass_pickling import WHERE_GIVEN
 from ann_dc.errors import ArgumentValueError
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import OrNan, Shape
 from ann_dc.optimality.by_stages import Minimum
 from ann_dc.optimality.complementarity import Complementarity
 from ann_dc.optimality.contact import SMALLEST_STATE
@@ -31,9 +30,10 @@ from ann_dc.optimality.expansion import Expansion
 from ann_dc.optimality.largest import Largest
 from ann_dc.optimality.minimum import minimum_of
 from ann_dc.optimality.newton import step_of
-from ann_dc.optimality.soft_rows import SoftRows
+from ann_dc.optimality.soft_constraints import SoftRows
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.records import WHERE_GIVEN
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import OrNan, Shape
 
 StageStates: TypeAlias = Annotated[np.ndarray, Shape("problem.n", "problem.horizon"), OrNan()]
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from ann_dc.hints.checked import checked
 from ann_dc.optimality.expansion import Expansion
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.validation.checked import checked
 
 LARGEST_REDUCED = 2000
 """Number of control values above which it is left out."""

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.optimality.contact import Contact, Slots, limits_of, rows_of, sizes_of
-from ann_dc.optimality.soft_rows import AT_PRICE, penalty
+from ann_dc.optimality.soft_constraints import AT_PRICE, penalty
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import Scales, natural_scales
 

@@ -28,9 +28,9 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from ann_dc.hints.checked import checked
 from ann_dc.optimality.expansion import Expansion
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.validation.checked import checked
 
 (solve_band,) = get_lapack_funcs(("gbsv",), dtype=np.float64)
 

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import PRINTED, switch
-from ann_dc.gain_design.rules.gains import hand_gains
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.gain_design.gains import hand_gains
+from ann_dc.network.preconditioners.base import Kind
+from ann_dc.problem.initial_guess import Start
 from ann_dc.problem.plants import car
-from ann_dc.problem.start import Start
 from ann_dc.progress import Progress, silent
 from ann_dc.solution.solution import Solution
 from ann_dc.solver import solve

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import numpy as np
 
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import OrNan, Shape
 from ann_dc.solution.solution import Solution
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import OrNan, Shape
 
 REACH = 1.6
 """A network that runs away is drawn while no x or y is larger than so many times the target's."""

@@ -15,10 +15,10 @@ import numpy as np
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import LowerForm, switch
 from ann_dc.evaluation.populations import neuron_values
+from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.gain_design.procedure import Design, design
-from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.plants import car
 from ann_dc.progress import Progress, silent

@@ -11,7 +11,7 @@ from ann_dc.plotting.circuit import circuit
 from ann_dc.plotting.controls import controls
 from ann_dc.plotting.diagnosis import diagnosis
 from ann_dc.plotting.family import family, front
-from ann_dc.plotting.ladder import ladder
+from ann_dc.plotting.level_comparison import ladder
 from ann_dc.plotting.saving import save, save_all
 from ann_dc.plotting.settling import settling
 from ann_dc.plotting.spectrum import spectrum

@@ -2,7 +2,7 @@ from .circuit import circuit as circuit
 from .controls import controls as controls
 from .diagnosis import diagnosis as diagnosis
 from .family import family as family, front as front
-from .ladder import ladder as ladder
+from .level_comparison import ladder as ladder
 from .saving import (
     save as save,
     save_all as save_all,

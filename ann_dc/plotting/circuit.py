@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.hardware.schematic.elements import PICell
-from ann_dc.hints.checked import checked
 from ann_dc.plotting.style import (
     BLUE,
     GREEN,
@@ -26,6 +25,7 @@ from ann_dc.plotting.style import (
     quiet,
 )
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.validation.checked import checked
 
 COLOURS = {"q": BLUE, "u": VERMILION, "mu": PURPLE, "t": SKY, "beta": GREEN}
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from ann_dc.hints.checked import checked
 from ann_dc.plotting.style import (
     GREY,
     VERMILION,
@@ -20,6 +19,7 @@ from ann_dc.plotting.style import (
     with_unit,
 )
 from ann_dc.solution.solution import Solution
+from ann_dc.validation.checked import checked
 
 
 @checked

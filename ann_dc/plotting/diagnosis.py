@@ -11,7 +11,6 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ann_dc.analysis.slowness import LIMIT, Mode, Slowness
 from ann_dc.diagnosis import Diagnosis
-from ann_dc.hints.checked import checked
 from ann_dc.plotting.style import (
     BLUE,
     GREEN,
@@ -28,6 +27,7 @@ from ann_dc.plotting.style import (
     quiet,
 )
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.validation.checked import checked
 
 LINES = (BLUE, VERMILION, PURPLE, SKY, ORANGE, GREEN)
 """Colours of the neurons that lead a mode."""

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from ann_dc.families.family_design import FamilyDesign, Validation
 from ann_dc.families.front import Front
-from ann_dc.hints.checked import checked
 from ann_dc.plotting.style import (
     BLUE,
     FASTEST,
@@ -24,6 +23,7 @@ from ann_dc.plotting.style import (
     with_unit,
 )
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.validation.checked import checked
 
 PAIRS = 3
 """Pairs of inputs, or of objectives, that are drawn."""

@@ -7,13 +7,13 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from ann_dc.hints.checked import checked
+from ann_dc.atomic_files import make_folder, write_whole
 from ann_dc.plotting.controls import controls
 from ann_dc.plotting.settling import settling
 from ann_dc.plotting.spectrum import spectrum
 from ann_dc.plotting.trajectory import trajectory
 from ann_dc.solution.solution import Solution
-from ann_dc.whole_files.files import make_folder, write_whole
+from ann_dc.validation.checked import checked
 
 
 @checked

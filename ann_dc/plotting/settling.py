@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.backends.status import Outcome
-from ann_dc.hints.checked import checked
 from ann_dc.plotting.spectrum import final_spectrum
 from ann_dc.plotting.style import (
     BLUE,
@@ -32,6 +31,7 @@ from ann_dc.plotting.style import (
     title,
 )
 from ann_dc.solution.solution import Solution
+from ann_dc.validation.checked import checked
 
 POPULATION = {
     "q": (BLUE, "-"),

@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from ann_dc.analysis.spectra import Spectrum
-from ann_dc.hints.checked import checked
 from ann_dc.plotting.style import (
     BLUE,
     GREEN,
@@ -22,6 +21,7 @@ from ann_dc.plotting.style import (
     title,
 )
 from ann_dc.solution.solution import Solution
+from ann_dc.validation.checked import checked
 
 
 @checked

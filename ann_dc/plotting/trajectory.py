@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ann_dc.hints.checked import checked
 from ann_dc.plotting.style import (
     BLUE,
     GREEN,
@@ -25,6 +24,7 @@ from ann_dc.plotting.style import (
 )
 from ann_dc.problem.bounds import NO_BOUND
 from ann_dc.solution.solution import Solution
+from ann_dc.validation.checked import checked
 
 HEADINGS = ("phi", "theta", "psi")
 """States that are drawn as arrows in the plane of x and y."""

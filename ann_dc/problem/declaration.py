@@ -18,12 +18,11 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from ann_dc.dataclass_pickling import Record
 from ann_dc.errors import ProblemError
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import such_as
-from ann_dc.prefixes import counted
 from ann_dc.problem.assumptions import bounds_assumed, check_inputs
 from ann_dc.problem.bounds import bounds_of, limits_of, rows_of
+from ann_dc.problem.carried_state import HandedOn
 from ann_dc.problem.fields import (
     both_ends,
     check_names,
@@ -38,10 +37,8 @@ from ann_dc.problem.fields import (
 )
 from ann_dc.problem.fixed_ends import check_ends
 from ann_dc.problem.functions import ProblemFunctions
-from ann_dc.problem.handed_on import HandedOn
 from ann_dc.problem.inequality import Inequality, Relations, relations_of
-from ann_dc.problem.measured import Measured
-from ann_dc.problem.several import (
+from ann_dc.problem.minimax import (
     Objectives,
     Several,
     Weights,
@@ -52,8 +49,11 @@ from ann_dc.problem.several import (
 )
 from ann_dc.problem.soft import Softness, soft_of
 from ann_dc.problem.step_length import SCALE, StepLength, step_length
-from ann_dc.records import Record
+from ann_dc.problem.units import Measured
 from ann_dc.scale import Scale
+from ann_dc.si_prefixes import counted
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import such_as
 
 HOLD = "hold_{}"
 """Input that weighs how a control is held where it has no effect (`decomposition.held`)."""

@@ -18,7 +18,6 @@ import numpy as np
 import sympy as sp
 
 from ann_dc.errors import UnknownNameError
-from ann_dc.hints.checked import checked
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.timed_plants import car_free_time, pendulum_free_time
 from ann_dc.problem.vehicles import (
@@ -30,6 +29,7 @@ from ann_dc.problem.vehicles import (
     unicycle,
     unicycle_soft_obstacle,
 )
+from ann_dc.validation.checked import checked
 
 
 @checked

@@ -10,10 +10,10 @@ import numpy as np
 import sympy as sp
 
 from ann_dc.errors import WorldError
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import NotNegative, Positive, such_as
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.functions import ProblemFunctions
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import NotNegative, Positive, such_as
 
 
 @such_as("ann_dc.problem.car_robot()")

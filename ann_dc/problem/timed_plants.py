@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import sympy as sp
 
-from ann_dc.hints.checked import checked
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.step_length import StepLength, step_length
 from ann_dc.problem.vehicles import HALF, car
+from ann_dc.validation.checked import checked
 
 
 @checked

@@ -60,8 +60,8 @@ from typing import Any
 
 import sympy as sp
 
+from ann_dc.atomic_files import read_table
 from ann_dc.errors import ProblemError
-from ann_dc.hints.checked import checked
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.expression import parse_expression
 from ann_dc.problem.fields import FORMULA_NAMES
@@ -69,7 +69,7 @@ from ann_dc.problem.inequality import PREFIXES
 from ann_dc.problem.relation_text import parse_relations
 from ann_dc.problem.step_length import StepLength
 from ann_dc.scale import Scale
-from ann_dc.whole_files.files import read_table
+from ann_dc.validation.checked import checked
 
 REQUIRED = ("states", "controls", "dt", "horizon", "q_0")
 OPTIONAL = (

@@ -11,10 +11,10 @@ from rich.table import Table
 from ann_dc.decomposition.equations import rounded
 from ann_dc.network.cell import Block, Function, Product
 from ann_dc.network.network import Network
-from ann_dc.prefixes import counted, lasting
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import scales_of
 from ann_dc.report.tables import span, table
+from ann_dc.si_prefixes import counted, lasting
 
 
 def cell_listing(network: Network) -> list[Any]:

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ann_dc import plotting
+from ann_dc.atomic_files import write_whole
 from ann_dc.backends.curves import write_curves
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.pdk.files import PACKAGE
@@ -22,12 +23,11 @@ from ann_dc.hardware.circuit.cost import RESISTOR
 from ann_dc.hardware.parts.conditions import NOMINAL
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.optimality.certificate import Certificate
-from ann_dc.prefixes import counted, engineering
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import measured, named_rows, table, unit_list, verdict_text
+from ann_dc.si_prefixes import counted, engineering
 from ann_dc.solution.solution import certificate_of, units_of
-from ann_dc.whole_files.files import write_whole
 
 STRAYS, LEAKS = 10e-12, 10e6
 """Farads below which strays of a board count, and ohms above which its surface does."""

@@ -10,9 +10,9 @@ from rich.text import Text
 
 from ann_dc.backends.status import Outcome
 from ann_dc.paper.replans import Iterations, Plans
-from ann_dc.prefixes import counted
 from ann_dc.problem.step_length import mean_length
 from ann_dc.report.tables import named_rows, unit_list, verdict_text
+from ann_dc.si_prefixes import counted
 from ann_dc.two_level.coordination import Coordination, Undesigned
 from ann_dc.two_level.lyapunov import Distances
 from ann_dc.two_level.run import TwoLevelRun

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from ann_dc.diagnosis import Diagnosis
 from ann_dc.families.family_design import FamilyDesign
-from ann_dc.gain_design.freeze import Candidate
+from ann_dc.gain_design.candidates import Candidate
 from ann_dc.gain_design.procedure import Design
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent

@@ -13,11 +13,11 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.choice import DEARER
 from ann_dc.gain_design.knowledge import Found
 from ann_dc.network.network import Network
+from ann_dc.optimality.barrier import Caution
 from ann_dc.optimality.certificate import Certificate, certify
-from ann_dc.optimality.interior_point.barrier import Caution
-from ann_dc.optimality.interior_point.search import RESTORATIONS, Extremum, interior_point
+from ann_dc.optimality.interior_point import RESTORATIONS, Extremum, interior_point
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.start import Start, line_start, random_start
+from ann_dc.problem.initial_guess import Start, line_start, random_start
 from ann_dc.progress import Progress, Stopped
 from ann_dc.synthesis.row import start_values
 

@@ -8,7 +8,7 @@ from ann_dc.evaluation.populations import kkt_point
 from ann_dc.gain_design.knowledge import Knowledge
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import certify
-from ann_dc.optimality.prospects.prospect import Prospect
+from ann_dc.optimality.existence import Prospect
 from ann_dc.solution.finding import Search, path_of
 
 

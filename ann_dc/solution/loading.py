@@ -9,11 +9,11 @@ from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import Form
 from ann_dc.errors import FileFormatError
 from ann_dc.gain_design.procedure import Design
-from ann_dc.hints.checked import checked
 from ann_dc.optimality.certificate import Certificate
-from ann_dc.problem.written_problem import WrittenProblem, declared
+from ann_dc.problem.serialisation import WrittenProblem, declared
 from ann_dc.solution.saved_result import opened_result
 from ann_dc.solution.solution import Solution
+from ann_dc.validation.checked import checked
 
 
 @checked

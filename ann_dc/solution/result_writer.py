@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from ann_dc.dataclass_pickling import WHERE_GIVEN
 from ann_dc.errors import OutputError
-from ann_dc.network.metrics.contract import Metric
-from ann_dc.network.metrics.grid import Grid
-from ann_dc.network.metrics.pyramid import Pyramid
-from ann_dc.network.metrics.time_constants import TimeConstants
-from ann_dc.network.metrics.tree import Tree
 from ann_dc.network.network import Network
-from ann_dc.records import WHERE_GIVEN
+from ann_dc.network.preconditioners.base import Metric
+from ann_dc.network.preconditioners.cyclic_reduction import Tree
+from ann_dc.network.preconditioners.diagonal import TimeConstants
+from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.resistive_grid import Grid
 
 METRICS: dict[str, type[Metric]] = {
     kind.__name__: kind for kind in (TimeConstants, Pyramid, Grid, Tree)

@@ -17,18 +17,18 @@ from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.gain_design.choice import DEARER
+from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.gain_design.procedure import Design
-from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
 from ann_dc.network.network import Network
+from ann_dc.optimality.boundedness import Unbounded
 from ann_dc.optimality.certificate import LARGEST_STEP, Certificate
-from ann_dc.optimality.prospects.boundedness import Unbounded
-from ann_dc.optimality.prospects.infeasible import Infeasible
-from ann_dc.optimality.prospects.prospect import Hopeless, Prospect
-from ann_dc.phases import phase
+from ann_dc.optimality.existence import Hopeless, Prospect
+from ann_dc.optimality.infeasibility import Infeasible
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Stopped
 from ann_dc.solution.finding import path_of
 from ann_dc.solution.solution import Solution, certificate_of
+from ann_dc.timing import phase
 
 CLOSER = 0.3
 """Share of the Newton step allowed at which a run that goes on is to end."""

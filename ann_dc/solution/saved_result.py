@@ -35,21 +35,21 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 from ann_dc.analysis.spectra import Spectrum
+from ann_dc.atomic_files import read_whole, write_folder
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import AnnDcError, FileFormatError, UnknownNameError
-from ann_dc.gain_design.freeze import Candidate
+from ann_dc.gain_design.candidates import Candidate
+from ann_dc.gain_design.gains import Gains
 from ann_dc.gain_design.procedure import Design
-from ann_dc.gain_design.rules.gains import Gains
 from ann_dc.gain_design.scheduled_run import FirstRun
-from ann_dc.network.metrics.contract import Metric
-from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Metric
+from ann_dc.network.preconditioners.multilevel import Pyramid
 from ann_dc.solution.result_writer import METRICS, Writer
 from ann_dc.weights.entries import Entries
 from ann_dc.weights.manifest import Table, read_manifest
 from ann_dc.weights.network_file import MAX_BYTES, packed, unpacked
 from ann_dc.weights.npz import BROKEN, NpzEntries, packed_entries
-from ann_dc.whole_files.files import read_whole, write_folder
 
 # ---- JSON tables and arrays as records, read with distrust: every field by its declared type
 

@@ -14,21 +14,21 @@ from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.backends.run import Run
 from ann_dc.backends.status import Outcome, Status
 from ann_dc.backends.trajectory import Trajectory
+from ann_dc.dataclass_pickling import Record
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import UnknownNameError
 from ann_dc.evaluation.populations import kkt_point, neuron_values
 from ann_dc.gain_design.procedure import Design
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import such_as
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate, certify
-from ann_dc.phases import phase
-from ann_dc.prefixes import lasting
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.serialisation import written
 from ann_dc.problem.step_length import StepLength, mean_length, stage_times
-from ann_dc.problem.written_problem import written
-from ann_dc.records import Record
+from ann_dc.si_prefixes import lasting
 from ann_dc.solution.saved_result import save_result
+from ann_dc.timing import phase
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import such_as
 
 
 @such_as("ann_dc.solve(problem)")

@@ -1,4 +1,5 @@
-from .measuring import Metric as Metric, Yield as Yield
+from .metrics import Metric as Metric
 from .study import Study as Study
 from .study_file import load_study as load_study
 from .table import Table as Table
+from .yield_metrics import Yield as Yield

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Set
 
-from ann_dc.study.execution.attempts import Task
-from ann_dc.study.keeping.rows import Point, Value
-from ann_dc.study.varying.settings import CIRCUITS, FAMILIES, Effect, backend_of
+from ann_dc.study.records import Point, Value
+from ann_dc.study.settings import CIRCUITS, FAMILIES, Effect, backend_of
+from ann_dc.study.task_results import Task
 
 BATCH = 500
 """Points of a batch, at most."""

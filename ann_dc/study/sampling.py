@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from ann_dc.errors import StudyError
-from ann_dc.study.keeping.rows import SEED, Point, Value
+from ann_dc.study.records import SEED, Point, Value
 
 LONG = 10_000
 """Values of a list that are not compared any more."""

@@ -13,24 +13,19 @@ from functools import cached_property
 from itertools import islice
 from typing import Any
 
+from ann_dc.dataclass_pickling import Record
 from ann_dc.errors import StudyError
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, Index, Positive
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
-from ann_dc.records import Record
-from ann_dc.study.execution.attempts import Task, attempted
-from ann_dc.study.execution.execution import execute
-from ann_dc.study.execution.here import Here
-from ann_dc.study.execution.script import stop_script
-from ann_dc.study.keeping.rows import HEAD, SEED, TAIL, VERSIONS, Point, Row, Value, without_result
-from ann_dc.study.keeping.store import Store
-from ann_dc.study.measuring.metrics import DEFAULT, METRICS, metrics_of
+from ann_dc.study.execution import execute
+from ann_dc.study.main_script import stop_script
+from ann_dc.study.metrics import DEFAULT, METRICS, metrics_of
 from ann_dc.study.planning import tasks
+from ann_dc.study.records import HEAD, SEED, TAIL, VERSIONS, Point, Row, Value, without_result
 from ann_dc.study.sampling import Plan, Sampling, plan_of
-from ann_dc.study.table import Table
-from ann_dc.study.varying.settings import (
+from ann_dc.study.serial_executor import Here
+from ann_dc.study.settings import (
     DRAWN,
     WORDS,
     backend_of,
@@ -40,8 +35,13 @@ from ann_dc.study.varying.settings import (
     family_of,
     is_drawn,
 )
-from ann_dc.study.varying.subject import Subject, plain, subject_of
+from ann_dc.study.store import Store
+from ann_dc.study.subject import Subject, plain, subject_of
+from ann_dc.study.table import Table
+from ann_dc.study.task_results import Task, attempted
 from ann_dc.study.work import Work, versions
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Count, Index, Positive
 from ann_dc.yields import ends_of
 
 WHOLE = ("problem.N", "seed")

@@ -33,15 +33,15 @@ from typing import Any
 
 import numpy as np
 
+from ann_dc.atomic_files import read_table
 from ann_dc.errors import AnnDcError, StudyError
-from ann_dc.hints.checked import checked
 from ann_dc.problem import plants
 from ann_dc.problem.toml_file import load_problem
-from ann_dc.study.measuring.metrics import DEFAULT
+from ann_dc.study.metrics import DEFAULT
 from ann_dc.study.sampling import Sampling, Span
 from ann_dc.study.study import LAYOUT, Study
-from ann_dc.study.varying.subject import subject_from
-from ann_dc.whole_files.files import read_table
+from ann_dc.study.subject import subject_from
+from ann_dc.validation.checked import checked
 
 SAMPLINGS = {sampling.value: sampling for sampling in Sampling}
 PLAIN = {

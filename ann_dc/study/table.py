@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from ann_dc.errors import PandasMissing, UnknownNameError
-from ann_dc.hints.checked import checked
-from ann_dc.study.keeping.rows import FAILED, LOST, OUTCOME, TIMED_OUT, Row, Value
-from ann_dc.study.keeping.store import Store
-from ann_dc.study.measuring.yields import yield_of
+from ann_dc.study.records import FAILED, LOST, OUTCOME, TIMED_OUT, Row, Value
+from ann_dc.study.store import Store
+from ann_dc.study.yield_metrics import yield_of
+from ann_dc.validation.checked import checked
 from ann_dc.yields import Limit, Yield
 
 NO_RESULT = (FAILED, TIMED_OUT, LOST)

@@ -29,9 +29,20 @@ from ann_dc.hardware.defects.drawing import drawn_numbers
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
 from ann_dc.resources import one_thread
-from ann_dc.study.execution.attempts import Task
-from ann_dc.study.keeping.curves import packed
-from ann_dc.study.keeping.rows import (
+from ann_dc.study.circuit_samples import CircuitSample, EmulatedSample
+from ann_dc.study.metrics import Metric
+from ann_dc.study.network_samples import BatchSample, RunSample
+from ann_dc.study.planning import is_batched
+from ann_dc.study.realisation import (
+    TOGETHER,
+    Realisation,
+    defect_stream,
+    network_at,
+    started,
+    with_defects,
+    with_gains,
+)
+from ann_dc.study.records import (
     FAILED,
     MESSAGE,
     OUTCOME,
@@ -43,22 +54,11 @@ from ann_dc.study.keeping.rows import (
     Value,
     without_result,
 )
-from ann_dc.study.measuring.circuit_samples import CircuitSample, EmulatedSample
-from ann_dc.study.measuring.metrics import Metric
-from ann_dc.study.measuring.network_samples import BatchSample, RunSample
-from ann_dc.study.measuring.sample import Sample
-from ann_dc.study.planning import is_batched
-from ann_dc.study.varying.realisation import (
-    TOGETHER,
-    Realisation,
-    defect_stream,
-    network_at,
-    started,
-    with_defects,
-    with_gains,
-)
-from ann_dc.study.varying.settings import ORDERS, backend_of, behind
-from ann_dc.study.varying.subject import Subject
+from ann_dc.study.sample import Sample
+from ann_dc.study.settings import ORDERS, backend_of, behind
+from ann_dc.study.stored_trajectories import packed
+from ann_dc.study.subject import Subject
+from ann_dc.study.task_results import Task
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
 
 CURVES = 200

@@ -22,9 +22,9 @@ from ann_dc.network.cell import ONE, Connection, Neuron
 from ann_dc.network.duals import DiodeDual, ObjectiveDual
 from ann_dc.problem.boundary import boundary_slopes
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.initial_guess import Start
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.soft import Soft
-from ann_dc.problem.start import Start
 from ann_dc.scale import IDENTITY, Scale
 from ann_dc.synthesis.signals import Signal, add, divided, scaled
 from ann_dc.synthesis.wiring import Wiring

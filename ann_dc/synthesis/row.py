@@ -11,8 +11,8 @@ from ann_dc.decomposition.equations import StageEquations
 from ann_dc.network.cell import Cell
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.network import Network
+from ann_dc.problem.initial_guess import Start
 from ann_dc.problem.scales import Scales
-from ann_dc.problem.start import Start
 from ann_dc.scale import Scale
 from ann_dc.synthesis.inequalities import absent_diodes
 

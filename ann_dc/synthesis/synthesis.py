@@ -18,13 +18,11 @@ import sympy as sp
 
 from ann_dc.decomposition.equations import StageEquations, Stationarity
 from ann_dc.decomposition.inequalities import pressed
-from ann_dc.hints.checked import checked
 from ann_dc.network.cell import Cell, Connection, Template
 from ann_dc.network.duals import PIDual
 from ann_dc.network.network import Network
-from ann_dc.phases import phase
+from ann_dc.problem.initial_guess import Start, check_start, line_start
 from ann_dc.problem.scales import Scales, scales_of
-from ann_dc.problem.start import Start, check_start, line_start
 from ann_dc.scale import Scale
 from ann_dc.synthesis.adjoint import gradient
 from ann_dc.synthesis.assembly import assemble
@@ -44,6 +42,8 @@ from ann_dc.synthesis.neurons import neurons_of
 from ann_dc.synthesis.row import fixed_targets, input_scale, row_of, start_values
 from ann_dc.synthesis.signals import Signal, add, divided, scaled
 from ann_dc.synthesis.wiring import Wiring
+from ann_dc.timing import phase
+from ann_dc.validation.checked import checked
 
 DUALS = (("mu", "c", "m"), ("beta", "r", "b"))
 """Population, its residual, and the multiplier that everybody reads in its place."""

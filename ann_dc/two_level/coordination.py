@@ -20,10 +20,8 @@ from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import Form
 from ann_dc.evaluation.populations import kkt_point, neuron_values
 from ann_dc.gain_design.procedure import Design, design
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import State
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.optimality.certificate import Certificate, certify
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
@@ -41,6 +39,8 @@ from ann_dc.two_level.upper_level import (
     OracleCoordinator,
     UpperLevel,
 )
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import State
 
 ROUNDING = 1e-9
 """A rise of Theta below this share of it is none."""

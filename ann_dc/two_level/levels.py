@@ -28,8 +28,6 @@ from typing import Annotated, Any
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Shape
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
@@ -38,6 +36,8 @@ from ann_dc.two_level.lyapunov import Distances, Lyapunov
 from ann_dc.two_level.run import TwoLevelRun
 from ann_dc.two_level.sample import Sample, rows_of
 from ann_dc.two_level.upper_level import UpperLevel, distances_of
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Shape
 
 
 @checked

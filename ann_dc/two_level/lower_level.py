@@ -9,10 +9,10 @@ from typing import ClassVar
 import numpy as np
 
 from ann_dc.errors import NetworkError, require_positive
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import such_as
 from ann_dc.network.network import Network
 from ann_dc.two_level.sample import Sample
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import such_as
 
 SMALLEST = 100 * float(np.finfo(float).eps)
 """Drives below which rounding decides."""

@@ -18,11 +18,11 @@ from ann_dc.backends.ode import OdeBackend, RightHandSide
 from ann_dc.backends.run import Backend, Run
 from ann_dc.errors import FormError, NetworkError, require_positive
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Shape
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import COORDINATION, Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.two_level.lyapunov import Lyapunov, lyapunov_of
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Shape
 
 
 @checked

@@ -12,10 +12,10 @@ from typing import Annotated
 import numpy as np
 
 from ann_dc.backends.status import Outcome
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import OrNan, Shape
-from ann_dc.prefixes import counted
+from ann_dc.si_prefixes import counted
 from ann_dc.two_level.lyapunov import Distances, Lyapunov, printed_of
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import OrNan, Shape
 
 
 @checked

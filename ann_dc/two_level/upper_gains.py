@@ -24,9 +24,9 @@ from scipy.optimize import minimize
 
 from ann_dc.errors import DesignError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import State
 from ann_dc.network.network import COORDINATION, Network
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import State
 
 SINGULAR = 1e13
 """Condition number from which on a lower level has no solution."""

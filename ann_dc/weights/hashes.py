@@ -15,8 +15,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from ann_dc.errors import FileFormatError
-from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
 from ann_dc.weights.manifest import Table
 from ann_dc.weights.writing import STIFFNESSES, arrays_of, manifest_of
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from ann_dc.hints.checked import checked
 from ann_dc.network.cell import ONE, Sum
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
 
 LARGEST_TABLE = 200_000
 """Entries of a matrix that is written out as a table; of a larger one its weights are listed."""

@@ -47,15 +47,15 @@ import os
 import zipfile
 from pathlib import Path
 
+from ann_dc.atomic_files import read_whole, write_whole
 from ann_dc.errors import FileFormatError, NetworkError, OutputError, UnknownNameError
-from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
 from ann_dc.weights.hashes import hashes_of
 from ann_dc.weights.npz import BROKEN, NpzEntries, packed_entries
 from ann_dc.weights.reading import MAX_MANIFEST, network_of
 from ann_dc.weights.tensor_file import TensorEntries, packed_tensors
 from ann_dc.weights.writing import about, arrays_of, manifest_of, words_of
-from ann_dc.whole_files.files import read_whole, write_whole
 
 NPZ, SAFETENSORS = ".npz", ".safetensors"
 """The two forms, by the end of a file's name."""

@@ -18,11 +18,11 @@ from ann_dc.network.cell import (
 )
 from ann_dc.network.duals import DiodeDual, ObjectiveDual, PIDual
 from ann_dc.network.ends import Absent, Pin
-from ann_dc.network.metrics.contract import Metric
-from ann_dc.network.metrics.pyramid import Pyramid
-from ann_dc.network.metrics.stiffness import Stiffness
-from ann_dc.network.metrics.time_constants import TimeConstants
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Metric
+from ann_dc.network.preconditioners.diagonal import TimeConstants
+from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.stiffness import Stiffness
 from ann_dc.scale import Scale
 from ann_dc.weights.entries import Entries
 from ann_dc.weights.hashes import check_hashes

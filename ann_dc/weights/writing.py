@@ -8,12 +8,12 @@ from dataclasses import asdict
 import numpy as np
 
 from ann_dc.network.cell import Connection, Template
-from ann_dc.network.metrics.contract import Kind, Metric
-from ann_dc.network.metrics.grid import Grid
-from ann_dc.network.metrics.pyramid import Pyramid
-from ann_dc.network.metrics.stiffness import Stiffness
-from ann_dc.network.metrics.tree import Tree
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind, Metric
+from ann_dc.network.preconditioners.cyclic_reduction import Tree
+from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.stiffness import Stiffness
 from ann_dc.network.selection import clamped_rows
 from ann_dc.scale import Scale
 from ann_dc.weights.manifest import FORMAT, SCHEMA, weight_names

@@ -13,14 +13,14 @@ from scipy.optimize import brentq
 from ann_dc.analysis.saddle import penalty_threshold
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.network.cell import Role
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import certify
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.initial_guess import Start
 from ann_dc.problem.scales import Scales
-from ann_dc.problem.start import Start
 from ann_dc.solver import synthesize
 from ann_dc.synthesis.row import start_values
 

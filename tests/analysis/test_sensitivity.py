@@ -17,13 +17,13 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import emulated_state
 from ann_dc.hardware.parts.datasheet import Datasheet, Kind
 from ann_dc.hardware.parts.levels import Level, macro
-from ann_dc.network import metrics
+from ann_dc.network import preconditioners
 from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Sum, Template
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.network import Network

@@ -12,9 +12,9 @@ from problems import SUITE
 from ann_dc.analysis.slowness import LIMIT, Cause, Mode, slowness_of
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.errors import NetworkError
+from ann_dc.gain_design.gain_rule import WITH_COORDINATORS
+from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.gain_design.procedure import Design, design
-from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
-from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 from ann_dc.solver import synthesize

@@ -17,8 +17,8 @@ from ann_dc.analysis.saddle import penalty_threshold
 from ann_dc.analysis.spectra import slowest_modes, spectrum
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.rules.gains import apply_gains
-from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, WITHOUT_COORDINATORS, closed_form
+from ann_dc.gain_design.gain_rule import WITH_COORDINATORS, WITHOUT_COORDINATORS, closed_form
+from ann_dc.gain_design.gains import apply_gains
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts import presets

@@ -22,11 +22,11 @@ from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import PRINTED, SWITCHES
 from ann_dc.errors import UnknownNameError
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
-from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product
 from ann_dc.network.network import COORDINATION, Network
 from ann_dc.problem import plants
-from ann_dc.problem.start import Start, line_start
+from ann_dc.problem.initial_guess import Start, line_start
 from ann_dc.solver import synthesize
 from ann_dc.synthesis.row import start_values
 

@@ -17,7 +17,7 @@ from bench.figure import Figure, show
 from problems import SUITE
 
 import ann_dc
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.solution.solution import certificate_of
 
 STARTS = 20

@@ -33,8 +33,8 @@ def settle(samples: int, horizon: int, accelerated: bool) -> None:
 
     import ann_dc
     from ann_dc.analysis.linearisation import Linearisation
-    from ann_dc.gain_design.rules.gains import apply_gains
-    from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, closed_form
+    from ann_dc.gain_design.gain_rule import WITH_COORDINATORS, closed_form
+    from ann_dc.gain_design.gains import apply_gains
 
     plain = ann_dc.synthesize(ann_dc.plants.car(N=horizon, dt=0.9 / horizon))
     linear = Linearisation(plain).at(plain.start_state)

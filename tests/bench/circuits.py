@@ -23,7 +23,7 @@ from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import emulated_state
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, switched_capacitor
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 
 
 def median(work: Callable[[], object], repeats: int = 3) -> float:

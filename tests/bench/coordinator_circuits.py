@@ -19,7 +19,7 @@ from ann_dc.fidelity.fitting import fitted
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.circuit.cost import CAPACITOR, MULTIPLIER, OP_AMP, RESISTOR, cost_of
 from ann_dc.hardware.parts.levels import TRANSISTOR, macro
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 
 ROWS = (
     ("double_integrator", 20),

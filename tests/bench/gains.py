@@ -19,7 +19,7 @@ from literature import LITERATURE
 from problems import SUITE
 
 import ann_dc
-from ann_dc.network.metrics.contract import ALL_KINDS, Kind
+from ann_dc.network.preconditioners.base import ALL_KINDS, Kind
 from ann_dc.problem import plants
 from ann_dc.solution.solution import certificate_of
 

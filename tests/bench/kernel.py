@@ -15,8 +15,8 @@ import ann_dc
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.evaluation import loops
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
-from ann_dc.gain_design.rules.gains import apply_gains
-from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, closed_form
+from ann_dc.gain_design.gain_rule import WITH_COORDINATORS, closed_form
+from ann_dc.gain_design.gains import apply_gains
 
 REPEATS = 7
 

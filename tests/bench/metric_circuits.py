@@ -18,12 +18,12 @@ from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.netlist.timing import Simulation
 from ann_dc.errors import SpiceTimeoutError
 from ann_dc.fidelity.fitting import fitted
-from ann_dc.fidelity.metric_demand import MetricDemand, metric_demand
 from ann_dc.fidelity.prediction import predict
+from ann_dc.fidelity.wire_requirements import MetricDemand, metric_demand
 from ann_dc.hardware.circuit.cost import CAPACITOR, NEGATIVE, OP_AMP, RESISTOR
 from ann_dc.hardware.parts.levels import macro
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 
 PLANTS = {"car": None, "pendulum": 12, "two_link_arm": 8}
 """Horizons that are shorter than the suite's, where ngspice would take too long."""

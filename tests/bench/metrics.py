@@ -23,14 +23,14 @@ import ann_dc
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.evaluation import loops
+from ann_dc.evaluation.codegen.calls import call
 from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.codegen.plan import Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.evaluation.vector_code.calls import call
-from ann_dc.gain_design.rules.gains import apply_gains
-from ann_dc.gain_design.rules.recipe import Recipe, closed_form
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.gain_design.gain_rule import Recipe, closed_form
+from ann_dc.gain_design.gains import apply_gains
+from ann_dc.network.preconditioners.base import Kind
 
 HORIZONS = (9, 90, 900, 9000)
 KINDS = Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE

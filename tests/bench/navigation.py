@@ -24,9 +24,9 @@ from ann_dc import plotting
 from ann_dc.navigation.closed_loop import Journey, drive
 from ann_dc.navigation.planner import Planner
 from ann_dc.navigation.planner_design import design_planner, planner_for
-from ann_dc.navigation.shield import Shield
+from ann_dc.navigation.safety_filter import Shield
+from ann_dc.navigation.scenario import random_world
 from ann_dc.navigation.waypoint_planner import design_waypoint_planner
-from ann_dc.navigation.world import random_world
 from ann_dc.plotting.worlds.journey import journey as picture
 from ann_dc.problem.robot import Robot, car_robot
 from ann_dc.problem.robot_planning import NONLINEAR, planning_problem

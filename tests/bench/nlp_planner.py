@@ -11,7 +11,7 @@ import sympy as sp
 
 from ann_dc.navigation.half_planes import Margin
 from ann_dc.navigation.planner import Plan, Situation
-from ann_dc.navigation.world import World
+from ann_dc.navigation.scenario import World
 from ann_dc.problem.robot import Robot
 
 AWAY = np.array([100.0, 100.0, 0.5])

@@ -22,14 +22,14 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import NetworkError
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.monte_carlo import settled_error, specimens
 from ann_dc.fidelity.prediction import Prediction, predict
-from ann_dc.fidelity.specimen import Specimen
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts import presets
-from ann_dc.hardware.schematic.rails import with_rails
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.hardware.schematic.saturation import with_rails
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solver import solve, synthesize
 

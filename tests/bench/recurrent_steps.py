@@ -30,7 +30,7 @@ from rich.table import Table
 import ann_dc
 from ann_dc.backends.run import Run
 from ann_dc.backends.status import Outcome
-from ann_dc.network.metrics.contract import ALL_KINDS
+from ann_dc.network.preconditioners.base import ALL_KINDS
 from ann_dc.solution.solution import certificate_of
 
 SHARES = np.concatenate([np.linspace(0.3, 0.98, 20), np.geomspace(1.1, 6.0, 12)])

@@ -21,7 +21,7 @@ from reference import casadi_functions
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT
-from ann_dc.problem.start import line_start
+from ann_dc.problem.initial_guess import line_start
 
 FUNCTIONS = {0: ca.sin, 1: ca.cos, 2: ca.tan}
 TOLERANCES = tuple((rtol, atol) for rtol in (1e-4, 1e-6) for atol in (1e-8, 1e-9, 1e-10, 1e-11))

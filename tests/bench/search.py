@@ -18,7 +18,7 @@ from random_problems import FAMILIES, problem
 from reference import ipopt
 
 import ann_dc
-from ann_dc.gain_design.rules.presets import COARSE
+from ann_dc.gain_design.rule_presets import COARSE
 from ann_dc.optimality.reference_solvers import ipopt_point
 
 SEEDS = range(10)

@@ -22,7 +22,7 @@ import ann_dc
 from ann_dc.backends import ode
 from ann_dc.backends.integration.cells import Cells
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 
 INTERPRETED, GENERATED = Cells.INTERPRETED, Cells.GENERATED
 LOOSE = replace(ode.COMPILED, rtol=1e-4, atol=1e-8)

@@ -17,7 +17,7 @@ from bench.figure import Figure, show
 
 import ann_dc
 from ann_dc.analysis.spectra import spectrum
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 
 STAGES = (9, 18, 36, 72, 144)
 CHOICES = {

@@ -20,7 +20,7 @@ from ann_dc.hardware.circuit.cost import cost_of
 from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.parts.conditions import CORNERS, Conditions
 from ann_dc.hardware.parts.foundry import SKY130
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 
 ENDS = ((27.0, 1.0), (-40.0, 0.9), (125.0, 0.9), (-40.0, 1.1), (125.0, 1.1))
 """Temperatures in degrees Celsius and supplies over nominal."""

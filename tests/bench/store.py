@@ -21,9 +21,9 @@ import small_work
 from bench.figure import Figure, show
 from dask_cluster import Cluster
 
-from ann_dc.study.execution.execution import execute
-from ann_dc.study.keeping.rows import HEAD, TAIL, Finished
-from ann_dc.study.keeping.store import Store
+from ann_dc.study.execution import execute
+from ann_dc.study.records import HEAD, TAIL, Finished
+from ann_dc.study.store import Store
 
 ROWS = 1_000_000
 FEWER = 100_000

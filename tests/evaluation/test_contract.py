@@ -23,13 +23,13 @@ from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import ReferenceEvaluator, evaluator
 from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
-from ann_dc.gain_design.rules.gains import apply_gains
-from ann_dc.gain_design.rules.recipe import Recipe, closed_form
+from ann_dc.gain_design.gain_rule import Recipe, closed_form
+from ann_dc.gain_design.gains import apply_gains
 from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Sum, Template
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.functions import FUNCTIONS
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem.soft import Soft
 from ann_dc.solver import synthesize
 

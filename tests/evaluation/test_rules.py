@@ -34,7 +34,7 @@ from ann_dc.evaluation.codegen.plan import Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.projection import projected
 from ann_dc.evaluation.reference import ReferenceEvaluator, evaluator
-from ann_dc.network.metrics.contract import Kind, Metric, Row
+from ann_dc.network.preconditioners.base import Kind, Metric, Row
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
 EVALUATORS = (ReferenceEvaluator, InterpretedEvaluator, GeneratedEvaluator, TorchEvaluator)

@@ -13,8 +13,8 @@ from ann_dc.hardware.defects.numbers import detuned, mismatch
 from ann_dc.hardware.defects.parts import extra_pole
 from ann_dc.network.cell import Cell, Limiter, Neuron
 from ann_dc.network.ends import Pin
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 
 
 def network() -> Network:

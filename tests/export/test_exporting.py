@@ -18,9 +18,9 @@ from ann_dc.errors import ExportError, FileFormatError, NetworkError, OutputErro
 from ann_dc.export.catalogue import FORMATS
 from ann_dc.export.exporting import export_network, settings_from
 from ann_dc.export.inspecting import inspect_export
+from ann_dc.file_locks import Lock
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
-from ann_dc.whole_files.locks import Lock
 
 FORMAT = "conductances"
 """One with several files that needs no package."""

@@ -14,7 +14,7 @@ from ann_dc import STEPS, OdeBackend, Recipe, design, plants, synthesize
 from ann_dc.errors import DesignError, RangeWarning
 from ann_dc.families.family import family_of
 from ann_dc.families.family_design import Failure, FamilyDesign, design_family, why
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solution.solution import certificate_of
 
@@ -58,7 +58,7 @@ def test_a_failure_is_told_with_its_reason(unicycles):
     """A network whose penalties are next to nothing holds no optimum."""
     weak = design(plants.unicycle(), kinds=[Kind.TIME_CONSTANTS])
     gains = replace(weak.gains, rho=1e-6 * weak.gains.rho)
-    from ann_dc.gain_design.rules.gains import apply_gains
+    from ann_dc.gain_design.gains import apply_gains
 
     network = apply_gains(weak.network, gains)
     end = OdeBackend(verify=False, limit=100.0).run(network).trajectory.final

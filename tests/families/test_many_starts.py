@@ -16,7 +16,7 @@ from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.errors import ProblemError
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.start import Start, line_start
+from ann_dc.problem.initial_guess import Start, line_start
 
 BLOCKS = {name: getattr(casadi, name) for name in ("sin", "cos", "tan", "exp", "sqrt")}
 TWO = replace(plants.unicycle_soft_obstacle(N=16, dt=0.2), name="obstacle")

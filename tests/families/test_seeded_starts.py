@@ -8,7 +8,7 @@ import pytest
 from ann_dc.errors import ArgumentError, ProblemError
 from ann_dc.families.seeded_starts import checked_starts, seeded_starts
 from ann_dc.problem import plants
-from ann_dc.problem.start import Start, line_start
+from ann_dc.problem.initial_guess import Start, line_start
 
 PROBLEM = plants.double_integrator(N=5)
 LINE = line_start(PROBLEM)

@@ -12,16 +12,16 @@ from simulator import needs_ngspice
 
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity import specimen
+from ann_dc.fidelity import circuit_instance as specimen
 from ann_dc.fidelity.circuit_study import NEAR, study_circuit
 from ann_dc.fidelity.prediction import Reason
+from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.e_series import E96
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

@@ -26,7 +26,7 @@ from ann_dc.hardware.parts.e_series import (
     Series,
 )
 from ann_dc.hardware.parts.levels import macro
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

@@ -8,12 +8,12 @@ from metric_networks import with_metric
 from wired import prepared
 
 from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.error_budget import sensitivity, total_error
 from ann_dc.fidelity.fitting import fitted, fitting_intervals, fitting_margin, smallest_margin
-from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.parts.datasheet import Tolerances
 from ann_dc.hardware.parts.levels import macro
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 
 
 @pytest.mark.slow

@@ -13,14 +13,14 @@ from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.fidelity.boards.effects import with_parasitics
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.circuit_study import study_circuit
 from ann_dc.fidelity.loop_gains import loop_gains
-from ann_dc.fidelity.specimen import Specimen
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c
 from ann_dc.network.cell import ONE, Cell, Connection, Neuron
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

@@ -38,8 +38,8 @@ from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level, macro
 from ann_dc.hardware.parts.parasitics import Parasitics
 from ann_dc.hardware.schematic.elements import Integrator
 from ann_dc.network.cell import Cell, Connection, Neuron, Product
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.solver import synthesize
 
 BOLTZMANN = 1.380649e-23

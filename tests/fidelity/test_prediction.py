@@ -15,12 +15,12 @@ from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import NetworkError
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.circuit_study import study_circuit
 from ann_dc.fidelity.fitting import smallest_margin
 from ann_dc.fidelity.prediction import Prediction, Reason, Unpredicted, predict, prediction_of
-from ann_dc.fidelity.specimen import Specimen
+from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.deviations import snapped
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import pole_spectrum
@@ -28,8 +28,8 @@ from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.e_series import E24
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c, switched_capacitor
 from ann_dc.network.cell import ONE, Cell, Connection, Neuron, Product
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

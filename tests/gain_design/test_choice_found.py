@@ -6,8 +6,8 @@ import sympy as sp
 
 import ann_dc
 from ann_dc import Kind, StepLength
-from ann_dc.gain_design.rules.presets import COARSE
-from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS
+from ann_dc.gain_design.gain_rule import WITH_COORDINATORS
+from ann_dc.gain_design.rule_presets import COARSE
 
 x, y, v, a, b, h, theta = sp.symbols("x y v a b h theta")
 

@@ -10,12 +10,12 @@ from ann_dc.analysis.objectives import SETTLING_TIME, STEPS, TWO_PHASE_STEPS
 from ann_dc.analysis.saddle import saddle_of
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.gain_design.eigenvalue_gradient import DenseFlow, dense_metric
-from ann_dc.gain_design.rules.gains import Gains, apply_gains
-from ann_dc.network.metrics.contract import Kind, Metric
-from ann_dc.network.metrics.grid import Grid
-from ann_dc.network.metrics.pyramid import Pyramid
-from ann_dc.network.metrics.tree import Tree
+from ann_dc.gain_design.gains import Gains, apply_gains
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind, Metric
+from ann_dc.network.preconditioners.cyclic_reduction import Tree
+from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.resistive_grid import Grid
 
 OBJECTIVES = pytest.mark.parametrize(
     "objective", [SETTLING_TIME, STEPS, TWO_PHASE_STEPS], ids=["time", "steps", "two-phase"]

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from ann_dc import design, plants
+from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.neighbourhood import SAMPLES, neighbourhood
-from ann_dc.gain_design.rules.gains import apply_gains
 
 
 @pytest.fixture(scope="module")

@@ -14,13 +14,13 @@ from ann_dc.backends.settling import Settling
 from ann_dc.errors import DesignError
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design import freeze
+from ann_dc.gain_design import candidates as freeze
+from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
 from ann_dc.gain_design.knowledge import Knowledge
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
 from ann_dc.network.cell import Cell, Connection, Neuron
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.optimality.certificate import certify
 from ann_dc.problem import plants
 from ann_dc.solver import design as design_problem, synthesize

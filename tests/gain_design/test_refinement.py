@@ -14,13 +14,13 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, TWO_PHASE
 from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.gain_design.gain_rule import Recipe
+from ann_dc.gain_design.gains import apply_gains
+from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.refinement import Freedom, Variation, best_step, refined
-from ann_dc.gain_design.rules.gains import apply_gains
-from ann_dc.gain_design.rules.grid_gains import SettledPoint
-from ann_dc.gain_design.rules.recipe import Recipe
-from ann_dc.network.metrics.contract import Kind
-from ann_dc.network.metrics.pyramid import Pyramid
+from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.multilevel import Pyramid
 from ann_dc.problem import plants
 from ann_dc.progress import silent
 from ann_dc.solver import synthesize

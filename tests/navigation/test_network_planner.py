@@ -13,7 +13,7 @@ from ann_dc.navigation.half_planes import Margin
 from ann_dc.navigation.obstacles import disc
 from ann_dc.navigation.planner import Situation
 from ann_dc.navigation.planner_design import design_planner, planner_for
-from ann_dc.navigation.world import World, random_world
+from ann_dc.navigation.scenario import World, random_world
 from ann_dc.problem.robot import car_robot, unicycle_robot
 from ann_dc.problem.robot_planning import NONLINEAR, planning_problem
 from ann_dc.problem.soft import Soft

@@ -7,9 +7,9 @@ from ann_dc import apply_gains, design, synthesize
 from ann_dc.navigation.closed_loop import drive
 from ann_dc.navigation.obstacles import disc
 from ann_dc.navigation.planner import Situation
+from ann_dc.navigation.scenario import World
 from ann_dc.navigation.waypoint_planner import WaypointPlanner
-from ann_dc.navigation.world import World
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem.robot import unicycle_robot
 from ann_dc.problem.robot_planning import leg_problem
 

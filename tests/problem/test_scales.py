@@ -13,8 +13,8 @@ from seeds import seeds
 from ann_dc.errors import ProblemError
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.initial_guess import line_start
 from ann_dc.problem.scales import Scales, natural_scales, scales_of
-from ann_dc.problem.start import line_start
 from ann_dc.scale import Scale
 
 x, v, a, b = sp.symbols("x v a b")

@@ -11,9 +11,9 @@ from scipy.optimize import minimize_scalar
 
 from ann_dc.errors import ProblemError
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.serialisation import declared, written
 from ann_dc.problem.soft import Soft
 from ann_dc.problem.toml_file import load_problem
-from ann_dc.problem.written_problem import declared, written
 
 x, v, a = sp.symbols("x v a")
 PROBLEM = OptimalControlProblem(

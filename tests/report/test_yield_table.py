@@ -9,7 +9,7 @@ from ann_dc.fidelity.boards.spec import Spec
 from ann_dc.fidelity.boards.yields import CircuitYield, Spot
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.report.yield_table import YieldTable
-from ann_dc.study.measuring.yields import Yield
+from ann_dc.study.yield_metrics import Yield
 
 
 def test_circuits_whose_settling_time_is_not_known_are_counted():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ann_dc
-from ann_dc.optimality.prospects.prospect import Hopeless, Prospect
+from ann_dc.optimality.existence import Hopeless, Prospect
 from ann_dc.solution.finding import path_of
 from ann_dc.solution.knowledge import knowledge_of
 

@@ -7,7 +7,7 @@ from network_files import assert_same
 import ann_dc
 from ann_dc import plants
 from ann_dc.errors import FileFormatError, OutputError
-from ann_dc.problem.written_problem import written
+from ann_dc.problem.serialisation import written
 from ann_dc.solution.saved_result import save_result
 
 BACKEND = ann_dc.OdeBackend(verify=False)

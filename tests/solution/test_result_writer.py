@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from ann_dc.backends.status import Outcome
+from ann_dc.dataclass_pickling import WHERE_GIVEN
 from ann_dc.errors import OutputError
 from ann_dc.network.cell import Cell, Neuron
-from ann_dc.network.metrics.grid import Grid
 from ann_dc.network.network import Network
-from ann_dc.records import WHERE_GIVEN
+from ann_dc.network.preconditioners.resistive_grid import Grid
 from ann_dc.solution.result_writer import Writer
 
 NETWORK = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=()), stages=1)

@@ -13,7 +13,7 @@ from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.status import Outcome, not_settled
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
-from ann_dc.network.metrics.contract import ALL_KINDS
+from ann_dc.network.preconditioners.base import ALL_KINDS
 from ann_dc.progress import Stopped, silent
 from ann_dc.solution.solution import certificate_of
 

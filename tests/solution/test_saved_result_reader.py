@@ -14,10 +14,10 @@ from network_files import assert_same
 
 from ann_dc.errors import AnnDcError, FileFormatError, NetworkError, UnknownNameError
 from ann_dc.network.cell import Cell, Neuron
-from ann_dc.network.metrics.contract import Metric
-from ann_dc.network.metrics.pyramid import Pyramid
-from ann_dc.network.metrics.time_constants import TimeConstants
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Metric
+from ann_dc.network.preconditioners.diagonal import TimeConstants
+from ann_dc.network.preconditioners.multilevel import Pyramid
 from ann_dc.solution.result_writer import Writer
 from ann_dc.solution.saved_result import Reader
 from ann_dc.weights.npz import NpzEntries, packed_entries

@@ -9,11 +9,11 @@ import pytest
 
 import ann_dc
 from ann_dc.errors import ArgumentError, StoreError, StudyError, UnknownNameError
-from ann_dc.study.execution.attempts import Task
-from ann_dc.study.keeping.rows import CIRCUMSTANCES
-from ann_dc.study.keeping.store import Store
-from ann_dc.study.measuring.metrics import Metric
+from ann_dc.study.metrics import Metric
+from ann_dc.study.records import CIRCUMSTANCES
+from ann_dc.study.store import Store
 from ann_dc.study.study import Study
+from ann_dc.study.task_results import Task
 
 METRICS = ["settling_time", "control_error"]
 MISMATCH = "defect.mismatch"

@@ -7,7 +7,7 @@ import pytest
 
 import ann_dc
 from ann_dc.errors import AnnDcError, FileFormatError, StudyError
-from ann_dc.study.measuring.metrics import Metric
+from ann_dc.study.metrics import Metric
 from ann_dc.study.study import Study
 from ann_dc.study.study_file import load_study, study_from
 

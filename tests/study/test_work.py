@@ -10,9 +10,9 @@ from ann_dc.decomposition.form import switch
 from ann_dc.fidelity.monte_carlo import predicted_errors
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
-from ann_dc.study.execution.attempts import Task
-from ann_dc.study.measuring.metrics import Metric
+from ann_dc.study.metrics import Metric
 from ann_dc.study.study import Study
+from ann_dc.study.task_results import Task
 
 
 def rows(study: Study) -> list[dict]:

@@ -16,8 +16,8 @@ from ann_dc.network.cell import Function, Product
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.initial_guess import Start, line_start
 from ann_dc.problem.scales import Scales, scales_of
-from ann_dc.problem.start import Start, line_start
 from ann_dc.scale import Scale
 from ann_dc.synthesis.synthesis import synthesize
 

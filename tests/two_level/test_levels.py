@@ -18,7 +18,7 @@ from closed_chains import (
 
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import PRINTED
-from ann_dc.gain_design.rules.gains import apply_gains
+from ann_dc.gain_design.gains import apply_gains
 from ann_dc.solution.solution import certificate_of
 from ann_dc.solver import synthesize
 from ann_dc.two_level.levels import TwoLevels

@@ -15,10 +15,10 @@ from reference import casadi_functions, ipopt
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, switch
 from ann_dc.evaluation.populations import neuron_values
-from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.network.network import COORDINATION, Network
 from ann_dc.problem import plants
-from ann_dc.problem.start import Start
+from ann_dc.problem.initial_guess import Start
 from ann_dc.solver import synthesize
 from ann_dc.synthesis.row import start_values
 from ann_dc.two_level.levels import TwoLevels

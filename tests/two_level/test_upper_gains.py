@@ -11,11 +11,11 @@ from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import switch
 from ann_dc.errors import DesignError
+from ann_dc.gain_design.gain_rule import WITH_COORDINATORS
+from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
-from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import COORDINATION
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 from ann_dc.two_level.levels import TwoLevels

@@ -7,7 +7,7 @@ from designs import designed
 from reference import ipopt
 
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.network.network import COORDINATION
 from ann_dc.problem import plants
 from ann_dc.solution.solution import certificate_of

@@ -26,12 +26,12 @@ from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role, Sum, Template
 from ann_dc.network.ends import Absent, Pin
-from ann_dc.network.metrics.contract import Kind, Metric
-from ann_dc.network.metrics.grid import Grid
-from ann_dc.network.metrics.pyramid import Pyramid
-from ann_dc.network.metrics.time_constants import TimeConstants
-from ann_dc.network.metrics.tree import Tree
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind, Metric
+from ann_dc.network.preconditioners.cyclic_reduction import Tree
+from ann_dc.network.preconditioners.diagonal import TimeConstants
+from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.resistive_grid import Grid
 from ann_dc.scale import Scale
 from ann_dc.solution.solution import certificate_of
 from ann_dc.solver import synthesize

@@ -24,8 +24,8 @@ from network_files import (
 from ann_dc.errors import FileFormatError, OutputError
 from ann_dc.network.cell import Cell, Neuron
 from ann_dc.network.ends import Absent
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.weights.network_file import load, save
 from ann_dc.weights.reading import MAX_MANIFEST
 

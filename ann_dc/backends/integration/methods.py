@@ -10,8 +10,8 @@ import numpy as np
 
 from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, TSIT5_TABLEAU, Rows, Tableau
 from ann_dc.errors import ArgumentTypeError
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import PositiveFinite, given_words, such_as
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import PositiveFinite, given_words, such_as
 
 SciPys: TypeAlias = Literal["RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA"]
 """Solvers of `scipy.integrate`, by their names there: SciPy is loaded where one of them runs."""

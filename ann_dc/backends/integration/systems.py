@@ -12,14 +12,7 @@ from numba import types
 from numba.np.numpy_support import carray
 
 from ann_dc.evaluation import loops
-from ann_dc.evaluation.codegen.lanes import Lanes
-from ann_dc.evaluation.codegen.plan import Axis
-from ann_dc.evaluation.domains import DomainGuard
-from ann_dc.evaluation.formulas import called_by_address, inlined, inner
-from ann_dc.evaluation.interpreted import InterpretedEvaluator
-from ann_dc.evaluation.loops import Workspace
-from ann_dc.evaluation.tape import Tape
-from ann_dc.evaluation.vector_code.calls import (
+from ann_dc.evaluation.codegen.calls import (
     WIDTH,
     call,
     cube,
@@ -31,7 +24,14 @@ from ann_dc.evaluation.vector_code.calls import (
     matrix,
     vector,
 )
-from ann_dc.evaluation.vector_code.step_code import UNROLLED, step_code
+from ann_dc.evaluation.codegen.lanes import Lanes
+from ann_dc.evaluation.codegen.plan import Axis
+from ann_dc.evaluation.codegen.step_code import UNROLLED, step_code
+from ann_dc.evaluation.domains import DomainGuard
+from ann_dc.evaluation.formulas import called_by_address, inlined, inner
+from ann_dc.evaluation.interpreted import InterpretedEvaluator
+from ann_dc.evaluation.loops import Workspace
+from ann_dc.evaluation.tape import Tape
 
 
 class System(NamedTuple):

@@ -40,9 +40,9 @@ from ann_dc.backends.lanes.memory import (
     TIME,
     TURN,
 )
+from ann_dc.evaluation.codegen.calls import call
+from ann_dc.evaluation.codegen.memory import lined_up
 from ann_dc.evaluation.formulas import inlined, released
-from ann_dc.evaluation.vector_code.calls import call
-from ann_dc.evaluation.vector_code.memory import lined_up
 
 
 class LaneEnds(NamedTuple):

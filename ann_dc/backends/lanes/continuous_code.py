@@ -25,9 +25,9 @@ from ann_dc.backends.lanes.memory import (
     TIME,
     Memory,
 )
-from ann_dc.evaluation.vector_code.code import code, key_of
-from ann_dc.evaluation.vector_code.step_code import UNROLLED
-from ann_dc.evaluation.vector_code.writer import Function, Module
+from ann_dc.evaluation.codegen.code import code, key_of
+from ann_dc.evaluation.codegen.step_code import UNROLLED
+from ann_dc.evaluation.codegen.writer import Function, Module
 
 REFUSED, WORST = OWN, OWN + 1
 """Whether the last step was refused; the larger residual."""

@@ -25,11 +25,11 @@ from ann_dc.backends.lanes.memory import (
     TIME,
     TURN,
 )
+from ann_dc.evaluation.codegen.calls import call
 from ann_dc.evaluation.codegen.lanes import Entry, Lanes
+from ann_dc.evaluation.codegen.memory import lined_up
+from ann_dc.evaluation.codegen.step_code import UNROLLED, step_code
 from ann_dc.evaluation.formulas import compiled, inlined
-from ann_dc.evaluation.vector_code.calls import call
-from ann_dc.evaluation.vector_code.memory import lined_up
-from ann_dc.evaluation.vector_code.step_code import UNROLLED, step_code
 
 STALLED = 6
 """How a sample ended whose residual became no smaller; the other codes are the integrator's."""

@@ -20,8 +20,8 @@ from ann_dc.backends.lanes.group import (
     read_residuals,
 )
 from ann_dc.backends.lanes.memory import STEP
+from ann_dc.evaluation.codegen.calls import call
 from ann_dc.evaluation.formulas import inlined, released
-from ann_dc.evaluation.vector_code.calls import call
 
 CLOSE = 1e-4
 """Relative distance to the tolerance at which a lane is done: the accuracy of a residual at the

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ann_dc.evaluation.vector_code.writer import Function
+from ann_dc.evaluation.codegen.writer import Function
 
 (RUNS, STEP, TIME, DONE, CONSTRAINT, STATIONARITY, SINCE, SINCE_TIME, LARGEST, TURN, BEST,
  BEST_BEFORE) = range(12)  # fmt: skip

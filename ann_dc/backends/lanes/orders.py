@@ -8,11 +8,11 @@ import numpy as np
 
 from ann_dc.backends.lanes.group import evaluate
 from ann_dc.backends.lanes.memory import STEP
+from ann_dc.evaluation.codegen.calls import call
 from ann_dc.evaluation.codegen.lanes import Lanes
+from ann_dc.evaluation.codegen.memory import lined_up
 from ann_dc.evaluation.formulas import inlined
 from ann_dc.evaluation.tape import DUAL
-from ann_dc.evaluation.vector_code.calls import call
-from ann_dc.evaluation.vector_code.memory import lined_up
 
 SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE = range(3)
 """Which neurons move first."""

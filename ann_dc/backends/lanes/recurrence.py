@@ -43,10 +43,10 @@ from ann_dc.backends.lanes.recurrence_code import (
     WINDOW,
     recurrence_code,
 )
+from ann_dc.evaluation.codegen.calls import call
 from ann_dc.evaluation.codegen.lanes import Lanes
+from ann_dc.evaluation.codegen.memory import lined_up
 from ann_dc.evaluation.formulas import inlined, released
-from ann_dc.evaluation.vector_code.calls import call
-from ann_dc.evaluation.vector_code.memory import lined_up
 
 
 class StepLengths(NamedTuple):

@@ -7,9 +7,9 @@ from functools import cache
 from pathlib import Path
 
 from ann_dc.backends.lanes.memory import DONE, OWN, RUNS, SINCE, SINCE_TIME, STEP, TIME, Memory
-from ann_dc.evaluation.vector_code.code import code, key_of
-from ann_dc.evaluation.vector_code.step_code import UNROLLED
-from ann_dc.evaluation.vector_code.writer import Function, Module
+from ann_dc.evaluation.codegen.code import code, key_of
+from ann_dc.evaluation.codegen.step_code import UNROLLED
+from ann_dc.evaluation.codegen.writer import Function, Module
 
 ROWS = OWN + 12
 (LONGEST, LOWEST, LIMITED, AGE, MARK, WINDOW, STRAYED, SIZE, ENERGY, TURNED, PEAK,

@@ -26,11 +26,11 @@ from ann_dc.backends.trajectory import SAMPLES
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.variant_numbers import Numbers
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, Index
-from ann_dc.network.metrics.contract import ALL_KINDS, Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import ALL_KINDS, Kind
 from ann_dc.progress import Progress, Stopped, silent
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Count, Index
 
 LARGEST_CURVE = 40_000_000
 """Numbers of all states that a run takes down."""

@@ -35,16 +35,16 @@ from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.hardware.parts.foundry import passive
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
 from ann_dc.hardware.schematic.buildable import check_metric, check_series
-from ann_dc.hardware.schematic.rails import check_rails
+from ann_dc.hardware.schematic.saturation import check_rails
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.hardware.schematic.shared import check_shared
 from ann_dc.hardware.sizing.choice import Sizing, sized_circuit
-from ann_dc.hardware.sizing.cures import cure
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Index, PositiveFinite, Range
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.hardware.sizing.stability_advice import cure
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.progress import Progress, silent
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Index, PositiveFinite, Range
 
 NODE_LAG = 1e-3
 """Of a grid's nodes, in the network's fastest time constants."""

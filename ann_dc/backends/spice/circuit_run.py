@@ -29,8 +29,8 @@ from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, PICell
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import such_as
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import such_as
 
 OVERLOAD = 0.95
 """Share of full scale from which on a node counts as overloaded, where there are no rails."""

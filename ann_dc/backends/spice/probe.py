@@ -15,8 +15,8 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.scaling import ProbeRun, Scaling, ScalingRules, scale
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.hardware.sizing.rail_rows import BANDWIDTH, intervals_of_inputs, with_rail_rows
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.network.selection import clamped_rows
 from ann_dc.progress import Progress
 

@@ -21,8 +21,8 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import SpiceError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.parts.datasheet import Datasheet
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Count
 
 FINER = 4
 """Largest step of a run over that of the next one."""

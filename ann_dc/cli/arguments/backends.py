@@ -141,7 +141,7 @@ def form_of(word: str):
 
 def start_of(options: StartOptions):
     """What makes the start of a problem's neurons that --start and --seed name."""
-    from ann_dc.problem.start import line_start, random_start, zero_start
+    from ann_dc.problem.initial_guess import line_start, random_start, zero_start
 
     kinds = {
         "line": line_start,

@@ -12,9 +12,9 @@ from ann_dc.fidelity.fitting import fitted
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.hardware.schematic.buildable import check_metric
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
-from ann_dc.optimality.prospects.prospect import Hopeless, Prospect
+from ann_dc.network.preconditioners.base import Kind
+from ann_dc.optimality.existence import Hopeless, Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
 from ann_dc.solution.knowledge import knowledge_of

@@ -8,7 +8,7 @@ import typer
 
 from ann_dc.cli.arguments.lookup import named
 from ann_dc.errors import DesignError
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 
 KINDS = {kind.name.lower().replace("_", "-"): kind for kind in Kind}
 """Word of every kind."""

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from ann_dc.cli.terminal import console
-from ann_dc.phases import Seconds, Stopwatch
+from ann_dc.timing import Seconds, Stopwatch
 
 JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")

@@ -20,7 +20,7 @@ import typer
 
 from ann_dc.cli.arguments.numbers import number_of, settings_of, value_of
 from ann_dc.errors import AnnDcError, ProblemError, UnknownNameError
-from ann_dc.phases import phase
+from ann_dc.timing import phase
 
 ProblemArgument = Annotated[
     str,

@@ -4,7 +4,7 @@ from .coordinate import coordinate as coordinate
 from .design import design as design
 from .export import export as export
 from .inspect import inspect as inspect
-from .ladder import ladder as ladder
+from .levels import ladder as ladder
 from .navigate import navigate as navigate
 from .paper import paper as paper
 from .places import PlaceOptions as PlaceOptions

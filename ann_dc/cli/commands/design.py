@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from ann_dc.atomic_files import make_folder
 from ann_dc.cli.arguments.backends import StartOptions, start_of
 from ann_dc.cli.arguments.family import FamilyOptions
 from ann_dc.cli.arguments.kinds import KindsOption, kinds_of
@@ -16,9 +17,8 @@ from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import DesignError
 from ann_dc.network.inputs import ranges_of
-from ann_dc.network.metrics.contract import ALL_KINDS
-from ann_dc.phases import phase
-from ann_dc.whole_files.files import make_folder
+from ann_dc.network.preconditioners.base import ALL_KINDS
+from ann_dc.timing import phase
 
 
 @unfolded

@@ -61,12 +61,12 @@ def navigate(
     """
     kind = named("--planner", planner, PLANNERS)
     with progress_line() as progress:
+        from ann_dc.atomic_files import make_folder
         from ann_dc.errors import WorldError, require_positive
         from ann_dc.navigation.closed_loop import SHIELD, drive
-        from ann_dc.navigation.world_file import load_world
+        from ann_dc.navigation.scenario_file import load_world
         from ann_dc.plotting.saving import save
         from ann_dc.plotting.worlds import film as moving, journey as picture
-        from ann_dc.whole_files.files import make_folder
 
         require_positive(WorldError, **{"--budget": budget})
         declared = load_world(world)

@@ -48,7 +48,7 @@ def report(
     """
     with progress_line(quiet) as progress:
         from ann_dc.report.study_page import write_study_page
-        from ann_dc.study.keeping import Store
+        from ann_dc.study.store import Store
 
         file = out or folder / NAME
         with Store.open(folder) as store:

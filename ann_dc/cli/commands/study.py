@@ -67,7 +67,7 @@ class Exports:
 
     def write(self, folder: Path) -> list[Path]:
         """Those that were asked for, from the store in a folder."""
-        from ann_dc.study.keeping.store import Store
+        from ann_dc.study.store import Store
 
         with Store.open(folder) as store:
             if self.csv is not None:
@@ -147,7 +147,7 @@ def _run(
     if running.out is None:
         raise StudyError("--out: is missing; name the folder where rows are to be kept")
     progress("study")
-    from ann_dc.report.findings.summary import summary
+    from ann_dc.report.study_summary import summary
     from ann_dc.study.study_file import load_study
 
     declared = load_study(source)
@@ -170,9 +170,9 @@ def _settable(source: str) -> list[Any]:
     """Tables of what can be varied and measured."""
     from ann_dc.cli.arguments.problem import problem_of
     from ann_dc.problem import plants
-    from ann_dc.report.findings.summary import settings_table
-    from ann_dc.study.measuring.metrics import METRICS
-    from ann_dc.study.varying.subject import subject_of
+    from ann_dc.report.study_summary import settings_table
+    from ann_dc.study.metrics import METRICS
+    from ann_dc.study.subject import subject_of
 
     subject = source if source in plants.names() else problem_of(source, (), None, None, None)
     return settings_table(subject_of(subject), METRICS)
@@ -181,7 +181,7 @@ def _settable(source: str) -> list[Any]:
 def _one(source: str, point: int) -> list[Any]:
     """The row of one point of a study file, or of a folder's study."""
     from ann_dc.report.tables import named_rows
-    from ann_dc.study.keeping.store import Store
+    from ann_dc.study.store import Store
     from ann_dc.study.study_file import load_study, study_from
 
     if Path(source).is_dir():

@@ -8,6 +8,8 @@ case, a chunk further on in the other; that is all the difference.
 
 from __future__ import annotations
 
+from ann_dc.evaluation.codegen.buses import Buses
+from ann_dc.evaluation.codegen.elementary import function_of
 from ann_dc.evaluation.codegen.metric_code import add_metric
 from ann_dc.evaluation.codegen.plan import (
     FIELDS as METRIC_FIELDS,
@@ -15,10 +17,9 @@ from ann_dc.evaluation.codegen.plan import (
     Axis,
     Plan,
 )
-from ann_dc.evaluation.row_code import Buses, add_residuals
+from ann_dc.evaluation.codegen.residual_code import add_residuals
+from ann_dc.evaluation.codegen.writer import Function, Module
 from ann_dc.evaluation.tape import PRODUCT, SUM
-from ann_dc.evaluation.vector_code.elementary import function_of
-from ann_dc.evaluation.vector_code.writer import Function, Module
 from ann_dc.network.functions import FUNCTIONS
 
 FIELDS = (

@@ -12,11 +12,11 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ann_dc.evaluation.codegen.cell_code import FIELDS as CELL_FIELDS, CellWriter
+from ann_dc.evaluation.codegen.code import key_of
+from ann_dc.evaluation.codegen.elementary import slope_of
 from ann_dc.evaluation.codegen.plan import WRITERS, Plan
+from ann_dc.evaluation.codegen.writer import Module
 from ann_dc.evaluation.tape import BY_VALUE, BY_WEIGHT
-from ann_dc.evaluation.vector_code.code import key_of
-from ann_dc.evaluation.vector_code.elementary import slope_of
-from ann_dc.evaluation.vector_code.writer import Module
 
 FIELDS = (*CELL_FIELDS, "slots")
 """What the code reads and fills, in the order of the table of addresses."""
@@ -69,7 +69,7 @@ class Slots:
     def key(self) -> str:
         """Of the code."""
         own = NAMES, self.operations, list(map(int, self.used))
-        return key_of((*own, *self.plan.cell_identity()), *WRITERS)
+        return key_of((*own, *self.plan.cell_identity()), WRITERS)
 
 
 @lru_cache(maxsize=64)

@@ -13,18 +13,18 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.evaluation.codegen.cell_code import FIELDS, GIVEN, NAMES, cell_code
+from ann_dc.evaluation.codegen.code import code
 from ann_dc.evaluation.codegen.jacobian_code import (
     FIELDS as JACOBIAN_FIELDS,
     NAMES as JACOBIAN_NAMES,
     jacobian_code,
     slots_of,
 )
+from ann_dc.evaluation.codegen.memory import lined_up
 from ann_dc.evaluation.codegen.plan import Axis, Plan, pyramid_tables, stiffness_tables
 from ann_dc.evaluation.domains import DomainGuard
 from ann_dc.evaluation.lane_clamps import LaneClamps, clamp_code
 from ann_dc.evaluation.tape import Tape
-from ann_dc.evaluation.vector_code.code import code
-from ann_dc.evaluation.vector_code.memory import lined_up
 
 
 class Entry(NamedTuple):

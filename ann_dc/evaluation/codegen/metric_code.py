@@ -21,8 +21,8 @@ from functools import reduce
 from typing import TypeAlias
 
 from ann_dc.evaluation.codegen.plan import Axis, Plan, node_width
-from ann_dc.evaluation.row_code import add_scaling
-from ann_dc.evaluation.vector_code.writer import Function, Module
+from ann_dc.evaluation.codegen.roots import add_scaling
+from ann_dc.evaluation.codegen.writer import Function, Module
 
 # ---- A pyramid over a short row, written out: every node is a value, and nothing lies in tables
 

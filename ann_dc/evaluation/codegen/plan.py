@@ -15,11 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation import row_code
+from ann_dc.evaluation.codegen.code import key_of
+from ann_dc.evaluation.codegen.elementary import CIRCULAR, WRITTEN
 from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
 from ann_dc.evaluation.tape import DUAL, FUNCTION, POSITION, PRIMAL, PRODUCT, STATE, SUM, Tape
-from ann_dc.evaluation.vector_code.code import key_of
-from ann_dc.evaluation.vector_code.elementary import CIRCULAR, WRITTEN
 from ann_dc.network.functions import FUNCTIONS, Tree
 
 # ---- the numbers that the code of a metric reads: hats and gains, or the factors of a stiffness
@@ -202,8 +201,8 @@ WRITTEN_OUT = 128
 """Neurons under a pyramid up to which it is written out, where a lane is a sample."""
 
 
-WRITERS = Path(__file__).parent, Path(row_code.__file__ or "").parent
-"""Folders of the modules that write the code of a cell."""
+WRITERS = Path(__file__).parent
+"""Folder of the modules that write the code of a cell."""
 
 
 class Axis(enum.Enum):
@@ -489,4 +488,4 @@ class Plan:
     @cached_property
     def key(self) -> str:
         """Of the code."""
-        return key_of(self.identity(), *WRITERS)
+        return key_of(self.identity(), WRITERS)

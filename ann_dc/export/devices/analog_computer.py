@@ -34,13 +34,13 @@ from ann_dc.export.devices.elements import (
     elements_of,
 )
 from ann_dc.export.devices.machine import Machine
-from ann_dc.export.reference.beside import check_rails, check_vector, notes_of, vector_of
 from ann_dc.export.reference.places import Places
 from ann_dc.export.reference.rounding import compare
+from ann_dc.export.reference.sidecar import check_rails, check_vector, notes_of, vector_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import PositiveFinite
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import PositiveFinite
 from ann_dc.weights.manifest import Table
 
 FORMAT = "ann_dc analog computer"

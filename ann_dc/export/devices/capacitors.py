@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.devices.beside import (
+from ann_dc.export.devices.sidecar import (
     beside,
     check_rewritten,
     control_error,
@@ -33,12 +33,12 @@ from ann_dc.export.devices.beside import (
     weights_in,
     with_weights,
 )
-from ann_dc.export.reference.beside import file_of, notes_of
+from ann_dc.export.reference.sidecar import file_of, notes_of
 from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import NotNegative, PositiveFinite
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import NotNegative, PositiveFinite
 
 FORMAT = "ann_dc capacitors"
 SCHEMA = 1

@@ -26,7 +26,8 @@ from decimal import Decimal, DecimalException, localcontext
 import numpy as np
 
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.devices.beside import (
+from ann_dc.export.devices.crossbar import EXACT, Crossbar, crossbar_of, exact, nearest
+from ann_dc.export.devices.sidecar import (
     beside,
     check_rewritten,
     control_error,
@@ -35,12 +36,11 @@ from ann_dc.export.devices.beside import (
     weights_in,
     with_weights,
 )
-from ann_dc.export.devices.crossbar import EXACT, Crossbar, crossbar_of, exact, nearest
-from ann_dc.export.reference.beside import file_of, notes_of
+from ann_dc.export.reference.sidecar import file_of, notes_of
 from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Index, PositiveFinite
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Index, PositiveFinite
 from ann_dc.weights.manifest import Table
 
 FORMAT = "ann_dc conductances"

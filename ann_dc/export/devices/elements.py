@@ -16,8 +16,8 @@ import scipy.linalg
 from scipy import sparse
 
 from ann_dc.network.cell import ONE, Function, Product
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 
 KINDS = ("integrator", "constant", "sum", "product", "function")
 INTEGRATOR, CONSTANT, SUM, PRODUCT, FUNCTION = KINDS

@@ -20,7 +20,7 @@ from ann_dc.export.drawings.page import (
 )
 from ann_dc.network.cell import ONE, Function, Product, Sum
 from ann_dc.network.network import Network
-from ann_dc.prefixes import counted
+from ann_dc.si_prefixes import counted
 
 SIDE, TOP = 6.0, 14.0
 ROW = (38.0, 172.0)

@@ -9,10 +9,10 @@ import numpy as np
 
 from ann_dc.export.drawings.labels import tint
 from ann_dc.export.drawings.page import GREY, INK, Page, Pen
-from ann_dc.network.metrics.grid import Grid
-from ann_dc.network.metrics.pyramid import Pyramid
-from ann_dc.network.metrics.tree import Tree
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.cyclic_reduction import Tree
+from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.resistive_grid import Grid
 
 COLOR = "#3A5E8C"
 FINEST = 1.4

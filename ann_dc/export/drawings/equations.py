@@ -16,8 +16,8 @@ from ann_dc.errors import FileFormatError
 from ann_dc.export.drawings import check_structure, document_of
 from ann_dc.export.drawings.checking import VECTOR, read_vector
 from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
 
 TEX = "equations.tex"
 

@@ -17,9 +17,9 @@ from ann_dc.export.drawings.latex_symbols import (
     symbols_of,
 )
 from ann_dc.network.cell import ONE, Block, Connection, Product, Sum
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
-from ann_dc.prefixes import counted
+from ann_dc.network.preconditioners.base import Kind
+from ann_dc.si_prefixes import counted
 from ann_dc.weights.hashes import content_hash, wiring_hash
 
 TERMS = 4

@@ -10,10 +10,10 @@ from ann_dc.export.drawings.sheets import circuit_sheets
 from ann_dc.export.netlists.build import build
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.hardware.parts import presets
-from ann_dc.hints.checked import checked
 from ann_dc.network.cell import Role
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
+from ann_dc.validation.checked import checked
 
 FORM = "schematic"
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc import prefixes
+from ann_dc import si_prefixes as prefixes
 from ann_dc.export.drawings.chain_diagram import fitted
 from ann_dc.export.drawings.page import GREY, LARGE, PLAIN, WIDTH, Page, Pen
 from ann_dc.export.drawings.symbols import AMPLIFIER, Symbols

@@ -12,16 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from ann_dc.export.fixed_point.arithmetic.machine import WORD
 from ann_dc.export.fixed_point.c99_text import HEADER, MAKEFILE, SELFTEST, SOURCE
 from ann_dc.export.fixed_point.golden import LEAST, PREFIX, WRONG, FixedPoint, Port
+from ann_dc.export.fixed_point.machine import WORD
 from ann_dc.export.fixed_point.manifest import NAME, VECTOR, as_json, check
 from ann_dc.export.fixed_point.readme_text import BEYOND_C99, C99
 from ann_dc.export.fixed_point.widths import Bits, fixed_point
 from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import PositiveFinite
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import PositiveFinite
 
 WIDTH = 96
 """Characters of a line of numbers."""

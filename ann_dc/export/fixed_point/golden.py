@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.errors import ExportError
-from ann_dc.export.fixed_point.arithmetic.machine import WORD, Integers, Machine, Settled
-from ann_dc.export.fixed_point.arithmetic.sampling import Sample
+from ann_dc.export.fixed_point.machine import WORD, Integers, Machine, Settled
+from ann_dc.export.fixed_point.sampling import Sample
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.scale import Scale
 

@@ -7,19 +7,19 @@ from itertools import accumulate
 
 import numpy as np
 
-from ann_dc.export.fixed_point.arithmetic.machine import Machine
-from ann_dc.export.fixed_point.arithmetic.program import DRIVE, FUNCTION, PRODUCT, SUM, UPDATE
 from ann_dc.export.fixed_point.c99 import facts, plain, prefixed
 from ann_dc.export.fixed_point.golden import PREFIX, FixedPoint, Port
 from ann_dc.export.fixed_point.hdl_bench_text import BENCH, MAKEFILE, README
 from ann_dc.export.fixed_point.hdl_text import DESIGN, MACHINE
+from ann_dc.export.fixed_point.machine import Machine
 from ann_dc.export.fixed_point.manifest import NAME, VECTOR, as_json, check
 from ann_dc.export.fixed_point.readme_text import BEYOND_HDL
 from ann_dc.export.fixed_point.widths import Bits, fixed_point
 from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import PositiveFinite
+from ann_dc.lowering.program import DRIVE, FUNCTION, PRODUCT, SUM, UPDATE
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import PositiveFinite
 
 CLOCKS = {PRODUCT: 7, FUNCTION: 9}
 """Clocks of an operation; others take these, and one an edge."""

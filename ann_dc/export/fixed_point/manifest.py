@@ -14,19 +14,12 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.fixed_point.arithmetic.formats import WIDEST
-from ann_dc.export.fixed_point.arithmetic.machine import DRIVEN, HIGH, LOW, WORD, Machine
-from ann_dc.export.fixed_point.arithmetic.program import (
-    DRIVE,
-    FUNCTION,
-    PRODUCT,
-    RECTIFY,
-    SUM,
-    UPDATE,
-)
+from ann_dc.export.fixed_point.formats import WIDEST
 from ann_dc.export.fixed_point.golden import FEWEST, MOST, FixedPoint, Measured, Port
 from ann_dc.export.fixed_point.integer_entries import NAME, integers, require, within
+from ann_dc.export.fixed_point.machine import DRIVEN, HIGH, LOW, WORD, Machine
 from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.lowering.program import DRIVE, FUNCTION, PRODUCT, RECTIFY, SUM, UPDATE
 from ann_dc.scale import Scale
 from ann_dc.weights.manifest import Table, read_manifest
 

@@ -17,22 +17,7 @@ from typing import Annotated, TypeAlias
 import numpy as np
 
 from ann_dc.errors import ExportError
-from ann_dc.export.fixed_point.arithmetic.formats import quantised
-from ann_dc.export.fixed_point.arithmetic.machine import (
-    SMALL,
-    STILL,
-    Machine,
-    Settled,
-    first_cut_off,
-)
-from ann_dc.export.fixed_point.arithmetic.program import FUNCTION, UPDATE
-from ann_dc.export.fixed_point.arithmetic.sampling import (
-    Sample,
-    confirmed,
-    covered,
-    held_out,
-    learnt,
-)
+from ann_dc.export.fixed_point.formats import quantised
 from ann_dc.export.fixed_point.golden import (
     FEWEST,
     MOST,
@@ -41,10 +26,13 @@ from ann_dc.export.fixed_point.golden import (
     Measured,
     Port,
 )
+from ann_dc.export.fixed_point.machine import SMALL, STILL, Machine, Settled, first_cut_off
+from ann_dc.export.fixed_point.sampling import Sample, confirmed, covered, held_out, learnt
 from ann_dc.export.reference.vector import EARLY, ReferenceVector
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import PositiveFinite, Range
+from ann_dc.lowering.program import FUNCTION, UPDATE
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import PositiveFinite, Range
 
 WIDTHS = (8, 12, 16, 20, 24, 28, 32)
 """Widths that are tried if none is given."""

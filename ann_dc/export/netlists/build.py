@@ -17,19 +17,19 @@ from ann_dc.backends.spice.level_words import level_words
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import ExportError, NetworkError, UnknownNameError
+from ann_dc.fidelity.circuit_instance import Specimen, transient_of
 from ann_dc.fidelity.circuit_study import NEAR
 from ann_dc.fidelity.fitting import fitting_intervals, fitting_margin
 from ann_dc.fidelity.prediction import LARGEST, astray_of, clipped_at, clipping_of
-from ann_dc.fidelity.specimen import Specimen, transient_of
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import snapped
 from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.e_series import E96_PAIRS, SERIES, Series
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.schematic.rails import with_rails
-from ann_dc.hardware.sizing.cures import cure
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.hardware.schematic.saturation import with_rails
+from ann_dc.hardware.sizing.stability_advice import cure
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.scale import Scale
 
 WORDS = {name.replace(" ", "-").lower(): series for name, series in SERIES.items()}

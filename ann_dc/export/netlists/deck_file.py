@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from ann_dc.backends.spice.netlist.cell_text import number
 from ann_dc.errors import FileFormatError
 from ann_dc.export.netlists.build import Build
-from ann_dc.export.netlists.reading.flat import logical_lines
+from ann_dc.export.netlists.flat_reader import logical_lines
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.fidelity.circuit_study import NEAR
 from ann_dc.weights.hashes import content_hash

@@ -20,21 +20,15 @@ from ann_dc.export.netlists.deck_file import (
     models_of,
     plain,
 )
+from ann_dc.export.netlists.flat_reader import flattened
 from ann_dc.export.netlists.pack import PARTS, compared_parts
 from ann_dc.export.netlists.parts import Part, parts_of, parts_text
-from ann_dc.export.netlists.reading.flat import flattened
 from ann_dc.export.netlists.tables import accuracy_text, expected_text, scaling_text
-from ann_dc.export.reference.beside import (
-    check_sums,
-    check_vector,
-    text_of,
-    vector_of,
-    with_sums,
-)
+from ann_dc.export.reference.sidecar import check_sums, check_vector, text_of, vector_of, with_sums
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
-from ann_dc.prefixes import counted
+from ann_dc.si_prefixes import counted
+from ann_dc.validation.checked import checked
 
 MEASURED = 0.999
 """When controls are measured, over the end of the run."""

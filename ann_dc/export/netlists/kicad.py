@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.export.netlists.board_reader import comments_of, values_of, wiring_of
 from ann_dc.export.netlists.build import Build, build
 from ann_dc.export.netlists.deck_file import (
     checked_claims,
@@ -22,6 +23,7 @@ from ann_dc.export.netlists.deck_file import (
     library_of,
     plain,
 )
+from ann_dc.export.netlists.flat_reader import flattened
 from ann_dc.export.netlists.pack import PARTS
 from ann_dc.export.netlists.packages import FEEDBACK, GROUND, PINS
 from ann_dc.export.netlists.parts import (
@@ -36,16 +38,14 @@ from ann_dc.export.netlists.parts import (
     tolerances_of,
     without_maker,
 )
-from ann_dc.export.netlists.reading.board import comments_of, values_of, wiring_of
-from ann_dc.export.netlists.reading.flat import flattened
-from ann_dc.export.netlists.reading.s_expressions import Tree, entries, entry, read, written
+from ann_dc.export.netlists.s_expressions import Tree, entries, entry, read, written
 from ann_dc.export.netlists.tables import accuracy_text
-from ann_dc.export.reference.beside import check_vector, text_of, vector_of
+from ann_dc.export.reference.sidecar import check_vector, text_of, vector_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
-from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
 
 NETLIST = "circuit.net"
 ENGINEERING = "rc"

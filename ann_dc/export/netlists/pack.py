@@ -16,25 +16,19 @@ from itertools import zip_longest
 from ann_dc.errors import FileFormatError
 from ann_dc.export.netlists.build import Build, build
 from ann_dc.export.netlists.deck_file import DECK, FOLDER, checked_claims, deck_text, library_of
+from ann_dc.export.netlists.flat_reader import flattened
 from ann_dc.export.netlists.packages import REAL
 from ann_dc.export.netlists.parts import bill_text, parts_of, parts_text, without_maker
-from ann_dc.export.netlists.reading.flat import flattened
 from ann_dc.export.netlists.tables import (
     expected_text,
     readme_text,
     scaling_text,
     waveforms_text,
 )
-from ann_dc.export.reference.beside import (
-    check_sums,
-    check_vector,
-    text_of,
-    vector_of,
-    with_sums,
-)
+from ann_dc.export.reference.sidecar import check_sums, check_vector, text_of, vector_of, with_sums
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
 
 ZIP, PARTS = "pack.zip", "parts.csv"
 LARGEST, DENSEST = 50_000_000, 50

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 from ann_dc.backends.spice.ngspice.expressions import value_of
 from ann_dc.export.netlists.build import Build
+from ann_dc.export.netlists.flat_reader import Element
 from ann_dc.export.netlists.packages import GROUND, PASSIVE, PINS, REAL, Package, generic
-from ann_dc.export.netlists.reading.flat import Element
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.prefixes import PREFIXES
+from ann_dc.si_prefixes import PREFIXES
 
 PRESET_OHMS = 0.1
 """Across the current source of a preset."""

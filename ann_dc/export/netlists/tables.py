@@ -20,7 +20,7 @@ from ann_dc.export.netlists.deck_file import (
 from ann_dc.export.netlists.packages import REAL
 from ann_dc.export.netlists.parts import Part, without_maker
 from ann_dc.fidelity.circuit_study import NEAR
-from ann_dc.prefixes import counted
+from ann_dc.si_prefixes import counted
 
 ROWS = 200
 """Most rows of a table of waveforms."""

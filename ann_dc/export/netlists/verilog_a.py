@@ -14,21 +14,15 @@ from ann_dc.backends.spice.netlist.timing import reset_card
 from ann_dc.errors import ExportError
 from ann_dc.export.netlists.build import Build, build
 from ann_dc.export.netlists.deck_file import checked_claims, claims_of, plain
-from ann_dc.export.netlists.reading.flat import logical_lines
-from ann_dc.export.netlists.reading.verilog import KEYWORDS, modules_of
+from ann_dc.export.netlists.flat_reader import logical_lines
 from ann_dc.export.netlists.tables import accuracy_text, expected_text, scaling_text
 from ann_dc.export.netlists.verilog_library import LIBRARY
-from ann_dc.export.reference.beside import (
-    check_sums,
-    check_vector,
-    text_of,
-    vector_of,
-    with_sums,
-)
+from ann_dc.export.netlists.verilog_reader import KEYWORDS, modules_of
+from ann_dc.export.reference.sidecar import check_sums, check_vector, text_of, vector_of, with_sums
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
-from ann_dc.prefixes import counted
+from ann_dc.si_prefixes import counted
+from ann_dc.validation.checked import checked
 
 MODULES, LEVEL = "network.va", "behavioural"
 GROUND = "gnd"

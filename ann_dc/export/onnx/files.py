@@ -7,11 +7,11 @@ import importlib.util
 from ann_dc.errors import ExportPackageMissing
 from ann_dc.export.onnx.metadata import describe
 from ann_dc.export.onnx.models import settle_model, step_model
-from ann_dc.export.reference.beside import check_vector
 from ann_dc.export.reference.rounding import Precision
+from ann_dc.export.reference.sidecar import check_vector
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
 
 STEP, SETTLE = "step.onnx", "settle.onnx"
 

@@ -1,7 +1,7 @@
 """Metrics as ONNX operations: how drives become moves. Linear in the stages, whatever the kind.
 
 All work on tensors (P N, B): neuron by neuron the stages, samples last. A grid and a tree are
-solved by the same elimination (see `ann_dc.network.metrics`), level by level.
+solved by the same elimination (see `ann_dc.network.preconditioners`), level by level.
 
 Where neurons that a metric couples stand at rails, a loop exchanges moves and currents in the
 table (M_RR, (M d)_R) of the R neurons with rails, one neuron a turn. Neurons are held and let go in
@@ -14,10 +14,10 @@ import numpy as np
 
 from ann_dc.evaluation.rules import BLOCKS, PIVOTS, ROUNDING
 from ann_dc.export.onnx.graph import Graph
-from ann_dc.network.metrics.elimination import Level, eliminate
-from ann_dc.network.metrics.pyramid import Pyramid, hat_positions
-from ann_dc.network.metrics.stiffness import Stiffness
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.elimination import Level, eliminate
+from ann_dc.network.preconditioners.multilevel import Pyramid, hat_positions
+from ann_dc.network.preconditioners.stiffness import Stiffness
 
 
 def moves(network: Network, graph: Graph, drives: str) -> str:

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ann_dc.errors import ExportPackageMissing, FileFormatError
-from ann_dc.export.reference.beside import check_vector
 from ann_dc.export.reference.rounding import TOLERANCES, Precision, compare
+from ann_dc.export.reference.sidecar import check_vector
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.export.runtimes.beside import Beside, notes_on, read_beside
-from ann_dc.hints.checked import checked
+from ann_dc.export.runtimes.sidecar import Beside, notes_on, read_beside
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
 
 if TYPE_CHECKING:
     import torch

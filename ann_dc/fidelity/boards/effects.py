@@ -19,16 +19,16 @@ from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NotFiniteError, SpiceTimeoutError, UnknownNameError
 from ann_dc.fidelity.boards.passives import PASSIVES
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.prediction import Unpredicted, prediction_of
-from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.hardware.parts.parasitics import Parasitics
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import PositiveFinite
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import PositiveFinite
 
 MARGIN, OHMS = 10.0, 10e3
 """What circuits are made with whose effects are looked at: fast, and thinking of no parasitics."""

@@ -25,14 +25,14 @@ from ann_dc.analysis.sensitivity import input_sensitivity
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.trajectory import Trajectory, control_error, control_values
 from ann_dc.errors import NetworkError
+from ann_dc.fidelity.circuit_instance import Specimen, settling_of, transient_of
 from ann_dc.fidelity.monte_carlo import settled_error, specimens, undrawn
 from ann_dc.fidelity.noise_run import control_noise
 from ann_dc.fidelity.prediction import CLOCKED, astray_of, not_emulated
-from ann_dc.fidelity.specimen import Specimen, settling_of, transient_of
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import NotNegative, Range
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import NotNegative, Range
 
 Bits = Annotated[int, Range(words="a whole number of bits, 1 to 32", low=1, high=32)]
 

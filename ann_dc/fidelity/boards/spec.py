@@ -10,8 +10,8 @@ import re
 from dataclasses import dataclass
 
 from ann_dc.errors import NetworkError
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Positive
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Positive
 
 TERM = re.compile(r"(error|settle)\s*<=?\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(%|[munµμ]?s|)")
 """A limit: what, how much, in which unit."""

@@ -11,9 +11,9 @@ from dataclasses import fields, replace
 import numpy as np
 
 from ann_dc.evaluation.rules import size_of
-from ann_dc.fidelity.specimen import Specimen
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.hardware.parts.parasitics import NONE, Parasitics
-from ann_dc.hints.checked import checked
+from ann_dc.validation.checked import checked
 
 STILL = ("bias_doubling", "multiplier_noise", "amplifier_noise")
 """Parasitics that move nothing by themselves, or not for long."""

@@ -10,15 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.fidelity.boards.readings import Reading, reading_of
+from ann_dc.fidelity.boards.measurements import Reading, reading_of
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.error_budget import Sensitivity
-from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.deviations import draw
 from ann_dc.hardware.circuit.parameters import Parameter, Quantity
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.schematic.elements import Generator
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import PositiveFinite, Share
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import PositiveFinite, Share
 
 TRIMMED = (Kind.OFFSET, Kind.GAIN, Kind.PRODUCT_OFFSET)
 """What is trimmed; resistors are bought as good as they have to be."""

@@ -18,17 +18,17 @@ import numpy as np
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.boards.readings import misread
+from ann_dc.fidelity.boards.measurements import misread
 from ann_dc.fidelity.boards.trim_order import Step, trim_steps
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.error_budget import sensitivity
 from ann_dc.fidelity.monte_carlo import settled_error, specimens, undrawn
 from ann_dc.fidelity.noise_run import control_noise, noisy
 from ann_dc.fidelity.prediction import REPELS, not_emulated
-from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, PositiveFinite, Share
 from ann_dc.progress import Progress
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Count, PositiveFinite, Share
 from ann_dc.yields import Yield
 
 BEST = 1.05

@@ -16,6 +16,7 @@ from ann_dc.backends.spice.ngspice.process import find_ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.boards.spec import Spec
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.monte_carlo import (
     measured_runs,
     sample_decks,
@@ -25,10 +26,9 @@ from ann_dc.fidelity.monte_carlo import (
 )
 from ann_dc.fidelity.noise_run import control_noise, noisy
 from ann_dc.fidelity.prediction import Unpredicted, not_emulated, prediction_of, untimed
-from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, Index
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Count, Index
 from ann_dc.yields import Yield, within
 
 CLOSE = 0.1

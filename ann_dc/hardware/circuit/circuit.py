@@ -34,9 +34,9 @@ from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.hardware.schematic.elements import Adder, Amplifier, GridNode, Integrator, PICell
 from ann_dc.hardware.schematic.metric_parts import metric_values
 from ann_dc.hardware.schematic.schematic import Schematic
-from ann_dc.hints.values import such_as
 from ann_dc.network.cell import ONE, Limiter
 from ann_dc.scale import IDENTITY, Scale
+from ann_dc.validation.values import such_as
 
 HOLD = 0.1
 """Resistor from the output of a diode neuron to ground, over the smallest one of the others."""

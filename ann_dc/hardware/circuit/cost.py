@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ann_dc.hardware.parts.datasheet import Datasheet
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import FloatOrNan
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import FloatOrNan
 
 OP_AMP, OTA, MULTIPLIER = "op amps", "transconductors", "multipliers"
 INNER = "multipliers in generators"

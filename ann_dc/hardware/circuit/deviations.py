@@ -17,8 +17,8 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.parameters import Parameter, Quantity
 from ann_dc.hardware.parts.datasheet import Kind, Tolerances
 from ann_dc.hardware.parts.e_series import Series
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import FloatOrNan
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import FloatOrNan
 
 Deviations: TypeAlias = Mapping[str, FloatOrNan | np.ndarray]
 """How far parameters are off, by name."""

@@ -13,7 +13,7 @@ import numpy as np
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import CLAMP_REFERENCE, HOLD, Circuit
 from ann_dc.hardware.circuit.generators import built_range
-from ann_dc.hardware.generators.curves import Curves, Polynomial
+from ann_dc.hardware.parts.generator_curves import Curves, Polynomial
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import (
     Adder,
@@ -26,8 +26,8 @@ from ann_dc.hardware.schematic.elements import (
     Wire,
 )
 from ann_dc.hardware.schematic.metric_wiring import OWN
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import State
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import State
 
 
 @dataclass(frozen=True, kw_only=True)

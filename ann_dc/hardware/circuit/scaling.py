@@ -23,11 +23,11 @@ from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.schematic.metric_parts import metric_parts, metric_values
 from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
-from ann_dc.hardware.schematic.plain_sums import plain_sums
-from ann_dc.hints.checked import checked
+from ann_dc.hardware.schematic.pass_through_sums import plain_sums
 from ann_dc.network.cell import ONE, Product
 from ann_dc.network.network import Network
 from ann_dc.scale import Scale
+from ann_dc.validation.checked import checked
 
 HEADROOM = 1.2
 """Full scale over the largest value that was seen."""

@@ -11,9 +11,9 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.hardware.defects.strengths import TIME_CONSTANTS, draws, require_finite
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import FloatOrNan, Index, NotEmpty
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import FloatOrNan, Index, NotEmpty
 
 
 @checked

@@ -15,8 +15,6 @@ from ann_dc.hardware.defects.strengths import (
     require_strength,
 )
 from ann_dc.hardware.parts.e_series import EXACT, Series
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import FloatOrNan, Index
 from ann_dc.network.cell import ONE, Connection, Function, Product, Sum
 from ann_dc.network.network import Network
 from ann_dc.network.rewiring import (
@@ -36,6 +34,8 @@ from ann_dc.network.selection import (
     connections_of,
     neurons_of,
 )
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import FloatOrNan, Index
 
 
 @checked

@@ -23,10 +23,10 @@ from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hardware.schematic.buildable import check_metric
 from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier, Part
-from ann_dc.hardware.schematic.rails import check_rails
+from ann_dc.hardware.schematic.saturation import check_rails
 from ann_dc.hardware.schematic.shared import check_shared
-from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
 
 
 @checked

@@ -55,9 +55,9 @@ from ann_dc.hardware.circuit.circuit import (
 )
 from ann_dc.hardware.circuit.parameters import CLAMP_OFFSETS
 from ann_dc.hardware.emulation.assembly import Assembly
+from ann_dc.hardware.emulation.diode_knee import bent_rectifier
 from ann_dc.hardware.emulation.grounds import farads_over
 from ann_dc.hardware.emulation.idle_clamps import Clamp, clamps_of
-from ann_dc.hardware.emulation.knee import bent_rectifier
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.hardware.parts.board_models import op_amp_rails
 from ann_dc.hardware.schematic.elements import UNLIMITED, Integrator

@@ -15,8 +15,8 @@ import numpy as np
 
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
-from ann_dc.hints.values import such_as
 from ann_dc.network.network import Network
+from ann_dc.validation.values import such_as
 
 
 @such_as("ann_dc.emulate(circuit, level)")

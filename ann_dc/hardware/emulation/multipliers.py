@@ -32,8 +32,8 @@ from ann_dc.hardware.circuit.generators import built_range, slopes_of
 from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import Assembly
 from ann_dc.hardware.emulation.nodes import Origin
-from ann_dc.hardware.generators.cascade import CENTRE, INPUT, OUTPUT, Cascade, Step, cascade_of
-from ann_dc.hardware.generators.curves import LOAD, Curves, FittedPolynomial, FittedQuotient
+from ann_dc.hardware.parts.generator_cascade import CENTRE, INPUT, OUTPUT, Cascade, Step, cascade_of
+from ann_dc.hardware.parts.generator_curves import LOAD, Curves, FittedPolynomial, FittedQuotient
 from ann_dc.hardware.parts.parasitics import PRODUCT, MultiplierLaw
 from ann_dc.hardware.schematic.elements import Generator, Multiplier
 from ann_dc.network.cell import ONE, Limiter

@@ -24,9 +24,9 @@ from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.emulation.noise_currents import Currents, Place, Source
 from ann_dc.hardware.schematic.elements import Integrator
-from ann_dc.hints.checked import checked
 from ann_dc.network.cell import Connection
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
 
 
 def noise_input(source: Source) -> str:

@@ -12,7 +12,7 @@ from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.schematic.elements import PICell
 from ann_dc.hardware.schematic.metric_parts import metric_values
-from ann_dc.hints.checked import checked
+from ann_dc.validation.checked import checked
 
 ALL_MODES = 3000
 """Neurons of an emulation up to which all of its modes are computed: exactly, in ten seconds."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ann_dc.errors import NetworkError
-from ann_dc.hints.checked import checked
+from ann_dc.validation.checked import checked
 
 ROOM = 27.0
 """Degrees Celsius at which parts are described, and simulated where nothing else is asked for."""

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from ann_dc.errors import NetworkError, require_positive
-from ann_dc.hardware.generators.curves import Curves, Polynomial
 from ann_dc.hardware.parts.board_models import (
     MACRO_PARAMETERS,
     check_parasitics,
@@ -22,6 +21,7 @@ from ann_dc.hardware.parts.board_models import (
 )
 from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
 from ann_dc.hardware.parts.datasheet import TYPICAL, Datasheet, Tolerances
+from ann_dc.hardware.parts.generator_curves import Curves, Polynomial
 from ann_dc.hardware.parts.technologies import (
     DIFFERENTIAL_PAIRS,
     OP_AMPS,
@@ -31,9 +31,9 @@ from ann_dc.hardware.parts.technologies import (
     Technology,
 )
 from ann_dc.hardware.parts.transistors import transistor_sheet
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import FloatOrNan, PositiveFinite, such_as
-from ann_dc.network.metrics import contract
+from ann_dc.network.preconditioners import base as contract
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import FloatOrNan, PositiveFinite, such_as
 
 
 @such_as("ann_dc.levels.macro()")

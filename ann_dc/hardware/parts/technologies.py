@@ -15,8 +15,8 @@ import numpy as np
 
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.parts.datasheet import Kind
-from ann_dc.hints.checked import checked
-from ann_dc.network.metrics import contract
+from ann_dc.network.preconditioners import base as contract
+from ann_dc.validation.checked import checked
 
 FEED_FORWARD = tuple(kind for kind in contract.Kind if kind is not contract.Kind.GRID)
 """Metrics that are sums without a loop."""

@@ -35,11 +35,11 @@ import numpy as np
 import scipy.sparse.linalg
 from scipy import sparse
 
-from ann_dc.network.metrics.elimination import Elimination
-from ann_dc.network.metrics.grid import Grid
-from ann_dc.network.metrics.pyramid import Pyramid, hat_positions
-from ann_dc.network.metrics.tree import Tree
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.cyclic_reduction import Tree
+from ann_dc.network.preconditioners.elimination import Elimination
+from ann_dc.network.preconditioners.multilevel import Pyramid, hat_positions
+from ann_dc.network.preconditioners.resistive_grid import Grid
 
 OWN = "own."
 """Before the name of a neuron: its own integrator, where a metric reaches it."""

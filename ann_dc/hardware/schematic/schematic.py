@@ -36,12 +36,12 @@ from ann_dc.hardware.schematic.elements import (
     PICell,
     Wire,
 )
-from ann_dc.hardware.schematic.fusing import Wires, fused_cells, rates_of, wires_of
 from ann_dc.hardware.schematic.metric_parts import metric_parts
 from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
-from ann_dc.hardware.schematic.plain_sums import plain_sums
+from ann_dc.hardware.schematic.pass_through_sums import plain_sums
+from ann_dc.hardware.schematic.pi_cells import Wires, fused_cells, rates_of, wires_of
 from ann_dc.hardware.schematic.polarity import inverted, polarities
-from ann_dc.hardware.schematic.rails import check_parts
+from ann_dc.hardware.schematic.saturation import check_parts
 from ann_dc.hardware.schematic.shared import shared_nodes
 from ann_dc.network.cell import Product, Sum
 from ann_dc.network.network import Network

@@ -19,7 +19,6 @@ from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.hardware.sizing.clamps import check_clamps, holding_margin
-from ann_dc.hardware.sizing.cures import cure
 from ann_dc.hardware.sizing.margins import (
     SPARE,
     check_following,
@@ -28,9 +27,10 @@ from ann_dc.hardware.sizing.margins import (
     least_margin,
 )
 from ann_dc.hardware.sizing.resistors import SHARE, fitting_resistor, two_digits
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import State
+from ann_dc.hardware.sizing.stability_advice import cure
 from ann_dc.progress import Progress, silent
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import State
 
 
 @checked

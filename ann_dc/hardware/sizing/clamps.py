@@ -23,10 +23,10 @@ from ann_dc.hardware.parts.board_models import op_amp_rails
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import Integrator
 from ann_dc.hardware.sizing.resistors import two_digits
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import State
 from ann_dc.network.cell import Limiter
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import State
 
 GIVEN = 0.7
 """Of the rails of its op amp that a clamp gives at most; beyond, its gain ends."""

@@ -21,9 +21,9 @@ from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.metric_wiring import wiring_of
 from ann_dc.hardware.sizing.resistors import two_digits
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import State
 from ann_dc.progress import Progress, silent
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import State
 
 HIGHEST = 1e4
 """Margins above that are none."""

@@ -71,7 +71,7 @@ def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
     >>> import numpy as np
     >>> from ann_dc.hardware.circuit import ProbeRun, scale
     >>> from ann_dc.network import Cell, Network
-    >>> from ann_dc.network.metrics import Grid
+    >>> from ann_dc.network.preconditioners import Grid
     >>> held = Neuron(name="x", role=Role.PRIMAL, limiter=Limiter(high=0.5))
     >>> ties = Grid(own=np.full((2, 1, 1), 1.0), following=np.full((1, 1, 1), -0.5))
     >>> pushed = Cell(neurons=(held,), connections=(wire(ONE, "x"), wire("x", "x", -1.0)))

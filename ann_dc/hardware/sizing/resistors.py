@@ -22,7 +22,7 @@ from ann_dc.hardware.circuit.loads import heaviest
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import Adder, PICell
-from ann_dc.hints.checked import checked
+from ann_dc.validation.checked import checked
 
 GROUND = 0.4
 """Of the slowest virtual ground: the op amps' bandwidth over its corner, at most."""

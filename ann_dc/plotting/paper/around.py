@@ -8,11 +8,11 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.figure import Figure
 
-from ann_dc.hints.checked import checked
 from ann_dc.paper.around import APART, RADIUS, Around, obstacles, whole
 from ann_dc.plotting.paper.plane import Disc, Drawn, Panel, plane
 from ann_dc.plotting.paper.stages import controls_over_stages
 from ann_dc.plotting.style import BLUE, GREEN, INK, ORANGE, VERMILION, with_unit
+from ann_dc.validation.checked import checked
 
 COLUMNS = 3
 """Panels of a case: as printed, with legs, with discs."""

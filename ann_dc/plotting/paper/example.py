@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from ann_dc.hints.checked import checked
 from ann_dc.paper.paths import Path, path_of, rolled_out, run_away
 from ann_dc.plotting.paper.plane import Drawn, Panel, plane
 from ann_dc.plotting.paper.stages import controls_over_stages
 from ann_dc.plotting.style import BLUE, GREY, INK, ORANGE, SKY, VERMILION, caption, with_unit
 from ann_dc.solution.solution import Solution
+from ann_dc.validation.checked import checked
 
 FADING = (SKY, ORANGE, GREY)
 HOLDS, PRINTED = "what holds", "what the printed equations give"

@@ -11,8 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import NotEmpty, NotNegative, OrNan, Shape
 from ann_dc.plotting.style import (
     BLUE,
     GREY,
@@ -24,6 +22,8 @@ from ann_dc.plotting.style import (
     new_figure,
     quiet,
 )
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import NotEmpty, NotNegative, OrNan, Shape
 
 THIRD = 3
 """After which iteration the paper sees convergence."""

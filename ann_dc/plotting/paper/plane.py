@@ -11,8 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Finite, NotEmpty, OrNan, Positive, Shape
 from ann_dc.plotting.style import (
     BLUE,
     GREEN,
@@ -26,6 +24,8 @@ from ann_dc.plotting.style import (
     quiet,
     with_unit,
 )
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Finite, NotEmpty, OrNan, Positive, Shape
 
 OBSTACLE = "#D9D9D9"
 

@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, FancyBboxPatch, Polygon
 
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Finite, Positive
 from ann_dc.plotting.style import BLUE, GREEN, GREY, INK, ORANGE, VERMILION, headline, new_figure
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Finite, Positive
 
 WHEEL = 0.3, 0.09
 """Length and width of a wheel over the wheel base."""

@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import NotEmpty
 from ann_dc.plotting.paper.plane import Panel
 from ann_dc.plotting.style import INK, drawable, headline, legend_below, new_figure, quiet
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import NotEmpty
 
 
 @checked

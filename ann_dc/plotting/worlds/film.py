@@ -10,11 +10,11 @@ import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.patches import Circle
 
-from ann_dc.hints.checked import checked
+from ann_dc.atomic_files import write_whole
 from ann_dc.navigation.closed_loop import Journey
 from ann_dc.plotting.style import BLUE, SKY, headline, new_figure, quiet
 from ann_dc.plotting.worlds.journey import ends, patch_of
-from ann_dc.whole_files.files import write_whole
+from ann_dc.validation.checked import checked
 
 FRAMES_A_SECOND = 10
 DOTS = 70

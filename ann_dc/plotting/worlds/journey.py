@@ -8,7 +8,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 from matplotlib.ticker import NullFormatter
 
-from ann_dc.hints.checked import checked
 from ann_dc.navigation.closed_loop import SETTLED, Journey
 from ann_dc.navigation.obstacles import Obstacle
 from ann_dc.plotting.style import (
@@ -24,6 +23,7 @@ from ann_dc.plotting.style import (
     new_figure,
     quiet,
 )
+from ann_dc.validation.checked import checked
 
 PLANS = 8
 """Plans that are drawn beside the way."""

@@ -10,7 +10,10 @@ from collections.abc import Callable, Iterator
 from itertools import combinations
 from typing import NamedTuple
 
-from ann_dc.report.findings import Column, Findings, limits, strength, within
+from ann_dc.report.fractions import limits, within
+from ann_dc.report.quantile_bands import strength
+from ann_dc.report.statistics import Findings
+from ann_dc.report.study_columns import Column
 from ann_dc.report.study_page.dependence import over_numbers, over_two, over_words, yield_over
 from ann_dc.report.study_page.distributions import beside, distribution, over_time, predictions
 from ann_dc.report.study_page.figure import Figure, limit_of

@@ -7,19 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ann_dc.report.findings import (
-    Band,
-    Column,
-    Findings,
-    Limit,
-    band,
-    boxes,
-    combinations,
-    groups,
-    is_clustered,
-    within,
-    yield_of,
-)
+from ann_dc.report.fractions import Limit, within, yield_of
+from ann_dc.report.quantile_bands import Band, band, boxes, combinations, groups, is_clustered
+from ann_dc.report.statistics import Findings
+from ann_dc.report.study_columns import Column
 from ann_dc.report.study_page.figure import (
     BLUE,
     GREEN,
@@ -36,7 +27,7 @@ from ann_dc.report.study_page.figure import (
     shown,
     told,
 )
-from ann_dc.study.keeping.rows import OUTCOME
+from ann_dc.study.records import OUTCOME
 
 CELLS = 60
 """Different values of a setting that a map has a row or a column each for."""

@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ann_dc.report.findings import Column, Findings, Limit
+from ann_dc.report.fractions import Limit
+from ann_dc.report.statistics import Findings
+from ann_dc.report.study_columns import Column
 from ann_dc.report.study_page.figure import (
     BLUE,
     GREY,

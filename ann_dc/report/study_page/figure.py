@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ann_dc.report.findings import Column, Limit
+from ann_dc.report.fractions import Limit
+from ann_dc.report.study_columns import Column
 
 BLUE, RED, GREEN, ORANGE, VIOLET, GREY = (
     "#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#777777",

@@ -16,7 +16,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ann_dc.report.findings import Column
+from ann_dc.report.study_columns import Column
 
 ALIGNED = 8
 """Bytes at whose multiples columns begin."""

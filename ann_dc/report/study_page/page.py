@@ -15,16 +15,16 @@ import os
 from importlib import resources
 
 import ann_dc
+from ann_dc.atomic_files import write_whole
 from ann_dc.errors import PlotlyMissing
 from ann_dc.progress import Progress, silent
-from ann_dc.report.findings import Findings
+from ann_dc.report.statistics import Findings
 from ann_dc.report.study_page import sections
 from ann_dc.report.study_page.choice import chosen
 from ann_dc.report.study_page.figure import Figure
 from ann_dc.report.study_page.markup import Markup, element, joined
 from ann_dc.report.study_page.packed import pack
-from ann_dc.study.keeping.store import Store
-from ann_dc.whole_files.files import write_whole
+from ann_dc.study.store import Store
 
 LARGEST_TABLE = 200_000
 """Rows that a page holds; statistics and figures have all of them."""

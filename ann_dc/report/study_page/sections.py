@@ -8,23 +8,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ann_dc.report.findings import (
-    Column,
-    Findings,
-    Growth,
-    Limit,
-    causes,
-    exponents,
-    limits,
-    settled,
-    slowest,
-    within,
-    worst,
-    yield_of,
-)
+from ann_dc.report.failure_causes import causes, slowest, worst
+from ann_dc.report.fractions import Limit, limits, settled, within, yield_of
+from ann_dc.report.growth_exponents import Growth, exponents
+from ann_dc.report.statistics import Findings
+from ann_dc.report.study_columns import Column
 from ann_dc.report.study_page.distributions import errors, predictions
 from ann_dc.report.study_page.markup import Markup, element, joined, number, percent, plain, table
-from ann_dc.study.keeping.rows import FAILED, LOST, TIMED_OUT, VERSIONS
+from ann_dc.study.records import FAILED, LOST, TIMED_OUT, VERSIONS
 
 STANDING_OUT = 8
 """Points that are listed as the slowest, or as the worst for a metric."""

@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, Index
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.study.keeping.rows import Value
-from ann_dc.study.measuring.yields import SETTLED
+from ann_dc.study.records import Value
 from ann_dc.study.study import Study
 from ann_dc.study.table import Table
+from ann_dc.study.yield_metrics import SETTLED
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Count, Index
 
 SPREADS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Of random starts around the straight line; a neuron is near one."""

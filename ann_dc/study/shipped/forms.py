@@ -10,10 +10,10 @@ import enum
 from collections.abc import Sequence
 
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.study.keeping.rows import OUTCOME, Row
-from ann_dc.study.measuring.yields import SETTLED
+from ann_dc.study.records import OUTCOME, Row
+from ann_dc.study.settings import WORDS
 from ann_dc.study.study import Study
-from ann_dc.study.varying.settings import WORDS
+from ann_dc.study.yield_metrics import SETTLED
 
 FORMS = tuple(WORDS["design.form"])
 """All: corrected, printed, S1 to S17."""

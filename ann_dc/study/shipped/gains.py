@@ -14,11 +14,11 @@ import numpy as np
 
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.study.measuring.metrics import METRICS, Metric
-from ann_dc.study.measuring.sample import Sample
+from ann_dc.study.metrics import METRICS, Metric
+from ann_dc.study.sample import Sample
 from ann_dc.study.study import Study
+from ann_dc.study.subject import subject_of
 from ann_dc.study.table import Table
-from ann_dc.study.varying.subject import subject_of
 
 FACTORS = tuple(10 ** (k / 3) for k in range(-6, 7))
 """On a gain: four decades."""

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import Count, Index
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.study.keeping.rows import Value
+from ann_dc.study.records import Value
 from ann_dc.study.study import Study
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Count, Index
 
 BOARD: dict[str, Value] = {
     "circuit.level": "macro",

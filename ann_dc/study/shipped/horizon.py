@@ -15,12 +15,12 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import StudyError
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.study.keeping.rows import Value
-from ann_dc.study.measuring.metrics import METRICS, Metric
-from ann_dc.study.measuring.sample import Sample
+from ann_dc.study.metrics import METRICS, Metric
+from ann_dc.study.realisation import Realisation
+from ann_dc.study.records import Value
+from ann_dc.study.sample import Sample
 from ann_dc.study.study import Study
-from ann_dc.study.varying.realisation import Realisation
-from ann_dc.study.varying.subject import subject_of
+from ann_dc.study.subject import subject_of
 
 SIZES = (9, 18, 36, 72, 144, 288, 576, 1152)
 """Numbers of stages."""

@@ -24,8 +24,8 @@ from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.procedure import design
 from ann_dc.network.cell import ONE, Cell, Connection, Function, Limiter, Neuron, Product
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.solver import synthesize
 
 

@@ -8,8 +8,8 @@ from scipy.optimize import brentq
 from ann_dc.backends import ode
 from ann_dc.backends.ode import METHODS, OdeBackend
 from ann_dc.network.cell import ONE, Cell, Connection, Limiter, Neuron, Role
-from ann_dc.network.metrics.grid import Grid
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.resistive_grid import Grid
 
 LOWEST = -1.0
 """Where the drive of x would take it, below its rail at zero."""

@@ -18,8 +18,8 @@ from ann_dc.evaluation.variant_numbers import Numbers, numbers_of
 from ann_dc.hardware.defects.numbers import detuned, leak, mismatch, offset
 from ann_dc.hardware.defects.parts import extra_pole, rails, slew
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Sum
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 
 STEP = ann_dc.FixedStep(step=1e-3)
 

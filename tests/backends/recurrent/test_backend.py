@@ -29,7 +29,7 @@ from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.network.inputs import moved_starts
 from ann_dc.network.network import Network
 from ann_dc.problem import plants

@@ -13,16 +13,16 @@ from simulator import needs_ngspice
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError, SpiceError
+from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.deviations import combined, draw, snapped
 from ann_dc.hardware.parts.datasheet import Tolerances
 from ann_dc.hardware.parts.e_series import E12
 from ann_dc.hardware.parts.foundry import SKY130
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c, switched_capacitor
 from ann_dc.network.cell import Cell, Connection, Neuron
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.problem.step_length import StepLength
 from ann_dc.solution.solution import certificate_of

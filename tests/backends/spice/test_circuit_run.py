@@ -20,7 +20,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.circuit.cost import OP_AMP
 from ann_dc.hardware.parts.levels import TRANSISTOR, macro
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solution.solution import certificate_of

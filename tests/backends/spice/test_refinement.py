@@ -19,7 +19,7 @@ from ann_dc.fidelity.monte_carlo import measured_runs
 from ann_dc.fidelity.prediction import predict
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import macro, switched_capacitor
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.report.tables import measured

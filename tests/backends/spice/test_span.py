@@ -9,12 +9,12 @@ import pytest
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.span import span_of
-from ann_dc.fidelity.specimen import Specimen
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

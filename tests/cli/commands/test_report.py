@@ -7,9 +7,9 @@ import pytest
 from command_line import ROOT, refused, run
 from study_pages import IDENTITY, curve, frame
 
-from ann_dc.study.keeping.curves import packed
-from ann_dc.study.keeping.rows import Finished
-from ann_dc.study.keeping.store import Store
+from ann_dc.study.records import Finished
+from ann_dc.study.store import Store
+from ann_dc.study.stored_trajectories import packed
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ import pytest
 from designs import near_start, wired_with
 
 from ann_dc.evaluation.codegen.lanes import Lanes
+from ann_dc.evaluation.codegen.memory import LINE
 from ann_dc.evaluation.codegen.plan import WRITTEN_OUT, Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
-from ann_dc.evaluation.vector_code.memory import LINE
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
 KINDS = Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TIME_CONSTANTS

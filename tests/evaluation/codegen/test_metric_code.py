@@ -14,9 +14,9 @@ from ann_dc.evaluation.codegen.plan import Axis
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.cell import Cell, Connection, Neuron, Role
 from ann_dc.network.ends import Absent, Pin
-from ann_dc.network.metrics.contract import Kind
-from ann_dc.network.metrics.grid import Grid
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.resistive_grid import Grid
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 2)
 WHOLE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)

@@ -9,9 +9,9 @@ import pytest
 from fixed_points import PROBLEMS, in_integers, needs, pressed, said, walked, written
 
 import ann_dc
-from ann_dc.export.fixed_point.arithmetic.machine import Integers
 from ann_dc.export.fixed_point.c99 import c99_check, c99_files
 from ann_dc.export.fixed_point.golden import FixedPoint, Port
+from ann_dc.export.fixed_point.machine import Integers
 from ann_dc.export.reference.vector import reference_vector
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network

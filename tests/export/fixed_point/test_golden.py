@@ -10,12 +10,12 @@ from fixed_points import PROBLEMS, in_integers, pressed, walk, walked
 
 import ann_dc
 from ann_dc.errors import ArgumentError, ExportError
-from ann_dc.export.fixed_point.arithmetic import formats
-from ann_dc.export.fixed_point.arithmetic.machine import Integers
-from ann_dc.export.fixed_point.arithmetic.writing import program_of
+from ann_dc.export.fixed_point import formats
+from ann_dc.export.fixed_point.machine import Integers
 from ann_dc.export.fixed_point.widths import fixed_point
 from ann_dc.export.reference.vector import reference_vector
-from ann_dc.network.metrics.time_constants import TimeConstants
+from ann_dc.lowering.writing import program_of
+from ann_dc.network.preconditioners.diagonal import TimeConstants
 
 QUICK = ["double_integrator", "car", "bounds", "objectives"]
 

@@ -11,12 +11,11 @@ from fixed_points import in_integers, needs, said, walked, written
 
 import ann_dc
 from ann_dc.errors import ExportError, ProblemError, UnknownNameError
-from ann_dc.export.fixed_point import golden, widths
-from ann_dc.export.fixed_point.arithmetic import machine as machines, sampling
-from ann_dc.export.fixed_point.arithmetic.machine import Integers
+from ann_dc.export.fixed_point import golden, machine as machines, sampling, widths
 from ann_dc.export.fixed_point.c99 import c99_check, c99_files
 from ann_dc.export.fixed_point.golden import FixedPoint, Measured
 from ann_dc.export.fixed_point.hdl import hdl_files
+from ann_dc.export.fixed_point.machine import Integers
 from ann_dc.export.fixed_point.widths import fixed_point
 from ann_dc.export.reference.vector import reference_vector
 

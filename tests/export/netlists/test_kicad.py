@@ -12,10 +12,10 @@ from simulator import needs_ngspice
 
 import ann_dc
 from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.export.netlists.board_reader import wiring_of
 from ann_dc.export.netlists.kicad import kicad_check, kicad_files
 from ann_dc.export.netlists.pack import pack_files
-from ann_dc.export.netlists.reading.board import wiring_of
-from ann_dc.export.netlists.reading.s_expressions import entries, entry, read
+from ann_dc.export.netlists.s_expressions import entries, entry, read
 
 CASES = [
     ("tl072_ad633", "exact"),

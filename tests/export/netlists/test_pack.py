@@ -21,7 +21,7 @@ from ann_dc.errors import ExportError, FileFormatError, UnknownNameError
 from ann_dc.export.netlists.dialects import dialect_check, ltspice_files, xyce_files
 from ann_dc.export.netlists.pack import pack_check, pack_files
 from ann_dc.export.netlists.verilog_a import verilog_a_check, verilog_a_files
-from ann_dc.export.reference.beside import with_sums
+from ann_dc.export.reference.sidecar import with_sums
 from ann_dc.export.reference.vector import reference_vector
 from ann_dc.hardware.parts.e_series import E96
 

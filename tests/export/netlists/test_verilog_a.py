@@ -15,8 +15,8 @@ from scipy.integrate import solve_ivp
 
 import ann_dc
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.netlists.reading.verilog import modules_of
 from ann_dc.export.netlists.verilog_a import verilog_a_check, verilog_a_files
+from ann_dc.export.netlists.verilog_reader import modules_of
 from ann_dc.export.reference.vector import reference_vector
 
 KINDS = [ann_dc.Kind.TIME_CONSTANTS]

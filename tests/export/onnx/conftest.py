@@ -5,7 +5,7 @@ import pytest
 import ann_dc
 from ann_dc.export.onnx.files import onnx_files
 from ann_dc.export.reference.vector import reference_vector
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 
 
 @pytest.fixture(scope="session")

@@ -19,8 +19,8 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.export.onnx.check import onnx_check
 from ann_dc.export.onnx.files import onnx_files
 from ann_dc.export.reference.vector import reference_vector
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 
 STEP = 0.1
 SEEDS = st.integers(0, 2**32 - 1)

@@ -15,8 +15,8 @@ import ann_dc
 from ann_dc.export.reference.vector import reference_vector
 from ann_dc.network.cell import Cell, Connection, Function, Neuron
 from ann_dc.network.inputs import input_batch, moved_starts
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 
 
 def layer_steps(network: Network, x: np.ndarray, inputs, step: float, tolerance: float):

@@ -23,8 +23,8 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.export.reference.vector import reference_vector
 from ann_dc.export.runtimes.torch_program import torch_program_check, torch_program_files
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role
-from ann_dc.network.metrics.grid import Grid
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.resistive_grid import Grid
 
 CASES = {
     "time constants": lambda: (

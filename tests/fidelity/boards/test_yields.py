@@ -11,15 +11,15 @@ from ann_dc.analysis.spectra import stability_limit
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.boards.spec import Spec
 from ann_dc.fidelity.boards.yields import yield_of
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.monte_carlo import predicted_errors
 from ann_dc.fidelity.noise_run import control_noise
 from ann_dc.fidelity.prediction import predict
-from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.parts.conditions import Conditions
 from ann_dc.hardware.parts.datasheet import Tolerances
 from ann_dc.hardware.parts.e_series import E12
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, switched_capacitor
-from ann_dc.study.measuring.yields import Yield
+from ann_dc.study.yield_metrics import Yield
 
 SAMPLES = 8
 

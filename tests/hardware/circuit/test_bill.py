@@ -17,8 +17,8 @@ from ann_dc.backends.spice.netlist.deck import deck_of
 from ann_dc.backends.spice.netlist.nodes import Nodes
 from ann_dc.backends.spice.netlist.values import Values
 from ann_dc.errors import NetworkError
+from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.bill import COLUMNS, bill_of
 from ann_dc.hardware.circuit.cost import CAPACITOR, GENERATOR, MULTIPLIER, OP_AMP, RESISTOR
 from ann_dc.hardware.parts.e_series import E24, E24_PAIRS, E96, EXACT

@@ -9,8 +9,8 @@ from problems import SUITE
 
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.gain_rule import WITH_COORDINATORS, WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.recipe import WITH_COORDINATORS, WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.circuit import circuit_of
 from ann_dc.hardware.circuit.scaling import ProbeRun, scale
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR

@@ -9,8 +9,8 @@ from designs import small
 
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.netlist.deck import deck_of
+from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.cost import (
     CAPACITOR,
     GENERATOR,

@@ -9,8 +9,8 @@ from hypothesis import given, settings, strategies as st
 
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.circuit.deviations import checked_deviations, combined, draw
 from ann_dc.hardware.parts.conditions import Conditions
 from ann_dc.hardware.parts.datasheet import Kind, Tolerances

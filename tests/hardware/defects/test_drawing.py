@@ -9,7 +9,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.variant_numbers import numbers_of
 from ann_dc.hardware.defects.drawing import drawn_numbers
 from ann_dc.hardware.defects.numbers import detuned, mismatch
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 
 SEEDS = (0, 7, 2**40)
 

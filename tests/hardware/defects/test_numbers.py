@@ -39,9 +39,9 @@ from ann_dc.network.cell import (
     Template,
 )
 from ann_dc.network.ends import Absent, Pin
-from ann_dc.network.metrics.contract import Kind
-from ann_dc.network.metrics.time_constants import TimeConstants
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.diagonal import TimeConstants
 from ann_dc.network.selection import EVERYWHERE, Selection
 from ann_dc.solver import synthesize
 from ann_dc.weights.network_file import load, save

@@ -23,8 +23,8 @@ from ann_dc.hardware.parts.parasitics import Parasitics
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.network.cell import Cell, Connection, Neuron, Sum
 from ann_dc.network.duals import PIDual
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

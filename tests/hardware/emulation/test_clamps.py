@@ -15,8 +15,8 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.refinement import refined
 from ann_dc.backends.spice.span import span_of
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.prediction import predict
-from ann_dc.fidelity.specimen import Specimen
 from ann_dc.hardware.circuit.circuit import CLAMP_RESTING, CLAMP_SATURATION
 from ann_dc.hardware.emulation.building import emulate_clamps
 from ann_dc.hardware.emulation.emulation import Emulation

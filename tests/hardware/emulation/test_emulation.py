@@ -34,7 +34,7 @@ from ann_dc.hardware.parts.levels import Level, macro, ota_c, switched_capacitor
 from ann_dc.hardware.schematic.elements import Adder, GridNode, Part
 from ann_dc.hardware.schematic.metric_wiring import wiring_of
 from ann_dc.hardware.schematic.schematic import schematic_of
-from ann_dc.network import metrics
+from ann_dc.network import preconditioners
 from ann_dc.solver import synthesize
 
 PLANTS = ("car", "unicycle", "double_integrator", "van_der_pol")

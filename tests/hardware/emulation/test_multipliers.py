@@ -21,16 +21,16 @@ from ann_dc.hardware.circuit.generators import built_range, slopes_of
 from ann_dc.hardware.circuit.loads import loads_of
 from ann_dc.hardware.circuit.scaling import ProbeRun, scale
 from ann_dc.hardware.emulation.building import emulate
-from ann_dc.hardware.generators.cascade import cascade_of
-from ann_dc.hardware.generators.curves import FittedQuotient, Polynomial
 from ann_dc.hardware.parts.datasheet import Datasheet
+from ann_dc.hardware.parts.generator_cascade import cascade_of
+from ann_dc.hardware.parts.generator_curves import FittedQuotient, Polynomial
 from ann_dc.hardware.parts.levels import TRANSISTOR, Level, macro
 from ann_dc.hardware.parts.parasitics import MultiplierLaw, Parasitics
 from ann_dc.hardware.schematic.elements import Generator
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.resources import circuits_path
 from ann_dc.solver import synthesize

@@ -13,12 +13,12 @@ from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.error_budget import sensitivity
 from ann_dc.fidelity.prediction import predict
+from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.gains import apply_gains
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.parts.levels import macro, ota_c, switched_capacitor
 from ann_dc.hardware.parts.technologies import paired
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.solver import synthesize
 
 

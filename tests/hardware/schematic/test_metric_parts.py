@@ -7,12 +7,12 @@ from metric_networks import BEYOND, PYRAMIDS, with_metric
 
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.schematic.elements import Adder, GridNode
 from ann_dc.hardware.schematic.metric_parts import metric_parts, metric_values
 from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 
 every_kind = pytest.mark.parametrize("kind", BEYOND)
 PLANTS = ("car", "pendulum", "double_integrator")

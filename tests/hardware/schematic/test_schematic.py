@@ -17,8 +17,8 @@ from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.schematic.elements import Adder, Generator, Integrator, Multiplier, PICell
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.solver import synthesize
 
 

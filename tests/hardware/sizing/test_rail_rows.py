@@ -15,8 +15,8 @@ from ann_dc.hardware.schematic.elements import Integrator, PICell
 from ann_dc.hardware.sizing.margins import FOLLOWING, following_margin
 from ann_dc.hardware.sizing.rail_rows import BANDWIDTH, FASTER, GAIN, INTO, SLOWER, with_rail_rows
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role
-from ann_dc.network.metrics.grid import Grid
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.resistive_grid import Grid
 from ann_dc.progress import silent
 
 RATE, PUSH, RAIL = 3.0, 2.0, 0.5

@@ -8,7 +8,7 @@ import plotly.graph_objects
 import pytest
 from study_pages import HOSTILE, IDENTITY, findings, frame, hostile
 
-from ann_dc.report.findings.findings import Findings
+from ann_dc.report.statistics import Findings
 from ann_dc.report.study_page.choice import chosen
 
 DOZEN = 12

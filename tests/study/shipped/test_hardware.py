@@ -5,7 +5,7 @@ import pytest
 
 import ann_dc
 from ann_dc.errors import StudyError
-from ann_dc.fidelity.specimen import Specimen
+from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.study.shipped.hardware import BOARD, spot_check, yield_curves
 

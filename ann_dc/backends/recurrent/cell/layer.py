@@ -26,9 +26,9 @@ from ann_dc.backends.recurrent.cell.step_limits import CurrentLimits
 from ann_dc.backends.recurrent.cell.trained import trained_network
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hints.checked import checked
 from ann_dc.network.inputs import input_batch, start_moves
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
 from ann_dc.weights.hashes import frame_hash, wiring_hash
 
 

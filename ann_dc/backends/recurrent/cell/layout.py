@@ -18,9 +18,9 @@ from ann_dc.backends.recurrent.cell.metrics import (
 from ann_dc.backends.recurrent.cell.tape import TorchTape
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import RoleRows
-from ann_dc.network.metrics.pyramid import Pyramid
-from ann_dc.network.metrics.stiffness import Stiffness
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.stiffness import Stiffness
 from ann_dc.network.selection import clamped_rows
 
 

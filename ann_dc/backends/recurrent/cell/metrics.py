@@ -3,7 +3,7 @@
 A pyramid goes down to t and q and back up over the stage axis: the hats of the finest level are a
 matrix while it is small, every coarser level is halves of the one before. A stiffness is solved by
 elimination, level by level, whether it is built as a grid or as a tree. See
-`ann_dc.network.metrics`.
+`ann_dc.network.preconditioners`.
 
 While neurons are held at rails (`ann_dc.evaluation`), every sample has a stiffness of its
 own, which is eliminated anew; under a pyramid, M among the held neurons is inverted.
@@ -20,9 +20,9 @@ from torch.nn.functional import pad
 
 from ann_dc.backends.recurrent.cell.fixed_order import applied, inverted, product, total
 from ann_dc.evaluation.tape import Tape
-from ann_dc.network.metrics.contract import Row
-from ann_dc.network.metrics.elimination import Level, blocks_of, eliminate
-from ann_dc.network.metrics.stiffness import Stiffness
+from ann_dc.network.preconditioners.base import Row
+from ann_dc.network.preconditioners.elimination import Level, blocks_of, eliminate
+from ann_dc.network.preconditioners.stiffness import Stiffness
 
 
 class Constants(NamedTuple):

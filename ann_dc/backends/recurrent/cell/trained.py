@@ -10,9 +10,9 @@ import torch
 from ann_dc.backends.recurrent.cell.metrics import Constants
 from ann_dc.backends.recurrent.cell.named_rows import NamedRows
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.network.metrics.contract import Metric
-from ann_dc.network.metrics.pyramid import Pyramid
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Metric
+from ann_dc.network.preconditioners.multilevel import Pyramid
 
 
 def trained_network(

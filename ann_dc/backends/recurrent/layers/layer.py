@@ -21,9 +21,9 @@ from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, Order, check_or
 from ann_dc.backends.recurrent.rules.steps import AdaptiveStep, StepRule
 from ann_dc.backends.settling import Settling, window_of
 from ann_dc.errors import require_positive
-from ann_dc.hints.checked import checked
 from ann_dc.network.network import Network
 from ann_dc.progress import Paced, Progress, Stopped, silent
+from ann_dc.validation.checked import checked
 
 LONGER = AdaptiveStep(share=0.9, first=0.3)
 """With acceleration: combinations hold what steps alone do not."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ann_dc.errors import require_positive
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import such_as
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import such_as
 
 
 @such_as("ann_dc.Anderson()")

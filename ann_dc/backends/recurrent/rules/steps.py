@@ -26,9 +26,9 @@ from dataclasses import dataclass
 
 from ann_dc.backends.lanes.recurrence import StepLengths as StepLengths
 from ann_dc.errors import require_positive
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import such_as
 from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import such_as
 
 
 @such_as("ann_dc.FixedStep(step=0.1)")

@@ -3,7 +3,7 @@ r"""A fitted function generator as one subcircuit of cells of ``circuits/``.
 .. math:: v_{out} = (1 + ge)\, f(u) / s_y + oy, \qquad u = s_x v_x ,
 
 in which no behavioural source stands in for the function. A polynomial is a cascade of multipliers
-(`ann_dc.hardware.generators`). A quotient is an op amp with a multiplier in its feedback: with V
+(`ann_dc.hardware.parts.generator_curves`). A quotient is an op amp with a multiplier in its feedback: with V
 the amplitude of the input, it makes
 
 .. math:: |v_x| v_y / V = \pm\frac{1}{|s_x s_y| V}, \qquad v_y = \frac{1}{s_x s_y v_x} .
@@ -21,8 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.generators.cascade import OUTPUT, Step, cascade_of
-from ann_dc.hardware.generators.curves import (
+from ann_dc.hardware.parts.generator_cascade import OUTPUT, Step, cascade_of
+from ann_dc.hardware.parts.generator_curves import (
     LOAD,
     Breakpoints,
     Curve,

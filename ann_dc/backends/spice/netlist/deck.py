@@ -40,9 +40,9 @@ from ann_dc.hardware.parts.technologies import (
 )
 from ann_dc.hardware.schematic.elements import Adder, Generator, Integrator, Multiplier, PICell
 from ann_dc.hardware.schematic.schematic import Schematic
-from ann_dc.prefixes import counted
 from ann_dc.resources import circuits_path
 from ann_dc.scale import IDENTITY
+from ann_dc.si_prefixes import counted
 
 Lines = tuple[str, ...]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ann_dc.atomic_files import read_whole
 from ann_dc.backends.spice.ngspice.folder import RAW
 from ann_dc.backends.spice.ngspice.raw import MAX_BYTES, REMEDY, Raw, read_raw
 from ann_dc.errors import (
@@ -17,7 +18,6 @@ from ann_dc.errors import (
     SpiceCrashError,
     SpiceTimeoutError,
 )
-from ann_dc.whole_files.files import read_whole
 
 END_SHARE = 1e-6
 """Share of its end by which a transient may miss it."""

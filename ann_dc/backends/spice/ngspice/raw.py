@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ann_dc.atomic_files import read_whole
 from ann_dc.errors import (
     EndedEarlyError,
     FileFormatError,
@@ -22,7 +23,6 @@ from ann_dc.errors import (
     SpiceError,
     UnknownNameError,
 )
-from ann_dc.whole_files.files import read_whole
 
 MAX_BYTES = 2**30
 """Largest raw file in bytes, for a run and for reading."""

@@ -21,11 +21,11 @@ from ann_dc.backends.spice.ngspice.outcome import check_end, check_finite, check
 from ann_dc.backends.spice.ngspice.process import Processes, find_ngspice
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.errors import OutputError, SpiceError, SpiceInputError
-from ann_dc.hints.checked import checked
-from ann_dc.hints.values import such_as
-from ann_dc.phases import phase
 from ann_dc.progress import Progress, silent
 from ann_dc.resources import cores
+from ann_dc.timing import phase
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import such_as
 
 FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+-]{0,99}")
 NO_FILES: Mapping[str, str] = MappingProxyType({})

@@ -23,7 +23,7 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import INNER, MULTIPLIER, OP_AMP
 from ann_dc.hardware.schematic.elements import Adder, Integrator, PICell
 from ann_dc.hardware.schematic.schematic import Schematic
-from ann_dc.hints.checked import checked
+from ann_dc.validation.checked import checked
 
 SHEET = 2000.0
 """Ohms a square of the poly resistors, ``rsheet`` of the PDK's ``res_xhigh_po``."""

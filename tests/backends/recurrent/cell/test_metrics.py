@@ -16,8 +16,8 @@ from ann_dc.backends.recurrent.rules.orders import TWO_PHASE
 from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.backends.settling import Settling
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 
 every_kind = pytest.mark.parametrize("kind", Kind, ids=lambda kind: kind.name.lower())
 stiff = pytest.mark.parametrize("kind", [Kind.GRID, Kind.TREE], ids=["grid", "tree"])

@@ -13,7 +13,7 @@ from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.network.cell import Cell, Neuron, Template
 from ann_dc.network.network import Network
 from ann_dc.problem import plants

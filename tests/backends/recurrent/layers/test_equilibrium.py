@@ -11,8 +11,8 @@ from ann_dc import design
 from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
 from ann_dc.backends.settling import Settling
 from ann_dc.network.cell import Cell, Limiter, Neuron
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 
 EXACT = Settling(tolerance=1e-11, confirm=0.5)
 

@@ -19,7 +19,7 @@ from ann_dc.backends.recurrent.rules.orders import ORDERS, SIMULTANEOUS, STAGE_B
 from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 
 
 def test_in_single_precision():

@@ -28,8 +28,8 @@ from ann_dc.decomposition.form import CORRECTED, PRINTED, SWITCHES
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import DUAL
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Sum, Template
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 
 NAMES = ("double_integrator", "car", "van_der_pol", "cstr")
 

@@ -23,8 +23,8 @@ from ann_dc.backends.status import OVERFLOW, Outcome
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.evaluation.reference import evaluator
+from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.gains import apply_gains, hand_gains
 from ann_dc.network.cell import Cell, Neuron
 from ann_dc.network.network import Network
 from ann_dc.solver import synthesize

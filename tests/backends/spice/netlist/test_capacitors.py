@@ -20,8 +20,8 @@ from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import switched_capacitor
 from ann_dc.hardware.schematic.elements import PICell
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

@@ -11,8 +11,8 @@ from ann_dc.backends.spice.netlist.cell_text import CellText
 from ann_dc.backends.spice.netlist.cells import cell_of
 from ann_dc.backends.spice.netlist.nodes import Nodes
 from ann_dc.backends.spice.netlist.values import Values
+from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.rules.recipe import WITHOUT_COORDINATORS
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.levels import macro, ota_c, switched_capacitor
 from ann_dc.network.cell import Cell, Connection, Neuron

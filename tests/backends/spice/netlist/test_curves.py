@@ -11,7 +11,7 @@ from simulator import needs_ngspice
 from ann_dc.backends.spice.netlist.curves import CURVE_CELLS, INSIDE, Subcircuit, subcircuit_of
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.generators.curves import Breakpoints, Curve, Polynomial
+from ann_dc.hardware.parts.generator_curves import Breakpoints, Curve, Polynomial
 from ann_dc.network.functions import function_block
 from ann_dc.resources import circuits_path
 

@@ -15,8 +15,8 @@ from ann_dc.errors import NetworkError
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c, switched_capacitor
 from ann_dc.network.cell import Cell, Connection, Neuron
-from ann_dc.network.metrics.contract import Kind
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.solver import synthesize
 
 

@@ -19,7 +19,7 @@ from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.hardware.schematic.elements import GridNode
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 
 
 def run_of(level):

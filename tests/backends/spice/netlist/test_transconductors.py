@@ -15,7 +15,7 @@ from ann_dc.backends.spice.netlist.nodes import Nodes
 from ann_dc.backends.spice.netlist.values import Values
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import ota_c
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 
 
 def test_pairs_and_single_ones_add_up_to_the_weights():

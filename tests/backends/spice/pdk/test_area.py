@@ -10,7 +10,7 @@ from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.pdk.area import Area, area_of
 from ann_dc.errors import FileFormatError
 from ann_dc.gain_design.procedure import design
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 

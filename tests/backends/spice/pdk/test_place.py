@@ -14,7 +14,7 @@ from ann_dc.backends.spice.pdk.place import INSTEAD, place_of
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
 from ann_dc.hardware.parts.foundry import SKY130
-from ann_dc.network.metrics.contract import Kind
+from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants
 from ann_dc.resources import circuits_path
 from ann_dc.solver import synthesize

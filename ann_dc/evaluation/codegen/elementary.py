@@ -1,0 +1,204 @@
+"""Function blocks as vector code: sine and cosine as polynomials, the rest as LLVM or libm has it.
+
+The argument of a sine is brought to within pi / 4 of a multiple of pi / 2, which is taken off in
+three parts so that nothing of it is lost (Cody and Waite), and the rest goes through the
+polynomials of fdlibm. That holds up to `LARGEST_ARGUMENT`; beyond it libm is asked, lane by lane.
+A function block without a line here is written from the trees of its formulas.
+
+References
+----------
+.. [1] W. J. Cody, W. Waite, Software Manual for the Elementary Functions, 1980.
+.. [2] fdlibm, ``k_sin.c`` and ``k_cos.c``, Sun Microsystems, 1993.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ann_dc.evaluation.codegen.writer import Function
+from ann_dc.network.functions import CODE, FUNCTIONS, Tree, folded
+
+LARGEST_ARGUMENT = 1e5
+"""Of a sine, in radians, that the polynomials serve."""
+_QUARTER_TURNS = (
+    1.57079632673412561417,
+    6.07710050630396597660e-11,
+    2.02226624879595063154e-21,
+)
+"""pi / 2 in three parts, of which the first two have room for the multiple in their last bits."""
+_SINE = (
+    -1.66666666666666324348e-01,
+    8.33333333332248946124e-03,
+    -1.98412698298579493134e-04,
+    2.75573137070700676789e-06,
+    -2.50507602534068634195e-08,
+    1.58969099521155010221e-10,
+)
+_COSINE = (
+    4.16666666666666019037e-02,
+    -1.38888888888741095749e-03,
+    2.48015872894767294178e-05,
+    -2.75573143513906633035e-07,
+    2.08757232129817482790e-09,
+    -1.13596475577881948265e-11,
+)
+_ROUNDING = 1.5 * 2.0**52
+"""Added to a number, it leaves the nearest integer in the last bits."""
+_LIBM = ("tanh", "sinh", "cosh", "atan", "asin", "acos")
+_LLVM = ("exp", "log", "sqrt")
+_ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
+CIRCULAR = ("sin", "cos", "tan")
+"""Those that are polynomials: long chains of instructions, each of which waits for the last."""
+WRITTEN = frozenset((*CIRCULAR, *_LIBM, *_LLVM, "reciprocal", "rectify"))
+"""Function blocks that have lines here; the others are written from their trees."""
+
+
+def function_of(f: Function, code: int, x: str, circular: dict[str, tuple[str, str]]) -> str:
+    """y of a function block.
+
+    Parameters
+    ----------
+    f : Function
+    code : int
+        Of the function block, as in ``CODE``.
+    x : str
+        Its argument, a vector.
+    circular : dict
+        (sine, cosine) of arguments for which they are there already; extended.
+
+    Returns
+    -------
+    str
+    """
+    name = FUNCTIONS[code].name
+    if name in CIRCULAR:
+        if x not in circular:
+            circular[x] = sine_and_cosine(f, x)
+        sine, cosine = circular[x]
+        return {"sin": sine, "cos": cosine}.get(name) or f.op("fdiv", sine, cosine)
+    if name == "reciprocal":
+        return f.op("fdiv", f.constant(1.0), x)
+    if name == "rectify":  # what is no number passes
+        return f.select(f.compare("ole", x, f.constant(0.0)), f.constant(0.0), x)
+    if name in _LIBM:
+        return _lane_by_lane(f, name, x)
+    if name in _LLVM:
+        return f.call(name, x)
+    return _of_tree(f, FUNCTIONS[code].trees[0], {"x": x}, circular)
+
+
+def _of_tree(
+    f: Function, tree: Tree, given: dict[str, str], circular: dict[str, tuple[str, str]]
+) -> str:
+    def leaf(value: str | float) -> str:
+        return given[value] if isinstance(value, str) else f.constant(value)
+
+    def node(operation: str, *operands: str) -> str:
+        if operation in _ARITHMETIC:
+            return f.op(_ARITHMETIC[operation], *operands)
+        (x,) = operands
+        return function_of(f, CODE[operation], x, circular)
+
+    return folded(tree, leaf, node)
+
+
+def slope_of(f: Function, code: int, x: str, y: str, circular: dict[str, tuple[str, str]]) -> str:
+    """df/dx of a function block where it says y.
+
+    Parameters
+    ----------
+    f : Function
+        To which the lines are added.
+    code : int
+        Of the function.
+    x, y : str
+        Its argument and value.
+    circular : dict
+        As for `function_of`.
+
+    Returns
+    -------
+    str
+    """
+    one, name = f.constant(1.0), FUNCTIONS[code].name
+    square = lambda v: f.op("fmul", v, v)  # noqa: E731
+    inverse = lambda v: f.op("fdiv", one, v)  # noqa: E731
+    of = lambda other: function_of(f, CODE[other], x, circular)  # noqa: E731
+    root = lambda: f.call("sqrt", f.op("fsub", one, square(x)))  # noqa: E731
+    formulas = {
+        "sin": lambda: of("cos"),
+        "cos": lambda: f.op("fneg", of("sin")),
+        "tan": lambda: f.fma(y, y, one),
+        "exp": lambda: y,
+        "log": lambda: inverse(x),
+        "sqrt": lambda: f.op("fdiv", f.constant(0.5), y),
+        "reciprocal": lambda: f.op("fneg", square(y)),
+        "tanh": lambda: f.op("fsub", one, square(y)),
+        "sinh": lambda: of("cosh"),
+        "cosh": lambda: of("sinh"),
+        "atan": lambda: inverse(f.fma(x, x, one)),
+        "asin": lambda: inverse(root()),
+        "acos": lambda: f.op("fneg", inverse(root())),
+        "rectify": lambda: f.select(f.compare("ogt", x, f.constant(0.0)), one, f.constant(0.0)),
+    }
+    if name not in WRITTEN:
+        return _of_tree(f, FUNCTIONS[code].trees[1], {"x": x, "y": y}, circular)
+    return formulas[name]()
+
+
+def sine_and_cosine(f: Function, x: str) -> tuple[str, str]:
+    """Both of a vector, to a unit or two in the last place."""
+    near = _near(f, x)
+    far = f.compare("ogt", f.call("fabs", x), f.constant(LARGEST_ARGUMENT))
+
+    def from_libm() -> list[str]:
+        """In those lanes only: no lane says what another gets."""
+        exact = _lane_by_lane(f, "sin", x), _lane_by_lane(f, "cos", x)
+        return [f.select(far, slow, fast) for slow, fast in zip(exact, near)]
+
+    sine, cosine = f.either(f.any_of(far), from_libm, near)
+    return sine, cosine
+
+
+def _lane_by_lane(f: Function, name: str, x: str) -> str:
+    called = f.module.declare(name, "double", ["double"])
+    out = "poison"
+    for lane in range(f.width):
+        y = f.value(f"call double {called}(double {f.lane(x, lane)})")
+        out = f.with_lane(out, y, lane)
+    return out
+
+
+def _near(f: Function, x: str) -> tuple[str, str]:
+    bits, integer = f"<{f.width} x i64>", lambda v: "<" + ", ".join([f"i64 {v}"] * f.width) + ">"
+    shifted = f.fma(x, f.constant(2 / math.pi), f.constant(_ROUNDING))
+    turns = f.op("fsub", shifted, f.constant(_ROUNDING))
+    quarter = f.value(f"bitcast {f.vector} {shifted} to {bits}")
+    r = x
+    for part in _QUARTER_TURNS:
+        r = f.fma(turns, f.constant(-part), r)
+    z = f.op("fmul", r, r)
+    sine = f.fma(f.op("fmul", _polynomial(f, _SINE, z), z), r, r)
+    flat = f.fma(z, f.constant(-0.5), f.constant(1.0))
+    cosine = f.fma(f.op("fmul", z, z), _polynomial(f, _COSINE, z), flat)
+    odd = f.value(f"trunc {bits} {quarter} to <{f.width} x i1>")
+
+    def signed(value: str, quarters: str) -> str:
+        """With its sign turned in the third and fourth quarter."""
+        sign = f.value(f"shl {bits} {quarters}, {integer(62)}")
+        sign = f.value(f"and {bits} {sign}, {integer(-(1 << 63))}")
+        raw = f.value(f"bitcast {f.vector} {value} to {bits}")
+        return f.value(f"bitcast {bits} {f.value(f'xor {bits} {raw}, {sign}')} to {f.vector}")
+
+    following = f.value(f"add {bits} {quarter}, {integer(1)}")
+    return (
+        signed(f.select(odd, cosine, sine), quarter),
+        signed(f.select(odd, sine, cosine), following),
+    )
+
+
+def _polynomial(f: Function, coefficients: tuple[float, ...], z: str) -> str:
+    total = f.constant(coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        total = f.fma(total, z, f.constant(coefficient))
+    return total

@@ -1,5 +1,0 @@
-"""Vector code through LLVM: its language, its functions and its machine."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

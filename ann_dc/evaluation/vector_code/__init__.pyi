@@ -1,1 +1,0 @@
-from .code import code as code

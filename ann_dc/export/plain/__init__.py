@@ -1,5 +1,0 @@
-"""The network as plain numbers: weight files for programs, tables for people and spreadsheets."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

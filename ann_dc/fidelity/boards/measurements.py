@@ -1,0 +1,195 @@
+r"""What to measure while a part is trimmed, and what to expect of it.
+
+Offsets and gains are read at the part itself. A multiplier of the full scale F puts out
+
+.. math:: o(x, y) = (1 + g) \, X(x + o_x) (y + o_y) / F + o_z + f \, (x + o_x + y + o_y) ,
+
+with X the bent first input and f the feedthrough. Half of a difference of two outputs tells an
+input's offset, a quarter of one of four the gain, and what else is off falls out of it:
+
+.. math:: (o(F, F) - o(F, -F) - o(-F, F) + o(-F, -F)) / 4 = (1 + g) \, F (1 + d) .
+
+The gain of a function generator is read as a difference, too; its offset once the gain is right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.hardware.circuit.parameters import CLAMP_OFFSETS, Parameter, Quantity
+from ann_dc.hardware.schematic.elements import Generator, Multiplier, Part
+from ann_dc.network.functions import function_block
+from ann_dc.validation.checked import checked
+
+HELD = {
+    Quantity.GAIN: ((1, 1, 0.25), (1, -1, -0.25), (-1, 1, -0.25), (-1, -1, 0.25)),
+    Quantity.OFFSET_X: ((0, 1, 0.5), (0, -1, -0.5)),
+    Quantity.OFFSET_Y: ((1, 0, 0.5), (-1, 0, -0.5)),
+    Quantity.OFFSET_Z: ((0, 0, 1.0),),
+}
+"""Inputs of a multiplier over full scale, and the weight of its output then, by what is read."""
+
+SMALL = 1e-6
+"""A deviation by which the slope of a multiplier's reading is taken."""
+
+POINTS = 201
+"""Inputs over both full scales among which those of a function generator's gain are chosen."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """What to measure.
+
+    Attributes
+    ----------
+    measure : str
+        Where, and how inputs are held, in a clause.
+    volts : float
+        What to set it to.
+    spread : float
+        Standard deviation of the reading before, in volts.
+    slope : float
+        Volts that it moves per unit of what is trimmed: per volt of an offset, per share of a gain.
+
+    Examples
+    --------
+    >>> print(Reading(measure="output of m, both inputs grounded", volts=0.0, spread=1e-3, slope=1))
+    output of m, both inputs grounded: 0 V, before it +-1 mV
+    """
+
+    measure: str
+    volts: float
+    spread: float
+    slope: float
+
+    def __str__(self) -> str:
+        return f"{self.measure}: {_told(self.volts)} V, before it +-{1e3 * self.spread:.3g} mV"
+
+
+@checked
+def reading_of(nominal: Specimen, parameter: Parameter, stage: int) -> Reading:
+    """What to measure while a part of a cell is trimmed.
+
+    Parameters
+    ----------
+    nominal : Specimen
+        The circuit as it should be.
+    parameter : Parameter
+        An offset or a gain.
+    stage : int
+        The cell, from 0.
+
+    Returns
+    -------
+    Reading
+    """
+    part, quantity = _part(nominal, parameter), parameter.quantity
+    volts, slope = 0.0, 1.0
+    if isinstance(part, Multiplier):
+        measure = _of_multiplier(nominal, part, quantity)
+        volts = _multiplied(nominal, quantity, {})
+        slope = (_multiplied(nominal, quantity, {quantity: SMALL}) - volts) / SMALL
+    elif isinstance(part, Generator) and quantity is Quantity.GAIN:
+        (low, high), volts = _apart(nominal, part, stage)
+        measure = f"output of {part.name}, {part.x} held at {high:.5g} V less at {low:.5g} V"
+        slope = volts
+    elif isinstance(part, Generator):
+        volts = _settled(nominal, part.name, stage)
+        held = f"{part.x} held at {_told(_settled(nominal, part.x, stage))} V"
+        measure = f"output of {part.name}, its gain trimmed, {held}"
+    elif quantity is Quantity.INVERTER_OFFSET:
+        measure, slope = f"output of {part.name}'s inverter, its input grounded", 2.0
+    elif quantity in CLAMP_OFFSETS:
+        measure = f"between the inputs of {parameter.owner}, while it conducts"
+    else:
+        measure = f"between the inputs of {part.name}'s op amp, settled"
+    size = nominal.level.tolerances.deviation(parameter.kind)
+    return Reading(measure=measure, volts=volts, spread=abs(size * slope), slope=slope)
+
+
+@checked
+def misread(
+    nominal: Specimen, parameter: Parameter, stage: int, off: Mapping[Quantity, float]
+) -> float:
+    """Volts by which a reading of a drawn part is off, whatever else of the part is.
+
+    Parameters
+    ----------
+    nominal : Specimen
+    parameter, stage
+        As `reading_of` takes them.
+    off : mapping of Quantity to float
+        How far all quantities of the part are off there.
+    """
+    part, quantity = _part(nominal, parameter), parameter.quantity
+    if isinstance(part, Multiplier):
+        return _multiplied(nominal, quantity, off) - _multiplied(nominal, quantity, {})
+    found = off[quantity] * reading_of(nominal, parameter, stage).slope
+    if isinstance(part, Generator) and quantity is not Quantity.GAIN:
+        found += off.get(Quantity.GAIN, 0.0) * _settled(nominal, part.name, stage)
+    return found
+
+
+def _told(volts: float) -> str:
+    """To a microvolt, and to five digits."""
+    return f"{round(volts, 6) + 0.0:.5g}"
+
+
+def _part(nominal: Specimen, parameter: Parameter) -> Part:
+    return nominal.circuit.schematic.by_name[parameter.part]
+
+
+def _of_multiplier(nominal: Specimen, part: Multiplier, quantity: Quantity) -> str:
+    """How a multiplier's inputs are held, in words."""
+    full = f"{nominal.circuit.scaling.full_scale:g} V"
+    a, b, out = part.a, part.b, f"output of {part.name}"
+    return {
+        Quantity.GAIN: f"a quarter of the {out}, {a} and {b} held at {full} and at -{full}, less "
+        f"the two with one of them at -{full}",
+        Quantity.OFFSET_X: f"half of the {out}, {a} grounded, {b} held at {full} less at -{full}",
+        Quantity.OFFSET_Y: f"half of the {out}, {b} grounded, {a} held at {full} less at -{full}",
+        Quantity.OFFSET_Z: f"{out}, {a} and {b} grounded",
+    }[quantity]
+
+
+def _multiplied(nominal: Specimen, quantity: Quantity, off: Mapping[Quantity, float]) -> float:
+    """Volts that are read of a multiplier with these errors."""
+    full, parasitics = nominal.circuit.scaling.full_scale, nominal.level.datasheet.parasitics
+    bend, through = parasitics.multiplier_nonlinearity, parasitics.multiplier_feedthrough
+    gain, ox, oy, oz = (off.get(each, 0.0) for each in HELD)
+    total = 0.0
+    for a, b, weight in HELD[quantity]:
+        x, y = a * full + ox, b * full + oy
+        bent = x * (1 + bend * (4 * (x / full) ** 2 - 3))
+        total += weight * ((1 + gain) * bent * y / full + oz + through * (x + y))
+    return total
+
+
+def _apart(nominal: Specimen, part: Generator, stage: int) -> tuple[tuple[float, float], float]:
+    """Volts at a generator's input where its output is lowest and highest, and how far apart."""
+    schematic, scaling = nominal.circuit.schematic, nominal.circuit.scaling
+    block, full = function_block(part.function), scaling.full_scale
+    settled = _settled(nominal, part.x, stage)
+    volts = np.linspace(-full, full, POINTS)
+    x = schematic.sign(part.x) * scaling.value(part.x, volts)
+    there = (x > block.domain[0]) & (x < block.domain[1])
+    if block.has_pole:
+        there &= volts * settled > 0
+    volts, x = volts[there], x[there]
+    out = schematic.sign(part.name) * scaling.volts(part.name, block.value(x))
+    volts, out = volts[np.abs(out) <= full], out[np.abs(out) <= full]
+    low, high = int(out.argmin()), int(out.argmax())
+    return (float(volts[low]), float(volts[high])), float(out[high] - out[low])
+
+
+def _settled(nominal: Specimen, node: str, stage: int) -> float:
+    """Volts at a node where the ideal network settles, with the sign that the circuit carries."""
+    network, scaling = nominal.circuit.schematic.network, nominal.circuit.scaling
+    values = evaluator(network).values(nominal.probe.final)[..., 1:-1]
+    value = float(values[network.node_index[node], stage])
+    return nominal.circuit.schematic.sign(node) * float(scaling.volts(node, value))

@@ -1,0 +1,207 @@
+"""One circuit as it is built, with the errors of its parts: emulated once, solved once.
+
+Prediction, error budget, noise and drawn circuits all ask for the same few things: the network that
+a circuit is, and where that settles. A specimen computes each when it is first asked for, and keeps
+it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.spectra import Spectrum, spectrum
+from ann_dc.backends.ode import BDF, RADAU, OdeBackend
+from ann_dc.backends.run import Run
+from ann_dc.backends.settling import control_settling
+from ann_dc.backends.status import Outcome
+from ann_dc.backends.trajectory import Trajectory, control_error
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.deviations import Deviations
+from ann_dc.hardware.emulation.building import emulate, emulate_clamps
+from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.states import emulated_state, modes_at
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import OP_AMPS, SwitchedCapacitors
+from ann_dc.hardware.schematic.elements import Integrator
+from ann_dc.validation.checked import checked
+
+TRANSIENT = OdeBackend(verify=False, limit=1e6, most_steps=300_000)
+"""The emulation's run: its fastest poles are those of multipliers, far from the slowest."""
+
+STIFF = 5e4
+"""Slowest over fastest time constant beyond which `TRANSIENT` ends before twenty of the slowest."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Specimen:
+    """A circuit on a level, with parts that are off.
+
+    Attributes
+    ----------
+    circuit : Circuit
+        With nominal components.
+    level : Level
+        What it is built of.
+    probe : Trajectory
+        The ideal network's run that the circuit was scaled by.
+    deviations : mapping of parameter name to (N,) array
+        Empty for a nominal circuit.
+
+    Examples
+    --------
+    >>> from ann_dc.fidelity import Specimen
+    >>> import ann_dc
+    >>> from ann_dc.hardware.parts import macro
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> level = macro()
+    >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
+    >>> nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    >>> nominal.control_error < 1e-3  # what finite gains cost
+    True
+    """
+
+    circuit: Circuit
+    level: Level
+    probe: Trajectory
+    deviations: Deviations = field(default_factory=dict)
+
+    @cached_property
+    def emulation(self) -> Emulation:
+        """The network that the circuit is; of a clocked circuit, one that rests where it does.
+
+        A switched-capacitor circuit rests where its branches bring no charge, sum c (y + e) = 0
+        with e the virtual ground, which is where resistors of the same ratios bring no current.
+
+        Raises
+        ------
+        NetworkError
+            If the circuit has none, or a deviation is out of its range.
+        """
+        level = self.level
+        if level.technology.clocked:
+            level = replace(level, technology=OP_AMPS)
+        return emulate(self.circuit, level, self.deviations)
+
+    @cached_property
+    def moving(self) -> Emulation:
+        """Emulation of the transient: moving clamps, drops of currents and of diodes.
+
+        The same as `emulation` if the circuit has neither clamps nor output resistances nor diode
+        neurons.
+
+        Raises
+        ------
+        NetworkError
+            If the circuit has none, or a deviation is out of its range.
+        """
+        if self.clamped or self.level.datasheet.rout or self.circuit.schematic.diode_neurons:
+            return emulate_clamps(self.circuit, self.level, self.deviations)
+        return self.emulation
+
+    @property
+    def clamped(self) -> bool:
+        """True if the circuit has clamps of rails."""
+        parts = self.circuit.schematic.parts
+        return any(isinstance(part, Integrator) and part.railed for part in parts)
+
+    @cached_property
+    def settled(self) -> np.ndarray:
+        """State (n,) where the circuit settles: Newton's point from where the ideal network does.
+
+        In the units of the emulation's network.
+
+        Raises
+        ------
+        NetworkError
+            If there is no equilibrium near the ideal one.
+        """
+        start = emulated_state(self.emulation, self.probe.final)
+        return equilibrium(self.emulation.network, start)
+
+    @cached_property
+    def modes(self) -> Spectrum:
+        """Eigenvalues of the pole model where the circuit settles, per unit of network time.
+
+        A clocked circuit takes steps of h: its modes are the rates ln(1 + h lambda) / h of its
+        recurrence, with lambda the modes of the ideal network.
+
+        Raises
+        ------
+        NetworkError
+            If there is no equilibrium near the ideal one.
+        """
+        built = self.level.technology
+        if not isinstance(built, SwitchedCapacitors):
+            return modes_at(self.emulation, self.settled)
+        ideal = spectrum(self.circuit.schematic.network, self.probe.final)
+        factors = 1 + built.step * ideal.eigenvalues.astype(complex)
+        return Spectrum(eigenvalues=np.log(factors) / built.step)
+
+    @property
+    def control_error(self) -> float:
+        """Error of the settled controls against the ideal network's, over their size."""
+        return control_error(self.emulation.controls(self.settled), self.probe)
+
+
+def transient_of(
+    specimen: Specimen,
+    most_steps: int = TRANSIENT.most_steps,
+    start: np.ndarray | None = None,
+) -> Run:
+    """The run of what a circuit is on its way, `Specimen.moving`: from reset, or another start.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    most_steps : int
+        After which it is given up.
+    start : (n,) array, optional
+        State to start from; that in which reset switches hold the circuit where none is given.
+    """
+    network = specimen.moving.network
+    if start is not None:
+        network = network.with_start(start)
+    explicit = replace(TRANSIENT, most_steps=most_steps)
+    implicit = replace(explicit, method=BDF, limit=1e9)
+    if specimen.circuit.conductances:  # nodes of a grid are far faster than the rest
+        return implicit.run(network)
+    if specimen.clamped:  # other steps shake the diodes that conduct
+        run = replace(implicit, method=RADAU).run(network)
+        return run if run.status.settled else explicit.run(network)
+    run = explicit.run(network)
+    late = run.status.outcome is Outcome.NOT_SETTLED and _stiff(specimen)
+    return implicit.run(network) if late else run
+
+
+def settling_of(specimen: Specimen, run: Run) -> float:
+    """Return the seconds until every control of a transient stays within 0.1 %.
+
+    Parameters
+    ----------
+    specimen : Specimen
+    run : Run
+        Of what it is on its way, `transient_of`.
+
+    Returns
+    -------
+    float
+        Op amps inside the circuit do not count.
+    """
+    found = control_settling(run.trajectory, controls=specimen.moving.controls)
+    return specimen.circuit.scaling.time * found
+
+
+def _stiff(specimen: Specimen) -> bool:
+    """Whether it would settle, after explicit steps have ended."""
+    try:
+        return STIFF < specimen.modes.ratio < math.inf
+    except NetworkError:  # it has no equilibrium
+        return False

@@ -1,0 +1,294 @@
+r"""Gains in closed form: rho, time constants and pyramid from the network's own Jacobian.
+
+With A the Jacobian of all constraint rows, H the Hessian of the cost alone (never of the
+Lagrangian), and w_i the penalty of row i,
+
+.. math::
+    \rho_0 = \max_j \frac{\max_k H_{jj}}{\max_k \sum_i A_{ij}^2}, \quad
+    w_i = r\,\rho_0 \times \text{boost} \times \text{row}_i, \quad
+    1/\tau_j = \frac{f}{\max_k H_{jj} + \max_k \sum_i w_i A_{ij}^2}, \quad
+    1/\tau_i = \eta\, w_i ,
+
+of equalities first, then (`diode_weights`) with the inequalities that press among them; max_k runs
+over the stages of one neuron of the cell. This puts every fast rate near one. With kappa an
+eigenvalue of T A'WA, a mode in which H is negligible obeys s^2 + kappa s + eta kappa = 0.
+
+A `Recipe` is the factors r, eta, f, the kind of metric and how rows are weighed; two ship.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Annotated
+
+import numpy as np
+
+from ann_dc.analysis.linearisation import Linearisation, MeanLinearisation
+from ann_dc.errors import DesignError, UnknownNameError, require_positive
+from ann_dc.gain_design.coarse_gains import diode_weights, pressed_weights, pyramid
+from ann_dc.gain_design.gains import Gains
+from ann_dc.gain_design.objective_gains import with_objectives
+from ann_dc.gain_design.row_weights import by_reach, equilibrated
+from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.diagonal import TimeConstants
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Own, such_as
+
+
+@such_as("ann_dc.Recipe()")
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """The factors of the closed form.
+
+    Attributes
+    ----------
+    penalty : float
+        r: w = r rho_0.
+    dual, dual_coupling : float
+        eta of mu and of beta.
+    state, control, target : float
+        f of q, u and t.
+    coarse : float
+        gamma of a pyramid.
+    kind : Kind
+        Of the metric: time constants alone or a pyramid here, a grid or a tree in `grid_gains`.
+    sweeps : int
+        Of the equilibration of the rows; none leaves their weights as they are.
+    by_reach : bool
+        Whether the weights of the rows, before any sweep, are the inverse of what the controls
+        reach; equal otherwise.
+    path : float
+        theta of a grid: how much the change of A between start and settled point counts.
+    away : float
+        How far from where they are evaluated, in scales, the weights of objectives are to fit too.
+    inequality : float
+        Factor on the weights of inequality rows.
+    row : mapping of dual neuron name to float
+        Further factors on single rows' penalties (1 where not given).
+
+    Raises
+    ------
+    DesignError
+        If a factor is not positive, or a number of sweeps or a path term is negative.
+
+    Examples
+    --------
+    >>> from ann_dc import design, plants
+    >>> problem = plants.double_integrator(N=5)
+    >>> designed = design(problem, recipe=Recipe(penalty=2.0, kind=Kind.TIME_CONSTANTS))
+    >>> designed.settled, designed.gains.metric.kind.name
+    (True, 'TIME_CONSTANTS')
+    """
+
+    penalty: float = 1.0
+    dual: float = 1.5
+    dual_coupling: float = 1.5
+    state: float = 1.0
+    control: float = 1.2
+    target: float = 1.2
+    coarse: float = 0.5
+    kind: Kind = Kind.PYRAMID
+    sweeps: Annotated[int, Own()] = 0
+    by_reach: bool = False
+    path: float = 0.3
+    away: float = 0.0
+    inequality: float = 1.0
+    row: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        names = "penalty", "dual", "dual_coupling", "state", "control", "target", "coarse"
+        factors = {name: getattr(self, name) for name in (*names, "inequality")}
+        factors |= {f"row[{name}]": weight for name, weight in self.row.items()}
+        require_positive(DesignError, **factors)
+        if not (isinstance(self.sweeps, int) and self.sweeps >= 0):
+            raise DesignError(f"sweeps: expected a whole number from zero on, got {self.sweeps!r}")
+        for name in ("path", "away"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise DesignError(
+                    f"{name}: expected a number from zero on, got {getattr(self, name)!r}"
+                )
+
+
+WITH_COORDINATORS = Recipe()
+"""Factors that go with the pyramid."""
+
+
+WITHOUT_COORDINATORS = Recipe(
+    penalty=0.4,
+    dual=0.8,
+    dual_coupling=1.3,
+    control=1.0,
+    target=1.2,
+    kind=Kind.TIME_CONSTANTS,
+)
+"""Factors for neighbour wiring alone."""
+
+
+RECIPES = {
+    Kind.GRID: replace(WITH_COORDINATORS, kind=Kind.GRID, dual=1.0, dual_coupling=1.0),
+    Kind.TREE: replace(WITH_COORDINATORS, kind=Kind.TREE, dual=1.0, dual_coupling=1.0),
+    Kind.COUPLED_PYRAMID: replace(WITH_COORDINATORS, kind=Kind.COUPLED_PYRAMID),
+    Kind.PYRAMID: WITH_COORDINATORS,
+    Kind.TIME_CONSTANTS: WITHOUT_COORDINATORS,
+}
+"""Recipes at which the search begins for each kind of metric, fastest kind first."""
+
+SWEEPS = (0, 16, 60)
+"""Sweeps of the equilibration of the rows that are compared."""
+
+STEADIER = ((1.0, 0.3, 1.0), (2.0, 0.3, 1.0), (2.0, 0.3, 1.5), (4.0, 0.3, 1.5))
+"""Factors on the penalty, on the rates of states and on those of multipliers of recipes that are
+slower at the end and swing less on the way there."""
+
+
+def recipe_of_first_run(recipe: Recipe | None) -> Recipe:
+    """Return the factors of a first run, which has no grid: it knows no settled point yet.
+
+    Parameters
+    ----------
+    recipe : Recipe or None
+        Fixed by the caller.
+    """
+    if recipe is None or recipe.kind in (Kind.GRID, Kind.TREE):
+        return WITH_COORDINATORS
+    return recipe
+
+
+def base_penalty(linear: Linearisation | MeanLinearisation) -> float:
+    """rho_0: the largest ratio of cost curvature to squared constraint gain of a neuron.
+
+    It is 1 where nothing has curvature.
+
+    Parameters
+    ----------
+    linear : Linearisation
+
+    Returns
+    -------
+    float
+        In network units.
+    """
+    curvature = linear.cost_curvature().max(axis=1)
+    coupling = linear.row_sums(linear.dual.astype(float)).max(axis=1)
+    usable = linear.primal & (coupling > 0)
+    ratios = curvature[usable] / coupling[usable]
+    largest = ratios.max(initial=0.0)
+    return float(largest) if largest > 0 else 1.0
+
+
+def weights_of_rows(linear: Linearisation | MeanLinearisation, recipe: Recipe) -> np.ndarray:
+    """Weights (P,) of the dual neurons' rows, zero for other neurons.
+
+    Parameters
+    ----------
+    linear : Linearisation
+        At a state where it was evaluated.
+    recipe : Recipe
+
+    Returns
+    -------
+    (P,) array
+
+    Raises
+    ------
+    UnknownNameError
+        If the recipe names a row that is none; the message lists those that there are.
+    """
+    start = by_reach(linear) if recipe.by_reach else None
+    weights = equilibrated(linear, base_penalty(linear), recipe.sweeps, start)
+    network = linear.network
+    duals = [dual.neuron for dual in network.cell.duals]
+    for name, factor in recipe.row.items():
+        if name not in duals:
+            raise UnknownNameError.of("row: dual neuron", name, duals)
+        weights[network.neuron_index[name]] *= factor
+    return weights
+
+
+def _factors(linear: Linearisation | MeanLinearisation, recipe: Recipe) -> np.ndarray:
+    """f of primal neurons and eta of duals, (P,)."""
+    named = {"q": recipe.state, "t": recipe.target, "beta": recipe.dual_coupling}
+    others = [recipe.control if primal else recipe.dual for primal in linear.primal]
+    neurons = linear.network.cell.neurons
+    return np.array([named.get(n.population, other) for n, other in zip(neurons, others)])
+
+
+def closed_form(
+    linear: Linearisation | MeanLinearisation, recipe: Recipe, boost: float = 1.0
+) -> Gains:
+    """Gains at the state where ``linear`` was evaluated.
+
+    Parameters
+    ----------
+    linear : Linearisation
+        At a state where it was evaluated, `Linearisation.at`.
+    recipe : Recipe
+    boost : float
+        A factor on every penalty (the watchdog's rho neuron).
+
+    Returns
+    -------
+    Gains
+
+    Examples
+    --------
+    >>> from ann_dc import plants, synthesize
+    >>> from ann_dc.analysis import Linearisation, MeanLinearisation
+    >>> network = synthesize(plants.double_integrator(N=5))
+    >>> linear = Linearisation(network).at(network.start_state)
+    >>> gains = closed_form(linear, WITHOUT_COORDINATORS)
+    >>> bool((gains.rate > 0).all()), gains.metric.kind.name
+    (True, 'TIME_CONSTANTS')
+    """
+    network = linear.network
+    rho = recipe.penalty * base_penalty(linear) * boost * weights_of_rows(linear, recipe)
+    curvature = np.maximum(linear.cost_curvature().max(axis=1), 0.0)
+    stiffness, factor = curvature + linear.row_sums(rho).max(axis=1), _factors(linear, recipe)
+    if linear.diode.any():
+        diodes = diode_weights(linear, factor / np.where(stiffness != 0, stiffness, 1.0))
+        rho = rho + recipe.inequality * diodes
+        pressed = [member.row_sums(pressed_weights(member, rho)) for member in linear.members]
+        stiffness = curvature + np.max(pressed, axis=(0, 2))
+    felt = np.where(stiffness != 0, stiffness, 1.0)
+    rate = np.where(linear.primal, factor / felt, factor * rho)
+    rate[network.shared] = 1.0
+    coarse = None
+    if recipe.kind in (Kind.PYRAMID, Kind.COUPLED_PYRAMID):
+        coupled = recipe.kind is Kind.COUPLED_PYRAMID
+        coarse = pyramid(linear, rho, recipe.coarse, coupled=coupled)
+    gains = Gains(
+        rho=rho,
+        rate=np.repeat(rate[:, None], network.stages, axis=1),
+        metric=coarse or TimeConstants(),
+    )
+    return with_objectives(linear, gains, recipe.dual, recipe.away)
+
+
+def steadier(kind: Kind) -> tuple[Recipe, ...]:
+    """Recipes of a kind of metric that settle from more starts, if later.
+
+    Parameters
+    ----------
+    kind : Kind
+        Of recipes in closed form: time constants or a pyramid.
+
+    Returns
+    -------
+    tuple of Recipe
+    """
+    own = RECIPES[kind]
+    return tuple(
+        replace(
+            own,
+            sweeps=sweeps,
+            penalty=penalty * own.penalty,
+            state=state * own.state,
+            target=state * own.target,
+            dual=dual * own.dual,
+            dual_coupling=dual * own.dual_coupling,
+        )
+        for sweeps in SWEEPS[:2]
+        for penalty, state, dual in STEADIER
+    )

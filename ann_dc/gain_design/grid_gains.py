@@ -1,0 +1,310 @@
+r"""Gains of a network whose metric is the inverse of a stiffness between neighbours.
+
+With H the Hessian of the Lagrangian and A the constraints' Jacobian at the settled point, A_0 that
+at the start, and the weights w_i of the rows,
+
+.. math::
+    M = (H + A^T W A + \theta D)^{-1}, \quad D_{jj} = \sum_i W_i (A_{ij} - A_{0,ij})^2, \quad
+    W = c\, w, \quad c = \max\big(1.3\, \lambda_{max}(-Q_w), \tfrac14 \lambda_{max}(Q_w)\big),
+
+with Q_w the shadow stiffness in units of the weights. c keeps the stiffness positive definite (the
+penalty above rho*) and the multipliers as fast as the rest. D damps what changes along the way, so
+that the start is no stiffer than the end. The duals' rates are eta W.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from scipy import sparse
+
+from ann_dc.analysis.linearisation import Linearisation
+from ann_dc.analysis.saddle import Saddle, saddle_of, threshold_of
+from ann_dc.errors import DesignError
+from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
+from ann_dc.evaluation.tape import STATE, Tape
+from ann_dc.gain_design.gain_rule import WITH_COORDINATORS, Recipe, closed_form, weights_of_rows
+from ann_dc.gain_design.gains import Gains, tape_with
+from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.cyclic_reduction import Tree
+from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.stiffness import Stiffness
+
+ABOVE_THRESHOLD = 1.3
+"""The penalty of a grid over rho*, at least."""
+OF_SHADOW = 0.25
+"""The penalty of a grid over the largest shadow stiffness, at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class SettledPoint:
+    """What the gains of a frozen network are read off.
+
+    Every candidate of a freeze asks for the same few weights and shadows: they are kept.
+
+    Attributes
+    ----------
+    linear : Linearisation
+        At ``state``.
+    state : (n,) array
+        Where the first run settled.
+    """
+
+    linear: Linearisation
+    state: np.ndarray
+    _weights: dict[object, np.ndarray] = field(default_factory=dict, init=False, repr=False)
+    _shadows: dict[bytes, tuple[float, float]] = field(default_factory=dict, init=False, repr=False)
+    _stiff: dict[bytes, Any] = field(default_factory=dict, init=False, repr=False)
+    _tapes: WeakKeyDictionary[Gains, Tape] = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False
+    )
+
+    @property
+    def network(self) -> Network:
+        """Whose state it is."""
+        return self.linear.network
+
+    @cached_property
+    def saddle(self) -> Saddle:
+        """H and A at the settled point."""
+        return saddle_of(self.network, self.state)
+
+    @cached_property
+    def changes(self) -> Any:
+        """(A - A_0)^2 (d, z), entry by entry, A_0 at the network's start."""
+        start = saddle_of(self.network, self.network.start_state, among=self.saddle)
+        change = self.saddle.A - start.A
+        return sparse.csr_array(change.multiply(change))
+
+    @cached_property
+    def resting(self) -> np.ndarray:
+        """(n,) booleans: which neurons stand at a rail."""
+        evaluator = fast_evaluator(self.network)
+        return evaluator.resting(self.state, evaluator.drives(self.state))
+
+    @cached_property
+    def primal(self) -> np.ndarray:
+        """(z,) components of all primal neurons, those at a rail too."""
+        return np.flatnonzero(self.linear.primal[self.network.places[:, 0]])
+
+    @cached_property
+    def _evaluator(self) -> FastEvaluator:
+        return fast_evaluator(self.network)
+
+    def trial(self, gains: Gains) -> FastEvaluator:
+        """Evaluator of the network with other gains, of which only a tape is made.
+
+        There is one for all: it is of use until the next trial.
+        """
+        if gains not in self._tapes:
+            self._tapes[gains] = tape_with(self.network, gains)
+        self._evaluator.renumber(self._tapes[gains])
+        return self._evaluator
+
+    def augmented(self, penalty: np.ndarray) -> Any:
+        """H + A'WA (z, z), for penalties (d,) of the rows; sparse."""
+        key = penalty.tobytes()
+        if key not in self._stiff:
+            A = self.saddle.A
+            self._stiff[key] = self.saddle.H + A.T @ (sparse.diags_array(penalty) @ A)
+        return self._stiff[key]
+
+    def row_weights(self, recipe: Recipe) -> np.ndarray:
+        """Weights (P,) of the dual neurons' rows, read-only; see `weights_of_rows`."""
+        key = recipe.sweeps, recipe.by_reach, recipe.inequality, frozenset(recipe.row.items())
+        if key not in self._weights:
+            self._weights[key] = _with_diodes(self.linear, recipe)
+            self._weights[key].setflags(write=False)
+        return self._weights[key]
+
+    def shadow_range(self, weights: np.ndarray) -> tuple[float, float]:
+        """Ends of the shadow stiffness, for row weights (d,); see `Saddle.shadow_range`."""
+        key = weights.tobytes()
+        if key not in self._shadows:
+            self._shadows[key] = self.saddle.shadow_range(weights)
+        return self._shadows[key]
+
+
+def boost_of(settled: SettledPoint) -> float:
+    """Factor on the closed form's penalties that takes them above rho*, at least one.
+
+    Parameters
+    ----------
+    settled : SettledPoint
+        An optimum that no run has settled at: no watchdog has raised its penalties.
+    """
+    duals = [settled.network.neuron_index[dual.neuron] for dual in settled.network.cell.duals]
+    penalties = closed_form(settled.linear, WITH_COORDINATORS).rho[duals]
+    least = ABOVE_THRESHOLD * threshold_of(settled.saddle) / penalties.mean()
+    return max(1.0, least) if np.isfinite(least) else 1.0
+
+
+def _with_diodes(linear: Linearisation, recipe: Recipe) -> np.ndarray:
+    """Weights (P,) of all rows; those of inequalities relate to the others as in closed form."""
+    weights = weights_of_rows(linear, recipe)
+    if linear.diode.any():
+        own = {"sweeps": recipe.sweeps, "inequality": recipe.inequality}
+        rho = closed_form(linear, replace(WITH_COORDINATORS, **own)).rho
+        duals = [linear.network.neuron_index[d.neuron] for d in linear.network.cell.duals]
+        weights[linear.diode] = rho[linear.diode] * weights[duals].mean() / rho[duals].mean()
+    return weights
+
+
+def grid_gains_of(
+    points: Sequence[SettledPoint], weights: np.ndarray, recipe: Recipe, boost: float = 1.0
+) -> Gains:
+    """Gains with a grid, or with a tree of the same metric.
+
+    Parameters
+    ----------
+    points : sequence of SettledPoint
+        One, or those of several inputs, of which the stiffness is the mean.
+    weights : (P,) array
+        Of the rows of the dual neurons.
+    recipe : Recipe
+        Its kind, path term, penalty and eta count.
+    boost : float
+        A factor on every penalty.
+
+    Returns
+    -------
+    Gains
+
+    Raises
+    ------
+    DesignError
+        If the penalty lies below rho*, so that the stiffness is not positive definite.
+    """
+    network = points[0].network
+    _check(network, recipe.kind)
+    low, high = _shadow_range(points, weights)
+    common = max(-ABOVE_THRESHOLD * low, OF_SHADOW * high)
+    if not 0 < common < np.inf:  # no multiplier answers a push: any penalty will do
+        common = 1.0
+    common *= recipe.penalty * boost
+    if not common > -low:
+        raise DesignError(
+            f"{network.title}: a {recipe.kind.value} needs penalties above rho* = {-low:.3g} times "
+            f"the row weights, got {common:.3g}; give a recipe with penalty > "
+            f"{-low / common * recipe.penalty:.3g} instead of {recipe.penalty:g}"
+        )
+    rho = common * weights
+    G = sum(_felt(settled, rho, recipe.path) for settled in points) / len(points)
+    diagonal, stiffness = stiffness_of(network, G, recipe.kind)
+    eta = [
+        recipe.dual_coupling if neuron.population == "beta" else recipe.dual
+        for neuron in network.cell.neurons
+    ]
+    rate = np.broadcast_to((eta * rho)[:, None], network.live.shape).copy()
+    place = network.places[points[0].primal]
+    rate[place[:, 0], place[:, 1]] = 1 / diagonal
+    return Gains(rho=rho, rate=np.where(rate > 0, rate, 1.0), metric=stiffness)
+
+
+def _felt(settled: SettledPoint, rho: np.ndarray, path: float) -> Any:
+    """Return the stiffness (z, z) over all primal neurons, sparse.
+
+    That of H + A'WA and the path term; a neuron that rests at a rail has its own alone, by
+    Jacobi's rule.
+    """
+    saddle, place = settled.saddle, settled.network.places
+    penalty = rho[place[saddle.dual, 0]]
+    G = sparse.coo_array(
+        settled.augmented(penalty) + sparse.diags_array(path * (settled.changes.T @ penalty))
+    )
+    free = np.searchsorted(settled.primal, saddle.primal)
+    resting = np.setdiff1d(np.arange(len(settled.primal)), free)
+    linear, neuron = settled.linear, place[settled.primal[resting], 0]
+    curvature = np.maximum(linear.cost_curvature(), 0.0).max(axis=1)
+    own = (curvature + linear.row_sums(rho).max(axis=1))[neuron]
+    own = np.where(own > 0, own, 1.0)
+    rows, columns = G.coords
+    at = np.concatenate([free[rows], resting]), np.concatenate([free[columns], resting])
+    size = len(settled.primal)
+    return sparse.csr_array(
+        sparse.coo_array((np.concatenate([G.data, own]), at), shape=(size, size))
+    )
+
+
+def _shadow_range(points: Sequence[SettledPoint], weights: np.ndarray) -> tuple[float, float]:
+    """Ends of the shadow stiffness at all points, for weights (P,) of the rows.
+
+    Zero where no neuron is free to answer a push, or rows depend on each other.
+    """
+    ends = []
+    for settled in points:
+        row = weights[settled.network.places[settled.saddle.dual, 0]]
+        try:
+            ends.append(settled.shadow_range(row))
+        except (np.linalg.LinAlgError, RuntimeError) as error:
+            if not settled.resting.any():
+                raise DesignError(
+                    f"{points[0].network.title}: the settled point is not isolated (its KKT matrix "
+                    "is singular), so there is no stiffness for a grid; use a pyramid"
+                ) from error
+            ends.append((0.0, 0.0))
+    found = [pair for pair in ends if np.isfinite(pair).all()] or [(0.0, 0.0)]
+    return min(low for low, _ in found), max(high for _, high in found)
+
+
+def _check(network: Network, kind: Kind) -> None:
+    """Refuse a network with neurons that H and A do not know."""
+    tape = fast_evaluator(network).tape
+    if (tape.roles == STATE).any() or network.cell.objectives:
+        raise DesignError(
+            f"{network.title}: has neurons that are neither primal nor dual, for which a "
+            f"{kind.value} has no stiffness; use a pyramid"
+        )
+
+
+def stiffness_of(network: Network, G: Any, kind: Kind = Kind.GRID) -> tuple[np.ndarray, Stiffness]:
+    """A stiffness between neighbours as a metric.
+
+    Parameters
+    ----------
+    network : Network
+    G : (z, z) sparse array
+        Symmetric positive definite over the primal neurons, in the order of the state vector.
+    kind : Kind
+        `Kind.GRID` or `Kind.TREE`.
+
+    Returns
+    -------
+    diagonal : (z,) array
+        Of G: the time constants of the primal neurons.
+    stiffness : Grid or Tree
+        G with a unit diagonal.
+
+    Raises
+    ------
+    DesignError
+        If a diagonal entry is not positive, or G couples cells that are no neighbours.
+    """
+    diagonal = G.diagonal()
+    if not (np.isfinite(diagonal).all() and (diagonal > 0).all()):
+        raise DesignError(f"{network.title}: a stiffness needs a positive diagonal")
+    root = np.sqrt(diagonal)
+    entries = sparse.coo_array(G)
+    i, j = entries.coords
+    values = entries.data / (root[i] * root[j])
+    row, place = network.row, network.places
+    live = np.isin(place[:, 0], row.primal)
+    neuron = np.searchsorted(row.primal, place[live, 0])
+    stage = place[live, 1]
+    if (np.abs(stage[i] - stage[j]) > 1).any():
+        raise DesignError(f"{network.title}: the cost couples stages that are no neighbours")
+    m = len(row.primal)
+    own = np.zeros((row.stages, m, m))
+    following = np.zeros((row.stages - 1, m, m))
+    within, ahead = stage[i] == stage[j], stage[j] == stage[i] + 1
+    own[stage[i[within]], neuron[i[within]], neuron[j[within]]] = values[within]
+    following[stage[i[ahead]], neuron[i[ahead]], neuron[j[ahead]]] = values[ahead]
+    own = 0.5 * (own + own.transpose(0, 2, 1))
+    record = Tree if kind is Kind.TREE else Grid
+    return diagonal, record(own=own, following=following)

@@ -1,0 +1,207 @@
+r"""The knee of a diode: multipliers that bend where they should have a corner, and what that moves.
+
+A diode that is not inside the loop of an op amp rounds the corner of m = max(0, y), y = z + w g, by
+its own exponential, a width of s:
+
+.. math:: m = s \ln(1 + e^{y / s}) = \max(0, y) + s \ln(1 + e^{-|y| / s}) .
+
+The integrator before it rests at m = z, so that a row is short of its boundary by
+
+.. math:: g = \frac{s}{w} \ln(1 - e^{-z / s}) ,
+
+which is exponentially small for all but weakly active rows. To first order the excess
+:math:`b = s \ln(1 + e^{-|y|/s})` of every multiplier at the optimum, active or nearly so, moves the
+solution of the KKT system in which a row conducts by the share :math:`p = 1 / (1 + e^{-y/s})`:
+
+.. math:: L\, \delta x + G' \delta z = 0, \qquad p\, w\, G\, \delta x - (1 - p)\, \delta z = -b .
+
+In the loop of an op amp a knee costs s / A0, which is nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse.linalg import splu
+
+from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.evaluation.codegen.evaluator import fast_evaluator
+from ann_dc.network.cell import ONE, Block, Connection, Function, Sum
+from ann_dc.network.network import Network
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import FloatOrNan, State
+
+FARTHEST = 30.0
+"""Widths from a corner beyond which a diode is straight: its tail is below 1e-13 of a width."""
+
+
+@checked
+def knee(network: Network, width: FloatOrNan | Mapping[str, FloatOrNan]) -> Network:
+    r"""Diode neurons with a knee: m = width ln(1 + exp((z + w g) / width)).
+
+    Its blocks are ``tail.<m>``, what is added to the corner, and what that is made of.
+
+    Parameters
+    ----------
+    network : Network
+    width : float or mapping of str to float
+        In network units of the multiplier; of all, or of some by the name of their neuron. Of 10 mV
+        in a circuit it is ``circuit.scaling.value(diode.multiplier, 0.01)``.
+
+    Returns
+    -------
+    Network
+        Where nothing has a width, the network itself.
+
+    Raises
+    ------
+    NetworkError
+        If a width is negative or not finite.
+    UnknownNameError
+        If there is no diode neuron of a name.
+
+    Examples
+    --------
+    >>> import ann_dc
+    >>> from ann_dc.hardware.emulation import knee
+    >>> problem = ann_dc.plants.double_integrator(N=5)
+    >>> held = ann_dc.synthesize(ann_dc.OptimalControlProblem(
+    ...     states=problem.states, controls=problem.controls, dynamics=problem.dynamics, dt=0.1,
+    ...     cost=problem.cost, horizon=5, q_0=(0, 0), q_d=(1, 0), bounds={"v": (None, 0.5)}))
+    >>> [block.name for block in knee(held, 0.01).cell.blocks if "tail" in block.name]
+    ['tail.zeta.v_high']
+    """
+    widths = _widths(network, width)
+    for sum_name, size in widths.items():
+        network = _bent(network, sum_name, size)
+    return network
+
+
+@checked
+def knee_shift(
+    network: Network, x: State, width: FloatOrNan | Mapping[str, FloatOrNan]
+) -> np.ndarray:
+    """How far a knee moves a settled state, to first order: one step of Newton's method.
+
+    Parameters
+    ----------
+    network : Network
+        Without a knee.
+    x : (n,) array
+        Where it settles.
+    width : float or mapping of str to float
+        As `knee` takes it.
+
+    Returns
+    -------
+    (n,) array
+        What to add to ``x``; neurons at a rail stay there.
+
+    Raises
+    ------
+    NetworkError
+        If a width is negative or not finite, or the equilibrium is not isolated.
+    UnknownNameError
+        If there is no diode neuron of a name.
+
+    Examples
+    --------
+    x' = 1 - x - m with x <= 1/2: the knee lets x - 1/2 be s ln(1 - exp(-m / s)), with m = 1/2:
+
+    >>> from ann_dc.hardware.emulation import knee_shift
+    >>> from ann_dc.network import Cell, DiodeDual, Neuron
+    >>> dual = DiodeDual(neuron="z", residual="g", sum="y", multiplier="m")
+    >>> ends = [("one", "x", 1.0), ("x", "x", -1.0), ("m", "x", -1.0), ("x", "g", 1.0),
+    ...         ("one", "g", -0.5), ("z", "y", 1.0), ("g", "y", 1.0), ("m", "z", 1.0),
+    ...         ("z", "z", -1.0)]
+    >>> cell = Cell(
+    ...     neurons=(Neuron(name="x"), Neuron(name="z")), diodes=(dual,),
+    ...     blocks=(Sum(name="g"), Sum(name="y"), Function(name="m", function="rectify", x="y")),
+    ...     connections=tuple(Connection(source=s, target=t, weight=w) for s, t, w in ends))
+    >>> found = knee_shift(Network(cell=cell, stages=1), np.array([0.5, 0.5]), 0.1)
+    >>> found.round(5).tolist(), round(float(0.1 * np.log(1 - np.exp(-0.5 / 0.1))), 5)
+    ([-0.00067, 0.00067], -0.00068)
+    """
+    bent = fast_evaluator(knee(network, width))
+    drives = bent.drives(x)
+    free = np.flatnonzero(~bent.resting(x, drives))
+    moved = np.zeros(network.size)
+    try:
+        factors = splu(bent.drive_jacobian(x).tocsc()[free][:, free])
+    except RuntimeError as error:
+        raise NetworkError(
+            "knee: the Jacobian is singular; the equilibrium is not isolated"
+        ) from error
+    moved[free] = -factors.solve(network.pack(drives)[free])
+    return moved
+
+
+def _widths(network: Network, width: float | Mapping[str, float]) -> dict[str, float]:
+    """Width of every rectifier that has one, by the sum that it reads."""
+    cell = network.cell
+    sums = {dual.neuron: (dual.sum,) for dual in cell.objectives if not dual.is_softened}
+    sums |= {d.neuron: (d.sum, d.excess) if d.excess else (d.sum,) for d in cell.diodes}
+    given = width if isinstance(width, Mapping) else dict.fromkeys(sums, width)
+    found = {}
+    for neuron, size in given.items():
+        if neuron not in sums:
+            raise UnknownNameError.of("diode neuron", neuron, sums)
+        if not 0 <= size < math.inf:
+            raise NetworkError(f"width of {neuron}: expected 0 or a positive number, got {size!r}")
+        found |= dict.fromkeys(sums[neuron] if size else (), float(size))
+    return found
+
+
+def _bent(network: Network, sum_name: str, s: float) -> Network:
+    """With the rectifiers of a sum y bent: m = corner + s ln(1 + exp(-|y| / s))."""
+    blocks: list[Block] = []
+    wires = list(network.cell.connections)
+    for block in network.cell.blocks:
+        if isinstance(block, Function) and block.function == "rectify" and block.x == sum_name:
+            more, added = bent_rectifier(block, s)
+            blocks += more
+            wires += added
+        else:
+            blocks.append(block)
+    return replace(
+        network, cell=replace(network.cell, blocks=tuple(blocks), connections=tuple(wires))
+    )
+
+
+def bent_rectifier(block: Function, s: float) -> tuple[Iterable[Block], Iterable[Connection]]:
+    """Blocks and wires in place of a rectifier: s ln(1 + e^(y / s)), y no less than -30 s.
+
+    Parameters
+    ----------
+    block : Function
+        The rectifier, of y.
+    s : float
+        Width of the knee, in units of y.
+
+    Returns
+    -------
+    tuple of blocks and connections
+        The sum that ends them has the rectifier's name.
+    """
+    m, y = block.name, block.x
+    corner, near, kept, exponent = f"corner.{m}", f"near.{m}", f"kept.{m}", f"exponent.{m}"
+    tail, grown = f"tail.{m}", f"grown.{m}"
+    blocks = (
+        Function(name=corner, function="rectify", x=y),
+        Sum(name=near),
+        Function(name=kept, function="rectify", x=near),
+        Sum(name=exponent),
+        Function(name=tail, function="exp", x=exponent),
+        Sum(name=grown),
+        Function(name=f"log.{m}", function="log", x=grown),
+        Sum(name=m),
+    )
+    ends = (
+        (y, near, 1.0 / s), (corner, near, -2.0 / s), (ONE, near, FARTHEST),  # -|y| / s
+        (kept, exponent, 1.0), (ONE, exponent, -FARTHEST),
+        (tail, grown, 1.0), (ONE, grown, 1.0), (corner, m, 1.0), (f"log.{m}", m, s),
+    )  # fmt: skip
+    return blocks, [Connection(source=a, target=b, weight=weight) for a, b, weight in ends]

@@ -1,1 +1,0 @@
-from .curves import Polynomial as Polynomial

@@ -1,0 +1,320 @@
+r"""Function generators made of parts: y = f(u) by multipliers, or by diodes and op amps.
+
+No part is a sine. Multipliers compute a polynomial, rectifiers put together a chain of chords; both
+are fitted to a declared range of u. A recipe (`Polynomial`, `Breakpoints`) gives a fitted record,
+whose error is known before anything is built; which cells make it up is the netlist's business.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TypeAlias
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from scipy.optimize import linprog
+
+from ann_dc.errors import NetworkError, require_positive
+from ann_dc.hardware.parts.generator_stretch import GRID, Stretch
+from ann_dc.validation.checked import checked
+
+FINE = 10
+"""Into how many finer intervals each is divided where a fit is judged."""
+
+LOAD = 100e3
+"""Smallest resistor at an op amp, in ohms; the multiplier of a divider drives half of it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FittedPolynomial:
+    r"""A polynomial of U = (u - centre) / half, which goes from -1 to 1.
+
+    .. math:: \sum_k a_k U^k \;\text{(parity 0)}, \qquad \sum_k a_k W^k \;\text{(even)}, \qquad
+              U \sum_k a_k W^k \;\text{(odd)}, \qquad W = 2 U^2 - 1 .
+
+    Attributes
+    ----------
+    stretch : Stretch
+        What was fitted.
+    parity : int
+        1 even, -1 odd, 0 neither.
+    centre, half : float
+        Of the range, which is made symmetric for an even or odd function.
+    powers : (k + 1,) array
+        a, the lowest power first.
+    error : float
+        Largest error over the largest |f|.
+    """
+
+    stretch: Stretch
+    parity: int
+    centre: float
+    half: float
+    powers: np.ndarray
+    error: float
+
+    @property
+    def inputs(self) -> int:
+        """Inputs of these products that U is at."""
+        steps = len(self.powers) - 1
+        if not self.parity or not steps:
+            return steps + (self.parity < 0)
+        return 2 * (1 + (steps > 1)) + (self.parity < 0)
+
+    @property
+    def multipliers(self) -> int:
+        """Products that it takes."""
+        steps = len(self.powers) - 1  # one each; one for W, one for the factor U
+        return steps + (self.parity != 0 and steps > 1) + (self.parity < 0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FittedChords:
+    """A chain of n chords.
+
+    Attributes
+    ----------
+    stretch : Stretch
+        What was fitted.
+    ends : (n + 1,) array
+        Ends of the chords, from the low end of the range to the high one.
+    values : (n + 1,) array
+        Of the chain there.
+    error : float
+        Largest error over the largest |f|.
+    """
+
+    stretch: Stretch
+    ends: np.ndarray
+    values: np.ndarray
+    error: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FittedQuotient:
+    """1/u as a divider, an op amp that makes a multiplier's u y constant: ``error`` is zero.
+
+    Attributes
+    ----------
+    stretch : Stretch
+        What it divides by; zero is not in it.
+    error : float
+        Largest error over the largest |f|.
+    inputs : int
+        Of multipliers that u is at.
+    """
+
+    stretch: Stretch
+    error: float = 0.0
+    inputs: int = 1
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Polynomial:
+    """Multipliers that compute the best polynomial [1]_ by Horner's rule, p_k = a_k + U p_{k+1}.
+
+    U goes from -1 to 1 over the range. An odd or even f may take powers of W = 2 U^2 - 1 over the
+    range made symmetric instead, half as many. Where no polynomial does, 1/u is a divider.
+
+    Attributes
+    ----------
+    tolerance : float
+        Largest error that is accepted, over the largest |f|.
+    most_terms : int
+        Largest number of coefficients, at least 2.
+
+    Raises
+    ------
+    NetworkError
+        If the tolerance is not positive, or fewer than two terms are allowed.
+
+    References
+    ----------
+    .. [1] E. W. Cheney, Introduction to Approximation Theory, McGraw-Hill, 1966.
+
+    Examples
+    --------
+    >>> Polynomial().fit("sin", -1.3, 1.3).multipliers
+    4
+    """
+
+    tolerance: float = 2e-4
+    most_terms: int = 8
+
+    def __post_init__(self) -> None:
+        require_positive(tolerance=self.tolerance)
+        if self.most_terms < 2:
+            raise NetworkError(f"most_terms: expected 2 or more, got {self.most_terms!r}")
+
+    def fit(self, function: str, low: float, high: float) -> FittedPolynomial | FittedQuotient:
+        """The polynomial of fewest multipliers that keeps the tolerance, or a divider.
+
+        Parameters
+        ----------
+        function : str
+            Name of a function block.
+        low, high : float
+            Range of u in which f is fitted. Nothing clamps u to it.
+
+        Returns
+        -------
+        FittedPolynomial or FittedQuotient
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such function block.
+        NetworkError
+            If f is not finite on the range, or no polynomial is close enough.
+        """
+        return _fitted(self.tolerance, self.most_terms, function, low, high)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Breakpoints:
+    r"""Precision rectifiers and a summing amplifier: chords between breakpoints [1]_.
+
+    .. math:: f(u) \approx \alpha + \beta u + \sum_{\Delta_j > 0} \Delta_j \max(u - u_j, 0)
+              + \sum_{\Delta_j < 0} \Delta_j \max(u_j - u, 0)
+
+    with :math:`\Delta_j` the change of slope at u_j. The breakpoints lie where the errors of all
+    chords are equal [2]_, for n chords about (integral of sqrt |f''|)^2 / (16 n^2).
+
+    Attributes
+    ----------
+    segments : int
+        Number of chords, one more than breakpoints.
+
+    Raises
+    ------
+    NetworkError
+        If there is no segment.
+
+    References
+    ----------
+    .. [1] D. H. Sheingold (ed.), Nonlinear Circuits Handbook, Analog Devices, 1976.
+    .. [2] C. de Boor, A Practical Guide to Splines, Springer, 1978, chapter XII.
+
+    Examples
+    --------
+    >>> fit = Breakpoints(segments=20).fit("exp", -2.0, 2.0)
+    >>> len(fit.ends), f"{fit.error:.0e}"
+    (21, '5e-04')
+    """
+
+    segments: int = 20
+
+    def __post_init__(self) -> None:
+        require_positive(segments=self.segments)
+
+    def fit(self, function: str, low: float, high: float) -> FittedChords:
+        """The chain of chords.
+
+        Parameters
+        ----------
+        function : str
+            Name of a function block.
+        low, high : float
+            Range of u in which f is fitted. Nothing clamps u to it.
+
+        Returns
+        -------
+        FittedChords
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such function block.
+        NetworkError
+            If f is not finite on the range.
+        """
+        stretch = Stretch(function=function, low=low, high=high)
+        u, y = _chords(stretch, self.segments)
+        fine = np.linspace(low, high, FINE * GRID + 1)
+        error = float(np.abs(np.interp(fine, u, y) - stretch.value(fine)).max()) / stretch.peak
+        return FittedChords(stretch=stretch, ends=u, values=y, error=error)
+
+
+Curves: TypeAlias = Polynomial | Breakpoints
+"""Recipes: how function generators are made of parts."""
+
+Curve: TypeAlias = FittedPolynomial | FittedQuotient | FittedChords
+"""A function generator, fitted."""
+
+
+@lru_cache(maxsize=1024)
+def _fitted(
+    tolerance: float, most_terms: int, function: str, low: float, high: float
+) -> FittedPolynomial | FittedQuotient:
+    """What `Polynomial.fit` finds, kept: a circuit is emulated many times with the same curves."""
+    stretch, tried = Stretch(function=function, low=low, high=high), []
+    for parity in (0, 1, -1):
+        for terms in range(1 + (parity >= 0), most_terms + 1):
+            fit = _best_polynomial(stretch, parity, terms)
+            tried += [fit] if fit else []
+            if fit is None or fit.error <= tolerance:
+                break
+    best = min(tried, key=lambda f: (max(f.error, tolerance), f.multipliers, f.error))
+    if best.error > tolerance and function == "reciprocal":
+        return FittedQuotient(stretch=stretch)
+    if best.error > tolerance:
+        raise NetworkError(
+            f"{stretch}: a polynomial of {most_terms} terms is {best.error:.2g} off, the tolerance "
+            f"is {tolerance:g}; narrow the range, allow more terms or a larger error, or take "
+            "Breakpoints"
+        )
+    return best
+
+
+def _best_polynomial(stretch: Stretch, parity: int, terms: int) -> FittedPolynomial | None:
+    """The polynomial of smallest largest error; None where f is not of this parity."""
+    low, high = stretch.low, stretch.high
+    centre, half = 0.5 * (low + high), 0.5 * (high - low)
+    places = U = np.cos(np.linspace(0.0, np.pi, FINE * GRID + 1))
+    if parity:
+        centre, half, U = 0.0, max(abs(low), abs(high)), np.sqrt((1 + places) / 2)
+    f = stretch.value(centre + half * U)
+    mirrored = parity * stretch.value(-half * U) if parity else f
+    if not (np.isfinite(f).all() and np.allclose(f, mirrored, rtol=1e-12)):
+        return None
+    basis = chebyshev.chebvander(places, terms - 1) * (U[:, None] if parity < 0 else 1.0)
+    series = _minimax(basis[::FINE], f[::FINE])
+    error = float(np.abs(f - basis @ series).max() / stretch.peak)
+    return FittedPolynomial(
+        stretch=stretch,
+        parity=parity,
+        centre=centre,
+        half=half,
+        powers=chebyshev.cheb2poly(series),
+        error=error,
+    )
+
+
+def _chords(stretch: Stretch, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Breakpoints and values of n chords: spread by curvature, then until errors are equal."""
+    places = np.linspace(stretch.low, stretch.high, FINE * GRID + 1)
+    share = np.sqrt(np.abs(np.gradient(np.gradient(stretch.value(places)))))[1:]
+    u = f = hats = np.zeros(0)
+    for _ in range(8):
+        passed = np.append(0.0, np.cumsum(share + 1e-2 * share.max() + 1e-300))
+        u = places = np.interp(np.linspace(0.0, passed[-1], n + 1), passed, places)
+        at = np.interp(np.linspace(0, n, 16 * n + 1), np.arange(n + 1), u)
+        hats, f = np.array([np.interp(at, u, one) for one in np.eye(n + 1)]).T, stretch.value(at)
+        error = np.abs(f - hats @ np.linalg.lstsq(hats, f, rcond=None)[0])
+        share = np.sqrt(np.maximum(error[1:], error[:-1]).reshape(n, 16).max(axis=1))
+    return u, _minimax(hats, f)
+
+
+def _minimax(basis: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """Coefficients of the smallest largest deviation, by linear programming on the remainder."""
+    series = np.linalg.lstsq(basis, f, rcond=None)[0]
+    rest = f - basis @ series
+    size = float(np.abs(rest).max()) or 1.0
+    sides = np.concatenate([basis, -basis])
+    A = np.insert(sides, sides.shape[1], -1.0, axis=1)
+    b = np.concatenate([rest, -rest]) / size
+    found = linprog(np.eye(A.shape[1])[-1], A_ub=A, b_ub=b, bounds=(None, None))
+    return series + size * found.x[:-1]

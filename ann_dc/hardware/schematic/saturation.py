@@ -1,0 +1,135 @@
+"""Rails of neurons: which levels build them, which neurons have parts that can stop or be read."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from dataclasses import replace
+
+import numpy as np
+
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.parts.technologies import OpAmps
+from ann_dc.network.network import Network
+from ann_dc.network.selection import clamped_rows
+from ann_dc.validation.checked import checked
+
+HIGHEST = 1.0
+"""Full scale, in volts, up to which rails are built: the op amp of a clamp rests a diode drop
+beside what it clamps, where it must not conduct yet."""
+
+
+TRANSISTORS = ("transistor", "sky130")
+"""Folders of models that have no clamps."""
+
+
+@checked
+def check_rails(network: Network, level: Level) -> None:
+    """Refuse a network whose neurons have rails that a level cannot build.
+
+    Parameters
+    ----------
+    network : Network
+    level : Level
+
+    Raises
+    ------
+    NetworkError
+        If a neuron has rails, and the level is not one of single-ended op amps, ideal or as macro
+        models, or its full scale is above `HIGHEST`.
+
+    Examples
+    --------
+    >>> from ann_dc import levels
+    >>> from ann_dc.network import Cell, Limiter, Neuron
+    >>> cell = Cell(neurons=(Neuron(name="x", limiter=Limiter(high=1.0)),))
+    >>> check_rails(Network(cell=cell, stages=1), levels.macro())
+    >>> check_rails(Network(cell=cell, stages=1), levels.ota_c())  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ann_dc.errors.NetworkError: circuit: rails of x are not built at level ota-c; ...
+    """
+    names = ", ".join(_railed(network))
+    if not names:
+        return
+    if not isinstance(level.technology, OpAmps) or level.models in TRANSISTORS:
+        raise NetworkError(
+            f"circuit: rails of {names} are not built at level {level.name}; take a level of "
+            "single-ended op amps, ideal or macro models: 'behavioural' or 'macro'"
+        )
+    if level.full_scale > HIGHEST:
+        fit = [name for name in presets.names() if presets.get(name).full_scale <= HIGHEST]
+        raise NetworkError(
+            f"full_scale: rails of {names} are built up to {HIGHEST:g} V, level {level.name} has "
+            f"{level.full_scale:g} V; take a full scale of {HIGHEST:g} V (ann-dc circuit "
+            f"--full-scale {HIGHEST:g}), or parts that have it: macro, {', '.join(fit)}"
+        )
+
+
+@checked
+def with_rails(network: Network, level: Level) -> Level:
+    """The level, or with a full scale of `HIGHEST` volts if neurons have rails, and it has more.
+
+    Parameters
+    ----------
+    network : Network
+    level : Level
+
+    Returns
+    -------
+    Level
+
+    Examples
+    --------
+    >>> from ann_dc.hardware.parts import presets
+    >>> from ann_dc.network import Cell, Limiter, Network, Neuron
+    >>> level = presets.get("opa192_ad734")
+    >>> for high in (1.0, float("inf")):
+    ...     cell = Cell(neurons=(Neuron(name="x", limiter=Limiter(high=high)),))
+    ...     with_rails(Network(cell=cell, stages=1), level).full_scale
+    1.0
+    10.0
+    """
+    fits = level.full_scale <= HIGHEST or not _railed(network)
+    return level if fits else replace(level, full_scale=HIGHEST)
+
+
+def check_parts(network: Network, fused: Container[str], *, differential: bool) -> None:
+    """Refuse rails of neurons whose parts cannot have them.
+
+    Parameters
+    ----------
+    network : Network
+    fused : container of str
+        Neurons that are one op amp with other nodes.
+    differential : bool
+        Whether outputs come with both signs.
+
+    Raises
+    ------
+    NetworkError
+        Naming the neurons: only an integrator of its own has rails, none in a differential circuit,
+        and none that the metric couples to others.
+    """
+    coupled = [network.cell.neurons[row].name for row in clamped_rows(network)]
+    names = [n for n in _railed(network) if differential or n in coupled or n in fused]
+    if names:
+        why = "only an integrator of its own has some, no dual"
+        if differential:
+            why = "differential parts have none"
+        elif coupled:
+            why = (
+                f"a clamp holds one integrator, and the {network.metric.kind.value} couples "
+                f"{', '.join(coupled)} to others; take the circuit of SpiceBackend.prepare, whose "
+                "network has rows in the place of such rails"
+            )
+        raise NetworkError(f"circuit: rails of {', '.join(names)} cannot be built: {why}")
+
+
+def _railed(network: Network) -> list[str]:
+    """Neurons that have a rail."""
+    return [
+        neuron.name
+        for neuron in network.cell.neurons
+        if np.isfinite([neuron.limiter.low, neuron.limiter.high]).any()
+    ]

@@ -1,1 +1,0 @@
-from . import object_cache as object_cache

@@ -1,0 +1,2 @@
+from .program import Program as Program
+from .writing import program_of as program_of

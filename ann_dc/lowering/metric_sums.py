@@ -1,0 +1,131 @@
+"""A metric as sums: up and down a pyramid, or forward and back through a stiffness' factor.
+
+A move is a list of words and weights; the operations that write these words go into a listing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ann_dc.evaluation.tape import Tape
+from ann_dc.lowering.program import SUM, ZERO, Listing
+from ann_dc.network.network import Network
+
+Moves = list[list[tuple[int, float]]]
+"""Of every neuron what moves it, before h."""
+
+
+def add_pyramid(
+    moves: Moves, network: Network, tape: Tape, listing: Listing, drives: np.ndarray
+) -> None:
+    """Add what coarse coordinators move.
+
+    Parameters
+    ----------
+    moves : list of lists of (int, float)
+    network : Network
+    tape : Tape
+    listing : Listing
+    drives : (P, N) array of int
+        Words of the drives.
+    """
+    below = _drives_below(tape, drives)
+    levels = list(zip(tape.grid_starts[:-1].tolist(), tape.grid_starts[1:].tolist()))
+    names = [chain[0] for chain in network.cell.chains]
+    grid = np.full(below.shape, ZERO)
+    for level, (first, last) in enumerate(levels):
+        rows = [listing.row(f"grid {level} of {name}") for name in names]
+        for a, j in np.ndindex(last - first, len(names)):
+            grid[first + a, j] = listing.word(rows[j])
+            listing.sum(SUM, int(grid[first + a, j]), below[first + a, j])
+            for point, share in _half(a, last) if level + 1 < len(levels) else ():
+                below[point, j].append((int(grid[first + a, j]), share))
+    rates = _responses(grid, levels, tape, names, listing)
+    for p, j in np.ndindex(len(tape.hats), len(names)):
+        left, share = int(tape.hats[p]), float(tape.shares[p])
+        index = network.state_index[tape.chains[j, p & 1], p >> 1]
+        if index >= 0:
+            moves[index].append((int(rates[left, j]), 1.0 - share))
+            moves[index].append((int(rates[left + 1, j]), share))
+
+
+def _drives_below(tape: Tape, drives: np.ndarray) -> np.ndarray:
+    """(grid points, C) lists: words and shares of the drives below every hat."""
+    below = np.empty((int(tape.grid_starts[-1]), len(tape.chains)), object)
+    for place in np.ndindex(below.shape):
+        below[place] = []
+    for p, j in np.ndindex(len(tape.hats), len(tape.chains)):
+        left, share = int(tape.hats[p]), float(tape.shares[p])
+        drive = int(drives[tape.chains[j, p & 1], p >> 1])
+        below[left, j].append((drive, 1.0 - share))
+        below[left + 1, j].append((drive, share))
+    return below
+
+
+def _responses(
+    grid: np.ndarray,
+    levels: list[tuple[int, int]],
+    tape: Tape,
+    names: list[str],
+    listing: Listing,
+) -> np.ndarray:
+    """Words of the rates at grid points: their own gains, and what comes from above."""
+    rates = np.full(grid.shape, ZERO)
+    for level in reversed(range(len(levels))):
+        first, last = levels[level]
+        rows = [listing.row(f"rate {level} of {name}") for name in names]
+        for a, i in np.ndindex(last - first, len(names)):
+            gains = tape.grids[first + a, i].tolist()
+            edges = list(zip(grid[first + a].tolist(), gains))
+            for point, share in _half(a, last) if level + 1 < len(levels) else ():
+                edges.append((int(rates[point, i]), share))
+            rates[first + a, i] = listing.word(rows[i])
+            listing.sum(SUM, int(rates[first + a, i]), edges)
+    return rates
+
+
+def _half(a: int, above: int) -> list[tuple[int, float]]:
+    """(Point, share) on the next coarser level, which begins at ``above``, of point ``a``."""
+    if a % 2:
+        return [(above + a // 2, 0.5), (above + a // 2 + 1, 0.5)]
+    return [(above + a // 2, 1.0)]
+
+
+def replace_by_stiffness(
+    moves: Moves, network: Network, tape: Tape, listing: Listing, drives: np.ndarray
+) -> None:
+    """K y = d from the first row to the last, then K' z = y back again: z are the moves.
+
+    Parameters
+    ----------
+    moves : list of lists of (int, float)
+    network : Network
+    tape : Tape
+    listing : Listing
+    drives : (P, N) array of int
+        Words of the drives.
+    """
+    count, neurons = len(tape.coupled) - 1, network.cell.neurons
+    rows = {
+        (half, p): listing.row(f"{half} of {neurons[p].name}")
+        for half in ("elimination", "move")
+        for p in np.unique(tape.coupled[:-1, 0]).tolist()
+    }
+    y, z = [ZERO] * count, [ZERO] * count
+    inverse = tape.factor[tape.coupled[1:, 2] - 1].tolist()
+    back: list[list[tuple[int, float]]] = [[] for _ in range(count)]
+    for i, (neuron, stage, first) in enumerate(tape.coupled[:-1].tolist()):
+        before = slice(first, int(tape.coupled[i + 1, 2]) - 1)
+        columns, values = tape.factor_columns[before].tolist(), tape.factor[before].tolist()
+        edges = [(int(drives[neuron, stage]), inverse[i])]
+        for column, value in zip(columns, values):
+            edges.append((y[column], -value * inverse[i]))
+            back[column].append((i, value))
+        y[i] = listing.word(rows["elimination", neuron])
+        listing.sum(SUM, y[i], edges)
+    for i in reversed(range(count)):
+        neuron, stage, _ = tape.coupled[i].tolist()
+        edges = [(z[later], -value * inverse[i]) for later, value in back[i]]
+        z[i] = listing.word(rows["move", neuron])
+        listing.sum(SUM, z[i], [*edges, (y[i], inverse[i])])
+        moves[int(network.state_index[neuron, stage])] = [(z[i], 1.0)]

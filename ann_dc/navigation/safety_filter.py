@@ -1,0 +1,112 @@
+"""Safety filter (shield): controls that replace a plan that is unsafe or has not converged."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.navigation.planner import Plan, Situation
+from ann_dc.validation.checked import checked
+from ann_dc.validation.values import Count, NotNegative, Positive, such_as
+
+STILL = 1e-6
+"""Largest change of a state in a period in which a robot counts as standing still."""
+
+GENTLE = 0.25
+"""Share of a limit at which ways out are tried beside the limit itself."""
+
+
+@such_as("ann_dc.navigation.Shield()")
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Shield:
+    """Safety filter that replaces a plan if it leaves too little room or has not converged.
+
+    Ways out are constant controls, each at zero, at one of its limits or at a quarter of it, rolled
+    out a few steps, and the one with the most room is taken. A robot with two controls has 25 of
+    them, which a digital circuit rolls out in each period. A better plan is never overruled.
+
+    A robot that stands still in a world at rest would never move again. If standing still is the
+    best way out, the first control of the plan is applied nevertheless, provided that a way out
+    with twice the room remains afterwards.
+
+    Attributes
+    ----------
+    steps : int
+        Nodes of the plan, and of each way out, that it looks at.
+    room : float
+        What a plan has to leave between the robot's rim and an obstacle.
+    trusted : float
+        Residual above which a plan counts as not converged.
+    """
+
+    steps: Count = 8
+    room: NotNegative = 0.05
+    trusted: Positive = 0.1
+
+    def instead(self, situation: Situation, plan: Plan, dt: float) -> np.ndarray | None:
+        """Controls (m,) to apply instead of a plan's, or None.
+
+        Parameters
+        ----------
+        situation : Situation
+        plan : Plan
+        dt : float
+            Seconds a step.
+        """
+        if not situation.world.sensed(situation.q[:2], situation.time):
+            return None
+        doubtful = plan.residual > self.trusted
+        best = -np.inf if doubtful else self._room(situation, plan.q[:, 1 : self.steps + 1], dt)
+        if best >= self.room:
+            return None
+        controls, ways, rooms = self._ways_out(situation, situation.q[:, None], dt)
+        chosen = int(rooms.argmax())
+        if not rooms[chosen] > best:
+            return None
+        stands = np.array_equal(ways[chosen, :2, -1], situation.q[:2])
+        if stands and not doubtful and self._leaves_a_way_out(situation, plan, dt):
+            return None
+        return controls[:, chosen]
+
+    def _leaves_a_way_out(self, situation: Situation, plan: Plan, dt: float) -> bool:
+        """Return True if a way out with twice the room remains after the first control."""
+        first = np.clip(plan.u[:, :1].T, *situation.world.robot.limits.T).T
+        before = _rolled(situation, situation.q[:, None], first, 1, dt)[0]
+        moves = not np.allclose(before[:, 1], situation.q, rtol=0.0, atol=STILL)
+        return moves and self._ways_out(situation, before, dt)[2].max() >= 2 * self.room
+
+    def _ways_out(
+        self, situation: Situation, before: np.ndarray, dt: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return controls (m, W) of all ways out, later states (W, n, K) and least rooms (W,)."""
+        ends = [
+            dict.fromkeys((0.0, low, high, GENTLE * low, GENTLE * high))
+            for low, high in situation.world.robot.limits
+        ]
+        controls = np.array(list(itertools.product(*ends))).T
+        start = np.repeat(before[:, -1:], controls.shape[1], axis=1)
+        steps = self.steps + 1 - before.shape[1]
+        ways = _rolled(situation, start, controls, steps, dt)[..., 1:]
+        rooms = [self._room(situation, np.hstack([before[:, 1:], way]), dt) for way in ways]
+        return controls, ways, np.array(rooms)
+
+    def _room(self, situation: Situation, q: np.ndarray, dt: float) -> float:
+        """Least room along states (n, K), as far as obstacles are in sight."""
+        world, time = situation.world, situation.time + dt * np.arange(1, q.shape[1] + 1)
+        seen = world.sensed(situation.q[:2], situation.time)
+        gaps = [world.obstacles[i].near(q[:2].T, time).distance.min() for i in seen]
+        return min(gaps) - world.robot.radius
+
+
+def _rolled(
+    situation: Situation, q: np.ndarray, u: np.ndarray, steps: int, dt: float
+) -> np.ndarray:
+    """Simulate W ways from states (n, W) with constant controls (m, W): (W, n, K+1)."""
+    step, limits = situation.world.robot.steps(dt), situation.world.robot.state_limits.T[..., None]
+    way = [q]
+    for _ in range(steps):
+        way.append(np.clip(step.map(way[-1], u), *limits))
+    return np.array(way).transpose(2, 1, 0)

@@ -1,0 +1,129 @@
+"""Worlds as text: a TOML file becomes a `World`.
+
+Nothing in it is ever executed::
+
+    start = [0, 0, 0.785, 0]     # the robot's state
+    goal = [5, 5]
+    sensor = 3.0                 # optional, as are duration, arrived and name
+
+    [robot]
+    kind = "car"                 # or "unicycle"; the rest are arguments of car_robot
+    reverse = 0.8
+
+    [[discs]]
+    centre = [2.0, 1.5]
+    radius = 0.4
+    velocity = [0.0, 0.3]        # optional, as is appears = 2.0
+
+    [[polygons]]
+    corners = [[3, 3], [4, 3], [4, 3.5]]
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ann_dc.atomic_files import read_table
+from ann_dc.errors import AnnDcError, WorldError
+from ann_dc.navigation.obstacles import Obstacle, disc, polygon
+from ann_dc.navigation.scenario import World
+from ann_dc.problem.robot import Robot, car_robot, unicycle_robot
+from ann_dc.validation.checked import checked
+
+ROBOTS: Mapping[str, Callable[..., Robot]] = {"car": car_robot, "unicycle": unicycle_robot}
+OBSTACLES: Mapping[str, Callable[..., Obstacle]] = {"discs": disc, "polygons": polygon}
+REQUIRED = ("start", "goal", "robot")
+OPTIONAL = ("name", "sensor", "duration", "arrived", *OBSTACLES)
+
+
+@checked
+def load_world(path: str | os.PathLike[str]) -> World:
+    """Read a world from a TOML file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file. Its stem names the world unless the file has a ``name``.
+
+    Raises
+    ------
+    FileFormatError
+        If there is no such file, or it is not TOML.
+    WorldError
+        If its content is no world; the message begins with the path and the field.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> text = '''
+    ... start = [0, 0, 0]
+    ... goal = [4, 1]
+    ... robot = {kind = "unicycle"}
+    ... discs = [{centre = [2, 1], radius = 0.4}]
+    ... '''
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "yard.toml")
+    ...     _ = file.write_text(text, encoding="utf-8")
+    ...     len(load_world(file).obstacles)
+    1
+    """
+    file = Path(path)
+    table = read_table(file, "world", "demos/crossing.toml")
+    try:
+        return _world(table, file.stem)
+    except AnnDcError as error:
+        raise WorldError(f"{file}: {error}") from error
+
+
+def _world(table: Mapping[str, Any], name: str) -> World:
+    _check_keys("", table, REQUIRED + OPTIONAL, REQUIRED)
+    given = _table("robot", table["robot"])
+    kind = str(given.get("kind"))
+    if kind not in ROBOTS:
+        raise WorldError(f"robot.kind: expected one of {', '.join(ROBOTS)}, got {kind!r}")
+    robot = _made("robot", ROBOTS[kind], {k: v for k, v in given.items() if k != "kind"})
+    obstacles = []
+    for field, make in OBSTACLES.items():
+        rows = table.get(field, [])
+        if not isinstance(rows, list):
+            raise WorldError(f"{field}: expected tables, each written [[{field}]], got {rows!r}")
+        for number, row in enumerate(rows):
+            obstacles.append(_made(f"{field}[{number}]", make, _table(field, row)))
+    plain = {key: table[key] for key in ("sensor", "duration", "arrived") if key in table}
+    return World(
+        robot=robot,
+        start=table["start"],
+        goal=table["goal"],
+        obstacles=tuple(obstacles),
+        name=str(table.get("name", name)),
+        **plain,
+    )
+
+
+def _made(field: str, make: Callable[..., Any], given: Mapping[str, Any]) -> Any:
+    parameters = inspect.signature(make).parameters
+    needed = [n for n, parameter in parameters.items() if parameter.default is parameter.empty]
+    _check_keys(f"{field}.", given, tuple(parameters), tuple(needed))
+    try:
+        return make(**given)
+    except AnnDcError as error:
+        raise WorldError(f"{field}.{error}") from error
+
+
+def _check_keys(field: str, table: Mapping, known: tuple[str, ...], needed: tuple) -> None:
+    for key in table:
+        if key not in known:
+            raise WorldError(f"{field}{key}: unknown key; known are {', '.join(known)}")
+    for key in needed:
+        if key not in table:
+            raise WorldError(f"{field}{key}: missing; the keys are {', '.join(known)}")
+
+
+def _table(field: str, given: Any) -> Mapping[str, Any]:
+    if not isinstance(given, Mapping):
+        raise WorldError(f"{field}: expected a table, got {given!r}")
+    return given

@@ -1,0 +1,72 @@
+"""The feed-forward tree: the metric of the grid, exactly, as hats that follow the plant.
+
+Where the grid has to settle by itself, faster than the network, the tree has no loop: drives are
+handed down from neighbour to neighbour over twice the distance each time, and the moves come back
+the same way (`elimination`). The price is wires that reach across the whole row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from scipy import sparse
+
+from ann_dc.network.preconditioners.base import Kind, Row, Wires
+from ann_dc.network.preconditioners.elimination import Elimination, eliminate
+from ann_dc.network.preconditioners.stiffness import Stiffness
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tree(Stiffness):
+    """The stiffness between neighbours as a tree.
+
+    Examples
+    --------
+    One neuron in each of three cells: the outer ones feed the middle one.
+
+    >>> own = np.full((3, 1, 1), 1.0)
+    >>> tree = Tree(own=own, following=np.full((2, 1, 1), -0.5))
+    >>> row = Row(rates=np.ones((1, 3)), primal=np.array([0]), chains=np.zeros((0, 2), int))
+    >>> tree.wires(row).weights.toarray().tolist()
+    [[0.0, 0.5, 0.0], [0.0, 0.0, 0.0], [0.0, 0.5, 0.0]]
+    """
+
+    @property
+    def kind(self) -> Kind:
+        """`Kind.TREE`."""
+        return Kind.TREE
+
+    def elimination(self, row: Row) -> Elimination:
+        """The levels of the tree."""
+        return eliminate(self, row)
+
+    def wires(self, row: Row) -> Wires:
+        """Hats -W from the eliminated neuron (row) to the remaining one (column).
+
+        And the couplings S_ee^{-1} within an eliminated block, above the diagonal.
+        """
+        found = self.elimination(row)
+        place, entries = found.component, []
+        for level in found.levels:
+            gone, left = place[0::2], place[1::2]
+            within = np.triu(level.inverse, 1)
+            entries.append(_entries(gone, gone, within))
+            entries.append(_entries(gone[: len(left)], left, -level.left.transpose(0, 2, 1)))
+            right = -level.right.transpose(0, 2, 1)
+            entries.append(_entries(gone[1:], left[: len(right)], right))
+            place = left
+        rows, columns, values = map(np.concatenate, zip(*entries))
+        shape = (len(row.state_rates),) * 2
+        weights = sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=shape))
+        return Wires(weights=weights, nodes=int((found.component[1::2] >= 0).sum()), both_ways=True)
+
+
+def _entries(
+    rows: np.ndarray, columns: np.ndarray, blocks: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(row, column, weight) of what blocks (B, b, b) say between components that are there."""
+    block, i, j = np.nonzero((blocks != 0) & (rows[:, :, None] >= 0) & (columns[:, None, :] >= 0))
+    return rows[block, i], columns[block, j], blocks[block, i, j]

@@ -1,0 +1,139 @@
+r"""Elimination of every other block of a row, again and again: a solve without a loop.
+
+A stiffness between neighbours, in blocks along the row, is solved by odd-even reduction: the blocks
+at even places hand their drives on to their two neighbours and are done, which leaves a row of half
+the length. With the hats :math:`W = S_{oe} S_{ee}^{-1}`,
+
+.. math:: d_o \leftarrow d_o - W_{left}\, d_e - W_{right}\, d_{e'}, \qquad
+    z_e = S_{ee}^{-1} d_e - W_{right}'^T z_{o'} - W_{left}^T z_o .
+
+The hats of a level are the harmonic extensions of the one above: they follow the plant. All of it
+is feed-forward, down with W and up with its transpose, in log2 of the length as many levels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ann_dc.network.preconditioners.base import Row
+from ann_dc.network.preconditioners.stiffness import Stiffness
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Level:
+    """One halving of the row: E blocks are eliminated, O remain.
+
+    Attributes
+    ----------
+    inverse : (E, b, b) array
+        S_ee^{-1}.
+    left : (O, b, b) array
+        Hats of the remaining blocks over the eliminated ones on their left.
+    right : (E - 1, b, b) array
+        Over those on their right; where E = O the last block has none.
+    """
+
+    inverse: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Elimination:
+    """S^{-1} of a row of blocks, level by level.
+
+    Attributes
+    ----------
+    component : (blocks, b) array of int
+        What stands in every block, as components of the state vector; -1 where nothing does.
+    levels : tuple of Level
+        The longest row first; the last one has a single block.
+
+    References
+    ----------
+    .. [1] W. Gander, G. H. Golub, Cyclic reduction - history and applications, Scientific
+       Computing, Springer, 1997, 73-85.
+    """
+
+    component: np.ndarray
+    levels: tuple[Level, ...]
+
+    def solve(self, drives: np.ndarray) -> np.ndarray:
+        """S^{-1} d for drives (blocks, b, ...)."""
+        done, rest = [], drives
+        for level in self.levels:
+            ready, rest = rest[0::2], rest[1::2].copy()
+            done.append(np.einsum("eij,ej...->ei...", level.inverse, ready))
+            rest -= np.einsum("oij,oj...->oi...", level.left, ready[: len(rest)])
+            right = np.einsum("oij,oj...->oi...", level.right, ready[1:])
+            rest[: len(right)] -= right
+        solved = done.pop()
+        for level, own in zip(reversed(self.levels[:-1]), reversed(done)):
+            own[: len(solved)] -= np.einsum("oij,oi...->oj...", level.left, solved)
+            own[1:] -= np.einsum("oij,oi...->oj...", level.right, solved[: len(level.right)])
+            both = np.empty((len(own) + len(solved), *own.shape[1:]), own.dtype)
+            both[0::2], both[1::2] = own, solved
+            solved = both
+        return solved
+
+
+def eliminate(stiffness: Stiffness, row: Row) -> Elimination:
+    """Eliminate a stiffness, in blocks (q, u) and t of each stage; in cells where it has no chains.
+
+    Parameters
+    ----------
+    stiffness : Stiffness
+    row : Row
+        That it fits.
+
+    Returns
+    -------
+    Elimination
+    """
+    component, own, following = blocks_of(stiffness, row)
+    levels = []
+    while True:
+        inverse = np.linalg.inv(own[0::2])
+        inverse = 0.5 * (inverse + inverse.transpose(0, 2, 1))
+        before, behind = following[0::2], following[1::2]
+        left = before.transpose(0, 2, 1) @ inverse[: len(before)]
+        right = behind @ inverse[1:]
+        levels.append(Level(inverse=inverse, left=left, right=right))
+        if len(own) == 1:
+            return Elimination(component=component, levels=tuple(levels))
+        own = own[1::2] - left @ before
+        own[: len(right)] -= right @ behind.transpose(0, 2, 1)
+        own = 0.5 * (own + own.transpose(0, 2, 1))
+        following = -right[: len(own) - 1] @ before[1:]
+
+
+def blocks_of(stiffness: Stiffness, row: Row) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return components (blocks, b), S of every block and between one and the next.
+
+    Parameters
+    ----------
+    stiffness : Stiffness
+    row : Row
+        That it fits.
+    """
+    own, following = stiffness.blocks(row)
+    is_target = np.isin(row.primal, row.chains[:, 1])
+    first, second = np.flatnonzero(~is_target), np.flatnonzero(is_target)
+    component = np.where(stiffness.alive(row), row.component[row.primal].T, -1)
+    crosses = following.copy()
+    crosses[:, second[:, None], first] = 0.0
+    if not len(second) or crosses.any():
+        return component, own, following
+    size, stages = max(len(first), len(second)), len(own)
+    places = -np.ones((stages, 2, size), np.int64)
+    blocks = np.broadcast_to(np.eye(size), (stages, 2, size, size)).copy()
+    between = np.zeros((stages, 2, size, size))
+    for half, chosen in enumerate((first, second)):
+        places[:, half, : len(chosen)] = component[:, chosen]
+        blocks[:, half, : len(chosen), : len(chosen)] = own[:, chosen[:, None], chosen]
+    between[:, 0, : len(first), : len(second)] = own[:, first[:, None], second]
+    between[:-1, 1, : len(second), : len(first)] = following[:, second[:, None], first]
+    flat = 2 * stages, size, size
+    return places.reshape(-1, size), blocks.reshape(flat), between.reshape(flat)[:-1]

@@ -1,0 +1,43 @@
+"""The neighbour grid: a resistor network between the primal neurons of neighbouring cells.
+
+The drives flow in as currents, the moves are the voltages: no wire is longer than to the next cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+from scipy import sparse
+
+from ann_dc.network.preconditioners.base import Kind, Row, Wires
+from ann_dc.network.preconditioners.stiffness import Stiffness
+
+
+@final
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Grid(Stiffness):
+    """The stiffness between neighbours as a grid.
+
+    Examples
+    --------
+    One neuron in each of three cells, every one tied to the next:
+
+    >>> import numpy as np
+    >>> own = np.full((3, 1, 1), 1.0)
+    >>> grid = Grid(own=own, following=np.full((2, 1, 1), -0.5))
+    >>> row = Row(rates=np.ones((1, 3)), primal=np.array([0]), chains=np.zeros((0, 2), int))
+    >>> grid.apply(row, np.array([[1.0, 0.0, 0.0]])).round(2).tolist()
+    [[1.5, 1.0, 0.5]]
+    >>> grid.wires(row).count
+    2
+    """
+
+    @property
+    def kind(self) -> Kind:
+        """`Kind.GRID`."""
+        return Kind.GRID
+
+    def wires(self, row: Row) -> Wires:
+        """One between two neurons that S couples; its weight is S there."""
+        return Wires(weights=sparse.csr_array(sparse.triu(self.matrix(row), k=1)))

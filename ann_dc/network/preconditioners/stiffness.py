@@ -1,0 +1,199 @@
+r"""A metric that is the inverse of a stiffness between neighbours.
+
+Over the primal neurons z = (q, u, t) of all cells,
+
+.. math:: M = T^{1/2}\, S^{-1}\, T^{1/2}, \qquad T = \mathrm{diag}(1/\tau),
+
+with S dimensionless, symmetric positive definite and block tridiagonal: a neuron is coupled to the
+primal neurons of its own cell and of the two next to it. With a unit diagonal of S the time
+constants are those of T = diag(M^{-1})^{-1}. It is positive definite whatever the time constants
+become, so an error of theirs moves no equilibrium.
+
+The same metric is built in two ways: as a grid of resistors between neighbours (`grid`), or by
+elimination, as a tree without a loop (`tree`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from scipy import sparse
+
+from ann_dc.errors import NetworkError
+from ann_dc.network.preconditioners.base import Clamp, Factors, Metric, Row
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stiffness(Metric):
+    """S between the m primal neurons of every cell and of the next.
+
+    Attributes
+    ----------
+    own : (N, m, m) array
+        S within a cell, symmetric.
+    following : (N - 1, m, m) array
+        S between a cell (rows) and the next one (columns).
+
+    Raises
+    ------
+    NetworkError
+        If the shapes do not agree, a number is not finite, or ``own`` is not symmetric.
+    """
+
+    own: np.ndarray
+    following: np.ndarray
+
+    def __post_init__(self) -> None:
+        own, following = self.own, self.following
+        if own.ndim != 3 or own.shape[1] != own.shape[2] or not len(own):
+            raise NetworkError(f"own: expected an array (N, m, m), got shape {own.shape}")
+        if following.shape != (len(own) - 1, *own.shape[1:]):
+            raise NetworkError(
+                f"following: expected shape {(len(own) - 1, *own.shape[1:])}, one block a pair of "
+                f"neighbours, got {following.shape}"
+            )
+        if not (np.isfinite(own).all() and np.isfinite(following).all()):
+            raise NetworkError("own, following: a stiffness is not finite")
+        if not np.array_equal(own, own.transpose(0, 2, 1)):
+            raise NetworkError("own: the stiffness within a cell must be symmetric")
+        own.setflags(write=False)
+        following.setflags(write=False)
+
+    def check(self, row: Row) -> None:
+        """Refuse a row of another size, or one on which S is not positive definite.
+
+        Raises
+        ------
+        NetworkError
+        """
+        self.cholesky(row)
+
+    def cholesky(self, row: Row) -> np.ndarray:
+        """L (2m, N m) of S = L L', as `banded`; zero where S has nothing to fill in.
+
+        Raises
+        ------
+        NetworkError
+            If S does not fit the row, or is not positive definite on it.
+        """
+        expected = (row.stages, len(row.primal), len(row.primal))
+        if self.own.shape != expected or not len(row.primal):
+            raise NetworkError(
+                f"{self.kind.value}: made for {self.own.shape[0]} cells of {self.own.shape[1]} "
+                f"primal neurons, but the network has {row.stages} of {len(row.primal)}"
+            )
+        try:
+            return scipy.linalg.cholesky_banded(self.banded(row), lower=True)
+        except np.linalg.LinAlgError as error:
+            raise NetworkError(
+                f"{self.kind.value}: the stiffness between neighbours is not positive definite; "
+                "raise the penalty above rho*, or lower the couplings"
+            ) from error
+
+    def alive(self, row: Row) -> np.ndarray:
+        """(N, m) booleans: which primal neurons are there."""
+        return row.rates[row.primal].T > 0
+
+    def blocks(self, row: Row) -> tuple[np.ndarray, np.ndarray]:
+        """``own`` and ``following`` with the identity where there is no neuron."""
+        alive = self.alive(row)
+        own = np.where(alive[:, :, None] & alive[:, None, :], self.own, 0.0)
+        stage, neuron = np.nonzero(~alive)
+        own[stage, neuron, neuron] = 1.0
+        pairs = alive[:-1, :, None] & alive[1:, None, :]
+        return own, np.where(pairs, self.following, 0.0)
+
+    def banded(self, row: Row) -> np.ndarray:
+        """S (2m, N m) as LAPACK's banded solvers take it: the diagonal and 2m - 1 below it."""
+        own, following = self.blocks(row)
+        stages, m = own.shape[:2]
+        band = np.zeros((2 * m, stages, m))
+        i, j = np.tril_indices(m)
+        band[i - j, :, j] = own[:, i, j].T
+        i, j = np.indices((m, m)).reshape(2, -1)
+        band[m + i - j, :-1, j] = following[:, j, i].T
+        return band.reshape(2 * m, -1)
+
+    def _dense(self, row: Row) -> np.ndarray:
+        """S (N m, N m)."""
+        own, following = self.blocks(row)
+        stages, m = own.shape[:2]
+        table, stage = np.zeros((stages, m, stages, m)), np.arange(stages)
+        table[stage, :, stage] = own
+        table[stage[:-1], :, stage[1:]] = following
+        table[stage[1:], :, stage[:-1]] = following.transpose(0, 2, 1)
+        return table.reshape(stages * m, -1)
+
+    def apply(self, row: Row, drives: np.ndarray) -> np.ndarray:
+        """M d (..., P, N): one solve for the primal neurons, banded where drives are few."""
+        moves = drives * row.rates
+        root = np.sqrt(row.rates[row.primal])
+        pushed = np.swapaxes(drives[..., row.primal, :] * root, -1, -2)  # (..., N, m)
+        columns = pushed.reshape(-1, root.size).T
+        # not checked: a drive that is no number makes moves that are none, as in every evaluator
+        if columns.shape[1] < len(columns):
+            solved = scipy.linalg.solveh_banded(
+                self.banded(row), columns, lower=True, check_finite=False
+            )
+        else:
+            solved = np.linalg.solve(self._dense(row), columns)
+        spread = np.swapaxes(solved.T.reshape(pushed.shape), -1, -2) * root
+        moves[..., row.primal, :] = spread
+        return moves
+
+    def clamp(self, row: Row, held: np.ndarray) -> Clamp:
+        """Solve with S among the other neurons: banded, for any number of held ones."""
+        rates = row.rates.copy()
+        rates[row.places] = np.where(held, 0.0, row.state_rates)
+        band = self.banded(replace(row, rates=rates))  # the identity in the place of held neurons
+        factor = scipy.linalg.cholesky_banded(band, lower=True), True
+        component = row.component[row.primal].T.ravel()
+        there = component >= 0
+        root, S = np.sqrt(row.state_rates), self.matrix(row)
+
+        def clamped(drives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            pushed = np.where(held, 0.0, drives * root).reshape(-1, len(held)).T
+            columns = np.zeros((len(component), pushed.shape[1]), pushed.dtype)
+            columns[there] = pushed[component[there]]
+            solved = scipy.linalg.cho_solve_banded(factor, columns, check_finite=False)
+            pushed[component[there]] = solved[there]
+            currents = ((S @ pushed).T / root).reshape(drives.shape) - drives
+            return pushed.T.reshape(drives.shape) * root, np.where(held, currents, 0.0)
+
+        return clamped
+
+    def matrix(self, row: Row) -> sparse.csr_array:
+        """S (n, n) over the components of a state vector; one at the diagonal of other neurons."""
+        place = row.component[row.primal].T  # (N, m)
+        own, following = self.blocks(row)
+        tables = (
+            (own, place[:, :, None], place[:, None, :]),
+            (following, place[:-1, :, None], place[1:, None, :]),
+            (following.transpose(0, 2, 1), place[1:, :, None], place[:-1, None, :]),
+        )
+        rows, columns, values = ([], [], [])
+        for table, i, j in tables:
+            i, j = np.broadcast_arrays(i, j)
+            used = (i >= 0) & (j >= 0) & (table != 0)
+            rows.append(i[used])
+            columns.append(j[used])
+            values.append(table[used])
+        other = np.ones(len(row.state_rates), bool)
+        other[place[place >= 0]] = False
+        others = np.flatnonzero(other)
+        entries = np.concatenate([*values, np.ones(len(others))])
+        at = np.concatenate([*rows, others]), np.concatenate([*columns, others])
+        return sparse.csr_array(sparse.coo_array((entries, at), shape=(len(row.state_rates),) * 2))
+
+    def factors(self, row: Row) -> Factors:
+        """T^{1/2} and S."""
+        root = sparse.diags_array(np.sqrt(row.state_rates), format="csr")
+        return Factors(spread=root, stiffness=self.matrix(row))
+
+    def reach(self, row: Row) -> np.ndarray:
+        """The primal neurons (P,)."""
+        reach = np.zeros(len(row.rates), bool)
+        reach[row.primal] = True
+        return reach

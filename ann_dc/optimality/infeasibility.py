@@ -1,0 +1,177 @@
+"""What cannot be met, and by how much: the miss that is left where the map is weighed heavily.
+
+At a path of least violation the map is weighed more and more, until what is left is the miss at the
+end alone. Where there are inequalities, the target is looked at without them first: if some
+controls reach it, what is left is how far such a path has to exceed the rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ann_dc.optimality.feasibility import feasible_path
+from ann_dc.optimality.feasibility_search import Path, Search
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.inequality import Inequality
+from ann_dc.problem.scales import natural_scales
+from ann_dc.progress import Progress, silent
+
+OUT_OF_REACH = 1e-4
+"""Miss of a component at the end, or distance to a row, in scales, from which on it is told."""
+WEIGHTS = (10.0, 100.0, 1000.0)
+"""Of the map over what is missed, in turn, when the nearest path is looked for."""
+LONGEST = 60
+"""Letters of a row that is written out in a sentence; of a longer one the name has to do."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Infeasible:
+    """A target or inequalities that no controls meet, as far as several searches can tell.
+
+    Attributes
+    ----------
+    reached : mapping of str to float
+        Fixed components of q_d that cannot be met, the worst first, and where the path that comes
+        nearest ends instead, in the user's units. Empty where the target can be met by itself.
+    exceeded : mapping of str to float
+        Inequalities that cannot be kept then, the worst first, and how far above zero g comes on
+        that path, in the unit of g.
+    path : Path
+        The one that comes nearest.
+    message : str
+        The same in a sentence.
+    """
+
+    reached: dict[str, float]
+    exceeded: dict[str, float]
+    path: Path
+    message: str
+
+
+def out_of_reach(
+    problem: OptimalControlProblem, path: Path, progress: Progress = silent
+) -> Infeasible | None:
+    """Which components of the target, or which inequalities, cannot be met, from a path at rest.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+    path : Path
+        Of least violation.
+    progress : Progress
+        Takes a line an iteration.
+
+    Returns
+    -------
+    Infeasible or None
+        None where the path is not at rest, or misses nothing by more than `OUT_OF_REACH`.
+
+    Examples
+    --------
+    A step of a tenth at most, ten times, and a target that is three away:
+
+    >>> import sympy as sp
+    >>> from ann_dc.optimality import feasible_path
+    >>> from ann_dc.problem import straight_line
+    >>> x, a = sp.symbols("x a")
+    >>> problem = OptimalControlProblem(
+    ...     states=(x,), controls=(a,), map=(x + sp.tanh(a) / 10,), cost=a**2, horizon=10,
+    ...     q_0=(0,), q_d=(3,))
+    >>> line = straight_line(problem)
+    >>> found = out_of_reach(problem, feasible_path(problem, line.q, line.u))
+    >>> round(found.reached["q_d.x"], 2)
+    1.0
+    """
+    if path.met or not path.at_rest:
+        return None
+    if problem.inequalities or problem.end_inequalities:
+        bare = _without_rows(problem)
+        alone = feasible_path(bare, path.q, path.u, progress)
+        if alone.met:
+            return _exceeded(problem, _weighed(problem, path, progress))
+        return out_of_reach(bare, alone, progress)
+    path = _weighed(problem, path, progress)
+    miss, fixed = path.gap[:, -1], np.array(problem.fixed)
+    worst = [i for i in np.argsort(-np.abs(miss)) if fixed[i] and abs(miss[i]) > OUT_OF_REACH]
+    if not worst:
+        return None
+    factors = natural_scales(problem).state_factors
+    reached, told = {}, []
+    for i in worst:
+        name, aim = str(problem.states[i]), float(path.q[i, -1])
+        unit = _unit(problem, name)
+        reached[f"q_d.{name}"] = float(aim + miss[i] * factors[i])
+        told.append(f"q_d.{name} = {aim:g}{unit} (nearest {reached[f'q_d.{name}']:.4g}{unit})")
+    limits = _limits(problem, path)
+    message = (
+        f"no controls{limits} reach {', '.join(told)}; {'widen the limits, ' if limits else ''}"
+        "change the target, free the component, or check that the controls act on it"
+    )
+    return Infeasible(reached=reached, exceeded={}, path=path, message=message)
+
+
+def _without_rows(problem: OptimalControlProblem) -> OptimalControlProblem:
+    """The same problem with no inequality but the limits of its controls."""
+    controls = {str(u) for u in problem.controls}
+    limits = {name: pair for name, pair in problem.bounds.items() if name in controls}
+    bare: dict[str, Any] = {"constraints": (), "terminal_constraints": (), "soft": {}}
+    return replace(problem, bounds=limits, **bare)
+
+
+def _weighed(problem: OptimalControlProblem, path: Path, progress: Progress) -> Path:
+    """What becomes of a path where the map is weighed heavily."""
+    with np.errstate(all="ignore"):
+        for weight in WEIGHTS:
+            path = Search(problem, weight, progress).least_violation(path.q, path.u)
+    return path
+
+
+def _exceeded(problem: OptimalControlProblem, path: Path) -> Infeasible | None:
+    """The inequalities that a path to the target has to exceed, from one that is weighed."""
+    rows = Search(problem).rows.worst(path.distance)
+    rows = [row for row in rows if row.distance > OUT_OF_REACH]
+    if not rows:
+        return None
+    told = []
+    for row in rows:
+        where = f"at stage {row.stage}" if row.stage < problem.horizon else "at the end"
+        amount = f"{row.excess:.3g}{_unit_of(problem, row.inequality)}"
+        told.append(f"{_words(row.inequality)} is exceeded by {amount} {where}")
+    message = (
+        f"no controls{_limits(problem, path)} keep all inequalities: {', '.join(told)}; loosen "
+        "what is exceeded or make it soft, change an end, or give more stages"
+    )
+    exceeded = {row.inequality.name: row.excess for row in rows}
+    return Infeasible(reached={}, exceeded=exceeded, path=path, message=message)
+
+
+def _limits(problem: OptimalControlProblem, path: Path) -> str:
+    """The limits of controls that a path touches, in words."""
+    told = []
+    for control, (low, high), values in zip(problem.controls, problem.control_limits, path.u):
+        if np.isin(values, (low, high)).any():
+            sides = [
+                f"from {low:g}" if low > -np.inf else "",
+                f"to {high:g}" if high < np.inf else "",
+            ]
+            told.append(f"{control} {' '.join(filter(None, sides))}{_unit(problem, str(control))}")
+    return f" within {', '.join(told)}" if told else ""
+
+
+def _words(row: Inequality) -> str:
+    return str(row) if len(str(row)) <= LONGEST else row.name
+
+
+def _unit_of(problem: OptimalControlProblem, row: Inequality) -> str:
+    """The unit of a row: that of a state or control, where it is one plus a number."""
+    symbols = [*row.expression.free_symbols]
+    is_plain = len(symbols) == 1 and abs(row.expression.diff(symbols[0])) == 1
+    return _unit(problem, str(symbols[0])) if is_plain else ""
+
+
+def _unit(problem: OptimalControlProblem, name: str) -> str:
+    unit = problem.unit(name)
+    return f" {unit}" if unit not in ("", "1") else ""

@@ -1,0 +1,85 @@
+"""What is said of a study on a terminal: outcomes, metrics, yield; and what could be varied."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from rich.table import Table as Shown
+
+from ann_dc.report.tables import table
+from ann_dc.si_prefixes import counted
+from ann_dc.study.metrics import Metric
+from ann_dc.study.settings import FAMILIES, WORDS
+from ann_dc.study.study import Study
+from ann_dc.study.subject import Subject
+from ann_dc.study.table import Table
+
+QUANTILES = (5, 50, 95)
+MOST = 20
+"""Values of a setting of which each gets a line."""
+
+
+def summary(study: Study, found: Table) -> list[Shown | str]:
+    """Outcomes, medians with their spread, and the yield.
+
+    Parameters
+    ----------
+    study : Study
+    found : Table
+
+    Returns
+    -------
+    list of what a console prints
+    """
+    shown: list[Shown | str] = [f"{study.title}: {len(found)} of {counted(len(study), 'points')}"]
+    outcomes = table("outcome", "points", "share")
+    for outcome, count in found.outcomes.items():
+        outcomes.add_row(outcome, str(count), f"{count / len(found):.1%}")
+    shown.append(outcomes)
+    measured = table("metric", "unit", *(f"{share} %" for share in QUANTILES), "nan")
+    for metric in study.metrics:
+        values = found[metric.name]
+        finite = values[np.isfinite(values)]
+        told = 3 * ["-"]
+        if finite.size:  # values that occur: no median between two clusters
+            ends = np.percentile(finite, QUANTILES, method="inverted_cdf")
+            told = [f"{value:.4g}" for value in ends]
+        measured.add_row(metric.name, metric.unit, *told, str(len(values) - finite.size))
+    shown.append(measured)
+    if study.spec:
+        shown += _yields(study, found)
+    return shown
+
+
+def _yields(study: Study, found: Table) -> list[Shown | str]:
+    """Of all rows; and for every value of each setting that was listed."""
+    shown: list[Shown | str] = [f"yield: {found.yield_of()}"]
+    for name, values in study.plan.listed.items():
+        if 1 < len(values) <= MOST and len(values) < len(found):
+            parts = table(name, "yield (95 % interval)")
+            for value, part in found.by(name).items():
+                parts.add_row(str(value), str(part.yield_of()))
+            shown.append(parts)
+    return shown
+
+
+def settings_table(subject: Subject, metrics: Mapping[str, Metric]) -> list[Shown]:
+    """What can be varied of a subject, and what is measured.
+
+    Parameters
+    ----------
+    subject : Subject
+    metrics : mapping of str to Metric
+    """
+    settings = table("setting", "what it is", "names")
+    for word, family in FAMILIES.items():
+        names = [
+            f"{name} ({', '.join(WORDS[whole])})" if (whole := f"{word}.{name}") in WORDS else name
+            for name in family.names(subject)
+        ]
+        settings.add_row(f"{word}.", f"{family.says}: {family.effect.value}", ", ".join(names))
+    measured = table("metric", "unit", "definition")
+    for metric in metrics.values():
+        measured.add_row(metric.name, metric.unit, metric.definition)
+    return [settings, measured]

@@ -1,5 +1,0 @@
-"""What is measured at the points of a study: samples as they ended, metrics, yields."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,488 @@
+"""What stands behind the points of a study: problems, designs and circuits, each made once.
+
+Points that differ in numbers only share all of them; so a study costs as many designs as it has
+problems and forms, and as many circuits as it has levels.
+
+Every draw has a stream of its own, made of the seed of the point and the name of the defect, so
+that one kind of error stays as it is while the size of another changes.
+"""
+
+from __future__ import annotations
+
+import threading
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from ann_dc.backends.ode import OdeBackend
+from ann_dc.backends.settling import Settling
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.backends.trajectory import Trajectory
+from ann_dc.decomposition.equations import decompose
+from ann_dc.decomposition.form import CORRECTED, FORMS, Form
+from ann_dc.errors import StudyError
+from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS, Recipe
+from ann_dc.gain_design.gains import apply_gains
+from ann_dc.gain_design.procedure import Design
+from ann_dc.hardware import defects
+from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.cost import cost_of
+from ann_dc.hardware.circuit.deviations import Deviations, combined, draw
+from ann_dc.hardware.circuit.loads import load_power
+from ann_dc.hardware.parts.e_series import SERIES
+from ann_dc.hardware.parts.levels import Level
+from ann_dc.hardware.schematic.saturation import with_rails
+from ann_dc.network.inputs import input_batch, moved_starts
+from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import ALL_KINDS, Kind
+from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.solver import design, synthesize
+from ann_dc.study.model_levels import level_of
+from ann_dc.study.records import Value
+from ann_dc.study.settings import KINDS, behind, chosen, is_built
+from ann_dc.study.subject import Subject
+
+# ---- A designed network as a point of a study has it: other gains, inputs, start and defects
+
+TOGETHER = ("mismatch", "time_constants")
+"""Defects of numbers alone, which can be drawn for many points at once."""
+SPREAD = 0.1
+"""Default of ``start.kind = "random"``: share of a neuron's scale by which it is disturbed."""
+
+
+def stream(seed: int, name: str) -> int:
+    """The seed of what is drawn under a name.
+
+    Parameters
+    ----------
+    seed : int
+        Of the point.
+    name : str
+
+    Examples
+    --------
+    >>> stream(1, "mismatch") != stream(1, "offset")
+    True
+    """
+    entropy = np.random.SeedSequence([seed, zlib.crc32(name.encode())])
+    return int(entropy.generate_state(1, np.uint64)[0] >> 1)
+
+
+BRINGERS: dict[str, Callable[[Network, float, int], Network]] = {
+    "bits": lambda network, value, seed: defects.quantised(network, bits=value),
+    "mismatch": lambda network, value, seed: defects.mismatch(network, value, seed=seed),
+    "time_constants": lambda network, value, seed: defects.detuned(network, value, seed=seed),
+    "gain_error": lambda network, value, seed: defects.gain_error(network, value, seed=seed),
+    "offset": lambda network, value, seed: defects.offset(network, value, seed=seed),
+    "leak": lambda network, value, seed: defects.leak(network, value),
+    "extra_pole": lambda network, value, seed: defects.extra_pole(network, value),
+    "slew": lambda network, value, seed: defects.slew(network, value),
+    "rails": lambda network, value, seed: defects.rails(network, value),
+}
+"""Functions by the name of the defect, in the order in which they can follow each other."""
+
+
+def with_gains(network: Network, factors: Mapping[str, float]) -> Network:
+    """The network with some of its gains multiplied.
+
+    Parameters
+    ----------
+    network : Network
+    factors : mapping of str to float
+        ``rho`` or ``rho.<dual neuron>``, ``tau`` or ``tau.<population or neuron>``, ``coarse``.
+
+    Returns
+    -------
+    Network
+
+    Raises
+    ------
+    StudyError
+        If a factor is not positive, or there are no coordinators to multiply.
+    """
+    if not factors:
+        return network
+    for name, factor in factors.items():
+        if not 0 < float(factor) < float("inf"):
+            raise StudyError(f"gains.{name}: a factor is a positive number, got {factor!r}")
+    if "coarse" in factors:
+        if not isinstance(network.metric, Pyramid):
+            raise StudyError(
+                "gains.coarse: the metric has no coarse coordinators; set design.kind to pyramid"
+            )
+        gains = tuple(factors["coarse"] * grid for grid in network.metric.gains)
+        network = replace(network, metric=replace(network.metric, gains=gains))
+    cell, factor_of = network.cell, dict(factors)
+    paths = {
+        dual.path: factor_of.get("rho", 1.0) * factor_of.get(f"rho.{dual.neuron}", 1.0)
+        for dual in cell.duals
+    }
+    connections = tuple(
+        replace(c, weight=paths[c.name] * np.asarray(c.weight))
+        if paths.get(c.name, 1.0) != 1.0
+        else c
+        for c in cell.connections
+    )
+    neurons = []
+    for neuron in cell.neurons:
+        factor = factor_of.get("tau", 1.0)
+        for name in dict.fromkeys((neuron.population, neuron.name)):
+            factor *= factor_of.get(f"tau.{name}", 1.0)
+        neurons.append(replace(neuron, tau=factor * neuron.tau) if factor != 1.0 else neuron)
+    return replace(network, cell=replace(cell, neurons=tuple(neurons), connections=connections))
+
+
+def with_inputs(network: Network, inputs: Mapping[str, Any]) -> Network:
+    """The network with other inputs, its start moved with its ends.
+
+    Parameters
+    ----------
+    network : Network
+    inputs : mapping of str to float
+    """
+    if not inputs:
+        return network
+    start = moved_starts(network, input_batch(network, inputs))[0]
+    return network.with_inputs(dict(inputs)).with_start(start)
+
+
+def started(start: np.ndarray, given: Mapping[str, Any], seed: int) -> np.ndarray:
+    """The state (n,) at which a point begins.
+
+    Parameters
+    ----------
+    start : (n,) array
+        On the straight line.
+    given : mapping of str to Value
+        ``kind``: line, zero or random; ``spread`` of the random one, in network units, where a
+        neuron is near one: `SPREAD` by default.
+    seed : int
+        Of the point.
+    """
+    kind = given.get("kind", "random" if "spread" in given else "line")
+    if kind == "zero":
+        return np.zeros_like(start)
+    if kind == "line":
+        return start
+    rng = np.random.default_rng(stream(seed, "start"))
+    return start + given.get("spread", SPREAD) * rng.standard_normal(start.size)
+
+
+def with_defects(network: Network, sizes: Mapping[str, float], seed: int) -> Network:
+    """The network with the defects of a point.
+
+    Parameters
+    ----------
+    network : Network
+    sizes : mapping of str to float
+        By the name of the defect.
+    seed : int
+        Of the point.
+    """
+    for name, bring in BRINGERS.items():
+        if name in sizes:
+            network = bring(network, float(sizes[name]), defect_stream(seed, name))
+    return network
+
+
+def defect_stream(seed: int, name: str) -> int:
+    """The seed of a defect's draws; weights and time constants have streams of their own in one.
+
+    Parameters
+    ----------
+    seed : int
+        Of the point.
+    name : str
+        Of the defect.
+    """
+    return stream(seed, "defect" if name in TOGETHER else f"defect.{name}")
+
+
+def network_at(designed: Network, setting: Mapping[str, Any], seed: int) -> Network:
+    """The network of a point.
+
+    Parameters
+    ----------
+    designed : Network
+        As it was designed.
+    setting : mapping of str to Value
+    seed : int
+
+    Returns
+    -------
+    Network
+
+    Raises
+    ------
+    StudyError, NetworkError
+        If a value is out of its range.
+    """
+    network = with_inputs(with_gains(designed, behind(setting, "gains")), behind(setting, "input"))
+    if given := behind(setting, "start"):
+        network = network.with_start(started(network.start_state, given, seed))
+    return with_defects(network, behind(setting, "defect"), seed)
+
+
+# ---- what stands behind the points of a study: problems, designs and circuits, each made once
+
+MOST_KEPT = 16
+"""Problems, designs, circuits and references that a process keeps, of each."""
+EXACT = OdeBackend(settling=Settling(tolerance=1e-9), verify=False)
+"""Runs what others are compared with."""
+BUILDABLE = (Kind.TIME_CONSTANTS,)
+"""The metric where a circuit is built and nothing else is said: any op amp can do it."""
+Made = TypeVar("Made")
+
+
+class Designed(NamedTuple):
+    """A network with constants for good.
+
+    Attributes
+    ----------
+    network : Network
+    settled : (n,) array
+        Where the design found it to rest; its start for a network that was given.
+    """
+
+    network: Network
+    settled: np.ndarray
+
+
+class Built(NamedTuple):
+    """A circuit of a design.
+
+    Attributes
+    ----------
+    circuit : Circuit
+    level : Level
+    probe : Trajectory
+        The ideal network's run that it was scaled by.
+    backend : SpiceBackend
+        That builds it.
+    """
+
+    circuit: Circuit
+    level: Level
+    probe: Trajectory
+    backend: SpiceBackend
+
+    def deviations(self, setting: Mapping[str, Value], seed: int) -> Deviations:
+        """Errors of its parts: of a series, and drawn where tolerances are set.
+
+        Parameters
+        ----------
+        setting : mapping of str to Value
+        seed : int
+            Of the point.
+        """
+        off, known = self.backend.deviations(self.circuit), self.circuit.parameters
+        if not chosen(setting, "tolerance"):
+            return off
+        return combined(known, off, draw(known, self.level.tolerances, seed))
+
+    @property
+    def power(self) -> float:
+        """Watts of its op amps and multipliers; nan where a level does not say."""
+        deck = self.backend.deck(self.circuit, self.probe, {})
+        loads = load_power(self.circuit, self.level, self.probe.final)
+        return cost_of(deck.parts, self.level.datasheet, float("nan"), loads).power
+
+
+@dataclass(frozen=True, eq=False)
+class Realisation:
+    """What is made for a study, kept while a process works on it.
+
+    Attributes
+    ----------
+    subject : Subject
+    """
+
+    subject: Subject
+    _made: dict[str, dict] = field(default_factory=dict)
+    _making: Any = field(default_factory=threading.RLock)
+
+    def _kept(self, what: str, setting: Mapping[str, Any], make: Callable[[], Made]) -> Made:
+        """What was made for these values before, or is made now."""
+        key = tuple(sorted(setting.items()))
+        with self._making:
+            shelf = self._made.setdefault(what, {})
+            if key not in shelf:
+                made = make()
+                if len(shelf) >= MOST_KEPT:
+                    shelf.pop(next(iter(shelf)))
+                shelf[key] = made
+            return shelf[key]
+
+    def problem(self, setting: Mapping[str, Value]) -> OptimalControlProblem | None:
+        """The problem as it was designed for; None of a network without one.
+
+        Parameters
+        ----------
+        setting : mapping of str to Value
+        """
+        if self.subject.problem is None:
+            return None
+        given = behind(setting, "problem")
+        return self._kept("problem", given, lambda: self.subject.declared(given))
+
+    def designed(self, setting: Mapping[str, Value]) -> Designed:
+        """The network of a setting as it was designed.
+
+        Parameters
+        ----------
+        setting : mapping of str to Value
+
+        Returns
+        -------
+        Designed
+
+        Raises
+        ------
+        StudyError
+            If the design settled nowhere.
+        """
+        problem = self.problem(setting)
+        if problem is None:
+            return Designed(self.subject.wired, self.subject.wired.start_state)
+        given = chosen(setting, "problem", "design") | {"": is_built(setting)}
+        kinds = BUILDABLE if is_built(setting) else ALL_KINDS
+        return self._kept("form", given, lambda: self._in_form(problem, given, kinds))
+
+    def _in_form(
+        self, problem: OptimalControlProblem, given: Mapping[str, Any], kinds: tuple[Kind, ...]
+    ) -> Designed:
+        """A problem's network; a printed form has the gains of the corrected one."""
+        form = FORMS[str(given.get("design.form", "corrected"))]
+        lender = form.designable
+        factors = {n: v for n, v in behind(given, "design").items() if n != "form"}
+        lent = {**given, "design.form": str(lender)}
+        found = self._kept("design", lent, lambda: _found(problem, lender, factors, kinds))
+        if form == lender:
+            return Designed(found.network, found.state)
+        network = apply_gains(synthesize(decompose(problem, form)), found.gains)
+        return Designed(network, found.state)
+
+    def built(self, setting: Mapping[str, Value]) -> Built:
+        """The circuit of a setting: its level, prepared and scaled.
+
+        Parameters
+        ----------
+        setting : mapping of str to Value
+
+        Returns
+        -------
+        Built
+
+        Raises
+        ------
+        NetworkError
+            If the network does not settle, or the level cannot build it.
+        """
+        parts = chosen(setting, "problem", "design", "gains", "input", "circuit", "tolerance")
+        return self._kept("circuit", parts, lambda: self._build(setting))
+
+    def _build(self, setting: Mapping[str, Value]) -> Built:
+        circuit = behind(setting, "circuit")
+        network = self.nominal(setting)
+        level = with_rails(network, level_of(circuit, behind(setting, "tolerance")))
+        series = SERIES[str(circuit.get("series", "exact"))]
+        backend = SpiceBackend(level=level, series=series, require_stable=False)
+        if "margin" in circuit:
+            backend = replace(backend, margin=float(circuit["margin"]))
+        built, probe = backend.prepare(network)
+        return Built(built, level, probe, backend)
+
+    def nominal(self, setting: Mapping[str, Value]) -> Network:
+        """The network of a setting without any defect, from the straight line.
+
+        Parameters
+        ----------
+        setting : mapping of str to Value
+        """
+        network = with_gains(self.designed(setting).network, behind(setting, "gains"))
+        return with_inputs(network, behind(setting, "input"))
+
+    def settled(self, setting: Mapping[str, Value]) -> np.ndarray:
+        """State (n,) where the nominal network of a setting rests, for the oracle of (33).
+
+        Parameters
+        ----------
+        setting : mapping of str to Value
+        """
+        if not behind(setting, "input"):
+            return self.designed(setting).settled
+        given = chosen(setting, "problem", "design", "gains", "input")
+        return self._kept("settled", given, lambda: self._rest(given))
+
+    def _rest(self, setting: Mapping[str, Value]) -> np.ndarray:
+        return EXACT.run(self.nominal(setting)).trajectory.final
+
+    def right_controls(self, setting: Mapping[str, Value]) -> tuple[np.ndarray, float]:
+        """Controls (c,) to which the nominal network of a setting settles, in network units.
+
+        Of a printed form, those of the corrected one: what is right does not depend on a slip.
+
+        Parameters
+        ----------
+        setting : mapping of str to Value
+
+        Returns
+        -------
+        controls : (c,) array
+            nan where it does not settle.
+        size : float
+            Size to which their errors are related; see `size_of`.
+        """
+        given = chosen(setting, "problem", "input")
+        if "design.kind" in setting:
+            given["design.kind"] = setting["design.kind"]
+        if is_built(setting):  # whose design it shares
+            given["circuit.level"] = "macro"
+
+        def settle() -> tuple[np.ndarray, float]:
+            run = EXACT.run(self.nominal(given))
+            found, size = run.trajectory.control_values[-1], run.trajectory.control_size
+            return found if run.status.settled else np.full(found.shape, np.nan), size
+
+        return self._kept("right controls", given, settle)
+
+
+def _found(
+    problem: OptimalControlProblem,
+    form: Form,
+    factors: dict[str, Value],
+    kinds: tuple[Kind, ...],
+) -> Design:
+    """The design of a problem in a form that can be designed.
+
+    Raises
+    ------
+    StudyError
+        If it settled nowhere.
+    """
+    if "kind" in factors:
+        kinds = (KINDS[str(factors.pop("kind"))],)
+    source = problem if form == CORRECTED else synthesize(decompose(problem, form))
+    found = design(source, kinds=kinds, recipe=_recipe(kinds, factors))
+    if not found.settled:
+        why = f": {found.first.ended}" if found.first.ended else ""
+        raise StudyError(f"design: its first run did not settle{why}")
+    return found
+
+
+def _recipe(kinds: tuple[Kind, ...], given: Mapping[str, Value]) -> Recipe | None:
+    """A recipe with the factors that are set, None where none is."""
+    if not given:
+        return None
+    if len(kinds) > 1:
+        raise StudyError(
+            f"design.{next(iter(given))}: a factor of the recipe needs design.kind, one of "
+            f"{', '.join(KINDS)}"
+        )
+    kind = next(iter(kinds))
+    base = WITHOUT_COORDINATORS if kind is Kind.TIME_CONSTANTS else Recipe()
+    return replace(base, kind=kind, **given)

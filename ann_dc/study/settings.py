@@ -1,0 +1,349 @@
+"""What a study can vary, by name: 'family.name', as in ``input.q_d.x`` or ``defect.mismatch``."""
+
+from __future__ import annotations
+
+import difflib
+import enum
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
+from typing import Any, NamedTuple
+
+from ann_dc.backends.recurrent.rules import orders
+from ann_dc.decomposition.form import SWITCHES
+from ann_dc.errors import AnnDcError, StudyError
+from ann_dc.gain_design.gain_rule import Recipe
+from ann_dc.hardware.parts.datasheet import Datasheet, Kind as PartKind, Tolerances
+from ann_dc.hardware.parts.e_series import SERIES
+from ann_dc.network.preconditioners.base import Kind
+from ann_dc.study.model_levels import LEVELS
+from ann_dc.study.records import SEED, Value
+from ann_dc.study.subject import Subject
+
+KINDS = {kind.name.lower().replace("_", "-"): kind for kind in Kind}
+"""Word of every kind of metric."""
+STARTS = ("line", "zero", "random")
+BACKENDS = ("ode", "recurrent", "emulation", "spice")
+ORDERS = {name.replace(" ", "-"): order for name, order in orders.ORDERS.items()}
+"""Every update order by its word."""
+CIRCUITS = ("emulation", "spice")
+"""Backends that run circuits."""
+OF_NETWORKS = ("defect.", "start.", "run.order", "run.step", "run.tolerance", "run.limit")
+"""Settings that no circuit reads."""
+DEFECTS = {
+    "mismatch": "relative error of every synapse weight, one standard deviation, drawn",
+    "time_constants": "relative error of every time constant, one standard deviation, drawn",
+    "gain_error": "relative error of every product and function, one standard deviation, drawn",
+    "offset": "bias at every neuron and sum, one standard deviation, drawn; network units",
+    "leak": "DC gain of the integrators; infinite for none",
+    "extra_pole": "one more pole behind every neuron, in radians per unit of network time",
+    "slew": "fastest move of a neuron, network units per unit of network time",
+    "rails": "where neurons stop, network units",
+    "bits": "significant bits of every synapse weight",
+}
+"""Defects of the ideal network, in the order in which they are brought about."""
+
+
+DRAWN = tuple(f"defect.{name}" for name, says in DEFECTS.items() if "drawn" in says)
+"""Settings whose value is the size of something that the seed of a point draws."""
+
+
+class Effect(enum.Enum):
+    """What a setting changes, and so what has to be done again; the value says it in words."""
+
+    PROBLEM = "another problem, which is designed anew"
+    DESIGN = "another design"
+    NUMBERS = "other numbers in the same network"
+    PARTS = "what the network is built of"
+    RUN = "how it runs"
+
+
+class Family(NamedTuple):
+    """Settings whose names begin with the same word.
+
+    Attributes
+    ----------
+    effect : Effect
+    says : str
+        What they are.
+    names : callable
+        Names behind the first word, of a subject.
+    """
+
+    effect: Effect
+    says: str
+    names: Callable[[Subject], Iterable[str]]
+
+
+def _design(subject: Subject) -> Iterable[str]:
+    if subject.problem is None:
+        return ()
+    factors = [f.name for f in fields(Recipe) if f.type == "float"]
+    return ("form", "kind", *factors)
+
+
+def _gains(subject: Subject) -> Iterable[str]:
+    neurons = subject.wired.cell.neurons
+    duals = [dual.neuron for dual in subject.wired.cell.duals]
+    places = dict.fromkeys(name for n in neurons for name in (n.population, n.name))
+    return ("rho", "tau", "coarse", *(f"rho.{n}" for n in duals), *(f"tau.{n}" for n in places))
+
+
+def _datasheet(_: Subject) -> Iterable[str]:
+    figures = [f.name for f in fields(Datasheet) if f.type == "float"]
+    return ("level", "margin", "series", *figures)
+
+
+FAMILIES: dict[str, Family] = {
+    "problem": Family(
+        Effect.PROBLEM, "parameters of the problem, and its ends", lambda s: s.parameters
+    ),
+    "design": Family(Effect.DESIGN, "form, kind of metric, factors of the recipe", _design),
+    "gains": Family(Effect.NUMBERS, "factors on penalties, time constants, coordinators", _gains),
+    "input": Family(Effect.NUMBERS, "inputs of the frozen network", lambda s: s.wired.cell.inputs),
+    "start": Family(Effect.NUMBERS, "where neurons start", lambda _: ("kind", "spread")),
+    "defect": Family(Effect.NUMBERS, "defects of the ideal network", lambda _: DEFECTS),
+    "circuit": Family(Effect.PARTS, "level, parts and margin of a circuit", _datasheet),
+    "tolerance": Family(
+        Effect.PARTS,
+        "errors of single parts, drawn: bounds of resistors and capacitors, else one sigma",
+        lambda _: [kind.value for kind in PartKind],
+    ),
+    "run": Family(
+        Effect.RUN,
+        "backend, update order, step, tolerance, limit",
+        lambda _: ("backend", "order", "step", "tolerance", "limit"),
+    ),
+}
+"""By the first word of their names."""
+WORDS: dict[str, Iterable[str]] = {
+    "design.form": ("corrected", "printed", *SWITCHES),
+    "design.kind": KINDS,
+    "start.kind": STARTS,
+    "circuit.level": LEVELS,
+    "circuit.series": SERIES,
+    "run.backend": BACKENDS,
+    "run.order": ORDERS,
+}
+"""Settings whose values are words, and which."""
+RECORDS: dict[str, Callable[..., object]] = {
+    "tolerance": Tolerances,
+    "circuit": Datasheet,
+    "design": Recipe,
+}
+"""Records whose fields a family sets; they refuse a number out of its range."""
+ENDLESS = ("run.limit", "defect.leak", "defect.extra_pole", "defect.slew", "defect.rails")
+"""Settings that an infinite number switches off."""
+POSITIVE = (
+    *ENDLESS,
+    "problem.dt",
+    "gains.",
+    "circuit.margin",
+    "run.step",
+    "run.tolerance",
+    "defect.bits",
+)
+"""Settings whose numbers are positive, by the beginnings of their names."""
+SIZES = ("defect.", "tolerance.", "problem.temperature")
+"""Settings whose numbers are not negative."""
+LEAST = {SEED: (0, "zero"), "problem.N": (1, "one")}
+"""Smallest value of settings that are whole numbers, and its word."""
+
+
+def family_of(name: str) -> Family | None:
+    """The family of a setting; None of the seed, which is no part of anything.
+
+    Parameters
+    ----------
+    name : str
+        Of a setting that exists.
+    """
+    return FAMILIES.get(name.partition(".")[0])
+
+
+def chosen(setting: Mapping[str, Value], *families: str) -> dict[str, Value]:
+    """What a setting says of some families, by whole names.
+
+    Parameters
+    ----------
+    setting : mapping of str to Value
+    *families : str
+    """
+    return {n: v for n, v in setting.items() if n.partition(".")[0] in families}
+
+
+def behind(setting: Mapping[str, Value], family: str) -> dict[str, Any]:
+    """What a setting says of one family, by the names behind the first word.
+
+    Examples
+    --------
+    >>> behind({"input.q_d.x": 3.0, "run.order": "two-phase"}, "input")
+    {'q_d.x': 3.0}
+    """
+    return {n.partition(".")[2]: v for n, v in chosen(setting, family).items()}
+
+
+def backend_of(setting: Mapping[str, Value]) -> str:
+    """What a point runs on; a circuit is emulated unless something else is said.
+
+    Examples
+    --------
+    >>> backend_of({}), backend_of({"tolerance.resistor": 0.01})
+    ('ode', 'emulation')
+    """
+    default = "emulation" if chosen(setting, "circuit", "tolerance") else "ode"
+    return str(setting.get("run.backend", default))
+
+
+def is_built(setting: Mapping[str, Value]) -> bool:
+    """Whether a setting has a circuit: one that runs, or one beside the network that does."""
+    return bool(chosen(setting, "circuit", "tolerance")) or backend_of(setting) in CIRCUITS
+
+
+def is_drawn(setting: Mapping[str, Value]) -> bool:
+    """Return True if points of this setting differ from seed to seed.
+
+    Parameters
+    ----------
+    setting : mapping of str to Value
+
+    Examples
+    --------
+    >>> is_drawn({"defect.mismatch": 0.01}), is_drawn({"defect.mismatch": 0.0, "gains.rho": 2.0})
+    (True, False)
+    """
+    start = behind(setting, "start")
+    sizes = [setting.get(name) for name in DRAWN]
+    if start.get("kind", "random") == "random":
+        sizes.append(start.get("spread", 1.0 if start else 0.0))
+    positive = (isinstance(size, (int, float)) and size > 0 for size in sizes)
+    return bool(chosen(setting, "tolerance")) or any(positive)
+
+
+def check_together(field: str, names: Iterable[str], backends: Iterable[str]) -> None:
+    """Refuse settings that nothing would read.
+
+    Parameters
+    ----------
+    field : str
+        What a refusal begins with.
+    names : iterable of str
+        Of settings.
+    backends : iterable of str
+        On which the points of the study run.
+
+    Raises
+    ------
+    StudyError
+        Naming the first of them, and why it means nothing.
+    """
+    met = {*backends}
+    for name in names:
+        if name.startswith(OF_NETWORKS) and met <= {*CIRCUITS}:
+            raise StudyError(
+                f"{field}: {name} changes the ideal network and its run, and circuits run; errors "
+                "of parts are tolerance.*"
+            )
+        if name.startswith("tolerance.") and not met & {*CIRCUITS}:
+            raise StudyError(
+                f"{field}: {name} is of parts, and no circuit runs; leave run.backend out, or take "
+                f"one of {', '.join(CIRCUITS)}"
+            )
+        if name in ("run.order", "run.step") and "recurrent" not in met:
+            raise StudyError(f"{field}: {name} means something with run.backend = 'recurrent' only")
+
+
+def names_of(subject: Subject) -> tuple[str, ...]:
+    """All that can be varied of a subject.
+
+    Parameters
+    ----------
+    subject : Subject
+    """
+    found = [f"{word}.{name}" for word, f in FAMILIES.items() for name in f.names(subject)]
+    return (*found, SEED)
+
+
+def check_name(subject: Subject, field: str, name: str) -> None:
+    """Refuse what cannot be varied.
+
+    Parameters
+    ----------
+    subject : Subject
+    field : str
+        What a refusal begins with.
+    name : str
+
+    Raises
+    ------
+    StudyError
+        With the names nearest to it.
+    """
+    known = names_of(subject)
+    if name in known:
+        return
+    family = FAMILIES.get(name.partition(".")[0])
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    hint = f"did you mean {' or '.join(near)}?" if near else ""
+    if family is None:
+        told = f"settings begin with {', '.join(f'{word}.' for word in FAMILIES)} or are {SEED!r}"
+    else:
+        word, names = name.partition(".")[0], list(family.names(subject))
+        told = f"of {word}. ({family.says}) there are {', '.join(names) or 'none for this subject'}"
+    raise StudyError(
+        f"{field}: there is no {name!r} to vary; {' '.join(filter(None, [hint, told]))}"
+    )
+
+
+def check_value(field: str, name: str, value: object) -> None:
+    """Refuse a value that is none for a setting.
+
+    Parameters
+    ----------
+    field : str
+    name : str
+    value : object
+
+    Raises
+    ------
+    StudyError
+    """
+    words = WORDS.get(name)
+    if words is not None:
+        if value not in tuple(words):
+            near = difflib.get_close_matches(str(value), list(words), n=2, cutoff=0.5)
+            hint = f"did you mean {' or '.join(near)}? " if near else ""
+            raise StudyError(f"{field}: {name} is one of {', '.join(words)}, got {value!r}; {hint}")
+        return
+    if not isinstance(value, (int, float, str, bool)):
+        raise StudyError(f"{field}: {name} takes a number or a word at each point, got {value!r}")
+    if isinstance(value, float) and math.isnan(value):
+        raise StudyError(f"{field}: {name} is nan at a point; give a number")
+    is_number = name in ("problem.N", "problem.dt", "problem.temperature")
+    is_free = value == "adaptive" if name == "run.step" else name.startswith("problem.")
+    if not isinstance(value, (str, bool)):
+        _check_range(field, name, value)
+    elif is_number or not is_free:
+        raise StudyError(f"{field}: {name} takes a number at each point, got {value!r}")
+
+
+def _check_range(field: str, name: str, value: float) -> None:
+    """Refuse a number with which no point can be computed."""
+    family, _, last = name.partition(".")
+    least, begin = LEAST.get(name, (None, ""))
+    expected = ""
+    if least is not None and not (isinstance(value, int) and value >= least):
+        expected = f"a whole number from {begin} on"
+    elif name.startswith(POSITIVE) and not value > 0:
+        expected = "a positive number"
+    elif name.startswith(SIZES) and not value >= 0:
+        expected = "a size, from zero on"
+    elif math.isinf(value) and family != "circuit" and name not in ENDLESS:
+        expected = "a finite number"
+    if expected:
+        raise StudyError(f"{field}: {name} is {expected}, got {value!r}")
+    if family in RECORDS and name != "circuit.margin":
+        try:
+            RECORDS[family](**{last: value})
+        except AnnDcError as error:
+            raise StudyError(f"{field}: {name}: {error}") from error

@@ -1,0 +1,154 @@
+"""The table for others: a data frame, CSV and Parquet files, written some rows at a time."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeAlias
+
+from ann_dc.atomic_files import writing_whole
+from ann_dc.errors import PandasMissing, PyarrowMissing
+from ann_dc.study.columns import Kinds
+
+Pieces: TypeAlias = Iterable[list[list[Any]]]
+"""Rows of cells, some at a time."""
+
+
+def frame(pieces: Pieces, kinds: Kinds, identity: Mapping[str, Any]) -> Any:
+    """The table as a data frame.
+
+    Parameters
+    ----------
+    pieces : iterable of rows of cells
+    kinds : Kinds
+        Of every column.
+    identity : mapping
+        Tells the units of measure.
+
+    Returns
+    -------
+    pandas.DataFrame
+
+    Raises
+    ------
+    PandasMissing
+        If pandas is not installed.
+    """
+    try:
+        import pandas
+    except ImportError as error:
+        raise PandasMissing(
+            "to_frame: a data frame needs pandas, which is not installed: pip install "
+            "'ann-dc[study]'; to_csv needs nothing"
+        ) from error
+
+    def framed(piece: list[list[Any]]) -> Any:
+        values = zip(*piece) if piece else [()] * len(kinds)
+        return pandas.DataFrame(
+            {
+                name: pandas.array(list(column), dtype=_frame_type(held))
+                for (name, held), column in zip(kinds.items(), values)
+            }
+        )
+
+    found = pandas.concat([framed([]), *map(framed, pieces)], ignore_index=True)
+    found.attrs["units"] = {
+        name: about["unit"]
+        for part in ("settings", "metrics")
+        for name, about in identity.get(part, {}).items()
+        if about.get("unit")
+    }
+    return found
+
+
+def _frame_type(held: Sequence[str]) -> str:
+    """The type of pandas for a column that holds this."""
+    kinds, has_gaps = {*held} - {"none"}, "none" in held
+    if kinds == {"int"}:
+        return "Int64" if has_gaps else "int64"
+    if kinds == {"bool"}:
+        return "boolean" if has_gaps else "bool"
+    if kinds == {"str"}:
+        return "string"
+    return "float64" if kinds <= {"int", "float"} else "object"
+
+
+def write_csv(path: str | os.PathLike[str], pieces: Pieces, columns: Sequence[str]) -> None:
+    """Write a CSV file; an empty cell where there is no value.
+
+    Parameters
+    ----------
+    path : path-like
+    pieces : iterable of rows of cells
+    columns : sequence of str
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written; what was there before stays.
+    """
+    with writing_whole(path) as stream:
+        text = io.TextIOWrapper(stream, encoding="utf-8", newline="")
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(columns)
+        for piece in pieces:
+            table.writerows(piece)
+        text.flush()
+        text.detach()
+
+
+def write_parquet(
+    path: str | os.PathLike[str], pieces: Pieces, kinds: Kinds, identity: str
+) -> None:
+    """Write a Parquet file.
+
+    Parameters
+    ----------
+    path : path-like
+    pieces : iterable of rows of cells
+    kinds : Kinds
+        Of every column.
+    identity : str
+        Becomes metadata of the table, ``ann_dc.study``.
+
+    Raises
+    ------
+    PyarrowMissing
+        If pyarrow is not installed.
+    OutputError
+        If the file cannot be written; what was there before stays.
+    """
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as error:
+        raise PyarrowMissing(
+            "to_parquet: a Parquet file needs pyarrow, which is not installed: pip install "
+            "'ann-dc[study]'; to_csv needs nothing"
+        ) from error
+    words = [_parquet_type(held) for held in kinds.values()]
+    fields = [(name, getattr(pyarrow, word)()) for name, word in zip(kinds, words)]
+    schema = pyarrow.schema(fields, metadata={"ann_dc.study": identity})
+    with writing_whole(path) as stream, parquet.ParquetWriter(stream, schema) as table:
+        for piece in pieces:
+            columns = [
+                pyarrow.array(map(_text, column) if mixed else column, type=field.type)
+                for field, column, mixed in zip(schema, zip(*piece), map(_is_mixed, kinds.values()))
+            ]
+            table.write_batch(pyarrow.record_batch(columns, schema=schema))
+
+
+def _text(value: Any) -> str | None:
+    return None if value is None else str(value)
+
+
+def _is_mixed(held: Sequence[str]) -> bool:
+    return _frame_type(held) == "object"
+
+
+def _parquet_type(held: Sequence[str]) -> str:
+    """The name of the type of pyarrow for a column that holds this."""
+    word = _frame_type(held).lower()
+    return {"object": "string", "boolean": "bool_", "bool": "bool_"}.get(word, word)

@@ -1,0 +1,119 @@
+"""One attempt at a task: the rows of its points, or why there are none, as plain data."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
+
+from ann_dc.errors import AnnDcError
+from ann_dc.study.columns import plain_row
+from ann_dc.study.records import (
+    FAILED,
+    HOST,
+    LOST,
+    OUTCOME,
+    POINT,
+    SECONDS,
+    WORKER,
+    Finished,
+    Point,
+    Row,
+)
+
+LONGEST = 1000
+"""Characters of a sentence that becomes a cell."""
+
+
+class Task(NamedTuple):
+    """Points that are done together.
+
+    Attributes
+    ----------
+    points : tuple of Point
+    """
+
+    points: tuple[Point, ...]
+
+
+Work: TypeAlias = Callable[[Task], list[Finished]]
+"""Does a task: a row for each of its points, whatever other points it is done with."""
+
+
+class Attempt(NamedTuple):
+    """What became of a task.
+
+    Attributes
+    ----------
+    finished : list of Finished
+        A row for each of its points, or none at all.
+    outcome : str
+        `FAILED`, `TIMED_OUT` or `LOST` where there are none; else empty.
+    message : str
+        Why, in a sentence.
+    circumstances : Row
+        Seconds a point, which process, on which machine.
+    """
+
+    finished: list[Finished]
+    outcome: str
+    message: str
+    circumstances: Row
+
+
+def attempted(work: Work, task: Task) -> Attempt:
+    """Do a task here and now; what it raises is told, not raised.
+
+    Parameters
+    ----------
+    work : callable
+    task : Task
+
+    Examples
+    --------
+    >>> def work(task):
+    ...     return [Finished({"point": 3, "outcome": "settled"})]
+    >>> attempted(work, Task((Point(3, {}, 7),))).outcome
+    ''
+    >>> attempted(work, Task((Point(4, {}, 7),))).message
+    'the work gave rows of other points than it was asked for: [3]'
+    """
+    began = time.monotonic()
+    try:
+        finished = [Finished(plain_row(one.row), one.curves) for one in work(task)]
+        found = sorted((one.row.get(POINT), bool(one.row.get(OUTCOME))) for one in finished)
+        if found == sorted((point.number, True) for point in task.points):
+            outcome, message = "", ""
+        else:
+            numbers = [one.row.get(POINT) for one in finished]
+            finished, outcome = [], FAILED
+            message = f"the work gave rows of other points than it was asked for: {numbers}"
+    except MemoryError as error:
+        finished, outcome, message = [], LOST, _sentence(error)
+    except (Exception, SystemExit) as error:
+        finished, outcome, message = [], FAILED, _sentence(error)
+    told = circumstances(os.getpid(), (time.monotonic() - began) / max(1, len(task.points)))
+    return Attempt(
+        [one._replace(row=told | one.row) for one in finished], outcome, message[:LONGEST], told
+    )
+
+
+def circumstances(process: int | None, seconds: float) -> Row:
+    """Cells that tell how a point was done on this machine.
+
+    Parameters
+    ----------
+    process : int or None
+    seconds : float
+        A point.
+    """
+    return {SECONDS: seconds, WORKER: str(process), HOST: platform.node()}
+
+
+def _sentence(error: BaseException) -> str:
+    name = type(error).__name__
+    if isinstance(error, AnnDcError):
+        return str(error) or name
+    return f"{name}: {error}".removesuffix(": ")

@@ -1,0 +1,57 @@
+"""The ladder of fidelity from the command line."""
+
+import pytest
+from command_line import QUICK, ROOT, refused, run, strict
+from simulator import needs_ngspice
+
+from ann_dc.fidelity.model_level import Rung
+from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, switched_capacitor
+
+LADDER = ["ladder", *QUICK[1:]]
+
+
+@needs_ngspice
+def test_a_ladder_of_two_rungs(tmp_path, monkeypatch):
+    steps = (
+        Rung(name="ideal", level=BEHAVIOURAL),
+        Rung(name="op amps", level=macro()),
+        Rung(name="too slow", level=switched_capacitor(step=0.1), slow=True),
+    )
+    seeds = []
+    monkeypatch.setattr(
+        "ann_dc.fidelity.level_comparison.rungs", lambda *_, seed: seeds.append(seed) or steps
+    )
+    figure, result = tmp_path / "ladder.png", tmp_path / "ladder.json"
+    code, text = run(*LADDER, "--seed", "3", "--figure", figure, "--json", result)
+    assert code == 0
+    assert seeds == [3]
+    assert "too slow" not in text
+    assert f"wrote {figure}" in text.replace("\n", "")
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    rungs = {found["rung"]: found for found in strict(result)["rungs"]}
+    names = [name.split(",")[0] for name in rungs]
+    assert names[:4] == ["ODE", "recurrent layer", "ideal", "op amps"]
+    assert all(name.endswith("on this CPU") for name in names[4:])
+    circuit = rungs["op amps"]
+    assert circuit["predicted_error"] == pytest.approx(circuit["error"], rel=0.05)
+    assert circuit["power"] is None
+    assert circuit["parts"]["op amps"] > 0
+
+
+BAD = {
+    "negative seed": (["--seed", "-1"], "--seed"),
+    "a level": (["--level", "macro"], "--level"),
+    "a folder": (["--json", str(ROOT)], "is a folder"),
+}
+
+
+@pytest.mark.parametrize(("words", "meaning"), BAD.values(), ids=BAD)
+def test_bad_options_are_told_before_the_design(monkeypatch, words, meaning):
+    design = "ann_dc.cli.arguments.building.network_to_build"
+    monkeypatch.setattr(design, lambda *_, **__: pytest.fail("designed all the same"))
+    refused([*LADDER, *words], meaning)
+
+
+def test_without_ngspice_it_says_what_to_do(monkeypatch):
+    monkeypatch.setenv("ANN_DC_NGSPICE", "/nowhere/ngspice")
+    refused(LADDER, "ANN_DC_NGSPICE")

@@ -1,0 +1,58 @@
+"""What a metric demands of its wires: within it a network is at least half as fast."""
+
+import numpy as np
+import pytest
+from metric_networks import BEYOND, with_metric
+from wired import neighbour_wired
+
+from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.spectra import spectrum
+from ann_dc.backends.ode import DOP853, OdeBackend
+from ann_dc.backends.spice.backend import SpiceBackend
+from ann_dc.fidelity.wire_requirements import metric_demand
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.emulation.states import pole_spectrum
+from ann_dc.hardware.parts.levels import macro
+from ann_dc.network.preconditioners.base import Kind
+
+
+def settled(network) -> np.ndarray:
+    run = OdeBackend(method=DOP853, verify=False).run(network)
+    return equilibrium(network, run.trajectory.final)
+
+
+@pytest.mark.parametrize("kind", BEYOND)
+def test_every_kind_demands_something(kind):
+    network = with_metric("double_integrator", kind, 6)
+    found = metric_demand(network, settled(network))
+    assert found.kind == kind.value
+    assert 1e-4 < found.lag <= 1
+    assert 1e-3 < found.error <= 1
+    assert kind.value in str(found)
+    assert f"{found.error:.2g}" in str(found)
+
+
+def test_a_grid_demands_more_than_a_pyramid():
+    by_kind = {}
+    for kind in (Kind.PYRAMID, Kind.GRID):
+        network = with_metric("car", kind, 5)
+        by_kind[kind] = metric_demand(network, settled(network))
+    assert by_kind[Kind.GRID].lag < by_kind[Kind.PYRAMID].lag
+    assert by_kind[Kind.GRID].error < by_kind[Kind.PYRAMID].error
+
+
+def test_the_lag_is_that_of_the_nodes_of_a_grid():
+    """Op amps that are far faster: half the rate at the lag that is told, within its tenth."""
+    network = with_metric("car", Kind.GRID, 5)
+    x = settled(network)
+    found, ideal = metric_demand(network, x), spectrum(network, x).abscissa
+    for share, slower in ((0.9, False), (1.25, True)):
+        backend = SpiceBackend(level=macro(), margin=1e6, node_lag=share * found.lag)
+        circuit, probe = backend.prepare(network)
+        rate = pole_spectrum(emulate(circuit, backend.level), probe.final).abscissa
+        assert (rate > ideal / 2) == slower
+
+
+def test_time_constants_demand_nothing():
+    network = neighbour_wired("double_integrator")
+    assert metric_demand(network, settled(network)) is None

@@ -1,0 +1,40 @@
+"""Shares, their intervals, and what is within a spec."""
+
+import numpy as np
+from study_pages import findings
+
+from ann_dc.report.fractions import limits, within
+
+
+def test_what_has_no_value_is_not_within_the_spec():
+    found = findings(500, spec={"settling_time": 30.0, "power": [None, 100.0], "missing": 1.0})
+    settling, power = (found.frame[name] for name in ("settling_time", "power"))
+    assert settling.isna().any()
+    spec = limits(found)
+    assert [limit.column.name for limit in spec] == ["settling_time", "power"]
+    settled = found.frame["outcome"] == "settled"
+    np.testing.assert_array_equal(within(found), settled & (settling <= 30) & (power <= 100))
+
+
+def test_a_limit_from_below_and_from_both_sides():
+    found = findings(50, spec={"settling_time": [5, None], "overshoot": [0.05, 0.1]})
+    low, both = limits(found)
+    assert str(low) == "settling_time ≥ 5 us"
+    assert str(both) == "overshoot in 0.05 to 0.1"
+    np.testing.assert_array_equal(low.met, found.frame["settling_time"] >= 5)
+    beyond = np.maximum(0.05 - found.frame["overshoot"], found.frame["overshoot"] - 0.1)
+    np.testing.assert_allclose(both.beyond, beyond)
+
+
+def test_true_is_one_in_a_spec():
+    found = findings(100, spec={"coordinators": [1, None]})
+    (limit,) = limits(found)
+    np.testing.assert_array_equal(limit.met, found.frame["coordinators"])
+
+
+def test_a_point_that_did_not_settle_is_not_within_the_spec_whatever_it_measured():
+    found = findings(500, spec={"predicted_settling_time": [0.0, None]})
+    met = limits(found)[0].met
+    diverged = (found.frame["outcome"] == "diverged").to_numpy()
+    assert met[diverged].all()
+    assert not within(found)[diverged].any()

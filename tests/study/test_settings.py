@@ -1,0 +1,150 @@
+"""What can be varied: names of a subject, and refusals that name the nearest."""
+
+import math
+
+import pytest
+
+import ann_dc
+from ann_dc.backends.spice.level_words import level_words
+from ann_dc.errors import StudyError
+from ann_dc.hardware.parts.datasheet import Kind
+from ann_dc.study.realisation import BRINGERS
+from ann_dc.study.settings import FAMILIES, WORDS, names_of
+from ann_dc.study.study import Study
+from ann_dc.study.subject import subject_of
+
+
+def test_every_family_has_names_for_a_plant():
+    names = names_of(subject_of("car"))
+    for word in FAMILIES:
+        assert any(name.startswith(f"{word}.") for name in names), word
+    for name in ("problem.D", "problem.N", "input.q_d.x", "gains.tau.u", "gains.rho.mu.x", "seed"):
+        assert name in names
+
+
+def test_a_network_has_no_problem_and_no_design():
+    network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
+    names = names_of(subject_of(network))
+    assert not any(name.startswith(("problem.", "design.")) for name in names)
+    assert "input.q_d.x" in names
+
+
+def test_every_defect_that_is_named_can_be_brought_about():
+    defects = [n.partition(".")[2] for n in names_of(subject_of("car")) if n.startswith("defect.")]
+    assert sorted(defects) == sorted(BRINGERS)
+
+
+def test_levels_have_the_words_that_circuits_have():
+    """But for switched capacitors, whose period is chosen for a network."""
+    assert {*WORDS["circuit.level"]} == level_words().keys() - {"switched-capacitor"}
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("input.q_d.z", "did you mean input.q_d"),
+        ("defct.mismatch", "did you mean defect.mismatch"),
+        ("gains.tau.w", "did you mean gains.tau.u"),
+        ("speed", "settings begin with problem., design."),
+        ("design.from", "did you mean design.form"),
+    ],
+)
+def test_unknown_names_are_told_the_nearest(name, said):
+    with pytest.raises(StudyError, match=said):
+        Study(subject="car", over={name: [1.0]})
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        *((name, "nonsense", f"{name} is one of") for name in WORDS),
+        ("input.q_d.x", "far", "takes a number"),
+        ("gains.rho", float("nan"), "is nan"),
+        ("gains.rho", [1.0], "takes a number or a word"),
+        ("seed", -1, "a whole number from zero on"),
+        ("seed", 1.5, "a whole number from zero on"),
+        ("problem.N", 0, r"problem\.N is a whole number from one on, got 0"),
+        ("problem.N", 2.5, r"problem\.N is a whole number from one on"),
+        *((f"problem.{n}", math.inf, f"{n} is a finite number") for n in ("dt", "q_0.x", "D")),
+        *(("problem.dt", dt, r"problem\.dt ") for dt in (-1.0, 0.0, "short")),
+        *((f"tolerance.{kind.value}", math.inf, "is a finite number") for kind in Kind),
+        ("tolerance.resistor", -0.1, r"tolerance\.resistor is a size"),
+        ("circuit.gbw", -1e6, r"circuit\.gbw: gbw: expected a positive number"),
+        ("circuit.margin", 0.0, r"circuit\.margin is a positive number"),
+        ("design.penalty", 0.0, r"design\.penalty: "),
+        ("gains.rho", -2.0, r"gains\.rho is a positive number"),
+        ("defect.mismatch", math.inf, r"defect\.mismatch is a finite number"),
+        ("run.tolerance", 0.0, r"run\.tolerance is a positive number"),
+    ],
+)
+def test_values_that_are_none(name, value, said):
+    with pytest.raises(StudyError, match=said):
+        Study(subject="car", over={name: [value]})
+
+
+@pytest.mark.parametrize("over", [{"problem.dt": (-1.0, 1.0)}, {"tolerance.gain": (-0.1, 0.1)}])
+def test_range_with_impossible_end_is_refused_by_name(over):
+    with pytest.raises(StudyError, match=f"over: {next(iter(over))} is a "):
+        Study(subject="car", over=over)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("defect.leak", [10.0, math.inf]),
+        ("circuit.a0", [1e3, math.inf]),
+        ("tolerance.resistor", [0, 1e-9, 1e9]),
+        ("gains.rho", (0.0, 2.0)),
+        ("problem.q_d.x", [1.0, "free"]),
+        ("run.step", ["adaptive", 0.1]),
+    ],
+)
+def test_value_that_a_point_can_have_is_accepted(name, values):
+    fixed = {"run.backend": "recurrent"} if name == "run.step" else {}
+    assert len(Study(subject="car", over={name: values}, fixed=fixed)) >= 1
+
+
+def test_metrics_and_specs_are_known():
+    with pytest.raises(StudyError, match="did you mean settling_time"):
+        Study(subject="car", metrics=["setling_time"])
+    with pytest.raises(StudyError, match="'power' is not measured"):
+        Study(subject="car", metrics=["settling_time"], spec={"power": 1.0})
+    with pytest.raises(StudyError, match="named twice"):
+        Study(subject="car", metrics=["power", "power"])
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"tolerance.resistor": 0.1, "run.backend": "ode"}, "is of parts, and no circuit runs"),
+        ({"defect.mismatch": 0.1, "circuit.level": "macro"}, "changes the ideal network"),
+        ({"start.kind": "zero", "tolerance.resistor": 0.1}, "changes the ideal network"),
+        ({"run.tolerance": 1e-3, "run.backend": "spice"}, "changes the ideal network"),
+        ({"run.order": "two-phase"}, "'recurrent' only"),
+        ({"defect.mismatch": -0.1}, "from zero on"),
+        ({"circuit.series": "E7"}, r"circuit\.series is one of exact"),
+    ],
+)
+def test_settings_that_nothing_would_read(given, said):
+    with pytest.raises(StudyError, match=said):
+        Study(subject="double_integrator", fixed=given)
+
+
+def test_settings_that_some_points_read():
+    over = {"run.backend": ["ode", "emulation"]}
+    fixed = {"circuit.level": "macro", "tolerance.resistor": 0.01}
+    assert len(Study(subject="double_integrator", over=over, fixed=fixed)) == 2
+
+
+@pytest.mark.parametrize(
+    ("over", "said"),
+    [
+        ({"defect.mismatch": (0.01, 0.02, 0.03)}, r"a range is \(low, high\)"),
+        ({"defect.mismatch": [0.1, 0.1]}, "listed twice"),
+        ({"problem.N": (5, 9)}, "whole numbers; list them"),
+        ({"run.backend": (0, 1)}, "takes words"),
+    ],
+)
+def test_lists_and_ranges_that_are_none(over, said):
+    with pytest.raises(StudyError, match=said):
+        Study(subject="double_integrator", over=over)
