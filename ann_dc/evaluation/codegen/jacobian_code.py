@@ -11,16 +11,16 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ann_dc.evaluation.codegen.cell_code import FIELDS as CELL_FIELDS, CellWriter
+from ann_dc.evaluation.codegen.cell_code import FIELDS, CellWriter
 from ann_dc.evaluation.codegen.code import key_of
 from ann_dc.evaluation.codegen.elementary import slope_of
 from ann_dc.evaluation.codegen.plan import WRITERS, Plan
 from ann_dc.evaluation.codegen.writer import Module
 from ann_dc.evaluation.tape import BY_VALUE, BY_WEIGHT
 
-FIELDS = (*CELL_FIELDS, "slots")
+JACOBIAN_FIELDS = (*FIELDS, "slots")
 """What the code reads and fills, in the order of the table of addresses."""
-NAMES = "cell", "jacobian"
+JACOBIAN_NAMES = "cell", "jacobian"
 """The functions of a piece of code."""
 
 
@@ -68,7 +68,7 @@ class Slots:
     @cached_property
     def key(self) -> str:
         """Of the code."""
-        own = NAMES, self.operations, list(map(int, self.used))
+        own = JACOBIAN_NAMES, self.operations, list(map(int, self.used))
         return key_of((*own, *self.plan.cell_identity()), WRITERS)
 
 
@@ -102,7 +102,7 @@ class _JacobianWriter(CellWriter):
         super().__init__(slots.plan, module, "jacobian")
         self.slots, self.derivative = slots, dict[int, str]()
         self.step = {node: step for step, node in enumerate(self.tape.blocks[:, 1].tolist())}
-        self.base["slots"] = self.f.field("%table", FIELDS.index("slots"))
+        self.base["slots"] = self.f.field("%table", JACOBIAN_FIELDS.index("slots"))
         self.rows |= {"out": len(slots.used), "slots": len(slots.stored)}
 
     def write(self) -> None:

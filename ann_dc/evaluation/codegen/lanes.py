@@ -15,8 +15,8 @@ import numpy as np
 from ann_dc.evaluation.codegen.cell_code import FIELDS, GIVEN, NAMES, cell_code
 from ann_dc.evaluation.codegen.code import code
 from ann_dc.evaluation.codegen.jacobian_code import (
-    FIELDS as JACOBIAN_FIELDS,
-    NAMES as JACOBIAN_NAMES,
+    JACOBIAN_FIELDS,
+    JACOBIAN_NAMES,
     jacobian_code,
     slots_of,
 )

@@ -11,7 +11,7 @@ from ann_dc.backends.spice.netlist.values import Values
 from ann_dc.hardware.parts.technologies import OtaC, paired
 from ann_dc.hardware.schematic.elements import Adder, Amplifier, Integrator, PICell
 
-KINDS = {Integrator: "ota_node", PICell: "ota_pi", Adder: "ota_sum"}
+OTA_KINDS = {Integrator: "ota_node", PICell: "ota_pi", Adder: "ota_sum"}
 """The library's cell of every part's node."""
 
 
@@ -43,4 +43,4 @@ def transconductors(
     if np.isfinite(a0):
         total = sum(abs(gm) for _, _, gm in weights)
         loads["ro"] = text.value(f"ro_{alias}", a0 / max(total, 1e-300))
-    text.card(f"X_{alias}", resettable(part, (out,)), KINDS[type(part)], loads)
+    text.card(f"X_{alias}", resettable(part, (out,)), OTA_KINDS[type(part)], loads)
