@@ -15,8 +15,8 @@ import numpy as np
 from ann_dc.analysis.saddle import RowShadow
 from ann_dc.analysis.slowness import LIMIT, SHOWN, Cause, Mode, Slowness, slowness_of
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.candidates import Candidate
 from ann_dc.gain_design.procedure import Design
+from ann_dc.gain_design.trial_run import Candidate
 from ann_dc.network.preconditioners.base import Kind
 from ann_dc.si_prefixes import counted
 from ann_dc.solution.solution import Solution

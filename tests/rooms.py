@@ -46,7 +46,7 @@ VERBS = {
     "declare": ("problem", "scale"),
     "decompose, synthesize": ("decomposition", "network", "synthesis"),
     "design": ("gain_design",),
-    "run": ("solver", "backends", "families", "two_level", "phases"),
+    "run": ("solver", "backends", "families", "two_level", "timing"),
     "analyse": ("analysis", "diagnosis", "evaluation", "fidelity", "plotting", "study"),
     "hardware": ("hardware", "resources"),
     "certify": ("optimality", "solution"),

@@ -37,8 +37,7 @@ from ann_dc.fidelity.fitting import fitted
 from ann_dc.fidelity.noise_run import settled_noise
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.circuit.bill import bill_of
-from ann_dc.hardware.circuit.circuit import CLAMP_REFERENCE
-from ann_dc.hardware.circuit.parameters import CLAMP_OFFSETS
+from ann_dc.hardware.circuit.circuit import CLAMP_OFFSETS, CLAMP_REFERENCE
 from ann_dc.hardware.emulation.noise_currents import Noise
 from ann_dc.hardware.emulation.states import emulated_state
 from ann_dc.hardware.parts import presets

@@ -13,8 +13,7 @@ import numpy as np
 
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.domains import DomainGuard
-from ann_dc.evaluation.projection import projected
-from ann_dc.evaluation.rules import RoleRows, is_defined, pushes_out, residuals
+from ann_dc.evaluation.rules import RoleRows, is_defined, projected, pushes_out, residuals
 from ann_dc.evaluation.tape import (
     BY_VALUE,
     BY_WEIGHT,

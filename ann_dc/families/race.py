@@ -15,11 +15,10 @@ from ann_dc.errors import AnnDcError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.rules import LOST, SETTLED
 from ann_dc.evaluation.tape import Tape, constant_values
-from ann_dc.gain_design.candidates import gains_of, spectrum_with
 from ann_dc.gain_design.gain_rule import RECIPES, STEADIER, SWEEPS, Recipe
 from ann_dc.gain_design.gains import Gains, tape_with
 from ann_dc.gain_design.grid_gains import SettledPoint
-from ann_dc.gain_design.trial_run import SETTLING, Pace, run_with_constants
+from ann_dc.gain_design.trial_run import SETTLING, Pace, gains_of, run_with_constants, spectrum_with
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import Kind
 from ann_dc.progress import Progress

@@ -1,5 +1,10 @@
 from .circuit_instance import Specimen as Specimen
-from .circuit_study import study_circuit as study_circuit
+from .circuit_study import (
+    measured_errors as measured_errors,
+    predicted_errors as predicted_errors,
+    sample_decks as sample_decks,
+    study_circuit as study_circuit,
+)
 from .error_budget import (
     Item as Item,
     budget as budget,
@@ -10,11 +15,6 @@ from .fitting import fitting_intervals as fitting_intervals, smallest_margin as 
 from .level_comparison import climb as climb, quick as quick
 from .loop_gains import LoopGain as LoopGain, loop_gains as loop_gains
 from .model_level import Group as Group, Rung as Rung, rungs as rungs
-from .monte_carlo import (
-    measured_errors as measured_errors,
-    predicted_errors as predicted_errors,
-    sample_decks as sample_decks,
-)
 from .noise_run import settled_noise as settled_noise
 from .prediction import predict as predict, prediction_of as prediction_of
 from .wire_requirements import metric_demand as metric_demand

@@ -16,8 +16,8 @@ import numpy as np
 from ann_dc.analysis.sensitivity import weight_sensitivity
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.rules import size_of
+from ann_dc.hardware.circuit.circuit import Parameter
 from ann_dc.hardware.circuit.deviations import Deviations
-from ann_dc.hardware.circuit.parameters import Parameter
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.datasheet import TYPICAL, Kind, Tolerances
 from ann_dc.validation.checked import checked

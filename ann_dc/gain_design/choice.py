@@ -17,7 +17,6 @@ import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.errors import AnnDcError, DesignError, NetworkError
-from ann_dc.gain_design.candidates import Candidate, candidate_of, compare
 from ann_dc.gain_design.gain_rule import RECIPES, Recipe, recipe_of_first_run, steadier
 from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.knowledge import NOTHING, Cost
@@ -27,8 +26,11 @@ from ann_dc.gain_design.trial_run import (
     ELSEWHERE,
     HASTY,
     PATIENT,
+    Candidate,
     Patience,
     at_another,
+    candidate_of,
+    compare,
     distance,
     rehearse,
     rehearsed,

@@ -24,7 +24,6 @@ from ann_dc.analysis.objectives import Objective
 from ann_dc.analysis.saddle import threshold_of
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.candidates import Candidate
 from ann_dc.gain_design.choice import Choice, FoundChoice
 from ann_dc.gain_design.gain_rule import RECIPES, Recipe, recipe_of_first_run
 from ann_dc.gain_design.gains import Gains, apply_gains
@@ -33,6 +32,7 @@ from ann_dc.gain_design.knowledge import NOTHING, Knowledge
 from ann_dc.gain_design.refinement import refined
 from ann_dc.gain_design.rule_presets import presets_of
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
+from ann_dc.gain_design.trial_run import Candidate
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ALL_KINDS, Kind
 from ann_dc.progress import Progress, Stopped, silent

@@ -20,7 +20,6 @@ import numpy as np
 from ann_dc.analysis.objectives import SETTLING_TIME, Objective
 from ann_dc.analysis.saddle import saddle_of
 from ann_dc.analysis.spectra import DENSE_LIMIT
-from ann_dc.gain_design.candidates import Candidate, spectrum_with
 from ann_dc.gain_design.eigenvalue_gradient import (
     STEPS_TRIED,
     DenseFlow,
@@ -30,7 +29,7 @@ from ann_dc.gain_design.eigenvalue_gradient import (
 )
 from ann_dc.gain_design.gains import Gains
 from ann_dc.gain_design.grid_gains import SettledPoint
-from ann_dc.gain_design.trial_run import rehearse
+from ann_dc.gain_design.trial_run import Candidate, rehearse, spectrum_with
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import Metric
 from ann_dc.progress import Paced, Progress, silent

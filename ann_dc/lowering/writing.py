@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ann_dc.errors import ExportError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import PRODUCT as TAPE_PRODUCT, SUM as TAPE_SUM
-from ann_dc.export.reference.sidecar import check_rails
 from ann_dc.lowering.metric_sums import add_pyramid, replace_by_stiffness
 from ann_dc.lowering.program import (
     DRIVE,
@@ -23,6 +23,7 @@ from ann_dc.lowering.program import (
 from ann_dc.network.cell import ONE
 from ann_dc.network.functions import CODE
 from ann_dc.network.network import Network
+from ann_dc.network.selection import clamped_rows
 
 
 def program_of(network: Network, step: float) -> Program:
@@ -49,6 +50,32 @@ def program_of(network: Network, step: float) -> Program:
     writer.drives()
     writer.updates(step)
     return writer.finished()
+
+
+def check_rails(network: Network, parts: str) -> None:
+    """Refuse rails of neurons that the metric couples to others.
+
+    Moves at such rails are a projection in the norm of M^{-1}: which neurons are held is found by
+    pivoting.
+
+    Parameters
+    ----------
+    network : Network
+    parts : str
+        Parts of the format that would have to find them, a plural noun.
+
+    Raises
+    ------
+    ExportError
+    """
+    coupled = [network.cell.neurons[row].name for row in clamped_rows(network)]
+    if coupled:
+        raise ExportError(
+            f"{network.title}: its {network.metric.kind.value} couples neurons with rails "
+            f"({', '.join(coupled)}), which {parts} hold one by one; design it with "
+            "kinds=[Kind.TIME_CONSTANTS] (--kinds time-constants), or take "
+            "dataclasses.replace(network, metric=TimeConstants())"
+        )
 
 
 class _Writer:

@@ -23,11 +23,11 @@ import numpy as np
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.decomposition.equations import decompose
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.candidates import gains_of, spectrum_with
 from ann_dc.gain_design.gain_rule import WITH_COORDINATORS
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.trial_run import gains_of, spectrum_with
 from ann_dc.navigation.closed_loop import SETTLED, drive
 from ann_dc.navigation.network_planner import NetworkPlanner
 from ann_dc.navigation.planner import Plan, Situation

@@ -16,8 +16,14 @@ import numpy as np
 
 from ann_dc.dataclass_pickling import Record
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.network.cell import ONE, Cell, Function, Neuron, Product, Role, Sum
-from ann_dc.network.checks import (
+from ann_dc.network.cell import (
+    ONE,
+    Cell,
+    Function,
+    Neuron,
+    Product,
+    Role,
+    Sum,
     check_cell,
     check_input_scales,
     check_places,

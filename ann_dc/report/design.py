@@ -11,8 +11,8 @@ from rich.table import Table
 
 from ann_dc.diagnosis import Diagnosis
 from ann_dc.families.family_design import FamilyDesign
-from ann_dc.gain_design.candidates import Candidate
 from ann_dc.gain_design.procedure import Design
+from ann_dc.gain_design.trial_run import Candidate
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
 from ann_dc.report.json_file import write_json

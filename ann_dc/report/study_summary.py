@@ -10,9 +10,8 @@ from rich.table import Table as Shown
 from ann_dc.report.tables import table
 from ann_dc.si_prefixes import counted
 from ann_dc.study.metrics import Metric
-from ann_dc.study.settings import FAMILIES, WORDS
+from ann_dc.study.settings import FAMILIES, WORDS, Subject
 from ann_dc.study.study import Study
-from ann_dc.study.subject import Subject
 from ann_dc.study.table import Table
 
 QUANTILES = (5, 50, 95)

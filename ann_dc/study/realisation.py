@@ -43,8 +43,7 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solver import design, synthesize
 from ann_dc.study.model_levels import level_of
 from ann_dc.study.records import Value
-from ann_dc.study.settings import KINDS, behind, chosen, is_built
-from ann_dc.study.subject import Subject
+from ann_dc.study.settings import KINDS, Subject, behind, chosen, is_built
 
 # ---- A designed network as a point of a study has it: other gains, inputs, start and defects
 

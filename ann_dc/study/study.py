@@ -28,15 +28,17 @@ from ann_dc.study.serial_executor import Here
 from ann_dc.study.settings import (
     DRAWN,
     WORDS,
+    Subject,
     backend_of,
     check_name,
     check_together,
     check_value,
     family_of,
     is_drawn,
+    plain,
+    subject_of,
 )
 from ann_dc.study.store import Store
-from ann_dc.study.subject import Subject, plain, subject_of
 from ann_dc.study.table import Table
 from ann_dc.study.task_results import Task, attempted
 from ann_dc.study.work import Work, versions

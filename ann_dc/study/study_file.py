@@ -39,8 +39,8 @@ from ann_dc.problem import plants
 from ann_dc.problem.toml_file import load_problem
 from ann_dc.study.metrics import DEFAULT
 from ann_dc.study.sampling import Sampling, Span
+from ann_dc.study.settings import subject_from
 from ann_dc.study.study import LAYOUT, Study
-from ann_dc.study.subject import subject_from
 from ann_dc.validation.checked import checked
 
 SAMPLINGS = {sampling.value: sampling for sampling in Sampling}

@@ -31,7 +31,6 @@ from ann_dc.network.network import Network
 from ann_dc.resources import one_thread
 from ann_dc.study.circuit_samples import CircuitSample, EmulatedSample
 from ann_dc.study.metrics import Metric
-from ann_dc.study.network_samples import BatchSample, RunSample
 from ann_dc.study.planning import is_batched
 from ann_dc.study.realisation import (
     TOGETHER,
@@ -54,10 +53,9 @@ from ann_dc.study.records import (
     Value,
     without_result,
 )
-from ann_dc.study.sample import Sample
-from ann_dc.study.settings import ORDERS, backend_of, behind
+from ann_dc.study.sample import BatchSample, RunSample, Sample
+from ann_dc.study.settings import ORDERS, Subject, backend_of, behind
 from ann_dc.study.stored_trajectories import packed
-from ann_dc.study.subject import Subject
 from ann_dc.study.task_results import Task
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
 

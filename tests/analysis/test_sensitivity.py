@@ -361,7 +361,9 @@ def test_parts_move_the_emulation_as_their_slopes_say(name, every):
 
 @cache
 def prepared(name: str):
-    network = design(synthesize(SUITE[name].problem), kinds=[metrics.Kind.TIME_CONSTANTS]).network
+    network = design(
+        synthesize(SUITE[name].problem), kinds=[preconditioners.Kind.TIME_CONSTANTS]
+    ).network
     return SpiceBackend(level=LEVEL).prepare(network)
 
 

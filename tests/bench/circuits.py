@@ -16,8 +16,8 @@ from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.netlist.deck import deck_of
 from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.fidelity.circuit_study import sample_decks
 from ann_dc.fidelity.error_budget import sensitivity
-from ann_dc.fidelity.monte_carlo import sample_decks
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import emulated_state

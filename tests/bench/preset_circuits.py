@@ -23,7 +23,7 @@ from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.circuit_instance import Specimen
-from ann_dc.fidelity.monte_carlo import settled_error, specimens
+from ann_dc.fidelity.circuit_study import settled_error, specimens
 from ann_dc.fidelity.prediction import Prediction, predict
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts import presets

@@ -26,7 +26,7 @@ import ann_dc
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.predicted_settling import predicted_settling
 from ann_dc.backends.decay import decay_rate
-from ann_dc.fidelity.monte_carlo import predicted_errors
+from ann_dc.fidelity.circuit_study import predicted_errors
 from ann_dc.gain_design.gain_rule import Recipe, closed_form
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.hardware.defects.drawing import drawn_numbers

@@ -18,7 +18,7 @@ from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.errors import AnnDcError
 from ann_dc.fidelity.boards.corners import corners
 from ann_dc.fidelity.circuit_instance import Specimen
-from ann_dc.fidelity.monte_carlo import settled_error, specimens
+from ann_dc.fidelity.circuit_study import settled_error, specimens
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.circuit.cost import cost_of
 from ann_dc.hardware.circuit.loads import load_power

@@ -32,8 +32,8 @@ from ann_dc.evaluation.codegen.evaluator import GeneratedEvaluator
 from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.codegen.plan import Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
-from ann_dc.evaluation.projection import projected
 from ann_dc.evaluation.reference import ReferenceEvaluator, evaluator
+from ann_dc.evaluation.rules import projected
 from ann_dc.network.preconditioners.base import Kind, Metric, Row
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)

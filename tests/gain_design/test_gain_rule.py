@@ -6,8 +6,7 @@ from designs import small
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.errors import DesignError, UnknownNameError
-from ann_dc.gain_design.gain_rule import Recipe, closed_form
-from ann_dc.gain_design.row_weights import equilibrated
+from ann_dc.gain_design.gain_rule import Recipe, closed_form, equilibrated
 
 
 def start_of(name: str) -> Linearisation:

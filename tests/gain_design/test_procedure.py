@@ -14,7 +14,7 @@ from ann_dc.backends.settling import Settling
 from ann_dc.errors import DesignError
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design import candidates as freeze
+from ann_dc.gain_design import trial_run as freeze
 from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
 from ann_dc.gain_design.knowledge import Knowledge
 from ann_dc.gain_design.procedure import design

@@ -18,8 +18,7 @@ from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import Metric
 from ann_dc.network.preconditioners.diagonal import TimeConstants
 from ann_dc.network.preconditioners.multilevel import Pyramid
-from ann_dc.solution.result_writer import Writer
-from ann_dc.solution.saved_result import Reader
+from ann_dc.solution.saved_result import Reader, Writer
 from ann_dc.weights.npz import NpzEntries, packed_entries
 
 NETWORK = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=()), stages=2)

@@ -9,9 +9,8 @@ from ann_dc.backends.spice.level_words import level_words
 from ann_dc.errors import StudyError
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.study.realisation import BRINGERS
-from ann_dc.study.settings import FAMILIES, WORDS, names_of
+from ann_dc.study.settings import FAMILIES, WORDS, names_of, subject_of
 from ann_dc.study.study import Study
-from ann_dc.study.subject import subject_of
 
 
 def test_every_family_has_names_for_a_plant():

@@ -7,7 +7,7 @@ import pytest
 
 import ann_dc
 from ann_dc.decomposition.form import switch
-from ann_dc.fidelity.monte_carlo import predicted_errors
+from ann_dc.fidelity.circuit_study import predicted_errors
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 from ann_dc.study.metrics import Metric

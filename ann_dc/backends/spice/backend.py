@@ -38,8 +38,7 @@ from ann_dc.hardware.schematic.buildable import check_metric, check_series
 from ann_dc.hardware.schematic.saturation import check_rails
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.hardware.schematic.shared import check_shared
-from ann_dc.hardware.sizing.choice import Sizing, sized_circuit
-from ann_dc.hardware.sizing.stability_advice import cure
+from ann_dc.hardware.sizing.bandwidth_margin import Sizing, cure, sized_circuit
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import Kind
 from ann_dc.progress import Progress, silent

@@ -14,7 +14,7 @@ import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import number, wrapped
 from ann_dc.backends.spice.netlist.deck import Deck
-from ann_dc.backends.spice.netlist.nodes import Nodes
+from ann_dc.backends.spice.netlist.values import Nodes
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.noise_currents import Currents, Place

@@ -172,7 +172,7 @@ def _settable(source: str) -> list[Any]:
     from ann_dc.problem import plants
     from ann_dc.report.study_summary import settings_table
     from ann_dc.study.metrics import METRICS
-    from ann_dc.study.subject import subject_of
+    from ann_dc.study.settings import subject_of
 
     subject = source if source in plants.names() else problem_of(source, (), None, None, None)
     return settings_table(subject_of(subject), METRICS)

@@ -12,8 +12,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ann_dc.errors import NetworkError
+from ann_dc.evaluation.codegen.cell_code import JACOBIAN_NAMES
 from ann_dc.evaluation.codegen.iterations import grown, recur
-from ann_dc.evaluation.codegen.jacobian_code import JACOBIAN_NAMES
 from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.codegen.plan import Axis, Plan, refusal
 from ann_dc.evaluation.contract import Evaluator

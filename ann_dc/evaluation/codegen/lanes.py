@@ -12,14 +12,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.evaluation.codegen.cell_code import FIELDS, GIVEN, NAMES, cell_code
-from ann_dc.evaluation.codegen.code import code
-from ann_dc.evaluation.codegen.jacobian_code import (
+from ann_dc.evaluation.codegen.cell_code import (
+    FIELDS,
+    GIVEN,
     JACOBIAN_FIELDS,
     JACOBIAN_NAMES,
+    NAMES,
+    cell_code,
     jacobian_code,
     slots_of,
 )
+from ann_dc.evaluation.codegen.code import code
 from ann_dc.evaluation.codegen.memory import lined_up
 from ann_dc.evaluation.codegen.plan import Axis, Plan, pyramid_tables, stiffness_tables
 from ann_dc.evaluation.domains import DomainGuard

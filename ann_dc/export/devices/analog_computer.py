@@ -36,8 +36,9 @@ from ann_dc.export.devices.elements import (
 from ann_dc.export.devices.machine import Machine
 from ann_dc.export.reference.places import Places
 from ann_dc.export.reference.rounding import compare
-from ann_dc.export.reference.sidecar import check_rails, check_vector, notes_of, vector_of
+from ann_dc.export.reference.sidecar import check_vector, notes_of, vector_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
+from ann_dc.lowering.writing import check_rails
 from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import PositiveFinite

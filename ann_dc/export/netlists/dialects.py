@@ -22,8 +22,14 @@ from ann_dc.export.netlists.deck_file import (
 )
 from ann_dc.export.netlists.flat_reader import flattened
 from ann_dc.export.netlists.pack import PARTS, compared_parts
-from ann_dc.export.netlists.parts import Part, parts_of, parts_text
-from ann_dc.export.netlists.tables import accuracy_text, expected_text, scaling_text
+from ann_dc.export.netlists.parts import (
+    Part,
+    accuracy_text,
+    expected_text,
+    parts_of,
+    parts_text,
+    scaling_text,
+)
 from ann_dc.export.reference.sidecar import check_sums, check_vector, text_of, vector_of, with_sums
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network

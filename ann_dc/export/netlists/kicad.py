@@ -29,6 +29,7 @@ from ann_dc.export.netlists.packages import FEEDBACK, GROUND, PINS
 from ann_dc.export.netlists.parts import (
     CLASSES,
     Part,
+    accuracy_text,
     engineering,
     package_of,
     part_of,
@@ -39,7 +40,6 @@ from ann_dc.export.netlists.parts import (
     without_maker,
 )
 from ann_dc.export.netlists.s_expressions import Tree, entries, entry, read, written
-from ann_dc.export.netlists.tables import accuracy_text
 from ann_dc.export.reference.sidecar import check_vector, text_of, vector_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.hardware.parts.e_series import Series

@@ -18,12 +18,15 @@ from ann_dc.export.netlists.build import Build, build
 from ann_dc.export.netlists.deck_file import DECK, FOLDER, checked_claims, deck_text, library_of
 from ann_dc.export.netlists.flat_reader import flattened
 from ann_dc.export.netlists.packages import REAL
-from ann_dc.export.netlists.parts import bill_text, parts_of, parts_text, without_maker
-from ann_dc.export.netlists.tables import (
+from ann_dc.export.netlists.parts import (
+    bill_text,
     expected_text,
+    parts_of,
+    parts_text,
     readme_text,
     scaling_text,
     waveforms_text,
+    without_maker,
 )
 from ann_dc.export.reference.sidecar import check_sums, check_vector, text_of, vector_of, with_sums
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector

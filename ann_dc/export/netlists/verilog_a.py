@@ -15,7 +15,7 @@ from ann_dc.errors import ExportError
 from ann_dc.export.netlists.build import Build, build
 from ann_dc.export.netlists.deck_file import checked_claims, claims_of, plain
 from ann_dc.export.netlists.flat_reader import logical_lines
-from ann_dc.export.netlists.tables import accuracy_text, expected_text, scaling_text
+from ann_dc.export.netlists.parts import accuracy_text, expected_text, scaling_text
 from ann_dc.export.netlists.verilog_library import LIBRARY
 from ann_dc.export.netlists.verilog_reader import KEYWORDS, modules_of
 from ann_dc.export.reference.sidecar import check_sums, check_vector, text_of, vector_of, with_sums

@@ -1,7 +1,4 @@
-"""Files beside those of an export: a vector, tables of notes, hashes.
-
-`check_rails` is for formats that cannot follow the vector where a metric couples neurons at rails.
-"""
+"""Sidecar files of an export: a reference vector, tables of notes, hashes."""
 
 from __future__ import annotations
 
@@ -11,7 +8,6 @@ from collections.abc import Mapping
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
-from ann_dc.network.selection import clamped_rows
 from ann_dc.weights.hashes import content_hash
 from ann_dc.weights.manifest import Table, read_manifest
 
@@ -34,32 +30,6 @@ def check_vector(network: Network, vector: ReferenceVector) -> None:
         raise ExportError(
             f"vector: it is another network's than {network.title!r:.200}; take "
             "ann_dc.export.reference.reference_vector(network)"
-        )
-
-
-def check_rails(network: Network, parts: str) -> None:
-    """Refuse rails of neurons that the metric couples to others.
-
-    Moves at such rails are a projection in the norm of M^{-1}: which neurons are held is found by
-    pivoting.
-
-    Parameters
-    ----------
-    network : Network
-    parts : str
-        Parts of the format that would have to find them, a plural noun.
-
-    Raises
-    ------
-    ExportError
-    """
-    coupled = [network.cell.neurons[row].name for row in clamped_rows(network)]
-    if coupled:
-        raise ExportError(
-            f"{network.title}: its {network.metric.kind.value} couples neurons with rails "
-            f"({', '.join(coupled)}), which {parts} hold one by one; design it with "
-            "kinds=[Kind.TIME_CONSTANTS] (--kinds time-constants), or take "
-            "dataclasses.replace(network, metric=TimeConstants())"
         )
 
 

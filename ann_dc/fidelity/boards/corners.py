@@ -18,9 +18,8 @@ from ann_dc.backends.spice.circuit_run import CircuitRun, check_full_scale
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.circuit_instance import Specimen
-from ann_dc.fidelity.circuit_study import NEAR
+from ann_dc.fidelity.circuit_study import NEAR, measured_runs, undrawn
 from ann_dc.fidelity.error_budget import Sensitivity, sensitivity, total_error
-from ann_dc.fidelity.monte_carlo import measured_runs, undrawn
 from ann_dc.fidelity.noise_run import control_noise, noisy
 from ann_dc.fidelity.prediction import Prediction, Reason, Unpredicted, prediction_of
 from ann_dc.hardware.circuit.circuit import Circuit

@@ -26,7 +26,7 @@ from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.trajectory import Trajectory, control_error, control_values
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.circuit_instance import Specimen, settling_of, transient_of
-from ann_dc.fidelity.monte_carlo import settled_error, specimens, undrawn
+from ann_dc.fidelity.circuit_study import settled_error, specimens, undrawn
 from ann_dc.fidelity.noise_run import control_noise
 from ann_dc.fidelity.prediction import CLOCKED, astray_of, not_emulated
 from ann_dc.hardware.circuit.circuit import Circuit

@@ -21,7 +21,7 @@ import numpy as np
 
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.fidelity.circuit_instance import Specimen
-from ann_dc.hardware.circuit.parameters import CLAMP_OFFSETS, Parameter, Quantity
+from ann_dc.hardware.circuit.circuit import CLAMP_OFFSETS, Parameter, Quantity
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, Part
 from ann_dc.network.functions import function_block
 from ann_dc.validation.checked import checked

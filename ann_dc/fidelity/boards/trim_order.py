@@ -13,8 +13,8 @@ import numpy as np
 from ann_dc.fidelity.boards.measurements import Reading, reading_of
 from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.error_budget import Sensitivity
+from ann_dc.hardware.circuit.circuit import Parameter, Quantity
 from ann_dc.hardware.circuit.deviations import draw
-from ann_dc.hardware.circuit.parameters import Parameter, Quantity
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.schematic.elements import Generator
 from ann_dc.validation.checked import checked

@@ -21,8 +21,8 @@ from ann_dc.errors import NetworkError
 from ann_dc.fidelity.boards.measurements import misread
 from ann_dc.fidelity.boards.trim_order import Step, trim_steps
 from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_study import settled_error, specimens, undrawn
 from ann_dc.fidelity.error_budget import sensitivity
-from ann_dc.fidelity.monte_carlo import settled_error, specimens, undrawn
 from ann_dc.fidelity.noise_run import control_noise, noisy
 from ann_dc.fidelity.prediction import REPELS, not_emulated
 from ann_dc.hardware.circuit.circuit import Circuit

@@ -17,7 +17,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.boards.spec import Spec
 from ann_dc.fidelity.circuit_instance import Specimen
-from ann_dc.fidelity.monte_carlo import (
+from ann_dc.fidelity.circuit_study import (
     measured_runs,
     sample_decks,
     settled_error,

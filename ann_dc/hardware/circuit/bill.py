@@ -9,10 +9,17 @@ from collections.abc import Iterator
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit.circuit import CLAMP_LAG, CLAMP_REFERENCE, CLAMP_SHARE, HOLD, Circuit
+from ann_dc.hardware.circuit.circuit import (
+    CLAMP_LAG,
+    CLAMP_REFERENCE,
+    CLAMP_SHARE,
+    HOLD,
+    Circuit,
+    Parameter,
+    Quantity,
+)
 from ann_dc.hardware.circuit.deviations import snapped
-from ann_dc.hardware.circuit.grid_values import begins, to_ground
-from ann_dc.hardware.circuit.parameters import Parameter, Quantity
+from ann_dc.hardware.circuit.scaling import begins, to_ground
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level

@@ -13,8 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.parameters import Parameter, Quantity
+from ann_dc.hardware.circuit.circuit import Circuit, Parameter, Quantity
 from ann_dc.hardware.parts.datasheet import Kind, Tolerances
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.validation.checked import checked

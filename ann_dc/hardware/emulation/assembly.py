@@ -11,9 +11,8 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.outputs import Outputs
-from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.circuit.circuit import Circuit, Quantity
+from ann_dc.hardware.circuit.loads import Outputs
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs

@@ -15,8 +15,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.circuit.circuit import Circuit, Quantity
 from ann_dc.hardware.emulation.assembly import Assembly
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.hardware.parts.parasitics import Parasitics

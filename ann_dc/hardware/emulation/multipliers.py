@@ -28,8 +28,8 @@ import math
 from collections import defaultdict
 from dataclasses import dataclass, replace
 
+from ann_dc.hardware.circuit.circuit import Quantity
 from ann_dc.hardware.circuit.generators import built_range, slopes_of
-from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.assembly import Assembly
 from ann_dc.hardware.emulation.nodes import Origin
 from ann_dc.hardware.parts.generator_cascade import CENTRE, INPUT, OUTPUT, Cascade, Step, cascade_of

@@ -18,8 +18,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ann_dc.hardware.circuit.circuit import Quantity
 from ann_dc.hardware.circuit.deviations import Deviations
-from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.emulation.noise_currents import Currents, Place, Source

@@ -52,20 +52,19 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ann_dc.hardware.circuit.circuit import SEEPING
-from ann_dc.hardware.circuit.grid_values import to_ground
-from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.circuit.circuit import SEEPING, Quantity
+from ann_dc.hardware.circuit.scaling import to_ground
 from ann_dc.hardware.emulation.assembly import Assembly
 from ann_dc.hardware.emulation.capacitors import add_capacitor
-from ann_dc.hardware.emulation.clamps import add_clamps
-from ann_dc.hardware.emulation.diodes import add_pace, slowed
-from ann_dc.hardware.emulation.grounds import (
+from ann_dc.hardware.emulation.clamps import (
     FAST,
     add_bias,
+    add_clamps,
     add_ground,
     farads_over,
     lag_of,
 )
+from ann_dc.hardware.emulation.diodes import add_pace, slowed
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.hardware.schematic.elements import (
     Adder,

@@ -11,7 +11,7 @@ from ann_dc.hardware.emulation.diodes import paced_at
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.schematic.elements import PICell
-from ann_dc.hardware.schematic.metric_parts import metric_values
+from ann_dc.hardware.schematic.metric_wiring import metric_values
 from ann_dc.validation.checked import checked
 
 ALL_MODES = 3000

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.circuit.circuit import Quantity
 from ann_dc.hardware.emulation.assembly import Assembly
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.hardware.parts.technologies import OtaC, paired

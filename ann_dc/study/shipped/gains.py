@@ -16,8 +16,8 @@ from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.study.metrics import METRICS, Metric
 from ann_dc.study.sample import Sample
+from ann_dc.study.settings import subject_of
 from ann_dc.study.study import Study
-from ann_dc.study.subject import subject_of
 from ann_dc.study.table import Table
 
 FACTORS = tuple(10 ** (k / 3) for k in range(-6, 7))

@@ -19,8 +19,8 @@ from ann_dc.study.metrics import METRICS, Metric
 from ann_dc.study.realisation import Realisation
 from ann_dc.study.records import Value
 from ann_dc.study.sample import Sample
+from ann_dc.study.settings import subject_of
 from ann_dc.study.study import Study
-from ann_dc.study.subject import subject_of
 
 SIZES = (9, 18, 36, 72, 144, 288, 576, 1152)
 """Numbers of stages."""

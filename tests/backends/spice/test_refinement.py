@@ -15,7 +15,7 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import SpiceTimeoutError
-from ann_dc.fidelity.monte_carlo import measured_runs
+from ann_dc.fidelity.circuit_study import measured_runs
 from ann_dc.fidelity.prediction import predict
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import macro, switched_capacitor

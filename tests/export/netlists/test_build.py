@@ -84,7 +84,7 @@ def test_a_pyramid_settles_with_the_margin_that_suits_it(pyramid, tmp_path):
 @pytest.mark.slow
 def test_a_metric_that_no_margin_makes_stable_is_refused(pyramid, monkeypatch):
     monkeypatch.setattr("ann_dc.export.netlists.build.fitting_margin", lambda *_: np.inf)
-    monkeypatch.setattr("ann_dc.hardware.sizing.stability_advice.least_margin", lambda *_: np.inf)
+    monkeypatch.setattr("ann_dc.hardware.sizing.bandwidth_margin.least_margin", lambda *_: np.inf)
     meant = "no margin cures that; take op amps with less capacitance, or design the network with"
     with pytest.raises(ExportError, match=meant):
         pack_files(*pyramid, level="ad8065_ad835")

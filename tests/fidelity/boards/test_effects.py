@@ -25,8 +25,7 @@ from ann_dc.hardware.circuit.scaling import MARGIN
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.hardware.parts.parasitics import BOARD_PARAMETERS
-from ann_dc.hardware.sizing.choice import check_currents
-from ann_dc.hardware.sizing.margins import is_stable
+from ann_dc.hardware.sizing.bandwidth_margin import check_currents, is_stable
 from ann_dc.hardware.sizing.resistors import SHARE
 from ann_dc.network.network import Network
 

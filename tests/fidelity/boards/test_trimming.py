@@ -15,10 +15,10 @@ from ann_dc.fidelity.boards.measurements import misread, reading_of
 from ann_dc.fidelity.boards.trim_order import trim_steps
 from ann_dc.fidelity.boards.trimming import Trimming, trimming
 from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_study import predicted_errors
 from ann_dc.fidelity.error_budget import sensitivity
-from ann_dc.fidelity.monte_carlo import predicted_errors
 from ann_dc.fidelity.noise_run import control_noise
-from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.circuit.circuit import Quantity
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.datasheet import Tolerances
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, switched_capacitor

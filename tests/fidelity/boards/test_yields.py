@@ -12,7 +12,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.fidelity.boards.spec import Spec
 from ann_dc.fidelity.boards.yields import yield_of
 from ann_dc.fidelity.circuit_instance import Specimen
-from ann_dc.fidelity.monte_carlo import predicted_errors
+from ann_dc.fidelity.circuit_study import predicted_errors
 from ann_dc.fidelity.noise_run import control_noise
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.parts.conditions import Conditions

@@ -14,8 +14,7 @@ from designs import small
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.netlist.cells import cell_of
 from ann_dc.backends.spice.netlist.deck import deck_of
-from ann_dc.backends.spice.netlist.nodes import Nodes
-from ann_dc.backends.spice.netlist.values import Values
+from ann_dc.backends.spice.netlist.values import Nodes, Values
 from ann_dc.errors import NetworkError
 from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design

@@ -15,7 +15,7 @@ from ann_dc.hardware.circuit.circuit import circuit_of
 from ann_dc.hardware.circuit.scaling import ProbeRun, scale
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.hardware.schematic.elements import Adder, Integrator, PICell
-from ann_dc.hardware.schematic.metric_parts import metric_values
+from ann_dc.hardware.schematic.metric_wiring import metric_values
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.network.network import Network
 from ann_dc.solver import synthesize

@@ -22,9 +22,8 @@ from ann_dc.errors import NetworkError, SpiceError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.fidelity.prediction import predict
 from ann_dc.gain_design.procedure import design
-from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
+from ann_dc.hardware.circuit.circuit import Circuit, Quantity, circuit_of
 from ann_dc.hardware.circuit.deviations import draw
-from ann_dc.hardware.circuit.parameters import Quantity
 from ann_dc.hardware.circuit.scaling import MARGIN
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
@@ -52,7 +51,9 @@ IDEAL = Datasheet(gbw=1e14)  # so fast that nothing of an op amp is left
 @cache
 def prepared(name: str):
     """(components, probe run) of a neighbour-wired problem of the suite."""
-    network = design(synthesize(SUITE[name].problem), kinds=(metrics.Kind.TIME_CONSTANTS,)).network
+    network = design(
+        synthesize(SUITE[name].problem), kinds=(preconditioners.Kind.TIME_CONSTANTS,)
+    ).network
     return BACKEND.prepare(network)
 
 
@@ -339,7 +340,7 @@ every_kind = pytest.mark.parametrize("kind", BEYOND)
 
 
 def with_level(
-    kind: metrics.Kind, horizon: int | None, margin: float, plant: str = "car", **datasheet
+    kind: preconditioners.Kind, horizon: int | None, margin: float, plant: str = "car", **datasheet
 ):
     backend = SpiceBackend(level=macro(**datasheet), margin=margin, node_lag=1e-3)
     return backend, *backend.prepare(with_metric(plant, kind, horizon))
@@ -382,7 +383,7 @@ def test_errors_of_a_metric_move_no_equilibrium(kind):
     assert errors[True] < 1e-4 * errors[False]
 
 
-@pytest.mark.parametrize("kind", [metrics.Kind.PYRAMID, metrics.Kind.TREE])
+@pytest.mark.parametrize("kind", [preconditioners.Kind.PYRAMID, preconditioners.Kind.TREE])
 def test_every_wire_of_a_metric_has_a_name(kind):
     _, circuit, _ = with_level(kind, 5, 200.0)
     wiring = wiring_of(circuit.schematic.network)
@@ -402,11 +403,13 @@ def test_every_wire_of_a_metric_has_a_name(kind):
 @pytest.mark.parametrize(
     ("kind", "margin", "plant", "horizon"),
     [
-        (metrics.Kind.PYRAMID, 20.0, "double_integrator", 3),
-        pytest.param(metrics.Kind.PYRAMID, 20.0, "double_integrator", 6, marks=pytest.mark.slow),
-        pytest.param(metrics.Kind.PYRAMID, 20.0, "car", None, marks=pytest.mark.slow),
-        pytest.param(metrics.Kind.TREE, 150.0, "car", 5, marks=pytest.mark.slow),
-        pytest.param(metrics.Kind.TREE, 150.0, "car", None, marks=pytest.mark.slow),
+        (preconditioners.Kind.PYRAMID, 20.0, "double_integrator", 3),
+        pytest.param(
+            preconditioners.Kind.PYRAMID, 20.0, "double_integrator", 6, marks=pytest.mark.slow
+        ),
+        pytest.param(preconditioners.Kind.PYRAMID, 20.0, "car", None, marks=pytest.mark.slow),
+        pytest.param(preconditioners.Kind.TREE, 150.0, "car", 5, marks=pytest.mark.slow),
+        pytest.param(preconditioners.Kind.TREE, 150.0, "car", None, marks=pytest.mark.slow),
     ],
 )
 def test_ngspice_agrees_with_the_emulation_of_a_metric(kind, margin, plant, horizon):
@@ -424,7 +427,10 @@ def test_ngspice_agrees_with_the_emulation_of_a_metric(kind, margin, plant, hori
 def test_coordinators_of_a_long_row_in_ngspice():
     """N = 36: settled when emulated, in less than half the time of time constants alone."""
     found = {}
-    for kind, margin in ((metrics.Kind.PYRAMID, 42.0), (metrics.Kind.TIME_CONSTANTS, 10.0)):
+    for kind, margin in (
+        (preconditioners.Kind.PYRAMID, 42.0),
+        (preconditioners.Kind.TIME_CONSTANTS, 10.0),
+    ):
         network = with_metric("double_integrator", kind, 36)
         backend = SpiceBackend(level=macro(), margin=margin, simulation=Simulation(patience=1500))
         circuit, probe = backend.prepare(network)
@@ -432,7 +438,7 @@ def test_coordinators_of_a_long_row_in_ngspice():
         assert run.settling_time() == pytest.approx(told.settling_time, rel=0.05)
         assert told.control_error < 1e-4
         found[kind] = run.settling_time()
-    assert found[metrics.Kind.PYRAMID] < 0.5 * found[metrics.Kind.TIME_CONSTANTS]
+    assert found[preconditioners.Kind.PYRAMID] < 0.5 * found[preconditioners.Kind.TIME_CONSTANTS]
 
 
 @pytest.mark.parametrize("level", [ota_c(), switched_capacitor(step=0.1)], ids=str)
@@ -445,4 +451,4 @@ def test_levels_that_cannot_build_a_metric_say_so(kind, level):
 def test_differential_op_amps_build_no_grid():
     backend = SpiceBackend(level=macro(differential=True))
     with pytest.raises(NetworkError, match="time constants alone, pyramid of coarse"):
-        backend.prepare(with_metric("car", metrics.Kind.GRID, 5))
+        backend.prepare(with_metric("car", preconditioners.Kind.GRID, 5))

@@ -10,7 +10,7 @@ from ann_dc import SpiceBackend, emulate, equilibrium, levels, spectrum
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.circuit_instance import Specimen
 from ann_dc.fidelity.error_budget import sensitivity
-from ann_dc.hardware.circuit.parameters import Quantity
+from ann_dc.hardware.circuit.circuit import Quantity
 from ann_dc.hardware.emulation.noise_currents import Noise, Place, draw_noise, noise_sources
 from ann_dc.hardware.emulation.noise_inputs import noisy_network
 from ann_dc.hardware.emulation.states import emulated_state

@@ -12,7 +12,7 @@ from ann_dc.backends.spice.probe import probed
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.scaling import ProbeRun, ScalingRules, scale
 from ann_dc.hardware.schematic.elements import Integrator, PICell
-from ann_dc.hardware.sizing.margins import FOLLOWING, following_margin
+from ann_dc.hardware.sizing.bandwidth_margin import FOLLOWING, following_margin
 from ann_dc.hardware.sizing.rail_rows import BANDWIDTH, FASTER, GAIN, INTO, SLOWER, with_rail_rows
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role
 from ann_dc.network.network import Network

@@ -14,7 +14,6 @@ import numpy as np
 from ann_dc.backends.spice.netlist.cell_text import CellText, commented, number, wrapped
 from ann_dc.backends.spice.netlist.cells import cell_of
 from ann_dc.backends.spice.netlist.curves import CURVE_CELLS, check_functions, subcircuit_of
-from ann_dc.backends.spice.netlist.nodes import BUS, NEGATIVE, SOURCE, Nodes
 from ann_dc.backends.spice.netlist.timing import (
     Simulation,
     Timing,
@@ -22,7 +21,7 @@ from ann_dc.backends.spice.netlist.timing import (
     simulation_for,
     timing_of,
 )
-from ann_dc.backends.spice.netlist.values import Values
+from ann_dc.backends.spice.netlist.values import BUS, NEGATIVE, SOURCE, Nodes, Values
 from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.backends.spice.pdk.place import INSTEAD, place_of
 from ann_dc.errors import NetworkError

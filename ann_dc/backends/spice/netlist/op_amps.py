@@ -4,6 +4,8 @@ Nodes of a grid come in pairs, v and -v. A resistor between two pairs is drawn t
 across, in the cell of one of them; what is missing to the conductance of a node goes to ground.
 Where it is too much already, a negative resistance lies across the pair: to ground it would let
 both nodes run away together.
+
+Cards of transconductors: one a weight, or one for two weights that only differ in sign.
 """
 
 from __future__ import annotations
@@ -11,11 +13,10 @@ from __future__ import annotations
 import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import CellText, number
-from ann_dc.backends.spice.netlist.nodes import NEGATIVE, Nodes
-from ann_dc.backends.spice.netlist.values import Values
-from ann_dc.hardware.circuit.circuit import CLAMP_SHARE, HOLD
-from ann_dc.hardware.circuit.grid_values import begins, to_ground
-from ann_dc.hardware.circuit.parameters import CLAMP_OFFSETS, Quantity
+from ann_dc.backends.spice.netlist.values import NEGATIVE, Nodes, Values
+from ann_dc.hardware.circuit.circuit import CLAMP_OFFSETS, CLAMP_SHARE, HOLD, Quantity
+from ann_dc.hardware.circuit.scaling import begins, to_ground
+from ann_dc.hardware.parts.technologies import OtaC, paired
 from ann_dc.hardware.schematic.elements import (
     Adder,
     Amplifier,
@@ -200,3 +201,38 @@ def _ends(nodes: Nodes, part: GridNode, wire: Wire, stage: int) -> tuple[str, st
     there = _pair(nodes, wire.source, stage + wire.offset)
     same = sign * polarity[part.name] * polarity[wire.source] > 0
     return there if same else (there[1], there[0])
+
+
+OTA_KINDS = {Integrator: "ota_node", PICell: "ota_pi", Adder: "ota_sum"}
+"""The library's cell of every part's node."""
+
+
+def transconductors(
+    nodes: Nodes, values: Values, text: CellText, part: Amplifier, built: OtaC, a0: float
+) -> None:
+    """Transconductors into the part's own node, and what loads it.
+
+    Parameters
+    ----------
+    nodes, values, text, part
+        As `op_amp` takes them.
+    built : OtaC
+        How linear they are.
+    a0 : float
+        Voltage gain of one into its own output resistance; infinite without one.
+    """
+    alias, out = nodes.alias[part.name], nodes.own(part.name, text.stage)
+    weights = [
+        (resistor.label, nodes.plain(resistor.source), -nodes.sign(resistor.source) / resistor.ohms)
+        for resistor in values.resistors(nodes, part, text.stage)
+    ]
+    linear = number(built.linear_range * nodes.scaling.full_scale)
+    for label, between, gm in paired(weights):
+        given = {"gm": text.value(f"gm_{label}", gm), "vl": linear}
+        kind = "ota" if len(between) == 1 else "ota_diff"
+        text.card(f"Xw_{label}", (*between, out), kind, given)
+    loads = feedback(values, text, part, alias, offset=False)
+    if np.isfinite(a0):
+        total = sum(abs(gm) for _, _, gm in weights)
+        loads["ro"] = text.value(f"ro_{alias}", a0 / max(total, 1e-300))
+    text.card(f"X_{alias}", resettable(part, (out,)), OTA_KINDS[type(part)], loads)

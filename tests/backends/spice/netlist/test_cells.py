@@ -9,8 +9,7 @@ from designs import small
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.netlist.cell_text import CellText
 from ann_dc.backends.spice.netlist.cells import cell_of
-from ann_dc.backends.spice.netlist.nodes import Nodes
-from ann_dc.backends.spice.netlist.values import Values
+from ann_dc.backends.spice.netlist.values import Nodes, Values
 from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.datasheet import Kind

@@ -14,7 +14,7 @@ from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.netlist.deck import deck_of
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.circuit.cost import NEGATIVE, RESISTOR
-from ann_dc.hardware.circuit.grid_values import to_ground
+from ann_dc.hardware.circuit.scaling import to_ground
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
 from ann_dc.hardware.parts.levels import macro

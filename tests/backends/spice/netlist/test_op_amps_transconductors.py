@@ -11,8 +11,7 @@ from wired import instances, prepared
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.netlist.cells import cell_of
 from ann_dc.backends.spice.netlist.deck import deck_of
-from ann_dc.backends.spice.netlist.nodes import Nodes
-from ann_dc.backends.spice.netlist.values import Values
+from ann_dc.backends.spice.netlist.values import Nodes, Values
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import ota_c
 from ann_dc.network.preconditioners.base import Kind

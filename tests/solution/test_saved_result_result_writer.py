@@ -14,7 +14,7 @@ from ann_dc.errors import OutputError
 from ann_dc.network.cell import Cell, Neuron
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.resistive_grid import Grid
-from ann_dc.solution.result_writer import Writer
+from ann_dc.solution.saved_result import Writer
 
 NETWORK = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=()), stages=1)
 

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from ann_dc import Kind, SpiceBackend, design, plants
-from ann_dc.fidelity import monte_carlo
-from ann_dc.fidelity.monte_carlo import measured_errors
+from ann_dc.fidelity import circuit_study as monte_carlo
+from ann_dc.fidelity.circuit_study import measured_errors
 from ann_dc.hardware.parts.levels import macro
 
 

@@ -10,8 +10,7 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.schematic.elements import Adder, GridNode
-from ann_dc.hardware.schematic.metric_parts import metric_parts, metric_values
-from ann_dc.hardware.schematic.metric_wiring import OWN, wiring_of
+from ann_dc.hardware.schematic.metric_wiring import OWN, metric_parts, metric_values, wiring_of
 from ann_dc.network.preconditioners.base import Kind
 
 every_kind = pytest.mark.parametrize("kind", BEYOND)

@@ -10,12 +10,12 @@ from designs import designed
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.errors import AnnDcError, DesignError
-from ann_dc.gain_design import candidates as freeze, trial_run as rehearsal
-from ann_dc.gain_design.candidates import candidate_of, compare, downhill
+from ann_dc.gain_design import trial_run as freeze, trial_run as rehearsal
 from ann_dc.gain_design.gain_rule import Recipe
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.procedure import design
+from ann_dc.gain_design.trial_run import candidate_of, compare, downhill
 from ann_dc.network.cell import Limiter
 from ann_dc.network.preconditioners.base import Kind
 from ann_dc.problem import plants

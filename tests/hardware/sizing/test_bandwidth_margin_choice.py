@@ -17,7 +17,7 @@ from ann_dc.hardware.parts.foundry import SKY130
 from ann_dc.hardware.parts.levels import TRANSISTOR, Level, macro
 from ann_dc.hardware.parts.parasitics import Parasitics
 from ann_dc.hardware.schematic.elements import Adder, PICell
-from ann_dc.hardware.sizing.margins import SPARE, is_stable, least_margin
+from ann_dc.hardware.sizing.bandwidth_margin import SPARE, is_stable, least_margin
 from ann_dc.hardware.sizing.resistors import CURRENT, GROUND, SHARE, STIFF
 
 PLANTS = {"double_integrator": 4, "car": 3}
@@ -171,8 +171,10 @@ def test_resistors_that_are_given_and_too_small_for_the_op_amps_are_refused():
 
 
 def test_no_margin_at_all_is_told(monkeypatch):
-    monkeypatch.setattr("ann_dc.hardware.sizing.choice.least_margin", lambda *_, **__: np.inf)
-    monkeypatch.setattr("ann_dc.hardware.sizing.choice.is_stable", lambda *_: False)
+    monkeypatch.setattr(
+        "ann_dc.hardware.sizing.bandwidth_margin.least_margin", lambda *_, **__: np.inf
+    )
+    monkeypatch.setattr("ann_dc.hardware.sizing.bandwidth_margin.is_stable", lambda *_: False)
     with pytest.raises(NetworkError, match=r"^smallest_resistor: with .* no margin makes the circ"):
         made(level(input_capacitance=20e-12))
 

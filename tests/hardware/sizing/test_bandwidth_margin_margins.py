@@ -8,7 +8,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, switched_capacitor
 from ann_dc.hardware.parts.parasitics import Parasitics
-from ann_dc.hardware.sizing.margins import is_stable, least_margin
+from ann_dc.hardware.sizing.bandwidth_margin import is_stable, least_margin
 
 
 def test_more_capacitance_asks_for_more_margin():

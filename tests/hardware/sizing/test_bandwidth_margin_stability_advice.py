@@ -14,8 +14,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.parts.levels import macro
-from ann_dc.hardware.sizing.margins import is_stable, least_margin
-from ann_dc.hardware.sizing.stability_advice import cure
+from ann_dc.hardware.sizing.bandwidth_margin import cure, is_stable, least_margin
 
 
 def built(level, **given):
@@ -89,7 +88,7 @@ def test_a_faster_grid_is_named_where_margins_alone_do_not_cure():
 
 
 def test_where_nothing_helps_other_op_amps_do(monkeypatch):
-    monkeypatch.setattr("ann_dc.hardware.sizing.stability_advice.least_margin", lambda *_: np.inf)
+    monkeypatch.setattr("ann_dc.hardware.sizing.bandwidth_margin.least_margin", lambda *_: np.inf)
     for level, meant in (
         (macro(Datasheet()), "take faster op amps"),
         (presets.get("opa192_ad734"), "take op amps with less capacitance"),

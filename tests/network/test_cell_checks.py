@@ -6,8 +6,18 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import AnnDcError, NetworkError, UnknownNameError
-from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Sum, Template
-from ann_dc.network.checks import check_cell, per_stage
+from ann_dc.network.cell import (
+    Cell,
+    Connection,
+    Function,
+    Limiter,
+    Neuron,
+    Product,
+    Sum,
+    Template,
+    check_cell,
+    per_stage,
+)
 from ann_dc.network.network import Network
 
 X = Neuron(name="x")
