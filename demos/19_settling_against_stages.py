@@ -25,7 +25,7 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.study.exponents import Exponent, exponent_of
+from ann_dc.study import Exponent, exponent_of
 from ann_dc.study.shipped import SIZES, median_rho, settling_against_horizon
 
 KINDS = {

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from ann_dc import plotting
-from ann_dc.study.records import Row
+from ann_dc.study import Row
 from ann_dc.study.shipped import FORMS, FormEnd, end_of, settling_of_forms
 
 COLOURS = {

@@ -15,7 +15,7 @@ from numba import types
 from numba.np.numpy_support import carray
 
 from ann_dc.evaluation import rules
-from ann_dc.evaluation.codegen.calls import (
+from ann_dc.evaluation.calls import (
     WIDTH,
     cube,
     entries,

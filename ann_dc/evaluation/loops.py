@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.evaluation import rules
-from ann_dc.evaluation.codegen.calls import call
+from ann_dc.evaluation.calls import call
 from ann_dc.evaluation.formulas import (
     check_written,
     compiled,

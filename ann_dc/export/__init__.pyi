@@ -4,7 +4,6 @@ from . import (
     fixed_point as fixed_point,
     netlists as netlists,
     onnx as onnx,
-    plain as plain,
     reference as reference,
     runtimes as runtimes,
 )

@@ -1,4 +1,7 @@
+from . import shipped as shipped
+from .exponents import Exponent as Exponent, exponent_of as exponent_of
 from .metrics import Metric as Metric
+from .records import Row as Row
 from .study import Study as Study
 from .study_file import load_study as load_study
 from .table import Table as Table

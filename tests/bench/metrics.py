@@ -23,7 +23,7 @@ import ann_dc
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.evaluation import loops
-from ann_dc.evaluation.codegen.calls import call
+from ann_dc.evaluation.calls import call
 from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.codegen.plan import Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator

@@ -12,7 +12,7 @@ from numba import types
 from numba.np.numpy_support import carray
 
 from ann_dc.evaluation import loops
-from ann_dc.evaluation.codegen.calls import (
+from ann_dc.evaluation.calls import (
     WIDTH,
     call,
     cube,

@@ -40,7 +40,7 @@ from ann_dc.backends.lanes.memory import (
     TIME,
     TURN,
 )
-from ann_dc.evaluation.codegen.calls import call
+from ann_dc.evaluation.calls import call
 from ann_dc.evaluation.codegen.memory import lined_up
 from ann_dc.evaluation.formulas import inlined, released
 

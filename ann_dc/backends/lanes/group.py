@@ -25,7 +25,7 @@ from ann_dc.backends.lanes.memory import (
     TIME,
     TURN,
 )
-from ann_dc.evaluation.codegen.calls import call
+from ann_dc.evaluation.calls import call
 from ann_dc.evaluation.codegen.lanes import Entry, Lanes
 from ann_dc.evaluation.codegen.memory import lined_up
 from ann_dc.evaluation.codegen.step_code import UNROLLED, step_code

@@ -20,7 +20,7 @@ from ann_dc.backends.lanes.group import (
     read_residuals,
 )
 from ann_dc.backends.lanes.memory import STEP
-from ann_dc.evaluation.codegen.calls import call
+from ann_dc.evaluation.calls import call
 from ann_dc.evaluation.formulas import inlined, released
 
 CLOSE = 1e-4

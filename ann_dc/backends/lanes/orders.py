@@ -8,7 +8,7 @@ import numpy as np
 
 from ann_dc.backends.lanes.group import evaluate
 from ann_dc.backends.lanes.memory import STEP
-from ann_dc.evaluation.codegen.calls import call
+from ann_dc.evaluation.calls import call
 from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.codegen.memory import lined_up
 from ann_dc.evaluation.formulas import inlined

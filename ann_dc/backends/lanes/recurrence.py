@@ -43,7 +43,7 @@ from ann_dc.backends.lanes.recurrence_code import (
     WINDOW,
     recurrence_code,
 )
-from ann_dc.evaluation.codegen.calls import call
+from ann_dc.evaluation.calls import call
 from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.codegen.memory import lined_up
 from ann_dc.evaluation.formulas import inlined, released

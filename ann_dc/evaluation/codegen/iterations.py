@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ann_dc.evaluation.codegen.calls import call
+from ann_dc.evaluation.calls import call
 from ann_dc.evaluation.formulas import compiled, inner
 from ann_dc.evaluation.rules import LOST, OVERFLOW, RAN, SETTLED
 
