@@ -1,6 +1,6 @@
-"""ann_dc: optimal control on an analog neural network.
+"""Optimal control on an analog neural network.
 
-An optimal-control problem becomes one network description; every realisation is read off it.
+An optimal-control problem becomes one network description, from which every realisation is derived.
 
 >>> import sympy as sp, ann_dc
 >>> x, v, a = sp.symbols("x v a")
@@ -11,7 +11,7 @@ An optimal-control problem becomes one network description; every realisation is
 >>> solution.status.settled
 True
 
-Names are loaded when first used, so that importing the package stays fast.
+Names are loaded on first use, so that importing the package is fast.
 """
 
 import lazy_loader

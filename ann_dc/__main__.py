@@ -1,4 +1,4 @@
-"""``python -m ann_dc`` is the command ``ann-dc``."""
+"""Entry point of ``python -m ann_dc``, equivalent to the command ``ann-dc``."""
 
 from ann_dc.cli import main
 

@@ -1,7 +1,7 @@
-"""Files are written whole or not at all, and read whole or refused.
+"""Atomic writing and size-limited reading of files and folders.
 
-A new file is completed beside the old one and then takes its place, so what was there before
-stays until the last byte is written. What goes wrong is an error that names the path as given.
+A new file is completed next to the old file and then replaces it. The old content remains until the
+last byte is written. Failures raise an error that names the path as given.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 from ann_dc.errors import AnnDcError, FileFormatError, OutputError
 
 LARGEST_TABLE = 1_000_000
-"""Bytes of a file that describes something in text."""
+"""Largest size in bytes of a text file with a description."""
 
 # The TOML reader needs quadratic time for a.a.a.a..., so a long one is refused before.
 _LONG_KEY = re.compile(
@@ -28,20 +28,10 @@ _LONG_KEY = re.compile(
 
 
 def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file; one that exists is replaced once the new one is complete.
+    """Write a file atomically; an existing file is replaced by the complete new one.
 
-    A link stays a link, and a device such as ``/dev/stdout`` is written to directly.
-
-    Parameters
-    ----------
-    path : path-like
-        In a folder that exists.
-    content : bytes
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written there; what was there before stays.
+    The folder must exist. A link remains a link, and a device such as ``/dev/stdout`` is written
+    directly. Raises `OutputError` if the file cannot be written; the previous content remains.
 
     Examples
     --------
@@ -58,23 +48,11 @@ def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
 
 @contextlib.contextmanager
 def writing_whole(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """Write a file bit by bit; one that exists is replaced once the new one is complete.
+    """Write a file in parts, atomically; yields a binary stream.
 
-    Parameters
-    ----------
-    path : path-like
-        In a folder that exists.
-
-    Yields
-    ------
-    stream
-        Of bytes; what is written to it takes the file's place at the end of the ``with``, unless
-        that ends with an error. Two at a time do not mix: the one that ends last stays.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written there; what was there before stays.
+    The folder must exist. The written content replaces the file at the end of the ``with`` block,
+    unless the block ends with an error. Concurrent writers do not mix; the last to end remains.
+    Raises `OutputError` if the file cannot be written; the previous content remains.
     """
     with as_output_error(path):
         file = Path(path)
@@ -96,25 +74,14 @@ def writing_whole(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 
 def _part_of(place: Path) -> Path:
-    """What is to become a file or a folder, beside it, under a name that nobody else has."""
+    """Return a unique temporary path next to a future file or folder."""
     return place.with_name(f".{place.name}.{secrets.token_hex(4)}.part")
 
 
 def make_folder(folder: str | os.PathLike[str]) -> Path:
-    """Return the folder, made where there was none, with the folders that it lies in.
+    """Return the folder, created with its parents if necessary.
 
-    Parameters
-    ----------
-    folder : path-like
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    OutputError
-        If it cannot be made, for instance because a file stands there.
+    Raises `OutputError` if it cannot be created, for instance because a file has its name.
     """
     with as_output_error(folder):
         Path(folder).mkdir(parents=True, exist_ok=True)
@@ -124,19 +91,9 @@ def make_folder(folder: str | os.PathLike[str]) -> Path:
 def write_folder(folder: str | os.PathLike[str], files: Mapping[str, bytes]) -> None:
     """Write a new folder with all of its files, or nothing.
 
-    It is completed under another name beside its place, and then takes its name.
-
-    Parameters
-    ----------
-    folder : path-like
-        That does not exist yet, in a folder that does.
-    files : mapping of str to bytes
-        Contents, by the name of the file.
-
-    Raises
-    ------
-    OutputError
-        If there is something of that name, which stays as it is, or it cannot be written there.
+    `files` maps file names to contents. The folder must not exist, but its parent must. It is
+    completed under another name next to its place and then renamed. Raises `OutputError` if the
+    name exists, which is left unchanged, or if the folder cannot be written.
 
     Examples
     --------
@@ -165,16 +122,9 @@ def write_folder(folder: str | os.PathLike[str], files: Mapping[str, bytes]) -> 
 
 
 def check_new(folder: str | os.PathLike[str]) -> None:
-    """Refuse the name of a new folder where something has that name, or none can be made.
+    """Raise `OutputError`, with a remedy, if a new folder cannot have this name.
 
-    Parameters
-    ----------
-    folder : path-like
-
-    Raises
-    ------
-    OutputError
-        Saying what to do.
+    The name may exist already, or the folder cannot be created there.
     """
     with as_output_error(folder):
         place = Path(folder)
@@ -194,7 +144,7 @@ def check_new(folder: str | os.PathLike[str]) -> None:
 
 
 def _keep(folder: Path) -> None:
-    """Have the names in a folder written to the disk, where the system can."""
+    """Flush the names in a folder to disk, if the system supports it."""
     with contextlib.suppress(OSError):  # not every system lets a folder be opened
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -204,24 +154,10 @@ def _keep(folder: Path) -> None:
 
 
 def read_whole(path: str | os.PathLike[str], limit: int, remedy: str) -> bytes:
-    """Read a plain file of at most ``limit`` bytes; no more memory is taken than it has bytes.
+    """Read a regular file of at most ``limit`` bytes.
 
-    Parameters
-    ----------
-    path : path-like
-    limit : int
-        Most bytes that are read.
-    remedy : str
-        Says what to give instead; the end of every error's sentence.
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    FileFormatError
-        If there is no such file, or it cannot be read, or it is larger, or grows meanwhile.
+    No more memory is used than the size of the file. Raises `FileFormatError`, whose message ends
+    with `remedy`, if the file does not exist, cannot be read, is larger, or grows while it is read.
     """
     file = Path(path)
     try:
@@ -251,17 +187,9 @@ def read_whole(path: str | os.PathLike[str], limit: int, remedy: str) -> bytes:
 def as_output_error(
     path: str | os.PathLike[str], kinds: tuple[type[Exception], ...] = (OSError, ValueError)
 ) -> Iterator[None]:
-    """An error of the file system as a sentence about the path that the user gave.
+    """Convert file-system errors to an `OutputError` that names the user's path.
 
-    Parameters
-    ----------
-    path : path-like
-    kinds : tuple of types of exceptions
-        What is taken for one; a path with a zero byte is a `ValueError`.
-
-    Raises
-    ------
-    OutputError
+    `kinds` are the converted exceptions; a path with a zero byte raises `ValueError`.
     """
     try:
         yield
@@ -278,20 +206,10 @@ def as_output_error(
 
 
 def read_table(file: Path, kind: str, example: str) -> dict[str, Any]:
-    """What a TOML file holds, as plain data.
+    """Read a TOML file as plain data.
 
-    Parameters
-    ----------
-    file : Path
-    kind : str
-        What it is to describe, in a word for messages.
-    example : str
-        A file to look at.
-
-    Raises
-    ------
-    FileFormatError
-        If there is no such file, or it is not TOML in UTF-8 of at most 1 MB.
+    `kind` names its subject in messages, and `example` is a file to consult. Raises
+    `FileFormatError` if the file does not exist or is not TOML in UTF-8 of at most 1 MB.
     """
     text = _read_text(file, kind)
     if _LONG_KEY.search(text):

@@ -1,7 +1,7 @@
-"""How records travel: into copies and other processes by their fields, without what they kept.
+"""Pickling and copying of records by their fields, without cached results.
 
-A record that was used keeps what it computed: compiled functions, evaluators, eigenvalues. None of
-that is part of what it says, and compiled functions do not pickle.
+A used record caches compiled functions, evaluators and eigenvalues. These are not part of its
+content, and compiled functions cannot be pickled.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from dataclasses import fields
 from typing import Any
 
 WHERE_GIVEN = "where given"
-"""In the metadata of a field that a file leaves out where it is None."""
+"""Metadata key of a field that a file omits if the field is None."""
 
 
 class Record:
-    """A dataclass that is pickled and copied as its fields, and checked again on arrival.
+    """Dataclass that is pickled and copied by its fields and validated on creation.
 
     Examples
     --------

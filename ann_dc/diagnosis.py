@@ -1,7 +1,7 @@
-"""Why a design is slow, in words, and what would help: computed, not guessed.
+"""Diagnosis of slow settling: computed reasons and remedies, as text.
 
 The numbers are those of `analysis.slowness`. Each remedy is a candidate of the design that differs
-in one thing (penalty, row weights, metric), or the exact metric in closed form.
+in one property (penalty, row factors, preconditioner), or the exact preconditioner in closed form.
 """
 
 from __future__ import annotations
@@ -24,34 +24,33 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import such_as
 
 NEAR = 2.0
-"""Distance to the limit within which nothing is worth doing."""
+"""Factor to the limit within which no remedy is worthwhile."""
 
 HELPS = 1.1
-"""How many times smaller a ratio has to be to count as help."""
+"""Smallest reduction factor of a stiffness ratio that counts as improvement."""
 
 ROUNDING = 1e-9
-"""Numbers below it are shown as zero."""
+"""Numbers below this value are shown as zero."""
 
 ROWS_SHOWN = 6
-"""Rows in the table, the least reachable ones."""
+"""Number of constraints in the table, the least reachable ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Remedy:
-    """One change of a design, and what it does to the ratio at the settled point.
+    """Change of a design and its effect on the stiffness ratio at the settled point.
 
     Attributes
     ----------
-    change : str
     ratio : float
-        With the change.
+        Stiffness ratio with the change.
     gain : float
-        How many times smaller that is; below one, it makes things worse.
+        Reduction factor of the ratio; below one, the change is harmful.
     compared : bool
-        Whether it is a candidate that the design compared, rather than the exact metric.
+        True for a candidate that the design compared, False for the exact preconditioner.
     settling : float
-        Fastest time constants in which the candidate settled from the start; infinite where it did
-        not, nan where that is unknown.
+        Fastest time constants in which the candidate settled from the start; infinite if it did not
+        settle, nan if unknown.
     """
 
     change: str
@@ -62,12 +61,12 @@ class Remedy:
 
     @property
     def helps(self) -> bool:
-        """Whether it makes a difference worth having."""
+        """True if the improvement is significant."""
         return self.gain >= HELPS
 
     @property
     def outcome(self) -> str:
-        """What became of it from the start, in words."""
+        """Description of the trial run from the start."""
         if self.settling < np.inf:
             return f"settles in {self.settling:.0f} fastest time constants"
         return "was not tried" if np.isnan(self.settling) else "does not settle, or later"
@@ -81,19 +80,18 @@ class Remedy:
 @such_as("ann_dc.analyse(design)")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnosis:
-    """Why a design settles as slowly as it does, and what would help.
+    """Reasons for the settling time of a design, and remedies.
 
     Attributes
     ----------
     title : str
-        Of the network.
+        Title of the network.
     kind : Kind
-        Of its metric.
+        Kind of its preconditioner.
     components : tuple of str
-        The state component of every row of ``slowness.rows``.
-    slowness : Slowness
+        State component of every entry of ``slowness.rows``.
     remedies : tuple of Remedy
-        One change each.
+        Changes, one property each.
 
     Examples
     --------
@@ -113,7 +111,7 @@ class Diagnosis:
 
     @property
     def reason(self) -> str:
-        """Why the slowest mode is slow."""
+        """Reason for which the slowest mode is slow."""
         slowest = self.slowness.modes[0]
         if self.slowness.distance <= NEAR:
             return "nothing in particular: the slowest mode is near the limit"
@@ -136,7 +134,7 @@ class Diagnosis:
 
     @property
     def advice(self) -> str:
-        """What would help: more penalty, other row weights, another metric, or nothing."""
+        """Advice: more penalty, other row factors, another preconditioner, or none."""
         found = self.slowness
         if found.distance <= NEAR:
             return f"nothing: the ratio is within a factor {NEAR:g} of the limit"
@@ -155,7 +153,7 @@ class Diagnosis:
         return f"{metric}; more penalty then takes the rest"
 
     def _row_of(self, mode: Mode) -> RowShadow:
-        """The row whose multiplier has most of a mode's energy."""
+        """Return the constraint whose multiplier has the largest part of a mode's energy."""
         shares = dict(zip(mode.names, mode.shares))
         return max(self.slowness.rows, key=lambda row: shares[row.neuron])
 
@@ -198,21 +196,23 @@ class Diagnosis:
 
 @checked
 def analyse(source: Design | Solution) -> Diagnosis:
-    """Why a design settles as slowly as it does, and what would help.
+    """Diagnose the settling time of a design and list remedies.
 
     Parameters
     ----------
     source : Design or Solution
-        A solution whose gains were designed.
+        Design, or a solution with designed gains.
 
     Returns
     -------
     Diagnosis
+        Reasons, and remedies with their effects.
 
     Raises
     ------
     DesignError
-        If the design's first run did not settle, or the gains of the solution were given by hand.
+        If the gain-scheduled run of the design did not settle, or the gains of the solution were
+        given manually.
     NetworkError
         If the settled point is not isolated.
 
@@ -246,7 +246,7 @@ def analyse(source: Design | Solution) -> Diagnosis:
 
 
 def _compared(design: Design, ratio: float) -> Iterator[Remedy]:
-    """The best candidate of every change that the design compared."""
+    """Yield the best candidate of every change that the design compared."""
     best: dict[str, Candidate] = {}
     for candidate in design.candidates:
         change = _change(design, candidate)
@@ -268,7 +268,7 @@ _WITHIN = ("more penalty", "less penalty", "other row weights", "other factors")
 
 
 def _change(design: Design, candidate: Candidate) -> str:
-    """In what a candidate differs from the design; empty where it is the design's own."""
+    """Return the difference of a candidate from the design; empty if there is none."""
     if candidate.recipe.kind is not design.best.recipe.kind:
         return candidate.recipe.kind.value
     index = design.network.neuron_index
@@ -282,7 +282,7 @@ def _change(design: Design, candidate: Candidate) -> str:
 
 
 def _exact(found: Slowness) -> Iterator[Remedy]:
-    """The exact metric, with the penalties as they are and with those that it needs."""
+    """Yield the exact preconditioner with the present and with the required penalties."""
     changes = {"exact metric, these penalties": 1.0}
     if found.exact_ratio() > LIMIT:
         changes[f"exact metric, {found.needed:.3g} times the penalties"] = found.needed
@@ -296,7 +296,7 @@ def _ends(values: np.ndarray) -> tuple[float, float]:
 
 
 def _span(*ends: float) -> str:
-    """One number, or two that differ."""
+    """Return one number as text, or two that differ."""
     told = [f"{0.0 if abs(value) < ROUNDING else value:.3g}" for value in ends]
     return " .. ".join(dict.fromkeys(told))
 

@@ -1,76 +1,79 @@
-"""What can go wrong, as types.
+"""Error types of the package.
 
-Every error inherits from `AnnDcError` and from the builtin that a user would expect, and its
-sentence says which field is wrong, what was given, and what to do.
+Every error inherits from `AnnDcError` and from the matching builtin exception. Its message names
+the field, the given value and a remedy.
 """
 
 
 class AnnDcError(Exception):
-    """Base of every error that ann_dc raises on purpose."""
+    """Base class of all errors that ann_dc raises deliberately."""
 
 
 class ArgumentError(AnnDcError):
-    """An argument is not what its type hint says; the message says what to pass."""
+    """Raised if an argument does not match its type hint; the message names a remedy."""
 
 
 class ArgumentTypeError(ArgumentError, TypeError):
-    """An argument is of another type than it has to be."""
+    """Raised if an argument has the wrong type."""
 
 
 class ArgumentValueError(ArgumentError, ValueError):
-    """An argument is of the right type, but nan, empty, out of range or of another shape."""
+    """Raised if an argument is nan, empty, out of range or of another shape."""
 
 
 class ProblemError(AnnDcError, ValueError):
-    """A declared optimal-control problem is not one that a network can solve."""
+    """Raised if a network cannot solve the declared optimal-control problem."""
 
 
 class ExpressionError(ProblemError):
-    """A text expression (in a TOML problem file) is not plain mathematics."""
+    """Raised if a text expression (in a TOML problem file) is not plain mathematics."""
 
 
 class WorldError(AnnDcError, ValueError):
-    """A world, an obstacle or a robot is not one that anything can be planned in."""
+    """Raised if planning is impossible with a world, an obstacle or a robot."""
 
 
 class StudyError(AnnDcError, ValueError):
-    """A study asks for what cannot be varied or measured."""
+    """Raised if a study requests a setting or metric that is not available."""
 
 
 class StoreError(AnnDcError, OSError):
-    """The store of a study cannot be read, written, or mixed with what it holds."""
+    """Raised if a study database cannot be read, written or combined with new results."""
 
 
 class FormError(AnnDcError, ValueError):
-    """A switch of the printed form has no meaning for this problem."""
+    """Raised if a switch of the printed form does not apply to the problem."""
 
 
 class NetworkError(AnnDcError, ValueError):
-    """A network description contradicts itself."""
+    """Raised if a network description is inconsistent."""
 
 
 class SynthesisError(NetworkError):
-    """A stage equation cannot be wired with the available blocks."""
+    """Raised if a stage equation cannot be wired with the available blocks."""
 
 
 class DesignError(AnnDcError, ValueError):
-    """Gains cannot be designed for this network with these settings."""
+    """Raised if gains cannot be designed for a network with the given settings."""
 
 
 class FileFormatError(AnnDcError, ValueError):
-    """A file is not what its name or its manifest says."""
+    """Raised if a file does not match its name or its manifest."""
 
 
 class ExportError(AnnDcError, ValueError):
-    """A format cannot carry a network, or not with these settings; the message names what."""
+    """Raised if a format cannot represent a network or its settings.
+
+    The message names the unsupported part.
+    """
 
 
 class OutputError(AnnDcError, OSError):
-    """A result cannot be written where it was asked for."""
+    """Raised if a result cannot be written to the requested place."""
 
 
 class UnknownNameError(AnnDcError, LookupError):
-    """A name is not among those that exist; the message lists them.
+    """Raised if a name does not exist; the message lists the available names.
 
     Examples
     --------
@@ -81,38 +84,39 @@ class UnknownNameError(AnnDcError, LookupError):
 
     @classmethod
     def of(cls, kind: str, given: object, available) -> "UnknownNameError":
-        """Build the error from what was asked for and what there is.
+        """Return the error for a requested name and the available names.
 
         Parameters
         ----------
         kind : str
-            What a name stands for, as the message begins.
+            Kind of the named object, at the start of the message.
         given : object
-            What was asked for.
+            Requested name.
         available : iterable of str
-            The names that exist.
+            Available names.
 
         Returns
         -------
         UnknownNameError
+            Error to raise.
         """
         return cls(f"{kind} {str(given)!r} does not exist; choose one of: {', '.join(available)}")
 
 
 def require_positive(kind: type[AnnDcError] = NetworkError, /, **numbers: float) -> None:
-    """Refuse a number that is not positive and finite, by its name.
+    """Raise an error if a number is not positive and finite.
 
     Parameters
     ----------
     kind : type of AnnDcError
-        What is raised.
+        Type of the error. Default: `NetworkError`.
     **numbers : float
-        By the name of their field.
+        Numbers by field name.
 
     Raises
     ------
     AnnDcError
-        Of that kind, naming the first that is not.
+        Error of this type that names the first invalid number.
 
     Examples
     --------
@@ -126,56 +130,56 @@ def require_positive(kind: type[AnnDcError] = NetworkError, /, **numbers: float)
 
 
 class PandasMissing(AnnDcError, ImportError):
-    """There is no pandas to make a data frame with."""
+    """Raised if pandas, required for data frames, is not installed."""
 
 
 class PlotlyMissing(AnnDcError, ImportError):
-    """There is no plotly to draw the figures of a page with."""
+    """Raised if plotly, required for the figures of a page, is not installed."""
 
 
 class ExportPackageMissing(AnnDcError, ImportError):
-    """A package that writes or reads a format is not installed; the message has the line."""
+    """Raised if a package for a format is missing; the message has the command."""
 
 
 class PyarrowMissing(AnnDcError, ImportError):
-    """There is no pyarrow to write a Parquet file with."""
+    """Raised if pyarrow, required for Parquet files, is not installed."""
 
 
 class PdkMissing(AnnDcError, ImportError):
-    """The models of a foundry's transistors are not installed; the message has the line."""
+    """Raised if foundry transistor models are missing; the message has the command."""
 
 
 class NgspiceMissing(AnnDcError, RuntimeError):
-    """There is no ngspice to run a circuit with."""
+    """Raised if the ngspice executable is not found."""
 
 
 class SpiceError(AnnDcError, RuntimeError):
-    """A circuit could not be simulated; the message has the end of ngspice's log."""
+    """Raised if a simulation fails; the message has the end of the ngspice log."""
 
 
 class SpiceInputError(SpiceError, ValueError):
-    """A deck, a file beside it or a setting is not one that ngspice can be run with."""
+    """Raised if a netlist, a sidecar file or a setting is not valid for ngspice."""
 
 
 class SpiceTimeoutError(SpiceError, TimeoutError):
-    """A run of ngspice took longer than it was given."""
+    """Raised if an ngspice run exceeds its time limit."""
 
 
 class SpiceCrashError(SpiceError):
-    """A run of ngspice could not be started, was killed, or ended with an exit code."""
+    """Raised if ngspice cannot be started, is killed, or ends with an exit code."""
 
 
 class EndedEarlyError(SpiceError):
-    """A transient stopped before its end."""
+    """Raised if a transient stops before its end."""
 
 
 class NotFiniteError(SpiceError, ArithmeticError):
-    """A simulated voltage or current is no number."""
+    """Raised if a simulated voltage or current is not finite."""
 
 
 class RawFileError(SpiceError, FileFormatError):
-    """A raw file is missing, cut off, or not what its header says."""
+    """Raised if a raw file is missing, truncated, or inconsistent with its header."""
 
 
 class RangeWarning(UserWarning):
-    """An input lies outside the ranges for which a network was designed."""
+    """Issued if an input lies outside the ranges for which a network was designed."""

@@ -1,7 +1,7 @@
-"""One writer at a time: a lock on a folder that its process holds, and that ends with it.
+"""Lock on a folder that allows one writer at a time.
 
-The system lets go of the lock when the process ends, however it ends: a process that was
-killed leaves nothing behind that would have to be removed. Who holds it may remove the file.
+The operating system releases the lock when the process ends in any way. A killed process leaves
+nothing that would have to be removed. The owner of the lock may remove the file.
 """
 
 from __future__ import annotations
@@ -15,29 +15,17 @@ from filelock import FileLock, Timeout
 from ann_dc.errors import AnnDcError, OutputError
 
 PATIENCE = 0.05
-"""Seconds in which a file that its holder has just removed is made again."""
+"""Seconds in which a file that its owner has just removed is created again."""
 LOCKED = 1
-"""Bytes at the beginning of the file that Windows lets nobody else read."""
+"""Number of bytes at the start of the file that other Windows processes cannot read."""
 
 
 class Lock:
-    """Held from its construction on.
+    """Lock on a folder, acquired in its construction.
 
-    Parameters
-    ----------
-    file : Path
-        In a folder that is there; it tells who holds the lock, and stays when nobody does.
-    on : str
-        What is written there, as the error calls it.
-    error : type of AnnDcError
-        What is raised.
-
-    Raises
-    ------
-    AnnDcError
-        Of that kind, if another has it; it is named by process and host.
-    OSError
-        If the file cannot be written.
+    The lock file, in an existing folder, names the owner and remains after the release. `on`
+    describes the written object in the error message. Raises an error of type `error` that names
+    process and host of another owner, and `OSError` if the file cannot be written.
     """
 
     def __init__(
@@ -53,12 +41,12 @@ class Lock:
             ) from refused
 
     def release(self) -> None:
-        """Let others have it; nothing if it is not held any more."""
+        """Release the lock; a released lock is ignored."""
         self._lock.release()
 
 
 def _sign(handle: int) -> None:
-    """Write into the file who holds it."""
+    """Write the identity of the owner into the file."""
     os.ftruncate(handle, 0)
     os.write(handle, b" " * LOCKED + f"process {os.getpid()} on {platform.node()}\n".encode())
 

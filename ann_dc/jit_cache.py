@@ -1,7 +1,8 @@
-"""Compiled code on disk: loaded only from a folder that belongs to the user alone, and only whole.
+"""Compile cache on disk: complete files from a folder writable only by the user.
 
-A file holds a checksum over its name and its content. What does not fit, a folder that others can
-write to, a full disk: the run goes on with code compiled in memory, and one warning says why.
+A file contains a checksum over its name and its content. If a file does not match, if other users
+can write to the folder, or if the disk is full, code is compiled in memory. One warning gives the
+reason.
 """
 
 from __future__ import annotations
@@ -17,15 +18,15 @@ from pathlib import Path
 FOLDER_VARIABLE = "ANN_DC_CACHE"
 """Environment variable that names another folder."""
 SUFFIX = ".code"
-"""Of our files: 64 hexadecimal digits and this."""
+"""Suffix of the cache files, after 64 hexadecimal digits."""
 MOST_FILES = 2048
-"""Files kept; beyond it those go that were not used for longest."""
+"""Largest number of cached files; beyond it the least recently used files are removed."""
 LARGEST = 64 * 2**20
-"""Bytes of a file."""
+"""Largest size of a file in bytes."""
 
 
 def folder() -> Path | None:
-    """Where compiled code lies: a folder of its own in the user's cache folder, if there is one."""
+    """Return the compile cache folder; None if the user has no home folder."""
     try:
         if named := os.environ.get(FOLDER_VARIABLE):
             return Path(named).expanduser()
@@ -36,16 +37,9 @@ def folder() -> Path | None:
 
 
 def load(key: str) -> bytes | None:
-    """What is stored under a key; None where nothing is that can be trusted.
+    """Return the code stored under a key of 64 hexadecimal digits.
 
-    Parameters
-    ----------
-    key : str
-        64 hexadecimal digits.
-
-    Returns
-    -------
-    bytes or None
+    The result is None if no trusted file exists.
     """
     where = _trusted()
     if where is None:
@@ -71,14 +65,7 @@ def load(key: str) -> bytes | None:
 
 
 def store(key: str, code: bytes) -> None:
-    """Keep code under a key, if it can be.
-
-    Parameters
-    ----------
-    key : str
-        64 hexadecimal digits.
-    code : bytes
-    """
+    """Store code under a key of 64 hexadecimal digits, if possible."""
     where = _trusted()
     if where is None:
         return
@@ -106,7 +93,7 @@ def _last_used(file: Path) -> float:
 
 
 def _read(file: Path) -> bytes | None:
-    """The content of a file that nobody else may write to; looked at as it was opened."""
+    """Return the content of a file only the user can write, checked after opening."""
     with os.fdopen(os.open(file, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0)), "rb") as stream:
         if not _belongs_to_user(os.fstat(stream.fileno())):
             return None
@@ -118,7 +105,7 @@ def _checksum(key: str, code: bytes) -> bytes:
 
 
 def _trusted() -> Path | None:
-    """The folder, made where there is none, if it belongs to the user alone."""
+    """Return the folder, created if necessary, if it belongs to the user alone."""
     where = folder()
     if where is None or not hasattr(os, "getuid"):
         return None
@@ -136,7 +123,7 @@ def _trusted() -> Path | None:
 
 
 def _is_private(path: Path) -> bool:
-    """Whether it is no link, the user's own, and writable by nobody else."""
+    """Return True if a path is not a link and only its owner, the user, can write it."""
     return _belongs_to_user(path.lstat())
 
 
@@ -150,5 +137,4 @@ def _belongs_to_user(found: os.stat_result) -> bool:
 
 @cache
 def _warn(message: str) -> None:
-    """Once a process."""
     warnings.warn(message, stacklevel=5)

@@ -1,7 +1,7 @@
-"""Functions that Numba compiles are loaded from disk without what compiles.
+"""Numba functions loaded from the compile cache without loading the compiler.
 
-Before Numba reads a function from its cache it loads all that it knows of Python and NumPy, for
-what may have to be compiled: 0.15 s. Its compiler does so by itself when something is.
+Before Numba reads a function from its cache, it loads all its support for Python and NumPy for a
+possible compilation: 0.15 s. Its compiler loads this support by itself when it is needed.
 """
 
 from __future__ import annotations
@@ -23,17 +23,9 @@ class _Cache(FunctionCache):
 
 
 def kept(**options: Any) -> Callable[[Callable], Any]:
-    """Compile a function when it is first called, once per machine.
+    """Return a decorator that compiles a function on first call, once per machine.
 
-    Parameters
-    ----------
-    **options
-        Of `numba.njit`.
-
-    Returns
-    -------
-    callable
-        Decorates a function.
+    `options` are those of `numba.njit`.
     """
     compile_: Any = nb.njit(error_model="numpy", **options)
 
@@ -48,18 +40,8 @@ def kept(**options: Any) -> Callable[[Callable], Any]:
 def callback(function: Callable, signature: Any, **options: Any) -> Any:
     """Compile a function that other code calls by its address, once per machine.
 
-    Parameters
-    ----------
-    function : callable
-    signature : Signature
-        Numba's, of numbers and pointers.
-    **options
-        Of `numba.njit`.
-
-    Returns
-    -------
-    CFunc
-        It has to live as long as its ``address`` is called.
+    `signature` is a Numba signature of numbers and pointers, and `options` are those of
+    `numba.njit`. The result must live as long as its ``address`` is called.
     """
     arguments = signature.args, signature.return_type
     made = CFunc(function, arguments, {}, {"error_model": "numpy", "nopython": True, **options})

@@ -1,7 +1,7 @@
-"""What a long piece of work tells while it goes on: a line at a time, and to nobody by default.
+"""Progress messages of long tasks, one line at a time; silent by default.
 
-Whoever is told may answer by raising `Stopped`: the work ends there, and `solve` hands back what
-it has so far. `Deadline` does so when time is up, or when someone presses Ctrl-C.
+The receiver may raise `Stopped`: the task ends there, and `solve` returns the present state.
+`Deadline` does so when the time limit expires or on Ctrl-C.
 """
 
 from __future__ import annotations
@@ -16,33 +16,22 @@ from typing import Any, TypeAlias
 from ann_dc.errors import AnnDcError
 
 Progress: TypeAlias = Callable[[str], None]
-"""Takes one line at a time."""
+"""Receiver of one line at a time."""
 
 SECONDS = 0.5
-"""Between two lines of one loop."""
+"""Smallest time in seconds between two lines of one loop."""
 
 
 class Stopped(AnnDcError):
-    """Work was ended before its end, by whoever was told of its progress; the text says why."""
+    """Raised by a progress receiver to end the work early; the text gives the reason."""
 
 
 class Deadline:
-    """A progress that ends the work when time is up, or at a first Ctrl-C.
+    """Progress receiver that ends the work at a time limit, or at a first Ctrl-C.
 
-    Within its ``with`` an interrupt in the main thread is noted and ends the work at the next
-    line; a second one interrupts at once.
-
-    Parameters
-    ----------
-    progress : Progress
-        Takes the lines meanwhile.
-    seconds : float
-        From now on; infinite for no limit.
-
-    Raises
-    ------
-    Stopped
-        When it is told a line too late.
+    The limit is in seconds from now on, infinite for none. Within its ``with`` block an interrupt
+    in the main thread is recorded and ends the work at the next line. A second interrupt takes
+    effect at once. A line received after the limit raises `Stopped`.
 
     Examples
     --------
@@ -59,25 +48,19 @@ class Deadline:
         self._before: Any = None
 
     def early(self, share: float) -> Deadline:
-        """A deadline that comes after a share of the seconds, so that a later part has some."""
+        """Return a deadline at a fraction of the time, to leave time for a later part."""
         left = (1 - share) * self.seconds if self.seconds < float("inf") else 0.0
         sooner = Deadline(self, self.seconds - left)
         sooner.end, sooner.allowed = self.end - left, f"{sooner.seconds:g} of {self.allowed}"
         return sooner
 
     def __call__(self, line: str) -> None:
-        """Hand a line on."""
+        """Check the deadline, then pass a line to the receiver."""
         self.check()
         self.progress(line)
 
     def check(self) -> None:
-        """Go on, or end the work.
-
-        Raises
-        ------
-        Stopped
-            If time is up, or someone has interrupted.
-        """
+        """Raise `Stopped` if the time limit has expired or the user has interrupted."""
         if self.interrupted:
             raise Stopped("it was interrupted")
         if clock.monotonic() >= self.end:
@@ -104,18 +87,13 @@ class Deadline:
 
 
 def silent(line: str) -> None:
-    """Tell nobody about a ``line``."""
+    """Ignore a ``line``."""
 
 
 class Paced:
-    """Tells a line every `SECONDS` at most: for loops whose turns are short.
+    """Progress receiver for short loop iterations: at most one line per interval.
 
-    Parameters
-    ----------
-    progress : Progress
-        Takes a line.
-    seconds : float
-        Least time between two lines.
+    The smallest interval between two lines is `SECONDS` by default.
 
     Examples
     --------
@@ -131,7 +109,7 @@ class Paced:
         self.progress, self.seconds, self.last = progress, seconds, clock.monotonic()
 
     def __call__(self, line: Callable[[], str]) -> None:
-        """Tell ``line()``, which is written only then, if it is time."""
+        """Send ``line()``, which is evaluated only then, if the interval has elapsed."""
         if clock.monotonic() - self.last >= self.seconds:
             self.last = clock.monotonic()
             self.progress(line())

@@ -10,16 +10,16 @@ from pathlib import Path
 from typing import Any
 
 LAPACK = "scipy.linalg"
-"""Module with SciPy's BLAS; nothing that runs without it factorises a matrix."""
+"""Module that loads SciPy's BLAS; without it no code factorises a matrix."""
 
 
 def circuits_path() -> Path:
-    """The folder of the SPICE library.
+    """Return the folder of the SPICE library.
 
     Returns
     -------
     pathlib.Path
-        With the folders ``cells`` and ``models``.
+        Folder with the subfolders ``cells`` and ``models``.
 
     Raises
     ------
@@ -44,8 +44,8 @@ def circuits_path() -> Path:
 def cores() -> int:
     """Return the number of cores that this process may use.
 
-    Where the system does not restrict a process to some of its cores (macOS, Windows), it is the
-    number of cores of the machine.
+    If the system does not restrict a process to some of its cores (macOS, Windows), the result is
+    the number of cores of the machine.
 
     Examples
     --------
@@ -60,9 +60,9 @@ def cores() -> int:
 def one_thread() -> OneThread:
     """Return the context in which BLAS and LAPACK use one thread.
 
-    Matrices of a few hundred rows are too small for more: threads wait for each other at every
-    step of a factorisation. On two cores the eigenvalues of 365 neurons then take 2 s instead of
-    0.07 s. Every function under `checked` runs in this context.
+    Matrices of a few hundred rows are too small for more threads, which wait for each other at
+    every step of a factorisation. On two cores the eigenvalues of 365 neurons then take 2 s instead
+    of 0.07 s. Every function decorated with `checked` runs in this context.
 
     Examples
     --------
@@ -75,11 +75,11 @@ def one_thread() -> OneThread:
 
 
 class OneThread:
-    """Limit of one BLAS thread, which all nested and concurrent uses in a process share.
+    """Limit of one BLAS thread, common to all nested and concurrent uses in a process.
 
-    The first use sets it and the last use restores the caller's number of threads. Other thread
-    pools, such as those of PyTorch and OpenMP, keep theirs. A forked process keeps the uses of the
-    thread that forked it; the other threads do not exist there.
+    The first use sets the limit and the last use restores the caller's number of threads. Other
+    thread pools, such as those of PyTorch and OpenMP, are not changed. A forked process inherits
+    the uses of the thread that forked it; the other threads do not exist there.
     """
 
     def __init__(self) -> None:
@@ -109,7 +109,7 @@ class OneThread:
                 self._restore()
 
     def forked(self) -> None:
-        """Forget the other threads in a new process: their uses, and a lock that one held."""
+        """Remove the uses and locks of other threads in a forked process."""
         self._lock = threading.Lock()
         self._uses = getattr(self._of_thread, "uses", 0)
 
@@ -124,7 +124,7 @@ class OneThread:
 
 
 def _set(library: Any, number: int) -> None:
-    """Set a number of threads, whichever thread of Python has set the last one."""
+    """Set a number of threads, regardless of the Python thread that set the last one."""
     release = getattr(library, "clear_controlling_thread", None)
     if release:  # threadpoolctl lets only the thread that came first set those of OpenBLAS
         release(force=True)

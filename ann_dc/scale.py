@@ -1,4 +1,4 @@
-"""How a number of the network stands for a number of the user: a factor and an offset."""
+"""Linear scaling between network values and user values: factor and offset."""
 
 from __future__ import annotations
 
@@ -14,15 +14,14 @@ class _Numbers(NamedTuple):
 
 @checked
 class Scale(_Numbers):
-    """User's value = offset + factor * network's value.
+    """Linear scaling: user's value = offset + factor * network's value.
 
     Attributes
     ----------
     factor : float
-        The user's amount that a step of 1 in the network stands for.
+        User's amount per network step of 1.
     offset : float
-        The user's value of a zero in the network; -0.0 becomes 0.0, because equal scales are
-        written alike.
+        User's value of a network zero; -0.0 becomes 0.0, so that equal scales have equal text.
 
     Examples
     --------
@@ -37,13 +36,13 @@ class Scale(_Numbers):
         return super().__new__(cls, factor, offset or 0.0)
 
     def user(self, value: Any) -> Any:
-        """The user's value of a network's ``value``, a number or an array of any library."""
+        """Return the user's value of a network ``value``, a number or any library's array."""
         return self.offset + self.factor * value
 
     def network(self, value: Any) -> Any:
-        """The network's value of a user's ``value``."""
+        """Return the network value of a user's ``value``."""
         return (value - self.offset) / self.factor
 
 
 IDENTITY = Scale()
-"""A number that stands for itself."""
+"""Identity scale."""

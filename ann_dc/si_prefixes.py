@@ -1,4 +1,4 @@
-"""Numbers in text: with a prefix of their unit, as on a schematic, and with a noun."""
+"""Text form of numbers: with SI prefixes, as on a schematic, and with nouns."""
 
 from __future__ import annotations
 
@@ -9,17 +9,7 @@ PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1, ""), (1e-3, "m"), (1e-6, "u"
 
 
 def engineering(value: float, unit: str, digits: int = 4) -> str:
-    """A value with a prefix of its unit.
-
-    Parameters
-    ----------
-    value : float
-    unit : str
-    digits : int
-
-    Returns
-    -------
-    str
+    """Return a value with an SI prefix of its unit, to a number of significant digits.
 
     Examples
     --------
@@ -36,13 +26,9 @@ def engineering(value: float, unit: str, digits: int = 4) -> str:
 
 
 def counted(count: int, plural: str) -> str:
-    """Return a count with its noun, which is singular for a count of one.
+    """Return a count with its noun, in the singular for a count of one.
 
-    Parameters
-    ----------
-    count : int
-    plural : str
-        Noun in the plural, which ends with s.
+    `plural` is the noun in the plural, which ends with s.
 
     Examples
     --------

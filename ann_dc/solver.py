@@ -1,7 +1,8 @@
-"""The whole way on one page: problem, stage equations, network, gains, run, certificate.
+"""End-to-end solution of an optimal-control problem, and its single steps.
 
-The rooms below have one verb for one type each: decompose(problem), synthesize(equations),
-design(network), run(network). Here the way may be entered with a problem at any of them.
+The steps are decomposition, synthesis, gain design, run and certificate. The packages below provide
+one function per step and type: decompose(problem), synthesize(equations), design(network),
+run(network). The functions here also accept a problem at each of these steps.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count, NotEmpty, NotNegative, Own, Positive
 
 OF_DESIGN = 0.7
-"""Share of the seconds of a limit that a design may take; the run of its network has the rest."""
+"""Fraction of a time limit that the design may take; the rest is for the run of its network."""
 
 
 @checked
@@ -55,50 +56,51 @@ def solve(
     limit: Positive | None = None,
     progress: Progress = silent,
 ) -> Solution:
-    """Let an analog neural network solve an optimal-control problem, and certify what it says.
+    """Solve an optimal-control problem with an analog neural network and certify it.
 
     Parameters
     ----------
     problem : OptimalControlProblem
+        Problem to solve.
     form : Form
-        `CORRECTED`, `PRINTED`, or a `switch` of the printed form. A printed form runs with the
-        gains that are designed for the corrected one.
+        `CORRECTED` (default), `PRINTED`, or a `switch` of the printed form. A printed form runs
+        with the gains designed for the corrected form.
     start : Start, optional
-        Where the network starts; the straight line from q_0 to q_d by default.
+        Initial guess. Default: the straight line from q_0 to q_d.
     gains : Gains or Design, optional
-        Given by hand (`hand_gains`), or a `design` with a recipe of its own or a refinement;
-        designed by default.
+        Manual gains (`hand_gains`), or a `design` with another gain rule or a refinement. Default:
+        designed gains.
     kinds : iterable of Kind, optional
-        The metrics among which the design chooses; those that suit the backend by default.
+        Preconditioner kinds from which the design chooses. Default: those that suit the backend.
     backend : Backend, optional
-        `OdeBackend` by default; `RecurrentBackend` for recurrent steps.
+        Default: `OdeBackend`; `RecurrentBackend` for recurrent steps.
     limit : float, optional
-        Seconds after which what is there is returned, with a status that says so; so it is at a
-        first Ctrl-C.
+        Wall-clock limit in seconds. On expiry or at a first Ctrl-C the current state is returned
+        with a corresponding status. Default: no limit.
     progress : Progress
-        Takes one line at a time on what is going on; it may end the work by raising `Stopped`.
+        Receives one line per step; it may end the work by raising `Stopped`. Default: silent.
 
     Returns
     -------
     Solution
-        Whatever the outcome: a run that does not settle says so in ``solution.status``, and so do
-        a target that no controls reach and a cost without a minimum. Inequalities that contradict
-        each other are no outcome of their own: the run stalls.
+        Returned for every outcome; check ``solution.status``. An unreachable target and a cost
+        without a minimum have separate outcomes. Contradictory inequalities do not: the run stalls.
 
     Raises
     ------
     ProblemError
-        If the map, the cost or an inequality has no finite value or slope at the start.
+        If the dynamics, the cost or an inequality is not finite at the initial guess, or has no
+        finite slope there.
     FormError
-        If a switch of the form has no meaning for this problem, or S16 comes with gains by hand.
+        If a switch of the form does not apply to this problem, or S16 is used with manual gains.
     SynthesisError
-        If the problem has a function that no block computes.
+        If the problem has a function without a block.
     DesignError
-        If the design's numbers overflow.
+        If numbers of the design overflow.
 
     References
     ----------
-    Paper equations (11)-(17), corrected unless ``form`` says otherwise.
+    Paper equations (11)-(17), corrected unless ``form`` selects another form.
 
     Examples
     --------
@@ -151,30 +153,31 @@ def synthesize(
     start: Start | None = None,
     rho: NotNegative = 1.0,
 ) -> Network:
-    """Wire a problem, or its stage equations in any form, as a network.
+    """Synthesize a network from a problem, or from its stage equations in any form.
 
     Parameters
     ----------
     source : OptimalControlProblem or StageEquations
         A problem is decomposed in the corrected form first.
     scales : Scales, optional
-        Of states, controls and cost; `scales_of` the problem by default.
+        Scales of states, controls and cost. Default: `scales_of` the problem.
     start : Start, optional
-        Initial values in the user's units; the straight line by default.
+        Initial guess in the user's units. Default: the straight line.
     rho : float
-        Of every PI dual's proportional path, zero for the plain Lagrangian.
+        Proportional gain of every PI multiplier neuron; zero gives the plain Lagrangian. Default 1.
 
     Returns
     -------
     Network
-        Unit time constants, and no other metric.
+        Network with unit time constants and a diagonal preconditioner.
 
     Raises
     ------
     SynthesisError
-        If the problem has a function that no block computes.
+        If the problem has a function without a block.
     ProblemError
-        If the map, the cost or an inequality has no finite value or slope at the start.
+        If the dynamics, the cost or an inequality is not finite at the initial guess, or has no
+        finite slope there.
 
     References
     ----------
@@ -224,39 +227,42 @@ def design(
     limit: Count = LONGEST_RUN,
     progress: Progress = silent,
 ) -> Design | FamilyDesign:
-    """Choose rho, time constants and metric of a problem's network, or of a network.
+    """Design rho, time constants and preconditioner of a network.
 
     Parameters
     ----------
     source : OptimalControlProblem or Network
         A problem is synthesized first.
     over : mapping, sequence of mappings, or callable, optional
-        A family of inputs for which the network is to work: ranges such as {"q_d.x": (3, 7)}, a
-        list of samples, or a function that draws them (`family_of`). Needs a problem, and the
-        recipes that it compares itself.
+        Operating range of the network: ranges such as {"q_d.x": (3, 7)}, a list of samples, or a
+        function that draws samples (`family_of`). It requires a problem and gain rules that the
+        function compares itself.
     kinds : iterable of Kind
-        The metrics among which to choose; all by default.
+        Preconditioner kinds from which to choose. Default: all.
     recipe : Recipe, optional
-        Fixes the closed form's factors and the kind of metric; the best of those known by default.
+        Gain rule that fixes the closed-form factors and the preconditioner kind. Default: the best
+        of the known rules.
     refine : Objective, optional
-        Refine all gains afterwards, along the gradients of the eigenvalues: `SETTLING_TIME` for
-        continuous time, `STEPS` or `TWO_PHASE_STEPS` for recurrent steps; some 20 seconds.
+        Refinement of all gains along the gradients of the eigenvalues; some 20 seconds.
+        `SETTLING_TIME` is for continuous time, `STEPS` or `TWO_PHASE_STEPS` for recurrent steps.
+        Default: none.
     limit : int
-        Largest number of steps of the first run.
+        Largest number of steps of the gain-scheduled run. Default: `LONGEST_RUN`.
     progress : Progress
-        Takes one line at a time on what is going on.
+        Receives one line per step. Default: silent.
 
     Returns
     -------
-    Design, or FamilyDesign with ``over``
+    Design or FamilyDesign
+        `FamilyDesign` if ``over`` is given.
 
     Raises
     ------
     DesignError
-        If the network has no PI duals, or its numbers overflow; with ``over``, if it comes with a
-        recipe or a refinement, or no input leads to a settled point.
+        If the network has no PI multiplier neurons, or its numbers overflow. With ``over``, also if
+        a recipe or refinement is given, or if no input leads to a settled point.
     ProblemError
-        If a range of ``over`` is empty, or a sample holds a value that is no number.
+        If a range of ``over`` is empty, or a sample has a value that is not a number.
     UnknownNameError
         If ``over`` names an input that the network does not have.
 

@@ -1,8 +1,8 @@
-"""Where the time of a long piece of work goes: phase by phase, in wall and in CPU time.
+"""Timing of long tasks by phase, in wall-clock and CPU time.
 
-Who wants to know holds a `Stopwatch` while the work is done; who does it says in which `phase` it
-is. Nobody hands a stopwatch on, and where nobody holds one a phase costs nothing to speak of. The
-time of a phase is its own: what phases inside it take is theirs, so that all rows add up.
+The caller opens a `Stopwatch` during the task, and the code of the task declares its `phase`. A
+stopwatch is not passed as an argument, and without one a phase has negligible cost. The time of a
+phase excludes nested phases, so that all rows add up.
 """
 
 from __future__ import annotations
@@ -14,30 +14,33 @@ from contextvars import ContextVar, Token
 from typing import NamedTuple
 
 REST = "everything else"
-"""What no phase claims."""
+"""Name of the time outside all phases."""
 
 
 class Seconds(NamedTuple):
-    """How long something took; sums are by component."""
+    """Duration in seconds; sums are by component."""
 
     wall: float = 0.0
-    """As a person waits."""
+    """Wall-clock time."""
     cpu: float = 0.0
-    """Of this process, all its threads together."""
+    """CPU time of this process, over all threads."""
 
     @classmethod
     def now(cls) -> Seconds:
-        """Both clocks, of which only differences count."""
+        """Return the readings of both clocks, of which only differences are meaningful."""
         return cls(clock.perf_counter(), clock.process_time())
 
     @classmethod
     def since_start(cls) -> Seconds:
-        """Since this process began; before this module was loaded, CPU time stands for both."""
+        """Return the time since the start of this process.
+
+        For the time before this module was loaded, the CPU time is used for both clocks.
+        """
         now = cls.now()
         return cls(_LOADED.cpu + now.wall - _LOADED.wall, now.cpu)
 
     def plus(self, begun: Seconds, ended: Seconds) -> Seconds:
-        """With what has passed between two readings."""
+        """Return this duration plus the difference of two readings."""
         return Seconds(self.wall + ended.wall - begun.wall, self.cpu + ended.cpu - begun.cpu)
 
 
@@ -45,12 +48,12 @@ _LOADED = Seconds.now()
 
 
 class Stopwatch:
-    """Takes the time of every phase of what is done while it is held.
+    """Timer of every phase of the work in its ``with`` block.
 
     Attributes
     ----------
     phases : dict of str to Seconds
-        In the order in which they began; a phase that comes again adds to its row.
+        Time by phase, in order of first start; a repeated phase adds to its row.
 
     Examples
     --------
@@ -79,24 +82,24 @@ class Stopwatch:
             _held.reset(self._token)
 
     def lap(self) -> None:
-        """What has passed since the last reading belongs to the phase of the moment."""
+        """Add the time since the last reading to the current phase."""
         now, name = Seconds.now(), self._within[-1]
         self.phases[name] = self.phases.get(name, Seconds()).plus(self._last, now)
         self._last = now
 
     def _begin(self, name: str) -> None:
-        """From here on it is the phase ``name``, until `_end`."""
+        """Start the phase ``name``, which lasts until `_end`."""
         self.lap()
         self.phases.setdefault(name, Seconds())
         self._within.append(name)
 
     def _end(self) -> None:
-        """Back to the phase outside."""
+        """Return to the enclosing phase."""
         self.lap()
         self._within.pop()
 
     def __str__(self) -> str:
-        """A row a phase, in milliseconds; what no phase claims and the sum come last."""
+        """Return one row per phase in milliseconds, then the unassigned time and the sum."""
         rows = {name: spent for name, spent in self.phases.items() if name != REST}
         rows[REST] = self.phases.get(REST, Seconds())
         rows["together"] = Seconds(*map(sum, zip(*rows.values())))
@@ -111,12 +114,7 @@ _held: ContextVar[Stopwatch | None] = ContextVar("stopwatch", default=None)
 
 @contextlib.contextmanager
 def phase(name: str) -> Iterator[None]:
-    """What is done in this block, or in the function below, is a phase of its own.
-
-    Parameters
-    ----------
-    name : str
-        What a table calls it.
+    """Time a ``with`` block, or a decorated function, as a phase of the given name.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Yield: what share of the samples keeps within a spec, and how sure that is."""
+"""Yield: fraction of samples that meet a specification, with its interval."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from ann_dc.validation.values import Index, Share
 CONFIDENCE = 0.95
 
 Limit: TypeAlias = float | tuple[float | None, float | None] | list[float | None]
-"""A largest value, or the smallest and the largest, None for none."""
+"""Largest value, or smallest and largest value; None for no limit."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Yield:
-    r"""A share with its interval.
+    """Fraction of passed samples with its confidence interval.
 
     Attributes
     ----------
     passed, count : int
-        Samples within the spec, and all that count.
+        Number of samples within the specification, and of all samples that count.
     confidence : float
-        Of the interval.
+        Confidence level of the interval. Default 0.95.
     draws : int, optional
-        Independent draws that the samples come from; fewer than samples if one draw is used under
-        several settings, 0 if nothing is drawn. All samples by default.
+        Number of independent draws behind the samples: fewer than samples if one draw is used under
+        several settings, 0 if nothing is drawn. Default: the number of samples.
 
     Examples
     --------
@@ -58,14 +58,14 @@ class Yield:
 
     @property
     def share(self) -> float:
-        """passed / count; nan of nothing."""
+        """Fraction passed / count; nan without samples."""
         return self.passed / self.count if self.count else float("nan")
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Lowest and highest share that the draws do not contradict; nan if nothing is drawn.
+        """Clopper-Pearson interval of the fraction; nan if nothing is drawn.
 
-        Samples of one draw count as one sample with their mean: the interval is exact if they
+        Samples of one draw count as one sample with their mean. The interval is exact if they
         agree, and too wide if they do not.
 
         References
@@ -104,16 +104,9 @@ class Yield:
 
 
 def ends_of(limit: Limit) -> tuple[float, float]:
-    """Smallest and largest value that keeps a limit, infinite where there is none.
+    """Return the smallest and largest allowed value of a limit, infinite if unlimited.
 
-    Parameters
-    ----------
-    limit : float or pair
-
-    Raises
-    ------
-    StudyError
-        If it is neither, or empty.
+    Raises `StudyError` if the limit is neither a number nor a pair, or is empty.
 
     Examples
     --------
@@ -131,18 +124,10 @@ def ends_of(limit: Limit) -> tuple[float, float]:
 
 
 def within(columns: Mapping[str, np.ndarray], spec: Mapping[str, Limit]) -> np.ndarray:
-    """Tell which rows keep every limit of a spec; nan keeps none.
+    """Return booleans (rows,), True for rows that meet every limit; nan meets none.
 
-    Parameters
-    ----------
-    columns : mapping of str to (rows,) array
-        The metrics of the spec, at least.
-    spec : mapping of metric to Limit
-        Not empty.
-
-    Returns
-    -------
-    (rows,) array of bool
+    `columns` contains at least the metrics of the specification, each (rows,). The specification
+    must not be empty.
 
     Examples
     --------

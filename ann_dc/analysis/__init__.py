@@ -1,4 +1,4 @@
-"""What is known at a state without running: spectrum, equilibrium, sensitivity, second order."""
+"""Analysis without a run: spectrum, equilibrium, sensitivity and second order."""
 
 import lazy_loader
 

@@ -1,10 +1,10 @@
-"""Where a network rests: the root of its drives, by Newton's method.
+"""Equilibrium of a network: root of its drives by Newton's method.
 
-Time constants and coordinators do not matter, because the metric M of dx/ds = M d(x) is regular:
-only d(x) = 0 is solved, with the exact block-tridiagonal Jacobian. Neurons whose drives push them
-past the rails at which they stand rest there; those that are found beyond their rails are put
-back, and the others follow, until none is left beyond. No line search and no damping: it is for a
-state that is nearly settled, and refuses any other.
+Time constants and coarse-level neurons have no effect, because the preconditioner M of dx/ds = M
+d(x) is regular. Only d(x) = 0 is solved, with the exact block-tridiagonal Jacobian. Neurons at a
+limit whose drives push them beyond the limit are saturated and remain there. Neurons found beyond
+their limits are set to the limits and the others are solved again, until none is beyond. Without
+line search and damping, the method requires a nearly settled state and rejects any other.
 """
 
 from __future__ import annotations
@@ -19,38 +19,39 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import State
 
 NEWTON_STEPS = 20
-"""Most that are taken; from a settled state two or three do."""
+"""Largest number of Newton steps; a settled state needs two or three."""
 
 RAILS = 10
-"""How often neurons are put back at their rails, at most."""
+"""Largest number of resets of neurons to their limits."""
 
 RESOLUTION = 1e-11
-"""A step smaller than this, relative to the state, is the last one."""
+"""Step, relative to the state, below which the iteration ends."""
 
 
 @checked
 def equilibrium(network: Network, x: State) -> np.ndarray:
-    """The equilibrium (n,) near a state, by Newton's method on the drives.
+    """Find the equilibrium (n,) near a state by Newton's method on the drives.
 
     Parameters
     ----------
     network : Network
+        Network with n neurons.
     x : (n,) array
-        Where to begin; not changed.
+        Initial state; not changed.
 
     Returns
     -------
     (n,) array
-        Between the rails.
+        Equilibrium within the saturation limits.
 
     Raises
     ------
     NetworkError
-        If there is none nearby between the rails, or the Jacobian is singular.
+        If no equilibrium within the limits is nearby, or the Jacobian is singular.
 
     Examples
     --------
-    A linear problem needs one step, from anywhere:
+    A linear problem needs one step from any state:
 
     >>> from ann_dc import evaluator, plants, synthesize
     >>> network = synthesize(plants.double_integrator(N=5))
@@ -73,7 +74,7 @@ def equilibrium(network: Network, x: State) -> np.ndarray:
 
 
 def _root(network: Network, x: np.ndarray) -> np.ndarray:
-    """Where Newton's method ends; neurons that stand at rails may rest there."""
+    """Return the limit of Newton's method; saturated neurons may stay saturated."""
     evaluator = fast_evaluator(network)
     scale = max(float(np.abs(x).max(initial=0.0)), 1.0)
     for _ in range(NEWTON_STEPS):

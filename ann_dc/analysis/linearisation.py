@@ -1,11 +1,10 @@
-"""What gain design reads off a network at a state: A, H and the stage matrices F.
+"""Linearisation of a network for gain design: A, H and the stage matrices F.
 
-Everything comes from the network's exact Jacobian, evaluated with rho = 0: the rows of the duals
-are A = dc/dz, and with the duals at zero the rows of the primal neurons are -H of the cost alone.
-The rows of inequalities are read off the primal neurons' own, -G' in the columns of the diode
-neurons, with every diode open; which of them conduct is for whoever weighs them to say.
-Of several objectives each has an equal share of H at least: one that is not the largest may become
-it.
+All quantities come from the network's exact Jacobian, evaluated with rho = 0. The rows of the duals
+are A = dc/dz; with the duals at zero, the rows of the primal neurons are -H of the cost alone. The
+gradients of inequalities are -G' in the columns of the diode neurons, with every diode open; the
+caller decides which diodes conduct. Each of several objectives has at least an equal weight in H,
+since an objective that is not the largest may become so.
 """
 
 from __future__ import annotations
@@ -21,31 +20,32 @@ from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL
 from ann_dc.network.network import Network
 
 OPEN = 1e-100
-"""State of a diode neuron that opens its diode and presses nothing."""
+"""State of a diode neuron with an open diode and a negligible multiplier."""
 
 
 class Linearisation:
-    """A, H and the stage matrices of a network at a state, which `at` gives.
+    """A, H and the stage matrices of a network at a state set by `at`.
 
     Parameters
     ----------
     network : Network
-        With PI duals; its own penalties do not count.
+        Network with PI duals; its penalties are ignored.
 
     Attributes
     ----------
     evaluator : FastEvaluator
         Of the network with rho = 0.
     primal, dual, diode : (P,) arrays of bool
-        Which neurons of the cell are what; ``dual`` are those of equalities.
+        Roles of the neurons of the cell; ``dual`` are those of equalities.
     shares : (p,) array of int
-        Components of the state vector that are shares of objectives.
+        Components of the state vector that are weights of objectives.
     z, g : (P, N) arrays
-        Of a diode neuron, in its row: its state, and the value of its inequality.
+        State of a diode neuron and value of its inequality, in the neuron's row.
     price, compliance : (P, N) arrays
-        Of a diode neuron whose row is soft; infinite and zero elsewhere.
+        Penalty weight and compliance of soft constraints by diode neuron; otherwise infinite and
+        zero.
     temperature : float
-        Of objectives, in the network's unit of cost.
+        Temperature of objectives, in the network's unit of cost.
 
     Examples
     --------
@@ -95,7 +95,7 @@ class Linearisation:
         self.temperature = _temperature(network, tape.weights)
 
     def at(self, x: np.ndarray) -> Linearisation:
-        """The linearisation at a state ``x`` (n,); it shares all but the numbers with this one."""
+        """Return the linearisation at a state ``x`` (n,); only the numbers are not shared."""
         neuron = self.network.places[:, 0]
         still = np.where(self.dual[neuron], 0.0, np.where(self.diode[neuron], OPEN, x))
         if len(self.shares):
@@ -109,45 +109,45 @@ class Linearisation:
         return linear
 
     def presses(self, weights: np.ndarray) -> np.ndarray:
-        """(P, N) of bool: which rows press at the state, by their weights (P,).
+        """Return the constraints active at the state, (P, N) of bool, for weights (P,).
 
-        Those of equalities always do, a diode where it conducts: z + w g is above zero, and below
-        the price of a soft row, where the multiplier does not move.
+        Equalities are always active. A diode conducts if z + w g is above zero and below the
+        penalty weight of a soft constraint, at which the multiplier does not move.
         """
         drawn = self.z + weights[:, None] * self.g
         return ~self.diode[:, None] | ((drawn > 0) & (drawn < self.price))
 
     @property
     def members(self) -> tuple[Linearisation, ...]:
-        """Itself: one state."""
+        """Tuple that contains only this linearisation (one state)."""
         return (self,)
 
     def row_sums(self, weight: np.ndarray) -> np.ndarray:
-        """sum_i w_i A_ij^2 as (P, N), inequalities among the rows; ``weight`` is (P,) or (P, N)."""
+        """Return sum_i w_i A_ij^2 (P, N) of all constraints; ``weight`` is (P,) or (P, N)."""
         of_row = _entries_of(weight, self._A_row, self._A_row_stage)
         return self._added_up(self._A_column, self._A_column_stage, of_row)
 
     def column_sums(self, weight: np.ndarray) -> np.ndarray:
-        """sum_j A_ij^2 T_j as (P, N), inequalities among the rows; ``weight`` is T, (P,)."""
+        """Return sum_j A_ij^2 T_j (P, N), inequalities included; ``weight`` is T, (P,)."""
         of_column = _entries_of(weight, self._A_column, self._A_column_stage)
         return self._added_up(self._A_row, self._A_row_stage, of_column)
 
     def _added_up(self, neuron: np.ndarray, stage: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Weighted squares of the entries of A, (P, N): by the neuron and stage of each."""
+        """Return the weighted squares of A's entries, summed by neuron and stage (P, N)."""
         shape = self.network.live.shape
         place = neuron * shape[1] + stage
         squares = weight * self._data[self._of_A] ** 2
         return np.bincount(place, squares, minlength=shape[0] * shape[1]).reshape(shape)
 
     def cost_curvature(self) -> np.ndarray:
-        """H_jj as (P, N), zero for duals."""
+        """Return H_jj (P, N), zero for duals."""
         e = self._in_diagonal
         total = np.zeros(self.network.live.shape)
         total[self._column[e], self._column_stage[e]] = -self._data[e]
         return total
 
     def stage_matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(F, H_qq, H_tt), each (N, C, C): df/dq and the cost's Hessians in q and t, by stage."""
+        """Return F = df/dq, and the cost's Hessians H_qq and H_tt, (N, C, C) by stage."""
         states, targets = self._chain.T
         maps = [self.network.neuron_index[d.neuron] for d in self.network.cell.duals]
         return (
@@ -157,7 +157,7 @@ class Linearisation:
         )
 
     def objective_slopes(self) -> np.ndarray:
-        """(p, P, N): slopes of the objectives over the primal neurons."""
+        """Return the gradients (p, P, N) of the objectives over the primal neurons."""
         objectives, live = self.network.cell.objectives, self.network.live
         slopes = np.zeros((len(objectives), *live.shape))
         for own, objective in enumerate(objectives):
@@ -167,13 +167,13 @@ class Linearisation:
         return slopes
 
     def inequality_matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(rows, dg/dq, dg/dt): the diode neurons (d,), and (N, d, C) each, by stage."""
+        """Return the diode neurons (d,) and dg/dq, dg/dt (N, d, C) by stage."""
         states, targets = self._chain.T
         of_q, of_t = (-self._stage_block(of, self._diodes) for of in (states, targets))
         return self._diodes, of_q.transpose(0, 2, 1), of_t.transpose(0, 2, 1)
 
     def control_matrices(self) -> tuple[np.ndarray, np.ndarray]:
-        """(B, R): df/du (N, C, m) by stage, and the cost's largest curvature (m,) in each control.
+        """Return df/du (N, C, m) by stage and the largest cost curvature (m,) per control.
 
         Controls are the primal neurons that belong to no chain.
         """
@@ -185,7 +185,7 @@ class Linearisation:
         return self._stage_block(maps[: len(self._chain)], controls), curvature
 
     def _stage_block(self, rows, columns) -> np.ndarray:
-        """The Jacobian's blocks (N, C, C) of some neurons by others of the same stage."""
+        """Return the Jacobian's blocks (N, C, C) between neurons of the same stage."""
         row_place, column_place = (-np.ones(len(self.network.live), int) for _ in range(2))
         row_place[rows], column_place[columns] = np.arange(len(rows)), np.arange(len(columns))
         r, c = row_place[self._row], column_place[self._column]
@@ -196,13 +196,10 @@ class Linearisation:
 
 
 def softness(network: Network, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Price and compliance (P, N) of every diode neuron, infinite and zero where it has none.
+    """Return penalty weight and compliance (P, N) of the diode neurons.
 
-    Parameters
-    ----------
-    network : Network
-    weights : (E, N) array
-        Of its connections.
+    The values are infinite and zero for hard constraints. `weights` (E, N) are those of the
+    network's connections.
     """
     price, compliance = np.full(network.live.shape, np.inf), np.zeros(network.live.shape)
     edges = evaluator(network).edges
@@ -221,23 +218,14 @@ def _temperature(network: Network, weights: np.ndarray) -> float:
 
 
 def _entries_of(weight: np.ndarray, neuron: np.ndarray, stage: np.ndarray) -> np.ndarray:
-    """Of a weight a neuron, (P,), or a neuron and stage, (P, N)."""
+    """Return the entries of a weight (P,) per neuron or (P, N) per neuron and stage."""
     return weight[neuron] if weight.ndim == 1 else weight[neuron, stage]
 
 
 class MeanLinearisation:
-    """Linearisations of networks that differ in their inputs, as one: squares are averaged.
+    """Mean of linearisations at a state each, of equal wiring and different inputs.
 
-    Parameters
-    ----------
-    members : sequence of Linearisation
-        At a state of each; of networks with the same wiring.
-
-    Attributes
-    ----------
-    network : Network
-        That of the first member.
-    primal, dual, diode : (P,) arrays of bool
+    Squares are averaged. `network` is that of the first member.
     """
 
     def __init__(self, members: Sequence[Linearisation]) -> None:
@@ -247,23 +235,23 @@ class MeanLinearisation:
         self.dual, self.diode = first.dual, first.diode
 
     def row_sums(self, weight: np.ndarray) -> np.ndarray:
-        """Mean of sum_i w_i A_ij^2, (P, N); ``weight`` is (P,) or (P, N)."""
+        """Return the mean of sum_i w_i A_ij^2 (P, N); ``weight`` is (P,) or (P, N)."""
         return np.mean([member.row_sums(weight) for member in self.members], axis=0)
 
     def column_sums(self, weight: np.ndarray) -> np.ndarray:
-        """Mean of sum_j A_ij^2 T_j, (P, N); ``weight`` is T, (P,)."""
+        """Return the mean of sum_j A_ij^2 T_j (P, N); ``weight`` is T, (P,)."""
         return np.mean([member.column_sums(weight) for member in self.members], axis=0)
 
     def cost_curvature(self) -> np.ndarray:
-        """Mean of H_jj, (P, N), zero for duals."""
+        """Return the mean of H_jj (P, N), zero for duals."""
         return np.mean([member.cost_curvature() for member in self.members], axis=0)
 
     def stage_matrices(self) -> tuple[np.ndarray, ...]:
-        """Means of (F, H_qq, H_tt), each (N, C, C)."""
+        """Return the means of (F, H_qq, H_tt), each (N, C, C)."""
         every = [member.stage_matrices() for member in self.members]
         return tuple(np.mean(matrices, axis=0) for matrices in zip(*every))
 
     def control_matrices(self) -> tuple[np.ndarray, np.ndarray]:
-        """Means of (B, R), (N, C, m) and (m,)."""
+        """Return the means of (B, R), (N, C, m) and (m,)."""
         B, R = zip(*(member.control_matrices() for member in self.members))
         return np.mean(B, axis=0), np.mean(R, axis=0)

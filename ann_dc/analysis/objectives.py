@@ -1,11 +1,11 @@
-r"""How slow a flow is, as a smooth function of its eigenvalues: what a search makes small.
+r"""Slowness of a flow as a smooth function of its eigenvalues, for minimisation.
 
-An objective says how fast each mode decays, b > 0, in units of its own: the fastest time constant,
-or a step. The slowest mode counts:
+An objective gives the decay b > 0 of each mode in its unit, the fastest time constant or a step.
+The slowest mode counts:
 
 .. math:: \log \max_i \frac{1}{b_i} \;\le\; \frac{1}{p} \log \sum_i b_i^{-p} ,
 
-which is smooth, and sharper with larger p.
+where the right side is smooth, and closer to the left side for larger p.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ann_dc.validation.values import such_as
 
 
 class Slope(NamedTuple):
-    """A value and its derivatives: d value = Re sum by_eigenvalue dlambda + by_step d log h."""
+    """Value and derivatives: d value = Re sum by_eigenvalue dlambda + by_step d log h."""
 
     value: float
     by_eigenvalue: np.ndarray
@@ -28,16 +28,11 @@ class Slope(NamedTuple):
 
 @such_as("ann_dc.SETTLING_TIME")
 class Objective(ABC):
-    """What is to be small; see the module.
+    """Objective of a gain refinement; definition in the module docstring.
 
-    Attributes
-    ----------
-    unit : str
-        In what the slowest mode's time is told.
-    stepped : bool
-        Whether a step h counts, which is then chosen too.
-    dual_late : bool
-        Whether the dual neurons of a step move on the new residual, which acts as h K more penalty.
+    `unit` is that of the slowest mode's time. `stepped` is True if the objective depends on a step
+    h, which is then optimised too. `dual_late` is True if the dual neurons move on the new
+    residual, which adds h K to the penalty.
     """
 
     unit: str
@@ -46,35 +41,23 @@ class Objective(ABC):
 
     @abstractmethod
     def decays(self, eigenvalues: np.ndarray, step: float) -> np.ndarray:
-        """How fast every mode (n,) decays, in the unit of the objective; negative: it grows."""
+        """Return the decays (n,) of the modes in the objective's unit; growth is negative."""
 
     @abstractmethod
     def smoothed(
         self, eigenvalues: np.ndarray, step: float, sharpness: float, floor: float
     ) -> Slope:
-        """Log of the slowest mode's time, smoothed.
+        """Return the smoothed logarithm of the slowest mode's time.
 
-        Parameters
-        ----------
-        eigenvalues : (n,) complex array
-            Of the flow, in 1 / network time.
-        step : float
-            h, in network time.
-        sharpness : float
-            p.
-        floor : float
-            Decay below which the logarithm goes on straight, through zero: where a mode grows, the
-            value still says how to make it decay.
+        `eigenvalues` (n,) are those of the flow in 1 / network time, `step` is h in network time,
+        `sharpness` p. `floor` is the decay below which the logarithm is extended linearly through
+        zero, so that the gradient of a growing mode still leads to decay.
         """
 
     def slowness(self, eigenvalues: np.ndarray, step: float) -> float:
-        """Time of the slowest mode, not smoothed; infinite if one grows.
+        """Return the unsmoothed time of the slowest mode; infinite if a mode grows.
 
-        Parameters
-        ----------
-        eigenvalues : (n,) complex array
-        step : float
-            h, in network time.
+        `eigenvalues` are (n,); `step` is h in network time.
         """
         slowest = self.decays(eigenvalues, step).min()
         return float(1 / slowest) if slowest > 0 else float("inf")
@@ -116,21 +99,21 @@ class _Steps(Objective):
 
 
 SETTLING_TIME: Objective = _SettlingTime()
-"""The ratio radius / |abscissa|: settling in fastest time constants, per factor of e."""
+"""Ratio radius / |abscissa|: settling in fastest time constants, per factor of e."""
 
 STEPS: Objective = _Steps(dual_late=False)
-"""Steps of all neurons at once at the best h, per factor of e: -1 / log max |1 + h lambda|."""
+"""Simultaneous steps at the best h, per factor of e: -1 / log max |1 + h lambda|."""
 
 TWO_PHASE_STEPS: Objective = _Steps(dual_late=True)
-"""The same where dual neurons move after the primal ones, on the new residual.
+"""Steps per factor of e if dual neurons move after the primal ones, on the new residual.
 
-The best h may be far above the largest stable one of the simultaneous order, h K being penalty too:
-such gains want that fixed step, adaptive rules do not find it.
+The best h may be far above the largest stable step of the simultaneous order, because h K adds to
+the penalty. Such gains require this fixed step; adaptive rules do not find it.
 """
 
 
 def _log_slowest(decays: np.ndarray, sharpness: float, floor: float) -> tuple[float, np.ndarray]:
-    """(1/p) log sum b^-p and its gradient (n,)."""
+    """Return (1/p) log sum b^-p and its gradient (n,)."""
     above = np.maximum(decays, floor)
     below = np.minimum(decays - floor, 0.0) / floor
     logs = -np.log(above) - below

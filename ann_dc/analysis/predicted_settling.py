@@ -1,13 +1,14 @@
-r"""The settling time that a network's own modes predict, without a run.
+r"""Settling time predicted from the modes of a network, without a run.
 
-Near its settled point x* a network flows as x' = J (x - x*) + n(x), where n is what is not linear.
+Near its settled point x* the flow of a network is x' = J (x - x*) + n(x), where n is the nonlinear
+part.
 
 .. math:: x(t) - x^* = e^{J t} (x_0 - x^*) + \int_0^t e^{J (t - s)}\, n(x(s))\, ds .
 
-Without the integral that is the linearised flow. With it, the way is taken in a few steps that
-grow towards its end: the modes go exactly, whatever their speed, and n is a straight line in every
-step [1]_. What the nonlinear way leaves of the slowest modes decides, and few steps tell it. The
-residual on that way is the one that runs use, and its last exit counts.
+Without the integral this is the linearised flow. With it, the trajectory is computed in a few steps
+that grow towards the end. The modes are exact, whatever their speed, and n is linear in every step
+[1]_. The amplitudes of the slowest modes after the nonlinear part determine the result; few steps
+suffice for these. The residual is that of runs, and its last exit from the tolerance counts.
 
 References
 ----------
@@ -29,13 +30,13 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import PositiveFinite, State
 
 LARGEST = 1500
-"""Neurons up to which all modes are computed: some seconds."""
+"""Number of neurons up to which all modes are computed, in some seconds."""
 STEPS, FINE = 160, 32
-"""Steps on the whole way, and times between two of their ends around the exit."""
+"""Steps of the whole trajectory; times within the step of the exit."""
 BEND = 6.0
-"""How much closer they lie at the beginning: by a factor of e to this power."""
+"""Exponent of the step growth: the steps grow by a factor of e to this power."""
 BEYOND = 1e-3
-"""Share of the tolerance to which the slowest mode has fallen when the way ends."""
+"""Amplitude of the slowest mode at the end of the trajectory, relative to the tolerance."""
 
 
 @checked
@@ -47,34 +48,25 @@ def predicted_settling(
     *,
     linear: bool = False,
 ) -> float:
-    """Network time after which the relative KKT residual stays below a tolerance, predicted.
+    """Predict the network time at which the KKT residual settles below a tolerance.
 
-    It costs `STEPS` times two looks at the drives, and all eigenvectors. The linear path is taken
-    where eigenvectors do not tell the modes apart, and where the steps leave the function blocks'
-    domains.
+    The residual is relative and stays below the tolerance afterwards. The cost is two evaluations
+    of the drives in each of `STEPS` steps, and all eigenvectors. The linear path is used if
+    eigenvectors do not separate the modes, or if the steps leave the domains of function blocks.
+    The result is zero if the residual never exceeds the tolerance, and nan if the settled point is
+    unstable or the initial state lies outside a domain. Raises `NetworkError` if the network has
+    more than `LARGEST` neurons.
 
     Parameters
     ----------
-    network : Network
     settled : (n,) array
-        Where it settles: `equilibrium`, or the end of a run of a network like it.
+        Settled point: `equilibrium`, or the end of a run of a similar network.
     start : (n,) array
-        Where it starts.
+        Initial state.
     tolerance : float
         As `Settling.tolerance`.
     linear : bool
-        The linearised flow alone.
-
-    Returns
-    -------
-    float
-        In units of network time; zero where the residual never is above the tolerance, nan where
-        the settled point does not attract or the start lies outside a domain.
-
-    Raises
-    ------
-    NetworkError
-        If the network has more than `LARGEST` neurons.
+        Use only the linearised flow.
 
     Examples
     --------
@@ -98,7 +90,7 @@ def predicted_settling(
 
 
 class _Path:
-    """The way from a start to a settled point."""
+    """Trajectory from an initial state to a settled point."""
 
     def __init__(
         self, network: Network, settled: np.ndarray, start: np.ndarray, tolerance: float
@@ -116,16 +108,16 @@ class _Path:
 
     @property
     def is_defective(self) -> bool:
-        """Whether eigenvectors do not tell the modes apart."""
+        """True if eigenvectors do not separate the modes."""
         return not self.modes.condition < WORST_CONDITION
 
     @property
     def times(self) -> np.ndarray:
-        """Nodes of the way, the closer the earlier."""
+        """Times of the steps, denser at the beginning."""
         return self.end * np.expm1(BEND * np.linspace(0, 1, STEPS + 1)) / np.expm1(BEND)
 
     def states(self, deviations: np.ndarray) -> np.ndarray:
-        """(T, n) of deviations (free, T)."""
+        """Return states (T, n) from deviations (free, T)."""
         states = np.repeat(self.settled[None], deviations.shape[1], axis=0)
         states[:, self.free] += deviations.T
         return states
@@ -133,11 +125,11 @@ class _Path:
     # ---- the way -------------------------------------------------------------------------------
 
     def linear(self) -> np.ndarray:
-        """Amplitudes (m, T) of the linearised flow."""
+        """Return the amplitudes (m, T) of the linearised flow."""
         return self.modes.decay(self.modes.amplitudes(self.deviation), self.times)
 
     def bent(self) -> np.ndarray:
-        """Amplitudes (m, T) of the way as it is; linear where it cannot be taken."""
+        """Return the amplitudes (m, T) of the nonlinear flow; linear if that fails."""
         found, step = self.linear(), self.modes.steps(np.diff(self.times))
         with np.errstate(all="ignore"):
             for k in range(STEPS):
@@ -148,7 +140,7 @@ class _Path:
         return found if np.isfinite(found).all() else self.linear()
 
     def _push(self, amplitudes: np.ndarray) -> np.ndarray:
-        """Amplitudes (m,) of what is not linear at a place of the way."""
+        """Return the amplitudes (m,) of the nonlinear part of the flow."""
         deviation = self.modes.deviations(amplitudes)
         move = self.evaluator.rhs(self.states(deviation[:, None])[0])
         return self.modes.amplitudes(move[self.free] - self.flow @ deviation)
@@ -156,7 +148,7 @@ class _Path:
     # ---- the exit ------------------------------------------------------------------------------
 
     def _above(self, deviations: np.ndarray) -> int:
-        """The last of some deviations whose residual is not below the tolerance; -1: none."""
+        """Return the index of the last deviation with a residual above tolerance, or -1."""
         states = self.states(deviations)
         for number in range(len(states) - 1, -1, -1):
             if not max(self.evaluator.residuals(states[number])) < self.tolerance:
@@ -164,7 +156,7 @@ class _Path:
         return -1
 
     def exit(self, amplitudes: np.ndarray) -> float:
-        """The last exit of a path; from node to node around it the flow is linear."""
+        """Return the last exit time of a path; within a step the flow is linear."""
         times, node = self.times, self._above(self.modes.deviations(amplitudes))
         if node < 0 or node == STEPS:
             return 0.0 if node < 0 else float("nan")
@@ -173,7 +165,7 @@ class _Path:
         return float(times[node] + within[self._above(self.modes.deviations(decayed))])
 
     def exponential_exit(self) -> float:
-        """That of the linear path, by matrix exponentials, in equal steps."""
+        """Return the exit time of the linear path by matrix exponentials in equal steps."""
         step = self.end / STEPS
         deviations = _stepped(self.flow, self.deviation, step, STEPS)
         node = self._above(deviations)
@@ -184,7 +176,7 @@ class _Path:
 
 
 def _stepped(flow: np.ndarray, deviation: np.ndarray, step: float, count: int) -> np.ndarray:
-    """Deviations (n, count + 1) after every step of a linear flow."""
+    """Return the deviations (n, count + 1) after every step of a linear flow."""
     found, matrix = [deviation], scipy.linalg.expm(step * flow)
     for _ in range(count):
         found.append(matrix @ found[-1])

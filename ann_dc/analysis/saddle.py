@@ -1,21 +1,18 @@
-r"""The saddle problem at a settled point: H, A, and how strongly the multipliers answer a push.
+r"""Saddle-point problem at a settled point: H, A and multiplier sensitivity.
 
 With H the Hessian of the Lagrangian over the primal neurons and A the constraints' Jacobian,
 
 .. math:: K = \begin{pmatrix} H & A^T \\ A & 0 \end{pmatrix}, \qquad
     Q = (A H^{-1} A^T)^{-1} = -(K^{-1})_{dual, dual} .
 
-Q is the *shadow stiffness*: where a row is pushed, the optimal multiplier answers with Q times the
-push. Its largest eigenvalue over the penalty says how slow the multipliers are, its smallest one
-which penalty H + A'WA needs to be positive definite.
+Q is the *inverse Schur complement*: the optimal multipliers respond to a constraint perturbation
+with Q times the perturbation. Its largest eigenvalue relative to the penalty measures the slowness
+of the multipliers. Its smallest eigenvalue determines the penalty that makes H + A'WA positive
+definite.
 
-With H the Hessian of the Lagrangian and A the constraints' Jacobian, the symmetric
-
-.. math:: K = \begin{pmatrix} H & A^T \\ A & 0 \end{pmatrix}
-
-has as many negative eigenvalues as there are constraints exactly where H is positive definite on
-the null space of A: at a strict local minimum (Nocedal and Wright, Numerical Optimization, 2006,
-theorem 16.3). The flow's own Jacobian has the primal rows with the opposite sign.
+The symmetric K has as many negative eigenvalues as there are constraints if and only if H is
+positive definite on the null space of A: at a strict local minimum (Nocedal and Wright, Numerical
+Optimization, 2006, theorem 16.3). The flow's Jacobian has the primal rows with the opposite sign.
 """
 
 from __future__ import annotations
@@ -40,8 +37,10 @@ from ann_dc.validation.values import State
 # ---- the saddle problem at a settled point: H, A, and how strongly the multipliers answer a push
 
 LARGEST_PENALTY = 1e6
-"""Over the largest entry of K: where it does not make H + rho A'A positive definite, none does. A
-larger one would drown H in the rounding errors of rho A'A."""
+"""Largest rho tested, over the largest entry of K: if H + rho A'A is not positive definite there,
+no
+rho suffices. For larger ones, rounding errors of rho A'A exceed H.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,8 +50,7 @@ class Saddle:
     Attributes
     ----------
     primal, dual : (z,) and (d,) arrays of int
-        Their components in the state vector: not those at a rail, nor inequalities that do not
-        press.
+        Components of the state vector, without saturated neurons and inactive inequalities.
     H : (z, z) sparse array
         Hessian of the Lagrangian.
     A : (d, z) sparse array
@@ -80,15 +78,15 @@ class Saddle:
 
     @property
     def K(self) -> Any:
-        """The KKT matrix (z + d, z + d), primal neurons first, sparse."""
+        """KKT matrix (z + d, z + d), sparse, primal neurons first."""
         return sparse.block_array([[self.H, self.A.T], [self.A, None]], format="csc")
 
     @property
     def is_minimum(self) -> bool:
-        """Whether H is positive definite on the null space of A: at a strict local minimum.
+        """True if H is positive definite on the null space of A (strict local minimum).
 
-        K has then as many negative eigenvalues as rows of A. Above `DENSE_LIMIT` neurons
-        H + rho A'A is factored instead, with a penalty beyond any that a design would choose.
+        K then has as many negative eigenvalues as A has rows. Above `DENSE_LIMIT` neurons, H + rho
+        A'A is factored instead, with a penalty larger than any design would choose.
         """
         if len(self.primal) + len(self.dual) <= DENSE_LIMIT:
             return bool((np.linalg.eigvalsh(self.K.toarray()) < 0).sum() == len(self.dual))
@@ -96,38 +94,21 @@ class Saddle:
 
     @cached_property
     def is_convex(self) -> bool:
-        """True if H + rho A'A is positive definite for a large rho, with dependent rows too."""
+        """True if H + rho A'A is positive definite for a large rho; rows may be dependent."""
         penalty = LARGEST_PENALTY * abs(self.K).max()
         return _is_positive_definite(self.H + penalty * (self.A.T @ self.A))
 
     @cached_property
     def shadow(self) -> np.ndarray:
-        """Q (d, d), dense.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            If K is singular.
-        """
+        """Q (d, d), dense. Raises numpy.linalg.LinAlgError if K is singular."""
         z = len(self.primal)
         Q = -np.linalg.inv(self.K.toarray())[z:, z:]
         return 0.5 * (Q + Q.T)
 
     def answer(self, pushes: np.ndarray) -> np.ndarray:
-        """Q times pushes on the rows, by sparse solves.
+        """Return Q times perturbations (d,) or (d, b), by sparse solves.
 
-        Parameters
-        ----------
-        pushes : (d,) or (d, b) array
-
-        Returns
-        -------
-        array of the same shape
-
-        Raises
-        ------
-        RuntimeError
-            If K is singular.
+        Raises RuntimeError if K is singular.
         """
         padded = np.zeros((len(self.primal) + len(self.dual), *pushes.shape[1:]))
         padded[len(self.primal) :] = pushes
@@ -138,12 +119,10 @@ class Saddle:
         return scipy.sparse.linalg.splu(self.K)
 
     def shadow_range(self, weights: np.ndarray) -> tuple[float, float]:
-        """Smallest and largest eigenvalue of W^{-1/2} Q W^{-1/2}, for row weights (d,).
+        """Return the extreme eigenvalues of W^{-1/2} Q W^{-1/2} for weights (d,).
 
-        Raises
-        ------
-        numpy.linalg.LinAlgError, RuntimeError
-            If K is singular, or the iteration of a large network fails.
+        Raises numpy.linalg.LinAlgError or RuntimeError if K is singular, or if the iteration of a
+        large network fails.
         """
         root = np.sqrt(weights)
         if len(self.primal) + len(self.dual) <= DENSE_LIMIT:
@@ -157,18 +136,16 @@ class Saddle:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RowShadow:
-    """The shadow stiffness of one row of the constraints, over the stages that have it.
+    """Multiplier sensitivity Q of one constraint, over the stages that have it.
 
     Attributes
     ----------
-    neuron : str
-        The dual neuron of the row, ``mu.theta``.
-    penalty : float
-        w, to compare with.
+    neuron, penalty : str and float
+        Dual neuron of the constraint, for example ``mu.theta``, and w, for comparison with Q.
     at_stage : (b,) array
-        Q of a push at one stage, by stage.
+        Q of a perturbation at one stage, by stage.
     lowest, highest : float
-        Q of the pushes over the horizon that are answered least and most.
+        Smallest and largest eigenvalue of Q over the horizon.
 
     Examples
     --------
@@ -185,31 +162,17 @@ class RowShadow:
 
     @property
     def reach(self) -> float:
-        """The larger end of Q over the penalty: above one, the row is weakly reachable."""
+        """Larger end of Q over the penalty; above one the constraint is weakly reachable."""
         return max(self.highest, -self.lowest) / self.penalty
 
 
 @checked
 def shadow_rows(network: Network, saddle: Saddle, penalties: np.ndarray) -> tuple[RowShadow, ...]:
-    """The shadow stiffness row by row.
+    """Return the multiplier sensitivity of every constraint.
 
-    Parameters
-    ----------
-    network : Network
-    saddle : Saddle
-        Of this network.
-    penalties : (P,) array
-        Of every dual neuron's row, positive; network units.
-
-    Returns
-    -------
-    tuple of RowShadow
-        In the order of the cell's duals, then of its diodes.
-
-    Raises
-    ------
-    RuntimeError
-        If K is singular.
+    `penalties` (P,) are those of every dual neuron's constraint, positive, in network units. The
+    result has the order of the cell's duals, then of its diodes. Raises RuntimeError if K is
+    singular.
     """
     rows, owner = [], network.places[saddle.dual, 0]
     for dual in (*network.cell.duals, *network.cell.diodes):
@@ -232,7 +195,7 @@ def shadow_rows(network: Network, saddle: Saddle, penalties: np.ndarray) -> tupl
 
 
 def _is_positive_definite(matrix: Any) -> bool:
-    """Whether a symmetric sparse matrix, whose rows stand in the order of the stages, is so."""
+    """Return True if a symmetric sparse matrix ordered by stage is positive definite."""
     try:
         factors = scipy.sparse.linalg.splu(
             sparse.csc_array(matrix),
@@ -247,7 +210,7 @@ def _is_positive_definite(matrix: Any) -> bool:
 
 
 def _ends(operator: Any) -> tuple[float, float]:
-    """Both ends of a symmetric operator's spectrum, by Lanczos iterations."""
+    """Return both ends of a symmetric operator's spectrum, by Lanczos iterations."""
     found: Any = scipy.sparse.linalg.eigsh(
         operator,
         k=2,
@@ -263,20 +226,10 @@ def _ends(operator: Any) -> tuple[float, float]:
 
 @checked
 def saddle_of(network: Network, x: State, *, among: Saddle | None = None) -> Saddle:
-    """H and A of a network at a state.
+    """Return H and A of a network at a settled state (n,).
 
-    Parameters
-    ----------
-    network : Network
-        With PI duals; its own penalties do not count.
-    x : (n,) array
-        A settled state.
-    among : Saddle, optional
-        Of the same network elsewhere: whose neurons count, whatever rails hold at this state.
-
-    Returns
-    -------
-    Saddle
+    The network must have PI duals; its penalties are ignored. `among` is a saddle of the network at
+    another state, whose neurons are then used, whatever saturates at this state.
     """
     evaluator = fast_evaluator(network, tape_with_penalty(network, 0.0))
     role = evaluator.tape.roles[network.places[:, 0]]
@@ -301,7 +254,7 @@ def saddle_of(network: Network, x: State, *, among: Saddle | None = None) -> Sad
 
 
 def _still(network: Network, x: np.ndarray) -> np.ndarray:
-    """(n,) booleans: which multipliers of inequalities do not move: idle ones, or at a price."""
+    """Return the inequality multipliers (n,) of bool that are inactive or at a price."""
     still = np.zeros(network.live.shape, bool)
     if network.cell.diodes:
         values, index = fast_evaluator(network).values(x)[:, 1:-1], network.node_index
@@ -318,25 +271,15 @@ def _still(network: Network, x: np.ndarray) -> np.ndarray:
 
 @checked
 def penalty_threshold(network: Network, x: State) -> float:
-    r"""rho*: the smallest common penalty that makes H + rho A'A positive definite at a KKT point.
+    r"""Return rho*, the smallest common penalty with H + rho A'A > 0 at a KKT point.
 
     .. math::
         \rho^* = \max(0, -\lambda_{min}(Q))
 
-    with the shadow stiffness Q of `Saddle`, in the network's own units. Sufficient for stability;
-    the flow's own threshold can be lower. Infinite at a saddle, where no penalty is enough; nan
-    where K is singular or the iteration of a large network fails.
-
-    Parameters
-    ----------
-    network : Network
-        With PI duals.
-    x : (n,) array
-        A settled state.
-
-    Returns
-    -------
-    float
+    where Q is the inverse Schur complement of `Saddle`, in the network's units. rho* is sufficient
+    for stability; the flow's threshold can be lower. The result is infinite at a saddle point,
+    where no penalty suffices, and nan if K is singular or the iteration of a large network fails.
+    The network must have PI duals; `x` (n,) is a settled state.
 
     References
     ----------
@@ -354,17 +297,7 @@ def penalty_threshold(network: Network, x: State) -> float:
 
 
 def threshold_of(saddle: Saddle) -> float:
-    """rho* of a saddle problem whose H and A are known; see `penalty_threshold`.
-
-    Parameters
-    ----------
-    saddle : Saddle
-        At a settled point.
-
-    Returns
-    -------
-    float
-    """
+    """Return rho* of known H and A at a settled point; see `penalty_threshold`."""
     try:
         if not saddle.is_minimum:
             return float("inf")
@@ -375,23 +308,12 @@ def threshold_of(saddle: Saddle) -> float:
 
 
 def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> bool:
-    """Tell from its drive Jacobian if a settled point is one that the flow can rest at.
+    """Return True if a settled point is a strict minimum, from its drive Jacobian.
 
-    With PI duals: the reduced Hessian is positive definite, a strict local minimum (K has as many
-    negative eigenvalues as constraints). Without, or with neurons that are no part of the
-    optimisation (poles of the hardware): no eigenvalue of the flow leads away.
-
-    Parameters
-    ----------
-    network : Network
-    jacobian : (n, n) sparse array
-        d drive / dx at the point.
-    resting : (n,) array of bool
-        Which neurons stand at a rail; they are left out.
-
-    Returns
-    -------
-    bool
+    With PI duals, the reduced Hessian must be positive definite (K has as many negative eigenvalues
+    as constraints). Without PI duals, or with neurons outside the optimisation (poles of the
+    hardware), no eigenvalue of the flow may be unstable. `jacobian` (n, n) is d drive / dx at the
+    point; neurons in `resting` (n,), which are saturated, are omitted.
     """
     leaking = _leaking(network, jacobian)
     free = np.flatnonzero(~(resting | leaking))
@@ -408,12 +330,12 @@ def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> b
 
 
 def _leaking(network: Network, jacobian: Any) -> np.ndarray:
-    """(n,) booleans: which diode neurons leak: idle ones, those at a price, and compliant ones."""
+    """Return the diode neurons (n,) that leak: inactive, at a price, or compliant."""
     diodes = [network.neuron_index[diode.neuron] for diode in network.cell.diodes]
     return np.isin(network.places[:, 0], diodes) & (jacobian.diagonal() < 0)
 
 
 def _of_compliance(jacobian: Any, free: np.ndarray, leaking: np.ndarray) -> Any:
-    """Return the share of leaking neurons at rest in the Jacobian of the free ones."""
+    """Return the contribution of leaking neurons to the Jacobian of the free ones."""
     leak = sparse.diags_array(1.0 / -jacobian.diagonal()[leaking])
     return jacobian[free][:, leaking] @ leak @ jacobian[leaking][:, free]

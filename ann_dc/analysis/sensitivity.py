@@ -1,13 +1,14 @@
-r"""How the settled point moves with every synapse weight and every input, in one solve.
+r"""Sensitivity of the settled point to all weights and inputs, in one solve.
 
 At a settled point F(x, w) = 0, so that
 
 .. math:: \frac{dx^*}{dw} = -J^{-1} \frac{\partial F}{\partial w},
     \qquad J = \frac{\partial F}{\partial x} .
 
-Only a few outputs y = L x matter (the controls), and weights are many: the adjoints
-Lambda = -J^{-T} L^T are solved for once, one right-hand side an output, and one backward sweep over
-the blocks gives dy/dw for all weights, and dy/dv for the values of all nodes, at all stages.
+Only a few outputs y = L x are needed (the controls), while synapse weights are many. The adjoints
+Lambda = -J^{-T} L^T are therefore solved once, with one right-hand side per output. One backward
+sweep over the blocks gives dy/dw for all weights, and dy/dv for the values of all nodes, at all
+stages.
 """
 
 from __future__ import annotations
@@ -28,24 +29,10 @@ from ann_dc.validation.checked import checked
 def weight_sensitivity(
     network: Network, x: np.ndarray, outputs: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Derivatives of some state components by all weights, at an equilibrium.
+    """Return the derivatives of some state components by all weights.
 
-    Parameters
-    ----------
-    network : Network
-    x : (n,) array
-        An equilibrium.
-    outputs : (m,) array of int
-        Components of the state vector.
-
-    Returns
-    -------
-    dict of connection name to (m, N) array
-
-    Raises
-    ------
-    NetworkError
-        If the equilibrium is not isolated.
+    `x` (n,) is an equilibrium, `outputs` (m,) are components of the state vector. The result maps
+    connection names to (m, N) arrays. Raises `NetworkError` if the equilibrium is not isolated.
 
     Examples
     --------
@@ -66,25 +53,11 @@ def weight_sensitivity(
 def input_sensitivity(
     network: Network, x: np.ndarray, outputs: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Derivatives of some state components by all inputs, at an equilibrium.
+    """Return the derivatives of some state components by all inputs.
 
-    Parameters
-    ----------
-    network : Network
-    x : (n,) array
-        An equilibrium.
-    outputs : (m,) array of int
-        Components of the state vector.
-
-    Returns
-    -------
-    dict of input name to (m, N) array
-        Both in network units.
-
-    Raises
-    ------
-    NetworkError
-        If the equilibrium is not isolated.
+    `x` (n,) is an equilibrium, `outputs` (m,) are components of the state vector. The result maps
+    input names to (m, N) arrays; states and inputs are in network units. Raises `NetworkError` if
+    the equilibrium is not isolated.
 
     Examples
     --------
@@ -108,7 +81,7 @@ def input_sensitivity(
 
 
 def _swept(network: Network, x: np.ndarray, outputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives by all weights (m, edges, N), and by the values of nodes (m, nodes, N + 2)."""
+    """Return derivatives by weights (m, edges, N) and node values (m, nodes, N + 2)."""
     compiled, tape = fast_evaluator(network), evaluator(network).tape
     adjoints = _Adjoints(network, compiled.values(x), _solved(compiled, x, outputs))
     gradient = np.zeros((len(outputs), *tape.weights.shape))
@@ -120,7 +93,7 @@ def _swept(network: Network, x: np.ndarray, outputs: np.ndarray) -> tuple[np.nda
 
 
 def _solved(compiled: FastEvaluator, x: np.ndarray, outputs: np.ndarray) -> np.ndarray:
-    """-J^{-T} L^T as (m, n) among the free neurons; those at rails stay there."""
+    """Return -J^{-T} L^T (m, n) among the free neurons; saturated ones do not move."""
     wanted = np.zeros((compiled.network.size, len(outputs)))
     wanted[np.asarray(outputs), np.arange(len(outputs))] = 1.0
     free, solved = np.flatnonzero(compiled.free(x)), np.zeros(wanted.T.shape)
@@ -145,7 +118,7 @@ class _Adjoints:
         self.drives[:, network.shared] = self.drives[:, network.shared, -1:]  # all send to one
 
     def through_edges(self, gradient: np.ndarray, of_target, first: int, last: int) -> None:
-        """From a sum or a neuron to its weights and its sources."""
+        """Propagate derivatives from a sum or a neuron to its weights and sources."""
         stages = self.network.stages
         for edge in range(first, last):
             source, offset = self.tape.sources[edge]
@@ -154,7 +127,7 @@ class _Adjoints:
             self.nodes[:, source, there] += of_target[:, here] * self.tape.weights[edge, here]
 
     def through_block(self, gradient: np.ndarray, order: int) -> None:
-        """From a block to its inputs."""
+        """Propagate derivatives from a block to its inputs."""
         kind, node, a, b = self.tape.blocks[order]
         of_block = self.nodes[:, node, 1:-1]
         if kind == SUM:

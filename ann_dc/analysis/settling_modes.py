@@ -1,9 +1,9 @@
-r"""A linear flow, mode by mode: what it does to a deviation, and to what pushes it on the way.
+r"""Modes of a linear flow: decay of a deviation and response to a forcing term.
 
 .. math:: \dot y = J y + n(t), \qquad
     y_i(t + h) = e^{\lambda_i h} y_i(t) + \int_0^h e^{\lambda_i (h - s)} n_i(t + s)\, ds ,
 
-with n linear between the times at which it is known, so that the integral is exact.
+where n is linear between the times at which it is known, so that the integral is exact.
 """
 
 from __future__ import annotations
@@ -14,25 +14,26 @@ from typing import NamedTuple
 import numpy as np
 
 WORST_CONDITION = 1e10
-"""Of eigenvectors that still tell the modes apart: half the digits of what they are asked for."""
+"""Largest condition of eigenvectors that separate the modes: half of the digits are lost."""
 SMALL = 1e-2
-"""|lambda h| below which an integral is summed as a series: the next term is rounding."""
+"""|lambda h| below which an integral is summed as a series; the next term is rounding."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Modes:
-    """Eigenvalues and vectors of a flow J (n, n); of every complex pair one, which counts twice.
+    """Eigenvalues and vectors of a flow J (n, n), one per complex pair.
+
+    The eigenvalue of a pair counts twice.
 
     Attributes
     ----------
     values : (m,) complex array
-        In units of 1 / network time.
-    right : (n, m) complex array
-        A deviation is the real part of ``right`` times the amplitudes.
-    left : (m, n) complex array
-        Amplitudes of a deviation.
+        Eigenvalues in units of 1 / network time.
+    right, left : (n, m) and (m, n) complex arrays
+        A deviation is the real part of ``right`` times the amplitudes; ``left`` times a deviation
+        gives the amplitudes.
     condition : float
-        Of all eigenvectors; infinite where there are too few.
+        Condition of all eigenvectors; infinite if there are too few.
 
     Examples
     --------
@@ -48,7 +49,7 @@ class Modes:
 
     @classmethod
     def of(cls, flow: np.ndarray) -> Modes:
-        """Modes of a dense flow (n, n)."""
+        """Compute the modes of a dense flow (n, n)."""
         values, right = np.linalg.eig(flow)
         try:
             left = np.linalg.inv(right)
@@ -66,37 +67,28 @@ class Modes:
 
     @property
     def slowest(self) -> float:
-        """Rate of the slowest mode; zero or less where the flow does not settle."""
+        """Rate of the slowest mode; zero or less if the flow does not settle."""
         return float(-np.real(self.values).max(initial=-np.inf))
 
     def at(self, deviation: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Deviations (n, T) at some times, of one (n,) at time zero."""
+        """Return the deviations (n, T) at some times, from one (n,) at time zero."""
         return self.deviations(self.decay(self.amplitudes(np.asarray(deviation)), times))
 
     def amplitudes(self, deviations: np.ndarray) -> np.ndarray:
-        """(m, ...) of real deviations (n, ...)."""
+        """Return the amplitudes (m, ...) of real deviations (n, ...)."""
         return np.real(self.left) @ deviations + 1j * (np.imag(self.left) @ deviations)
 
     def decay(self, amplitudes: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Amplitudes (m, T) after some times, of those (m,) at time zero."""
+        """Return the amplitudes (m, T) after some times, from those (m,) at time zero."""
         return amplitudes[:, None] * np.exp(np.multiply.outer(self.values, times))
 
     def deviations(self, amplitudes: np.ndarray) -> np.ndarray:
-        """Real deviations (n, ...) of amplitudes (m, ...)."""
+        """Return the real deviations (n, ...) of amplitudes (m, ...)."""
         real, imaginary = np.real(amplitudes), np.imag(amplitudes)
         return np.real(self.right) @ real - np.imag(self.right) @ imaginary
 
     def steps(self, lengths: np.ndarray) -> Steps:
-        """Weights of steps in which what pushes is linear.
-
-        Parameters
-        ----------
-        lengths : (T,) array
-
-        Returns
-        -------
-        Steps
-        """
+        """Return the weights of steps of lengths (T,) with a forcing term linear in time."""
         z = np.multiply.outer(self.values, lengths)
         factor = np.exp(z)
         series, safe = np.abs(z) < SMALL, np.where(np.abs(z) < SMALL, 1.0, z)
@@ -109,8 +101,8 @@ class Steps(NamedTuple):
     """Weights (m, T) of steps: ``decay * a + constant * n + slope * (n_end - n)``."""
 
     decay: np.ndarray
-    """Of the amplitudes a at a step's beginning."""
+    """Weight of the amplitudes a at the beginning of a step."""
     constant: np.ndarray
-    """Of the amplitudes n of what pushes there."""
+    """Weight of the amplitudes n of the forcing term at the beginning."""
     slope: np.ndarray
-    """Of what is pushed more at the step's end."""
+    """Weight of the increase of the forcing term at the end."""

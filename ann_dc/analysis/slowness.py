@@ -1,25 +1,25 @@
-r"""Why is it slow? The modes that settle last, and how far that is from the limit.
+r"""Diagnosis of slow settling: slowest modes, causes, and distance from the limit.
 
 A mode e^{st} of the flow at a settled point has a primal part z and a dual part d. Its rate is
 
 .. math::
     -\mathrm{Re}\, s = \frac{z^* H z + z^* A^T W A z}{z^* M^{-1} z + d^* K^{-1} d} ,
 
-curvature and penalty over the energy that the metric gives the mode; where it oscillates, both
-parts have half of the energy. With the *exact* metric M = (H + A'WA)^{-1} and K = eta W every mode
-is s = -1 or
+curvature and penalty divided by the energy of the mode in the metric M^{-1}. In an oscillatory
+mode, both parts have half of the energy. With the *exact* preconditioner M = (H + A'WA)^{-1} and K
+= eta W every mode is s = -1 or
 
 .. math:: s^2 + s + \eta \kappa = 0, \qquad \kappa = \frac{1}{1 + q/w} ,
 
-q/w the shadow stiffness (`saddle`) in units of the penalties; with eta = 1 / (4 min kappa), the
-best there is,
+where q/w is the inverse Schur complement (`saddle`) in units of the penalties. With the optimal eta
+= 1 / (4 min kappa),
 
 .. math:: \text{ratio} = \max\Big(2, \sqrt{\max\kappa / \min\kappa}\Big) .
 
-So there are three causes of a slow mode: the multipliers answer more than the penalty (q > w), the
-penalty is low for the curvature of the constraints (q < 0, w < rho*), or the metric does not follow
-the mode. With 3 w >= max q - 4 min q and the exact metric nothing of that is left: the ratio is 2,
-for every problem.
+A slow mode thus has three possible causes. The multipliers are more sensitive than the penalty (q >
+w). The penalty is low for the curvature of the constraints (q < 0, w < rho*). The preconditioner
+does not follow the mode. With 3 w >= max q - 4 min q and the exact preconditioner no cause remains:
+the ratio is 2 for every problem.
 """
 
 from __future__ import annotations
@@ -39,23 +39,23 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import State
 
 LIMIT = 2.0
-"""The ratio that the exact metric has, whatever the problem."""
+"""Stiffness ratio of the exact preconditioner, for every problem."""
 
 MODES = 3
-"""Slowest modes that are told, at least where the network has so many."""
+"""Number of slowest modes reported, if the network has as many."""
 
 SHOWN = 3
-"""Leading neurons of a mode that are told."""
+"""Number of leading neurons of a mode that are reported."""
 
 DUAL_SHARE = 0.2
-"""Share of the energy below which a mode is one of the primal neurons alone."""
+"""Fraction of energy of the duals below which a mode is purely primal."""
 
 NOISE = 0.05
-"""Share of a mode's largest value below which a sign does not count."""
+"""Fraction of a mode's largest value below which a sign is ignored."""
 
 
 class Cause(enum.Enum):
-    """What makes a mode slow; the value is the sentence that a user reads."""
+    """Cause of a slow mode; the value is the sentence that is displayed."""
 
     REACH = "weakly reachable rows: the multipliers answer a push with more than the penalty"
     CURVATURE = "the penalty is low for the curvature of the constraints"
@@ -64,21 +64,21 @@ class Cause(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mode:
-    """One mode of the flow at a settled point.
+    """Mode of the flow at a settled point.
 
     Attributes
     ----------
     eigenvalue : complex
-        s, of a pair the one with the positive imaginary part; unit 1 / network time.
+        s, of a pair the value with positive imaginary part; unit 1 / network time.
     names : tuple of str
-        The neurons of the cell, P of them.
+        Names of the P neurons of the cell.
     shape : (P, N) array
-        How every neuron moves over the stages when it moves most; squares are shares of energy,
-        nan where there is no neuron.
+        Values of every neuron over the stages at the phase of largest amplitude. Squares are
+        fractions of energy; nan for omitted neurons.
     dual_share : float
-        Share of the energy d'K^{-1}d.
+        Fraction of the energy d'K^{-1}d.
     curvature, penalty : float
-        What z'Hz and z'A'WAz give to the rate -Re s.
+        Contributions of z'Hz and z'A'WAz to the rate -Re s.
     shadow : float
         q/w along the mode.
     """
@@ -93,40 +93,40 @@ class Mode:
 
     @property
     def rate(self) -> float:
-        """-Re s, in 1 / network time."""
+        """Rate -Re s, in 1 / network time."""
         return -self.eigenvalue.real
 
     @property
     def oscillates(self) -> bool:
-        """Whether it is one of a complex pair."""
+        """True if the mode belongs to a complex pair."""
         return abs(self.eigenvalue.imag) > 1e-9 * abs(self.eigenvalue)
 
     @property
     def shares(self) -> np.ndarray:
-        """(P,): of the energy z*M^{-1}z + d*K^{-1}d, by neuron of the cell.
+        """Fractions (P,) of the energy z*M^{-1}z + d*K^{-1}d, by neuron of the cell.
 
-        Where a metric couples neurons, one of them can have less than nothing; it then counts as
-        none.
+        With a preconditioner that couples neurons, a negative fraction is possible and counts as
+        zero.
         """
         return np.nansum(self.shape**2, axis=1)
 
     @property
     def leading(self) -> tuple[str, ...]:
-        """Neurons with at least half of the largest share, the largest first."""
+        """Neurons with at least half of the largest energy fraction, the largest first."""
         shares = self.shares
         order = np.argsort(-shares, kind="stable")
         return tuple(self.names[i] for i in order if shares[i] >= 0.5 * shares.max())
 
     @property
     def sign_changes(self) -> int:
-        """Of the neuron with the largest share, over the horizon."""
+        """Sign changes over the horizon of the neuron with the largest energy fraction."""
         values = self.shape[int(np.argmax(self.shares))]
         signs = np.sign(values[np.abs(values) > NOISE * np.nanmax(np.abs(values))])
         return int((signs[1:] != signs[:-1]).sum())
 
     @property
     def cause(self) -> Cause:
-        """What makes it slow: q/w between -1/2 and 1 is what a metric can live with."""
+        """Cause of slowness; a preconditioner can tolerate q/w between -1/2 and 1."""
         if self.dual_share >= DUAL_SHARE:
             if self.shadow > 1.0:
                 return Cause.REACH
@@ -136,7 +136,7 @@ class Mode:
 
     @property
     def pattern(self) -> str:
-        """How often it changes its sign over the horizon, in words."""
+        """Number of sign changes over the horizon, as text."""
         count = self.sign_changes
         return "no sign change" if count == 0 else f"{count} sign change{'s' * (count > 1)}"
 
@@ -149,20 +149,18 @@ class Mode:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Slowness:
-    """What decides how fast a network settles.
+    """Diagnosis of the settling speed of a network.
 
     Attributes
     ----------
-    spectrum : Spectrum
-        At the settled point.
+    spectrum, modes : Spectrum and tuple of Mode
+        Spectrum at the settled point, and its slowest modes, the slowest first.
     rows : tuple of RowShadow
-        The shadow stiffness of every row beside its penalty, in network units.
+        Inverse Schur complement and penalty of every constraint, in network units.
     lowest, highest : float
-        Ends of the spectrum of q/w, over all rows together.
+        Ends of the spectrum of q/w, over all constraints together.
     rho_star : float
-        The common penalty from which on H + rho A'A is positive definite.
-    modes : tuple of Mode
-        The slowest first.
+        Common penalty above which H + rho A'A is positive definite.
 
     Examples
     --------
@@ -184,31 +182,24 @@ class Slowness:
 
     @property
     def ratio(self) -> float:
-        """Of the spectrum."""
+        """Stiffness ratio of the spectrum."""
         return self.spectrum.ratio
 
     @property
     def distance(self) -> float:
-        """The ratio over the limit of 2."""
+        """Stiffness ratio relative to the limit of 2."""
         return self.ratio / LIMIT
 
     @property
     def needed(self) -> float:
-        """Factor on all penalties from which on the exact metric reaches the limit."""
+        """Factor on all penalties above which the exact preconditioner reaches the limit."""
         return max((self.highest - 4 * self.lowest) / 3, 0.0)
 
     def exact_ratio(self, factor: float = 1.0) -> float:
-        """The ratio of the exact metric with these penalties, at the best rate of the duals.
+        """Return the ratio of the exact preconditioner with these penalties.
 
-        Parameters
-        ----------
-        factor : float
-            On all penalties.
-
-        Returns
-        -------
-        float
-            Infinite where H + A'WA is not positive definite.
+        The rate of the duals is optimal. `factor` multiplies all penalties. The result is infinite
+        if H + A'WA is not positive definite.
         """
         if factor + self.lowest <= 0:
             return float("inf")
@@ -217,23 +208,11 @@ class Slowness:
 
 @checked
 def slowness_of(network: Network, x: State) -> Slowness:
-    """Why a network settles as slowly as it does, from its linearisation at a settled point.
+    """Diagnose the settling speed of a network by linearisation at a settled point.
 
-    Parameters
-    ----------
-    network : Network
-        With PI duals, every one with a penalty.
-    x : (n,) array
-        The settled point.
-
-    Returns
-    -------
-    Slowness
-
-    Raises
-    ------
-    NetworkError
-        If the network has no PI duals, a row has no penalty, or the point is not isolated.
+    The network must have PI duals, each with a penalty; `x` (n,) is the settled point. Raises
+    `NetworkError` if the network has no PI duals, a constraint has no penalty, or the point is not
+    isolated.
     """
     penalties = _penalties(network)
     saddle = saddle_of(network, x)
@@ -258,7 +237,7 @@ def slowness_of(network: Network, x: State) -> Slowness:
 
 
 def _penalties(network: Network) -> np.ndarray:
-    """(P,): the weight of the path of every PI dual and diode neuron, zero for other neurons."""
+    """Return the path weight (P,) of every PI dual and diode neuron, otherwise zero."""
     if not network.cell.duals:
         raise NetworkError(
             f"{network.title}: has no PI dual neurons, so there are no rows; its spectrum is all "
@@ -280,7 +259,7 @@ def _penalties(network: Network) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Modes:
-    """What turns eigenvectors of a network into modes; weights (d,) of the rows."""
+    """Conversion of eigenvectors to modes; weights (d,) of the constraints."""
 
     network: Network
     saddle: Saddle
@@ -288,7 +267,7 @@ class _Modes:
 
     @cached_property
     def _unmove(self) -> Callable[[np.ndarray], np.ndarray]:
-        """v -> M^{-1} v."""
+        """Operator v -> M^{-1} v."""
         return self.network.metric.inverse(self.network.row)
 
     def mode(self, s: complex, v: np.ndarray) -> Mode:
@@ -324,7 +303,7 @@ def _quadratic(left: np.ndarray, right: np.ndarray) -> float:
 
 
 def _turned(values: np.ndarray) -> np.ndarray:
-    """Complex values (b,) as real ones of norm one: at the phase at which they are largest."""
+    """Return complex values (b,) as a real unit vector, at the phase of largest norm."""
     real = np.real(values * np.exp(-0.5j * np.angle((values**2).sum())))
     size = np.linalg.norm(real) * (1.0 if real[np.abs(real).argmax()] >= 0 else -1.0)
     return real / (size or 1.0)

@@ -1,22 +1,22 @@
-"""Eigenvalues of the flow at a settled point: how fast it will settle, and whether it stays.
+"""Eigenvalues of the flow at a settled point: settling time and stability.
 
-``ratio`` = spectral radius / |spectral abscissa| measures settling in fastest time constants: a run
-to a relative residual eps takes about ratio * ln(1/eps) of them.
+``ratio`` = spectral radius / |spectral abscissa| (stiffness ratio) measures settling in fastest
+time constants: a run to a relative residual eps takes about ratio * ln(1/eps) of them.
 
-The fastest modes and the rightmost ones, which decide how long settling takes, come from products
-with J. Where a metric leaves the rightmost ones hundreds of times slower than the fastest, not all
-of them are found, and those that are may not be the rightmost. Products with the inverse then find
-the smallest ones: one sparse LU factorisation of the drive Jacobian, which is block tridiagonal,
-and one of the metric's factors. More of these are asked for, since a rightmost one that swings is
-not among the first. The ends of a long row's spectrum are crowded, and every further eigenvalue
-takes more products than the one before: few are asked for.
+Products with J give the fastest modes and the rightmost ones, which determine the settling time. If
+the rightmost modes are hundreds of times slower than the fastest, some are missed, and those found
+may not be the rightmost. Products with the inverse then give the smallest eigenvalues, from one
+sparse LU factorisation of the block tridiagonal drive Jacobian and one of the preconditioner's
+factors. More of these are requested, since a rightmost oscillatory mode is not among the first. The
+ends of a long cell array's spectrum are crowded, and every further eigenvalue takes more products
+than the one before; few are requested.
 
-A mode that swings in between, as those of op amps do, is at neither end, and decides all the same
-where it hardly decays. With time constants alone J - c has a sparse factorisation too, whose
-inverse finds those nearest to c, and the farthest of them says how far around c none is missed,
-where all have converged. Such discs follow the imaginary axis. Their centres stand right of it,
-where what grows is found before the rest, each as high as the disc before it reaches on the axis;
-where modes are crowded it is higher by a share of its height, and what lies between may be missed.
+Oscillatory modes between the ends, such as those of op amps, are decisive if they hardly decay.
+With a diagonal preconditioner, J - c also has a sparse factorisation, whose inverse gives the
+eigenvalues nearest to c. If all converge, the farthest bounds the disc around c in which none is
+missed. Such discs follow the imaginary axis. Their centres lie right of the axis, so that growing
+modes are found first. Each centre is as high as the previous disc reaches on the axis. Among
+crowded modes the step is at least a fraction of the height, and modes in between may be missed.
 """
 
 from __future__ import annotations
@@ -44,24 +44,25 @@ from ann_dc.validation.values import Count, State
 LinearOperator: Any = scipy.sparse.linalg.LinearOperator  # its arguments are not in the stubs
 
 ENDS = 4
-"""Number of eigenvalues asked for at each end of a spectrum."""
+"""Number of eigenvalues requested at each end of a spectrum."""
 CLOSE, ROUGH = 1e-4, 0.02
-"""Relative residual of these; of rightmost ones that are too crowded to be told apart."""
+"""Relative residual of these, and of rightmost ones that are too crowded to be separated."""
 EXACT = 1e-6
-"""The same of modes that swing, whose growth is a small share of their frequency."""
+"""Relative residual of oscillatory modes, whose growth is small against their frequency."""
 BASIS, RESTARTS = 60, 6
-"""Vectors and restarts within which the rightmost ones are found, or else the inverse is asked."""
+"""Vectors and restarts to find the rightmost modes, before the inverse is used."""
 SMALLEST = 24
-"""Number of those asked for from the inverse."""
+"""Number of eigenvalues requested from the inverse."""
 NEAREST, CROWDED = 12, 0.125
-"""Number of those asked for around a frequency; least step to the next, as a share of it."""
+"""Eigenvalues requested around a frequency; smallest step to the next, relative to it."""
 FARTHER = 2.2
-"""Height of the last centre over the fastest mode: what grows and does not swing is nearest to
-centres twice as far."""
+"""Height of the last centre relative to the fastest mode. Growing modes without oscillation are
+nearest to centres twice as far.
+"""
 RIGHT = 0.25
-"""Distance of the centres right of the axis over the frequency: what grows is nearer to them."""
+"""Distance of the centres right of the axis over the frequency, nearer to growing modes."""
 SLOWEST, RIGHTMOST = 12, 6
-"""Number of modes asked for from either operator, where their vectors count."""
+"""Number of modes requested from either operator if their vectors are used."""
 
 
 def spectrum_ends(
@@ -72,28 +73,13 @@ def spectrum_ends(
     free: np.ndarray,
     progress: Progress = silent,
 ) -> np.ndarray:
-    """The fastest and the slowest eigenvalues of M ``drive_jacobian`` among free neurons.
+    """Return the fastest and slowest eigenvalues of M ``drive_jacobian``.
 
-    The slowest are the rightmost ones; where iterations do not find all of them, the smallest too.
-    With time constants alone they are those near the imaginary axis.
-
-    Parameters
-    ----------
-    evaluator : FastEvaluator
-        With the tape that has this metric.
-    metric : Metric
-    row : Row
-        With the rates of the tape.
-    drive_jacobian : (n, n) sparse array
-    free : (n,) array of bool
-        Neurons that do not stand at a rail.
-    progress : Progress
-        Takes a line every now and then.
-
-    Returns
-    -------
-    complex array
-        In units of 1 / network time.
+    The matrix is restricted to the free neurons: `free` (n,) excludes saturated ones. The slowest
+    are the rightmost eigenvalues, and also the smallest if iterations do not find all. With a
+    diagonal preconditioner they are those near the imaginary axis. The unit is 1 / network time.
+    `metric` is the preconditioner of the evaluator's tape, and `row` has its rates. `progress`
+    receives occasional lines.
 
     References
     ----------
@@ -118,29 +104,11 @@ def spectrum_ends(
 def slow_modes(
     evaluator: FastEvaluator, metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The smallest and the rightmost eigenvalues of M ``drive_jacobian`` with their vectors.
+    """Return the smallest and rightmost eigenpairs of M ``drive_jacobian``.
 
-    Parameters
-    ----------
-    evaluator : FastEvaluator
-        With the tape that has this metric.
-    metric : Metric
-    row : Row
-        With the rates of the tape.
-    drive_jacobian : (n, n) sparse array
-    free : (n,) array of bool
-        Neurons that do not stand at a rail.
-
-    Returns
-    -------
-    eigenvalues : (c,) complex array
-        In units of 1 / network time; one that is found from both ends stands once.
-    vectors : (free neurons, c) complex array
-
-    Raises
-    ------
-    RuntimeError
-        If the Jacobian is singular.
+    `metric` is the preconditioner of the evaluator's tape, and `row` has its rates. `free` (n,)
+    excludes saturated neurons. Returns the eigenvalues (c,) in units of 1 / network time, without
+    duplicates, and the vectors (free neurons, c). Raises RuntimeError if the Jacobian is singular.
     """
     slow, slow_vectors = _eigenpairs(_inverse(metric, row, drive_jacobian, free), "LM", SLOWEST)
     flow = _flow(evaluator, drive_jacobian, free)
@@ -156,7 +124,7 @@ def _flow(
     free: np.ndarray,
     progress: Progress = silent,
 ) -> Any:
-    """v -> M ``drive_jacobian`` v, with M among the free neurons."""
+    """Return the operator v -> M ``drive_jacobian`` v, with M among the free neurons."""
     products, told, move = itertools.count(1), Paced(progress), evaluator.clamped(~free)
 
     def product(v: np.ndarray) -> np.ndarray:
@@ -168,9 +136,10 @@ def _flow(
 
 
 def _inverse(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) -> Any:
-    """v -> (M ``drive_jacobian``)^{-1} v; RuntimeError where that is exactly singular.
+    """Return the operator v -> (M ``drive_jacobian``)^{-1} v.
 
-    The inverse of the metric among the free neurons is the part of M^{-1} among them.
+    The inverse of M among the free neurons is the corresponding part of M^{-1}. Raises RuntimeError
+    if the Jacobian is exactly singular.
     """
     factors = scipy.sparse.linalg.splu(drive_jacobian[free][:, free].tocsc())
     unspread = metric.inverse(row)
@@ -182,7 +151,7 @@ def _operator(free: np.ndarray, product: Any, dtype: type = float) -> Any:
 
 
 def _padded(v: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """A vector of all neurons: zero where one is not free."""
+    """Return a vector of all neurons, zero in those that are not free."""
     whole = np.zeros(len(free))
     whole[free] = v.ravel()
     return whole
@@ -203,7 +172,7 @@ def _swinging(
     band: tuple[float, float],
     progress: Progress,
 ) -> Iterator[np.ndarray]:
-    """Eigenvalues near the imaginary axis between the frequencies of ``band``."""
+    """Yield eigenvalues near the imaginary axis between the frequencies of ``band``."""
     among, slowness = drive_jacobian[free][:, free], 1 / row.state_rates[free]
     omega, fast = band
     told = Paced(progress)
@@ -228,7 +197,7 @@ def _swinging(
 def _eigenvalues(
     operator: Any, which: str, residual: float = CLOSE, count: int = ENDS, **options: Any
 ) -> np.ndarray:
-    """Some eigenvalues; those that have converged, where not all do."""
+    """Return some eigenvalues; only the converged ones if not all converge."""
     start = np.random.default_rng(0).standard_normal(operator.shape[0])
     try:
         found = scipy.sparse.linalg.eigs(
@@ -250,7 +219,7 @@ def _eigenvalues(
 def _eigenpairs(
     operator: Any, which: str, count: int, **options: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Some eigenvalues with their vectors; those that have converged, where not all do."""
+    """Return some eigenpairs; only the converged ones if not all converge."""
     start = np.ones(operator.shape[0])
     try:
         found: Any = scipy.sparse.linalg.eigs(
@@ -269,13 +238,13 @@ def _eigenpairs(
 # ---- eigenvalues of the flow at a settled point: how fast it will settle, and whether it stays
 
 DENSE_LIMIT = 600
-"""Largest network whose eigenvalues are all computed; beyond it, only the ends of the spectrum."""
+"""Largest network of which all eigenvalues are computed; beyond, only the ends of the spectrum."""
 
 EQUAL = 1e-6
-"""Eigenvalues that differ by a smaller share count as one."""
+"""Relative difference below which eigenvalues count as one."""
 
 AT_REST = 1e-10
-"""Eigenvalue over the radius, at most, of a mode that stays where it is."""
+"""Largest eigenvalue relative to the radius of a mode that does not move."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -285,7 +254,7 @@ class Spectrum:
     Attributes
     ----------
     eigenvalues : complex array
-        All of them, or the fastest and the slowest of a large network. Unit: 1 / network time.
+        All eigenvalues, or the fastest and the slowest of a large network. Unit: 1 / network time.
 
     Examples
     --------
@@ -298,21 +267,21 @@ class Spectrum:
 
     @property
     def radius(self) -> float:
-        """Largest modulus: one over the fastest time constant; zero where nothing moves."""
+        """Largest modulus: one over the fastest time constant; zero if nothing moves."""
         return float(np.abs(self.eigenvalues).max(initial=0.0))
 
     @property
     def abscissa(self) -> float:
-        """Largest real part: negative when the point attracts, and then the rate of settling."""
+        """Largest real part; negative if the point is stable, minus the settling rate."""
         return float(np.real(self.eigenvalues).max(initial=-np.inf))
 
     @property
     def ratio(self) -> float:
-        """radius / |abscissa|; infinite when the point does not attract."""
+        """Stiffness ratio: radius / |abscissa|; infinite if the point is not stable."""
         return self.radius / -self.abscissa if self.abscissa < 0 else float("inf")
 
     def moving(self) -> Spectrum:
-        """Return the modes whose eigenvalues are not zero to rounding; itself if all are."""
+        """Return the modes with eigenvalues not zero to rounding; self if all are such."""
         moves = np.abs(self.eigenvalues) > AT_REST * self.radius
         return (
             self
@@ -322,7 +291,7 @@ class Spectrum:
 
     @property
     def largest_step(self) -> float:
-        """Largest stable forward Euler step: min 2a / (a^2 + b^2) over eigenvalues -a +- ib."""
+        """Largest stable forward Euler step: min 2a / (a^2 + b^2) of eigenvalues -a +- ib."""
         values = self.eigenvalues
         return float(max((-2 * np.real(values) / np.abs(values) ** 2).min(), 0.0))
 
@@ -331,19 +300,21 @@ class Spectrum:
 def spectrum(
     network: Network, x: State, *, dense: Count | None = None, progress: Progress = silent
 ) -> Spectrum:
-    """Spectrum of a network's flow at a state; neurons that stand at a rail have no mode.
+    """Compute the spectrum of a network's flow at a state.
 
-    The ends of the spectrum of a large network come from Arnoldi iterations.
+    Saturated neurons have no mode. The ends of the spectrum of a large network are computed by
+    Arnoldi iterations.
 
     Parameters
     ----------
     network : Network
+        Network whose flow is linearised.
     x : (n,) array
-        Where the flow is linearised; the settled point, as a rule.
+        State of the linearisation, usually the settled point.
     dense : int, optional
-        Neurons up to which all eigenvalues are computed; `DENSE_LIMIT` by default.
+        Number of neurons up to which all eigenvalues are computed; `DENSE_LIMIT` by default.
     progress : Progress
-        Takes a line every now and then, of a large network.
+        Receives occasional lines for a large network.
 
     Returns
     -------
@@ -370,26 +341,11 @@ def spectrum_of(
     dense: int | None = None,
     progress: Progress = silent,
 ) -> Spectrum:
-    """As `spectrum`, where the tape has other gains than its network: a trial of them.
+    """Compute the spectrum for a tape with trial gains; definition in `spectrum`.
 
-    Parameters
-    ----------
-    evaluator : FastEvaluator
-    metric : Metric
-        That of its tape.
-    row : Row
-        With the rates of the tape.
-    x : (n,) array
-    dense : int, optional
-        Neurons up to which all eigenvalues are computed; `DENSE_LIMIT` by default.
-    progress : Progress
-        Takes a line every now and then, of a large network.
-
-    Returns
-    -------
-    Spectrum
-        Of one eigenvalue that is no number where the network has none: values overflow, or it is
-        singular.
+    `metric` is the preconditioner of the evaluator's tape, and `row` has its rates. `x` is (n,);
+    `dense` is `DENSE_LIMIT` by default. If the network has no spectrum (overflow or singular
+    matrix), the result contains one nan eigenvalue.
     """
     drive_jacobian = evaluator.drive_jacobian(x)
     unknown = Spectrum(eigenvalues=np.array([complex(np.nan, np.nan)]))
@@ -414,28 +370,12 @@ def spectrum_of(
 
 @checked
 def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The slowest eigenvalues of a network's flow with their vectors, one of every complex pair.
+    """Return the slowest eigenpairs of a network's flow, one of every complex pair.
 
-    Above `DENSE_LIMIT` neurons they come from Arnoldi iterations at the slow end.
-
-    Parameters
-    ----------
-    network : Network
-    x : (n,) array
-        The settled point.
-    count : int
-        How many, at most.
-
-    Returns
-    -------
-    eigenvalues : (c,) complex array
-        The slowest first, in units of 1 / network time; equal ones stand once.
-    vectors : (n, c) complex array
-
-    Raises
-    ------
-    RuntimeError
-        If the Jacobian of a large network is singular.
+    At most `count` modes at the settled point `x` (n,) are returned. Above `DENSE_LIMIT` neurons
+    they are computed by Arnoldi iterations at the slow end. Returns the eigenvalues (c,), the
+    slowest first, in units of 1 / network time, without duplicates, and the vectors (n, c). Raises
+    RuntimeError if the Jacobian of a large network is singular.
     """
     evaluator = fast_evaluator(network)
     drive_jacobian = evaluator.drive_jacobian(x)
@@ -456,24 +396,15 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
 
 
 def dense_flow(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) -> np.ndarray:
-    """Return the metric among the free neurons times ``drive_jacobian``: the others are held."""
+    """Return the preconditioner times ``drive_jacobian`` among the free neurons."""
     return metric.among(row, ~free)(drive_jacobian.toarray().T).T[np.ix_(free, free)]
 
 
 @checked
 def stability_limit(network: Network, x: State) -> float:
-    """Largest stable step of the simultaneous order at a state (n,).
+    """Return the largest stable step of the simultaneous order at a state (n,).
 
-    min 2a / (a^2 + b^2) over the eigenvalues -a +- ib of the flow; zero at a point that repels.
-
-    Parameters
-    ----------
-    network : Network
-    x : (n,) array
-
-    Returns
-    -------
-    float
-        In units of network time.
+    The step is min 2a / (a^2 + b^2) over the eigenvalues -a +- ib of the flow, in units of network
+    time; zero at an unstable point.
     """
     return spectrum(network, x).largest_step

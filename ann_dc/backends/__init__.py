@@ -1,7 +1,7 @@
-"""How a network runs, and what every run gives back: a trajectory, a settling time, a status.
+"""Backends that run a network and return trajectory, settling time and status.
 
-Every backend takes a `Network` and gives back the same `Run`: a trajectory over network time, and
-in one sentence how it ended.
+Every backend takes a `Network` and returns the same record, `Run`: a trajectory over network time
+and one sentence on how the run ended.
 """
 
 import lazy_loader

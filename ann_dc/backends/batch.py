@@ -1,7 +1,8 @@
-"""What many runs give back at once: one network, a sample of inputs or numbers each, an end each.
+"""Results of a batch of runs: one network with many samples of inputs or numbers.
 
-Samples do not wait for each other and cannot spoil each other: one that diverges, or whose input
-is no number, costs itself alone and says so by its number.
+Each sample may differ in inputs or numbers and has a separate outcome. Samples do not wait for or
+affect each other: a sample that diverges or has a non-finite input fails alone and is reported by
+its number.
 """
 
 from __future__ import annotations
@@ -23,32 +24,32 @@ from ann_dc.si_prefixes import counted
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BatchRun:
-    """Many copies of a network with other inputs or other numbers, each with its own end.
+    """Runs of many copies of a network with different inputs or numbers.
 
     Attributes
     ----------
     network : Network
-        What all samples are copies of.
+        Network of which all samples are copies.
     inputs : dict of str to (B, N) array
         Every input of every sample, as in ``network.inputs``.
     states : (B, n) array
-        Last state vectors, in network units.
+        Final state vectors in network units.
     outcomes : tuple of Outcome
-        How each sample ended.
+        Outcome of each sample.
     steps : (B,) integers
-        Steps done, of the recurrence or the integration.
+        Number of recurrent or integration steps.
     settling_steps : (B,) integers
-        Steps after which the KKT residual stays below the tolerance, as seen by a recurrence every
-        `CHECK` steps (on a GPU `CHECK_ON_GPU`); -1 where it did not settle.
+        Steps after which the KKT residual stays below the tolerance; -1 if the sample did not
+        settle. A recurrence checks every `CHECK` steps (`CHECK_ON_GPU` on a GPU).
     settling_times : (B,) array
-        Network time after which it stays below; nan where it did not settle.
+        Network time after which the residual stays below the tolerance; nan if the sample did not
+        settle.
     residuals : (B, 2) array
         Relative constraint and stationarity residuals at the end.
     curves : BatchCurves or None
-        Where the samples were on their way, if the backend was asked to keep that; see
-        `trajectory`.
+        Trajectories of the samples, if the backend was asked to store them; see `trajectory`.
     numbers : Numbers or None
-        Weights and rates of every sample, where they have their own.
+        Weights and rates of every sample, if they differ from those of the network.
 
     Examples
     --------
@@ -78,16 +79,13 @@ class BatchRun:
 
     @property
     def settled(self) -> np.ndarray:
-        """(B,) booleans: which samples settled."""
+        """Boolean mask (B,) of the samples that settled."""
         return np.array([outcome is Outcome.SETTLED for outcome in self.outcomes])
 
     def network_of(self, sample: int) -> Network:
-        """The network with the inputs and the numbers of one sample.
+        """Return the network with the inputs and numbers of one sample.
 
-        Raises
-        ------
-        NetworkError
-            If one of them is not finite.
+        Raises `NetworkError` if an input or number is not finite.
         """
         network = self.network
         if self.numbers is not None:
@@ -96,20 +94,9 @@ class BatchRun:
         return network.with_inputs({name: v[sample] for name, v in self.inputs.items()})
 
     def trajectory(self, sample: int) -> Trajectory:
-        """States of one sample over network time, as a run alone has them.
+        """Return the states of one sample over network time, as in a single run.
 
-        Parameters
-        ----------
-        sample : int
-
-        Returns
-        -------
-        Trajectory
-
-        Raises
-        ------
-        NetworkError
-            If no curves were kept, or an input of the sample is not finite.
+        Raises `NetworkError` if no curves were stored or if an input of the sample is not finite.
 
         Examples
         --------
@@ -129,19 +116,16 @@ class BatchRun:
         return self.curves.trajectory(sample, self.network_of(sample))
 
     def with_between(self, between: Callable[..., Between]) -> BatchRun:
-        """Return the same batch, whose curves are known at every time; see `Trajectory.at`.
+        """Return the batch with states known at every time; see `Trajectory.at`.
 
-        Parameters
-        ----------
-        between : callable
-            As in `BatchCurves`.
+        The callable ``between`` is that of `BatchCurves`.
         """
         if self.curves is None:
             return self
         return replace(self, curves=replace(self.curves, between=between))
 
     def message(self, sample: int) -> str:
-        """How a sample ended, in a sentence."""
+        """Return one sentence on how a sample ended."""
         bad = [name for name, v in self.inputs.items() if not np.isfinite(v[sample]).all()]
         if bad:
             return f"sample {sample}: input {', '.join(bad)} is not a finite number"

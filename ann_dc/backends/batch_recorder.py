@@ -1,8 +1,8 @@
-"""Takes a batch down, look by look: where every sample that still ran was, in bounded memory.
+"""Recording of a batch in bounded memory, with all running samples at each check.
 
-All samples are looked at together. Beyond so many looks every second one is dropped, and only every
-second one taken from then on, as in the record of a single run; but a sample that is done keeps
-what it had, however long the others go on, and every sample keeps its end.
+All samples are recorded together. Above a maximum number of records every second one is dropped and
+only every second check is recorded from then on, as in a single run. A finished sample retains its
+records, however long the other samples run, and every sample retains its final state.
 """
 
 from __future__ import annotations
@@ -17,25 +17,26 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.network.network import Network
 
 Look = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""(b,) samples, (b,) network times, (b, n) states, (b, 2) residuals."""
+"""Samples (b,), network times (b,), states (b, n) and residuals (b, 2) of one check."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BatchCurves:
-    """Where B samples were on their way, one after the other.
+    """Trajectories of B samples, concatenated.
 
     Attributes
     ----------
     first : (B + 1,) integers
-        Row at which each sample begins, and the number of all rows.
+        First row of each sample, followed by the number of all rows.
     time : (S,) array
         Network time.
     states : (S, n) array
-        In network units.
+        States in network units.
     residuals : (S, 2) array
         Relative constraint and stationarity residuals.
     between : callable or None
-        Gives states between the steps of a sample, from its ``network``; None of recurrent steps.
+        Function that returns states between the steps of a sample from its ``network``; None for
+        recurrent steps.
     """
 
     first: np.ndarray
@@ -45,19 +46,10 @@ class BatchCurves:
     between: Callable[..., Between] | None = None
 
     def trajectory(self, sample: int, network: Network) -> Trajectory:
-        """The curve of a sample.
+        """Return the trajectory of a sample, counted from 0 or, if negative, from the end.
 
-        Parameters
-        ----------
-        sample : int
-            From 0, or from the end where it is negative.
-        network : Network
-            With the inputs of the sample.
-
-        Returns
-        -------
-        Trajectory
-            Its residuals are those of its samples.
+        The network has the inputs of the sample. The residuals of the trajectory are those at its
+        recorded states.
         """
         number = range(len(self.first) - 1)[sample]
         rows = slice(self.first[number], self.first[number + 1])
@@ -73,18 +65,18 @@ class BatchCurves:
 
 
 class BatchRecorder:
-    """Takes down a batch.
+    """Recorder of a batch.
 
     Parameters
     ----------
     count : int
         B, the number of samples.
     most : int
-        Looks that are kept, at least 2, besides the ends.
+        Largest number of records, at least 2, not counting the final states.
 
     Examples
     --------
-    Two samples, of which the second is done after the first look:
+    Two samples, of which the second ends after the first check:
 
     >>> recorder = BatchRecorder(2, most=10)
     >>> row = lambda *values: np.array(values, float)
@@ -103,17 +95,9 @@ class BatchRecorder:
         self._last = np.zeros(count)
 
     def record(self, samples, time, states, residuals) -> None:
-        """Take down the samples that still run.
+        """Record the running samples (b,) at network times (b,).
 
-        Parameters
-        ----------
-        samples : (b,) integers
-            Which they are.
-        time : (b,) array
-            Network time.
-        states : (b, n) array
-            In network units.
-        residuals : (b, 2) array
+        The states (b, n) are in network units, and the residuals have shape (b, 2).
         """
         self._last[samples] = time
         if self._seen % self._stride == 0:
@@ -123,7 +107,7 @@ class BatchRecorder:
             self._thin(samples)
 
     def _thin(self, running: np.ndarray) -> None:
-        """Drop every second look of the samples that run."""
+        """Drop every second record of the running samples."""
         for look in self._looks[1::2]:
             done = ~np.isin(look[0], running)
             if done.any():
@@ -132,18 +116,9 @@ class BatchRecorder:
         self._looks, self._stride = self._looks[::2], 2 * self._stride
 
     def curves(self, states: np.ndarray, residuals: np.ndarray) -> BatchCurves:
-        """All curves, each with its end.
+        """Return all trajectories with their final states (B, n) and residuals (B, 2).
 
-        Parameters
-        ----------
-        states : (B, n) array
-            Last states; they stand for what was taken down at the same time.
-        residuals : (B, 2) array
-            At the end.
-
-        Returns
-        -------
-        BatchCurves
+        A final state replaces a record of the same time.
         """
         end = np.arange(len(self._last)), self._last, states, residuals
         columns = [np.concatenate(parts) for parts in zip(*self._done, *self._looks, end)]

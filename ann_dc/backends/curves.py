@@ -1,6 +1,7 @@
-"""Curves for people: every neuron over time in the user's units, as a table or in a file.
+"""Curves of every neuron over time in the user's units, as a table or a file.
 
-A neuron of a cell is a column, ``q.x[3]`` for q.x of cell 3, beside the time and the residuals.
+Each neuron of a cell has a column, for example ``q.x[3]`` for q.x of cell 3, next to time and
+residuals.
 """
 
 from __future__ import annotations
@@ -20,32 +21,23 @@ from ann_dc.atomic_files import write_whole
 from ann_dc.errors import OutputError, PandasMissing
 
 RESIDUALS = ("constraint_residual", "stationarity_residual")
-"""Columns of the relative residuals."""
+"""Column names of the relative residuals."""
 
 
 class Tabulated(ABC):
-    """What happened over time, as tables and files."""
+    """Base class of results over time that are written as tables and files."""
 
     @property
     @abstractmethod
     def curves(self) -> Curves:
-        """Every neuron over time, in the user's units."""
+        """Values of every neuron over time, in the user's units."""
 
     def to_frame(self) -> Any:
-        """The curves as a data frame of pandas.
+        """Return the curves as a pandas data frame, one row per sample.
 
-        A row a sample: ``time``, every neuron that is there by its name and cell (``q.x[3]``), and
-        the two residuals. Units of measure are in ``attrs["units"]``, by column, where they are
-        known.
-
-        Returns
-        -------
-        pandas.DataFrame
-
-        Raises
-        ------
-        PandasMissing
-            If pandas is not installed.
+        The columns are ``time``, every existing neuron by name and cell (``q.x[3]``), and the two
+        residuals. Known units of measure are in ``attrs["units"]``, by column. Raises
+        `PandasMissing` if pandas is not installed.
         """
         try:
             import pandas
@@ -59,19 +51,11 @@ class Tabulated(ABC):
         return frame
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write the curves as a CSV file, a row a sample, numbers with all their digits.
+        """Write the curves as a CSV file, one row per sample, with all digits.
 
-        The first line has the names of the columns, as `to_frame` has them, each with its unit of
-        measure in parentheses where that is known: ``q.x[3] (m)``.
-
-        Parameters
-        ----------
-        path : path-like
-
-        Raises
-        ------
-        OutputError
-            If the file cannot be written; what was there before stays.
+        The first line contains the column names of `to_frame`, each followed by its unit of measure
+        in parentheses if known: ``q.x[3] (m)``. Raises `OutputError` if the file cannot be written;
+        an existing file is then left unchanged.
         """
         columns, units = self.curves.columns(), self.curves.column_units()
         stream = io.StringIO()
@@ -81,20 +65,13 @@ class Tabulated(ABC):
         write_whole(path, stream.getvalue().encode("utf-8"))
 
     def to_npz(self, path: str | os.PathLike[str]) -> None:
-        """Write the curves as an ``.npz`` file; read it with ``numpy.load(path)``.
+        """Write the curves as an ``.npz`` file for ``numpy.load(path)``.
 
-        Its arrays are ``time`` (T,), every neuron by its name (T, N), at zero where a cell has
-        none, ``residual_time`` (R,) and ``residuals`` (R, 2) of every step, and ``units``, pairs of
-        a name and its unit of measure.
+        The arrays are ``time`` (T,), every neuron by name (T, N), ``residual_time`` (R,) and
+        ``residuals`` (R, 2) of every step, and ``units``. A neuron is zero in cells that do not
+        contain it. ``units`` contains pairs of a name and its unit of measure.
 
-        Parameters
-        ----------
-        path : path-like
-
-        Raises
-        ------
-        OutputError
-            If the file cannot be written; what was there before stays.
+        Raises `OutputError` if the file cannot be written; an existing file is then left unchanged.
         """
         curves, stream = self.curves, io.BytesIO()
         units = [*curves.units.items(), ("time", curves.time_unit)]
@@ -111,21 +88,20 @@ class Tabulated(ABC):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curves(Tabulated):
-    """Every neuron over time, in the user's units.
+    """Values of every neuron over time, in the user's units.
 
     Attributes
     ----------
     time : (T,) array
-        Of the samples.
-    time_unit : str
+        Times of the samples, in `time_unit`.
     neurons : mapping of str to (T, N) array
-        By the neuron's name, cell by cell.
+        Values by neuron name and cell.
     live : mapping of str to (N,) array of bool
-        In which cells it is there, and free to move.
+        True for the cells in which the neuron exists and is free to move.
     units : mapping of str to str
-        Units of measure by the neuron's name, where they are known.
+        Known units of measure by neuron name.
     residual_time : (R,) array
-        Of every step.
+        Time of every step.
     residuals : (R, 2) array
         Relative constraint and stationarity residuals.
 
@@ -148,11 +124,11 @@ class Curves(Tabulated):
 
     @property
     def curves(self) -> Curves:
-        """Themselves."""
+        """The record itself."""
         return self
 
     def columns(self) -> dict[str, np.ndarray]:
-        """(T,) values by the name of their column; a residual is that of the step before."""
+        """Return the values (T,) by column name; a residual is that of the preceding step."""
         last = np.searchsorted(self.residual_time, self.time, side="right") - 1
         residuals = self.residuals[np.maximum(last, 0)].T
         return {
@@ -162,12 +138,12 @@ class Curves(Tabulated):
         }
 
     def column_units(self) -> dict[str, str]:
-        """Units of measure by the name of their column, where they are known."""
+        """Return the known units of measure by column name."""
         known = {label: self.units[n] for label, n, _ in self._labels() if n in self.units}
         return {"time": self.time_unit, **known}
 
     def _labels(self) -> list[tuple[str, str, int]]:
-        """Column, neuron and cell of all that is there."""
+        """Return column, neuron and cell of every curve."""
         return [
             (f"{name}[{k}]", name, int(k))
             for name, live in self.live.items()
@@ -176,23 +152,14 @@ class Curves(Tabulated):
 
 
 WRITERS = {".csv": Tabulated.to_csv, ".npz": Tabulated.to_npz}
-"""How curves are written, by the end of the file's name."""
+"""Functions that write curves, by file name extension."""
 
 
 def write_curves(source: Tabulated, path: str | os.PathLike[str]) -> None:
-    """Write curves as the end of the file's name says.
+    """Write curves in the format given by the file name extension.
 
-    Parameters
-    ----------
-    source : Tabulated
-        A trajectory, or the run of a circuit.
-    path : path-like
-        Ends in one of `WRITERS`.
-
-    Raises
-    ------
-    OutputError
-        If the name ends otherwise, or the file cannot be written.
+    The source is a trajectory or a circuit run, and the path ends in a key of `WRITERS`. Raises
+    `OutputError` if the extension is unknown or the file cannot be written.
 
     Examples
     --------
@@ -205,16 +172,7 @@ def write_curves(source: Tabulated, path: str | os.PathLike[str]) -> None:
 
 
 def check_curves_file(path: str | os.PathLike[str]) -> None:
-    """Refuse a file whose name does not say how curves are to be written.
-
-    Parameters
-    ----------
-    path : path-like
-
-    Raises
-    ------
-    OutputError
-    """
+    """Raise `OutputError` if a file name extension is not a format of curves."""
     if Path(path).suffix.lower() not in WRITERS:
         raise OutputError(
             f"{os.fspath(path)!r}: curves are written as {' or '.join(WRITERS)}; end its name so"

@@ -1,7 +1,7 @@
-"""How fast a residual falls at the end of a run, as it was measured.
+"""Measured decay rate of the residual at the end of a run.
 
-Near the settled point it falls as the slowest mode does: the rate is that of the spectrum, minus
-its abscissa, whatever the way there was.
+Near the settled point the residual falls as the slowest mode does, independent of the path to it.
+The rate is therefore that of the spectrum, minus its abscissa.
 """
 
 from __future__ import annotations
@@ -14,30 +14,22 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import PositiveFinite
 
 FEWEST = 5
-"""Looks at a tail from which on it has a rate."""
+"""Smallest number of residuals in a tail for which a rate is computed."""
 
 
 @checked
 def decay_rate(
     trajectory: Trajectory, high: PositiveFinite = 1e-3, low: PositiveFinite = 1e-7
 ) -> float:
-    """Rate a of the exponential e^{-a s} that fits the tail of the KKT residual best.
+    """Return the rate a of the exponential e^{-a s} fitted to the residual tail.
 
-    The tail goes from the last exit from below ``high`` to that from below ``low``. The fit is one
-    of least squares on the logarithm of the residual, every look weighted with the time that it
-    stands for: an oscillation averages out, and the length of steps does not count.
+    The tail goes from the last exit from below ``high`` to the last exit from below ``low``, both
+    relative KKT residuals. The fit minimises squared errors of the logarithm of the residual, each
+    weighted with the time interval of its step. Oscillations therefore average out, and the step
+    length has no effect.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-    high, low : float
-        Relative KKT residuals at the two ends of the tail.
-
-    Returns
-    -------
-    float
-        In units of 1 / network time; nan where the run ended above ``low``, or was seen less than
-        `FEWEST` times on the tail.
+    The rate is in units of 1 / network time. It is nan if the run ended above ``low`` or if the
+    tail has fewer than `FEWEST` residuals.
 
     Examples
     --------

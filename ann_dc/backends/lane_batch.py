@@ -1,7 +1,7 @@
-"""Many networks at once: samples of one network in generated code, a lane each, on all cores.
+"""Batches of samples in generated code: one sample per SIMD lane, on all cores.
 
-Slices of the batch go from thread to thread; within one, a sample that is done makes room for the
-next (`backends.lanes`).
+The batch is divided into slices that threads take in turn. Within a slice, a finished sample is
+replaced by the next sample (`backends.lanes`).
 """
 
 from __future__ import annotations
@@ -38,13 +38,14 @@ from ann_dc.progress import Paced, Progress, Stopped
 from ann_dc.resources import cores
 
 SMALLEST_SLICE, LARGEST_SLICE = 64, 4096
-"""Samples that a thread takes at a time."""
+"""Smallest and largest number of samples that a thread takes at a time."""
 ATTEMPTS = 2000
-"""Steps of a group of lanes between two looks at whether somebody ended the run, at most."""
+"""Largest number of steps of a lane group between two checks for an interrupt."""
 NUMBERS = 20_000_000
-"""Numbers of states that these steps have at most: a twentieth of a second, or a step."""
+"""Largest number of state values computed between two checks: a twentieth of a second, or one step.
+"""
 PACE = 0.1
-"""Seconds between two looks at what there is to tell."""
+"""Seconds between two checks for progress to report."""
 OUTCOMES = {
     SETTLED: Outcome.SETTLED,
     OVERFLOWN: Outcome.DIVERGED,
@@ -57,14 +58,16 @@ OUTCOMES = {
 
 
 class Thread(NamedTuple):
-    """What a thread works with."""
+    """Resources and functions of one thread."""
 
     group: Group
-    """Where its samples are."""
+    """Lane group with the samples of the thread."""
     advance: Callable[[Samples, Found, np.ndarray], bool]
-    """Some more work on samples; a queue tells the next and the end. Whether all is done."""
+    """Function that advances samples; its queue gives the next and the end. Returns True if all are
+    done.
+    """
     locate: Callable[[Samples, Found, np.ndarray], None] | None = None
-    """Locates when residuals of samples fell below the tolerance; None for recurrent steps."""
+    """Function that locates when residuals fell below the tolerance; None for recurrent steps."""
 
 
 def run_lanes(
@@ -80,31 +83,23 @@ def run_lanes(
 ) -> BatchRun:
     """Run one copy of a network for each sample of its inputs.
 
+    Raises `UnknownNameError` if an input does not exist. Raises `NetworkError` if sizes do not
+    agree, if the numbers do not fit the network, or if no code is generated for the wiring.
+
     Parameters
     ----------
-    network : Network
     inputs : mapping of input name to number, (B,) or (B, N) array
+        Inputs of the samples.
     x : (n,) or (B, n) array, optional
-        Where to start, in network units.
+        Initial guess in network units.
     begin : callable
-        What a thread does with lanes of its own.
+        Function that returns the `Thread` of a thread's lanes.
     numbers : Numbers, optional
         Weights and rates of every sample.
     curves : int
-        States to keep of every sample.
+        Number of states to store per sample.
     threads : int, optional
-        By default as many as there are cores for this process.
-    progress : Progress
-
-    Returns
-    -------
-    BatchRun
-
-    Raises
-    ------
-    UnknownNameError, NetworkError
-        If an input does not exist, sizes do not agree, the numbers do not fit the network, or no
-        code is generated for the wiring.
+        Number of threads; by default the number of cores available to the process.
     """
     tape = evaluator(network).tape
     if why := refusal(tape):
@@ -140,14 +135,14 @@ def _nothing(_: Group) -> None:
 
 
 def attempts_of(network: Network) -> int:
-    """Steps of a group of lanes between two looks at whether somebody ended the run."""
+    """Return the number of steps of a lane group between two checks for an interrupt."""
     numbers = Axis.SAMPLES.lanes * max(network.size, 1)
     return int(np.clip(NUMBERS // numbers, 1, ATTEMPTS))
 
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """A batch under way, whose slices threads take in turn."""
+    """Batch in progress, whose slices threads take in turn."""
 
     begin: Callable[[Lanes], Thread]
     samples: Samples
@@ -157,7 +152,7 @@ class _Work:
     is_over: threading.Event = field(default_factory=threading.Event)
 
     def run(self, every_lanes: list[Lanes], paced: Paced) -> None:
-        """A thread for each of these lanes, until all is done or somebody ends it."""
+        """Run one thread per lane set until all samples are done or an interrupt."""
         with contextlib.suppress(Stopped):
             if len(every_lanes) == 1:
                 self._serve(every_lanes[0], lambda group: paced(lambda: self._line(group)))
@@ -205,7 +200,10 @@ class _Work:
 
 
 def _curves(found: Found) -> BatchCurves:
-    """Every sample's rows, one after the other; where it starts, if it never began."""
+    """Return the concatenated rows of all samples.
+
+    A sample that never began has only its start.
+    """
     waiting = found.curve_sizes == 0
     found.curve_sizes[waiting], found.curves[waiting, 0] = 1, found.states[waiting]
     found.curve_residuals[waiting, 0] = np.inf

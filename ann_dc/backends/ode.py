@@ -1,8 +1,8 @@
-"""The network in continuous time: an integrator of our own, or one of SciPy's solvers.
+"""Network in continuous time: a compiled integrator or one of SciPy's solvers.
 
-A run ends by settling, not at a guessed horizon: the residual has to fall below the tolerance and
-then go on falling to a small share of it, so that a residual which merely hovers is not
-taken for a settled network. The settling time is the last exit, never the first crossing.
+A run ends when the network settles, not at a guessed horizon. The residual must fall below the
+tolerance and then continue to a small fraction of it, so that a hovering residual does not count as
+settled. The settling time is the last exit, never the first crossing.
 """
 
 from __future__ import annotations
@@ -51,36 +51,38 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count, Index, Positive
 
 CRAWL = 1000
-"""Steps that have to take at least one fastest time constant (of the start) together."""
+"""Number of steps that together must cover at least one fastest time constant (of the start)."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OdeBackend:
-    """Runs networks in continuous time: dx/ds = M d(x).
+    """Backend that integrates dx/ds = M d(x) in continuous time.
 
     Attributes
     ----------
     method : Method
-        `COMPILED` by default, the Dormand-Prince pair of order eight in compiled code; SciPy's
-        `DOP853` and `RK45` beside it; an implicit one (`RADAU`, `BDF`, `LSODA`) for stiff networks.
+        Integration method. The default `COMPILED` is the Dormand-Prince pair of order eight in
+        compiled code. SciPy's explicit `DOP853` and `RK45` are alternatives; the implicit `RADAU`,
+        `BDF` and `LSODA` suit stiff networks.
     cells : Cells
-        Whether cells are interpreted or have code of their own, where the method is compiled; both
-        agree to rounding. By default they have code wherever the wiring allows it.
+        Evaluation of the cells by a compiled method: interpreted or in generated code. Both agree
+        to rounding. By default code is generated if the wiring allows it.
     settling : Settling
-        When the run counts as settled.
-    limit : float
+        Definition of a settled run.
+    limit : float, default 20,000
         Longest run, in fastest time constants of the network at its start.
-    most_steps : int
+    most_steps : int, default 50,000
         Largest number of integration steps.
-    verify : bool
-        Repeat a settled run at 100 times tighter tolerances and compare the settling times.
-    curves : int
-        States that `run_batch` keeps of each of B samples, in 8 B n ``curves`` bytes; 0: the last.
-    threads : int or None
-        Of `run_batch`; None: as many as there are cores.
+    verify : bool, default True
+        True to repeat a settled run at 100 times tighter tolerances and compare the settling times.
+    curves : int, default 0
+        Number of states that `run_batch` stores for each of B samples, in 8 B n ``curves`` bytes; 0
+        stores the last state only.
+    threads : int or None, default None
+        Number of threads of `run_batch`; None uses one per core.
     progress : Progress
-        Told one line every half second.
+        Receiver of one progress line every half second.
 
     Examples
     --------
@@ -106,18 +108,18 @@ class OdeBackend:
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
-        """All metrics: equations can be integrated with any."""
+        """Set of all preconditioner kinds, since the equations can be integrated with any."""
         return ALL_KINDS
 
     @checked
     def run(self, network: Network) -> Run:
-        """Integrate from the network's start until it settles, diverges, or time is up.
+        """Integrate from the start until the network settles, diverges or time is up.
 
         Returns
         -------
         Run
-            Settled or not: see its ``status``. A method that fails counts as diverged; a run that
-            makes no headway, or whose steps become very short, as stalled.
+            Result for every outcome; check ``status``. A failing method counts as diverged. A run
+            without progress, or with very short steps, counts as stalled.
         """
         return self.follow(network)
 
@@ -129,33 +131,36 @@ class OdeBackend:
         x: np.ndarray | None = None,
         numbers: Numbers | None = None,
     ) -> BatchRun:
-        """Run one copy of a network for each sample of its inputs or numbers, on all cores.
+        """Run one copy of a network for each sample of its inputs or numbers.
 
-        In generated code, with the method `BATCHES` unless another tableau is chosen. No sample
-        depends on those beside it or on the number of threads, bit for bit.
+        The samples run in generated code on all cores, with the method `BATCHES` unless another
+        tableau is chosen. The result of a sample is bit-identical for any other samples in the
+        batch and any number of threads.
 
         Parameters
         ----------
         network : Network
-            What all samples are copies of.
+            Network of which all samples are copies.
         inputs : mapping of input name to number, (B,) or (B, N) array
-            As in ``network.inputs``, where the rest is taken from; one that is not finite costs its
-            own sample only.
+            Inputs that replace those of ``network.inputs``. An input that is not finite fails only
+            its sample.
         x : (n,) or (B, n) array, optional
-            Where to start, in network units; by default the network's start, moved with its ends.
+            Initial guess in network units; by default the network's start, adapted to its boundary
+            conditions.
         numbers : Numbers, optional
-            Weights and time constants of every sample, from `numbers_of`; by default the network's.
-            Its first step and the longest time are those of ``network``.
+            Weights and time constants of every sample, from `numbers_of`; by default those of the
+            network. The first step and the longest time are always those of ``network``.
 
         Returns
         -------
         BatchRun
+            Final states, outcomes, steps and settling times of all samples.
 
         Raises
         ------
         UnknownNameError, NetworkError
-            If an input does not exist, sizes do not agree, numbers are those of another wiring, the
-            method is none in compiled code, or no code is generated for the wiring.
+            If an input does not exist; if sizes do not agree or numbers belong to another wiring;
+            if the method is not compiled or no code is generated for the wiring.
 
         Examples
         --------
@@ -203,19 +208,21 @@ class OdeBackend:
 
     @checked
     def follow(self, network: Network, rhs: RightHandSide | None = None) -> Run:
-        """As `run`, on another right-hand side; for studies of what is no network.
+        """Integrate another right-hand side, as `run` does for the network.
+
+        The method is for studies of systems that are not networks.
 
         Parameters
         ----------
         network : Network
-            Says where to start, what has settled and what has left its domain.
+            Network that defines the start, the residual and the domains of function blocks.
         rhs : RightHandSide, optional
-            By default the network's own, which alone comes with its Jacobian.
+            Right-hand side; by default that of the network, which alone has a Jacobian.
 
         Returns
         -------
         Run
-            In ``verified`` it is told what a run at tighter tolerances said.
+            Result of the run. ``verified`` contains the outcome of the run at tighter tolerances.
         """
         run = _Integration(network, self, self.method, rhs).run()
         if not run.status.settled or not self.verify:
@@ -236,7 +243,7 @@ class OdeBackend:
 
 
 class _Integration:
-    """One integration, piece by piece."""
+    """One integration, executed in pieces."""
 
     def __init__(
         self,
@@ -274,7 +281,7 @@ class _Integration:
         )
 
     def run(self) -> Run:
-        """Step until the end is known."""
+        """Integrate until the outcome is known."""
         ended, paced = None, Paced(self.backend.progress)
         with np.errstate(all="ignore"):
             while ended is None:
@@ -292,7 +299,7 @@ class _Integration:
         return f"{self.stepper.time:.4g} unit time constants, KKT residual {worst:.1e}"
 
     def _piece(self) -> Status | None:
-        """Some more steps, up to where headway is looked at."""
+        """Take more steps, up to the next headway check."""
         recorder, settling = self.recorder, self.backend.settling
         due = (CRAWL, window_of(self.backend.most_steps))
         left = min(every - recorder.steps % every for every in due)
@@ -319,7 +326,7 @@ class _Integration:
         return how(self.recorder.residuals[-1], self.stepper.time, *why)
 
     def _no_headway(self, now: float) -> tuple[str, str] | None:
-        """Return the sign that a run makes no headway, and advice; once a window."""
+        """Return the sign of a run without headway, and advice; checked once per window."""
         advice = status.elsewhere(self.network)
         recorder, window = self.recorder, window_of(self.backend.most_steps)
         steps, times = recorder.steps, recorder.residual_times
@@ -336,7 +343,10 @@ class _Integration:
         return status.no_headway(self.network, states, window, least, self.method)
 
     def _time_is_up(self, x: np.ndarray, now: float) -> str | None:
-        """Which bound ended the run; the fastest rate at the start may not be that of the rest."""
+        """Return the bound that ended the run, if any.
+
+        The fastest rate at the start may differ from that at the equilibrium.
+        """
         if self.recorder.steps >= self.backend.most_steps:
             return f"{self.recorder.steps} integration steps were done (most_steps)"
         if not self.stepper.at_end:

@@ -1,4 +1,4 @@
-"""How far controls go beyond where they end."""
+"""Overshoot of controls beyond their final values."""
 
 from __future__ import annotations
 
@@ -9,25 +9,19 @@ from ann_dc.backends.trajectory import Trajectory, control_values
 from ann_dc.validation.checked import checked
 
 STAYS = 1e-6
-"""Share of the largest final control by which one has moved in the end that counts as moving."""
+"""Smallest net change of a control that counts as moving, relative to the largest final control."""
 
 
 @checked
 def overshoot(trajectory: Trajectory) -> float:
-    """Return the largest excursion of a control beyond its final value, over their size.
+    """Return the largest overshoot of a control relative to the control size.
 
-    Beyond is the side of the final value on which the control does not start; of one that ends
-    where it starts, either side. Controls count in network units, in which all count alike.
+    Overshoot is an excursion beyond the final value, on the side opposite to the start. For a
+    control that ends at its initial value, both sides count. Controls are compared in network
+    units, in which all have equal weight; the last controls of the trajectory are the final values.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        Whose last controls count as final.
-
-    Returns
-    -------
-    float
-        0 where no control goes beyond its end, 0.1 where one does by a tenth of the largest.
+    The result is 0 if no control overshoots and 0.1 for an overshoot of a tenth of the largest
+    control.
 
     Examples
     --------
@@ -45,7 +39,7 @@ def overshoot(trajectory: Trajectory) -> float:
 
 
 def _finely(trajectory: Trajectory) -> np.ndarray:
-    """Return controls at rows and, if known, inside steps: a peak lies between rows."""
+    """Return controls at rows and, if known, inside steps, where peaks can lie."""
     if not trajectory.is_dense:
         return trajectory.control_values
     time, _ = trajectory.known

@@ -1,8 +1,8 @@
-"""Takes a run down step by step: the same record from every backend that steps.
+"""Recording of a run step by step, identical for every stepping backend.
 
-The residuals of every step are kept, since the settling time is their last exit. States are kept
-up to `SAMPLES`: beyond that every second one is dropped, and only every second one taken from then
-on, so that a run of any length has its shape in bounded memory.
+The residuals of every step are stored because the settling time is their last exit. At most
+`SAMPLES` states are stored: above this number every second state is dropped and only every second
+step is recorded from then on. The shape of a run of any length therefore fits in bounded memory.
 """
 
 from __future__ import annotations
@@ -18,12 +18,7 @@ from ann_dc.network.network import Network
 
 
 class Recorder:
-    """Takes down a run: every residual, and the states, thinned where there are many.
-
-    Parameters
-    ----------
-    network : Network
-        Whose states are taken down.
+    """Recorder of a run: residuals of every step, and thinned states.
 
     Attributes
     ----------
@@ -42,35 +37,21 @@ class Recorder:
 
     @property
     def steps(self) -> int:
-        """Steps taken down so far; the start is none."""
+        """Number of steps recorded so far, not counting the start."""
         return len(self.residuals) - 1
 
     def record(self, now: float, x: np.ndarray, residuals: tuple[float, float]) -> None:
-        """Take down the start, or the state after one more step.
+        """Record the start or the state (n,) after one more step.
 
-        Parameters
-        ----------
-        now : float
-            Network time.
-        x : (n,) array
-            State vector, which is copied.
-        residuals : (float, float)
-            Relative constraint and stationarity residuals there.
+        The time is network time. The state is copied. The two residuals are the relative constraint
+        and stationarity residuals.
         """
         self.residual_times.append(now)
         self.residuals.append(residuals)
         self._keep(np.array([now]), np.array([x]))
 
     def record_all(self, times: np.ndarray, residuals: np.ndarray, states: np.ndarray) -> None:
-        """Take down several steps.
-
-        Parameters
-        ----------
-        times : (steps,) array
-            Network times.
-        residuals : (steps, 2) array
-        states : (steps, n) array
-        """
+        """Record several steps: times (steps,), residuals (steps, 2), states (steps, n)."""
         self.residual_times.extend(times.tolist())
         self.residuals.extend(map(tuple, residuals.tolist()))
         self._keep(times, states)
@@ -86,13 +67,7 @@ class Recorder:
             self._kept = len(self._curve[0][0])
 
     def last_states(self, steps: int) -> np.ndarray:
-        """Return the states (T, n) that are kept of the last steps.
-
-        Parameters
-        ----------
-        steps : int
-            Number of steps that are looked back at.
-        """
+        """Return the stored states (T, n) of the given number of last steps."""
         times, states = self._joined()
         return states[times >= self.residual_times[-steps]]
 
@@ -111,20 +86,18 @@ class Recorder:
         between: Between | None = None,
         exit: float | None = None,
     ) -> Run:
-        """The whole run, with its last state.
+        """Return the complete run with its last state.
 
         Parameters
         ----------
         now : float
-            Network time at which it ended.
+            Network time at the end of the run.
         x : (n,) array
             Last state vector.
-        status : Status
-            How it ended.
         settling : Settling
-            Says which settling time is asked for; it is nan unless the status is settled.
+            Definition of the settling time, which is nan unless the status is settled.
         evaluations : int
-            Right-hand sides.
+            Number of right-hand sides.
         between : Between, optional
             States between steps.
         exit : float, optional

@@ -1,4 +1,4 @@
-"""The contract of a backend: a network goes in, a run comes out, whatever runs it."""
+"""Contract of a backend: a function from a network to a run."""
 
 from __future__ import annotations
 
@@ -17,22 +17,23 @@ from ann_dc.validation.values import such_as
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """One run of a network on a backend.
+    """Result of one run of a network on a backend.
 
     Attributes
     ----------
     trajectory : Trajectory
         States and residuals over network time.
     status : Status
-        How it ended, in a sentence.
+        Outcome of the run, with a sentence that describes it.
     tolerance : float
-        On the relative KKT residual.
+        Tolerance on the relative KKT residual.
     settling_time : float
         Network time after which the residual stays below the tolerance; nan if it never does.
     verified : str
-        How the settling time was checked.
+        Description of the check of the settling time.
     steps, evaluations : int
-        Integration or recurrent steps, and right-hand sides (a recurrent step counts as one).
+        Number of integration or recurrent steps, and number of right-hand sides. A recurrent step
+        counts as one right-hand side.
 
     Examples
     --------
@@ -55,10 +56,11 @@ class Run:
 
     @property
     def settling_steps(self) -> int | None:
-        """Steps after which the residual stays below the tolerance; None if it never does.
+        """Number of steps after which the residual stays below the tolerance.
 
-        Of thousands of steps a record may have every second, or fourth, or so: then this is as
-        exact as the record.
+        None if the residual never stays below it. The record of a run with thousands of steps may
+        contain only every second or fourth step, for example; the number is then as exact as the
+        record.
         """
         if not np.isfinite(self.settling_time):
             return None
@@ -69,36 +71,32 @@ class Run:
 
 @such_as("ann_dc.OdeBackend()")
 class Backend(Protocol):
-    """What runs a network from its start until it settles, or cannot.
+    """Protocol of a backend, which runs a network until it settles or cannot settle.
 
     1. `run` starts from ``network.start_state`` and takes everything from the network: a backend
-       has no equations of its own and no memory of the run before.
-    2. It raises for a network that it cannot run; how a run ends is told by ``Run.status``.
-    3. Time is network time, states and residuals are those of the network, whatever the backend
+       has neither equations nor memory of an earlier run.
+    2. It raises for a network that it cannot run; ``Run.status`` describes how a run ended.
+    3. Time is network time, and states and residuals are those of the network, whatever the backend
        counts in.
-    4. `kinds` are the metrics that a network which is designed for it may have.
-    5. It is a record, and if it takes long it tells its field ``progress``; where that raises
-       `Stopped`, the run ends, with what there is.
+    4. `kinds` are the preconditioner kinds that a network designed for the backend may have.
+    5. A backend is a record. If its runs take long, it reports to its field ``progress``; if that
+       call raises `Stopped`, the run ends and returns the results so far.
     """
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
-        """Metrics among which a design for this backend chooses, unless told otherwise."""
+        """Preconditioner kinds among which a design for this backend chooses by default."""
         ...
 
     def run(self, network: Network) -> Run:
-        """The whole run, whatever its outcome."""
+        """Return the complete run, whatever its outcome."""
         ...
 
 
 def within(backend: Backend, deadline: Deadline) -> Backend:
-    """The same backend, which ends when a deadline says so.
+    """Return the backend with a deadline that ends its runs.
 
-    Parameters
-    ----------
-    backend : Backend
-        That tells its progress, or is left as it is.
-    deadline : Deadline
+    A backend that does not report progress is returned unchanged.
     """
     if not (is_dataclass(backend) and "progress" in {field.name for field in fields(backend)}):
         return backend

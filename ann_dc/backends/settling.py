@@ -1,11 +1,11 @@
-"""When a network counts as settled: at the last exit of its residual, never at its first crossing.
+"""Settling criterion: the last exit of the residual, never its first crossing.
 
-The settling time is the last moment at which the KKT residual was not below the tolerance. That it
-is the last one can be known only later, so a run goes on until the residual has fallen on to a
-small share of the tolerance. A residual that merely hovers is not taken for a settled network.
+The settling time is the last moment at which the KKT residual was not below the tolerance. Only
+later values can confirm that an exit is the last, so a run continues until the residual has fallen
+to a small fraction of the tolerance. A hovering residual therefore does not count as settled.
 
-A run that makes no headway any more is ended too: its best residual in one window of steps has to
-be below that of the window before.
+A run without further headway is ended: its best residual in one window of steps must be below that
+of the window before.
 """
 
 from __future__ import annotations
@@ -24,25 +24,19 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import PositiveFinite, such_as
 
 HEADWAY = 0.97
-"""Share of the best residual of one window that the best of the next one has to fall below."""
+"""Ratio to the best residual of the last window that the best of a window must fall below."""
 GROWTH = 1.1
-"""Factor from window to window by which the largest state of a run that diverges grows."""
+"""Growth factor per window of the largest state of a diverging run."""
 WINDOW = 2500
-"""Steps of a window, at least: a twentieth of the longest run by default."""
+"""Smallest number of steps per window: a twentieth of the longest run by default."""
 WINDOWS = 20
-"""Windows in the longest run, at most."""
+"""Largest number of windows in the longest run."""
 SWING = 0.1
-"""Share of a band: where both ends of a step are inside that, controls stay in the band."""
+"""Fraction of a band: if both ends of a step lie within it, controls stay in the band."""
 
 
 def window_of(limit: int) -> int:
-    """Steps of a window of a run.
-
-    Parameters
-    ----------
-    limit : int
-        Largest number of steps of the run.
-    """
+    """Return the steps per window of a run with the given largest number of steps."""
     return max(WINDOW, limit // WINDOWS)
 
 
@@ -50,18 +44,18 @@ def window_of(limit: int) -> int:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Settling:
-    """When a run counts as settled.
+    """Definition of a settled run.
 
     Attributes
     ----------
-    tolerance : float
-        On the relative KKT residual; the settling time is the last exit from below it.
-    confirm : float
-        The run goes on until the residual is below this share of the tolerance.
-    controls : float or None
-        Additionally, every control must stay within this share of the largest final control,
-        counted from the offset of its scale; of 1 % of the largest on the way, if all end below
-        that.
+    tolerance : float, default 1e-6
+        Tolerance on the relative KKT residual. The settling time is the last exit from below it.
+    confirm : float, default 0.005
+        Fraction of the tolerance that the residual must reach before the run ends.
+    controls : float or None, default None
+        Additional tolerance on every control, as a fraction of the largest final control counted
+        from the offset of its scale. If all controls end below 1 % of the largest on the way, the
+        tolerance is a fraction of that 1 %.
 
     Raises
     ------
@@ -91,22 +85,11 @@ class Settling:
 
 
 def settling_time(trajectory: Trajectory, settling: Settling, exit: float | None = None) -> float:
-    """The last exit of the residual, and of the controls where they are asked for.
+    """Return the last exit of the residual and, if requested, of the controls.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        Of a run that went on for long enough to tell.
-    settling : Settling
-        Tolerances on the residual and on the controls.
-    exit : float, optional
-        The last exit of the residual, located inside its step; by default it is interpolated
-        between steps.
-
-    Returns
-    -------
-    float
-        Network time; nan if the run ended outside.
+    The result is in network time, or nan if the run ended outside a tolerance. The trajectory must
+    be long enough to show the last exit. ``exit`` is the last exit of the residual located inside
+    its step; by default the exit is interpolated between steps.
     """
     if exit is None:
         exit = last_exit(trajectory.residual_time, trajectory.kkt, settling.tolerance)
@@ -120,23 +103,12 @@ def control_settling(
     share: float = 1e-3,
     controls: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> float:
-    """Return the time after which every control stays within ``share`` of the controls' size.
+    """Return the time after which all controls stay close to their final values.
 
-    The time is located inside its step if states between steps are known, else it is interpolated
-    between rows. The size is that of the final controls; see `size_of`.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        Whose last controls count as final.
-    share : float
-    controls : callable, optional
-        Gives the controls (T, m) of states (T, n); by default those of its network.
-
-    Returns
-    -------
-    float
-        In units of network time.
+    The allowed deviation is the fraction ``share`` of the size of the final controls; see
+    `size_of`. The time, in units of network time, is located inside its step if states between
+    steps are known, and otherwise interpolated between rows. The function ``controls`` returns the
+    controls (T, m) of states (T, n); by default they are those of the network.
     """
     of_states = controls or partial(control_values, trajectory.network)
     final = of_states(trajectory.final)

@@ -1,4 +1,4 @@
-"""How a run ended, in one sentence: the same words from every backend."""
+"""Status of a run: one sentence on its end, worded identically by every backend."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from ann_dc.network.network import Network
 OVERFLOW = 1e9
 """Magnitude of a state, relative to the largest at the start, that counts as divergence."""
 UNMET = 1e-3
-"""Constraint residual at the end of a run from which on the target may be out of reach."""
+"""Constraint residual at the end of a run above which the target may be out of reach."""
 
 STEADY = 0.1
-"""How far the growth of a multiplier in two quarters of a run may differ, as a share of it."""
+"""Largest relative difference of a multiplier's growth in two quarters of a run."""
 LEAST_GROWTH = 0.02
-"""Growth in a quarter of a run, over the largest multiplier, from which on it is told."""
+"""Smallest reported growth per quarter of a run, relative to the largest multiplier."""
 LONGER_STEPS = "take an implicit method: method=ann_dc.ode.RADAU or --method Radau"
-"""Advice where the fastest modes limit the steps of an explicit method."""
+"""Advice if the fastest modes limit the steps of an explicit method."""
 DAMPING = "damp it: lower the weights of its neurons' connections to themselves"
-"""Advice for a limit cycle, which no method and no start ends."""
+"""Advice for a limit cycle, which no method or initial guess ends."""
 FINER = (
     "take the compiled method: method=ann_dc.ode.COMPILED or --method compiled; if the network is "
     "stiff, tighter tolerances: method.tighter()"
 )
-"""Advice where the error of an implicit method keeps the residual from falling."""
+"""Advice if the error of an implicit method prevents the residual from falling."""
 NOISE = 10.0
-"""Residual that the error of an implicit method may cause, over its relative tolerance."""
+"""Residual that the error of an implicit method may cause, divided by its relative tolerance."""
 CROSSINGS, SWINGS = 4, 0.1
-"""A limit cycle: crossings of the middle in the last steps; width relative to the largest state."""
+"""Limit cycle: crossings of the middle in the last steps; width relative to the largest state."""
 NAMED = 4
-"""Multipliers that a sentence names: those of inequalities first."""
+"""Number of multipliers named in a message, those of inequalities first."""
 
 
 class Outcome(enum.Enum):
-    """How a run ended; the value is the sentence that a user reads."""
+    """Outcome of a run; the value is the sentence shown to the user."""
 
     SETTLED = "settled: the KKT residual stays below tolerance"
     NOT_SETTLED = "not settled within the time given"
@@ -53,17 +53,16 @@ class Outcome(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Status:
-    """How a run ended, where and when.
+    """Outcome of a run with its cause and time.
 
     Attributes
     ----------
-    outcome : Outcome
     message : str
-        The whole sentence, with names and numbers.
+        Complete sentence with names and numbers.
     neuron : str or None
-        The neuron (or block) that diverged or left its domain.
+        Neuron (or block) that diverged or left its domain.
     time : float
-        Network time at which the run ended.
+        Network time at the end of the run.
 
     Examples
     --------
@@ -79,7 +78,7 @@ class Status:
 
     @property
     def settled(self) -> bool:
-        """Whether the run settled."""
+        """True if the run settled."""
         return self.outcome is Outcome.SETTLED
 
     def __str__(self) -> str:
@@ -87,14 +86,9 @@ class Status:
 
 
 def settled(residual: float, now: float) -> Status:
-    """The residual fell on to a share of the tolerance.
+    """Return the status of a run that settled at network time ``now``.
 
-    Parameters
-    ----------
-    residual : float
-        Relative KKT residual at the end.
-    now : float
-        Network time.
+    The relative KKT residual at the end is a fraction of the tolerance.
 
     Examples
     --------
@@ -107,17 +101,11 @@ def settled(residual: float, now: float) -> Status:
 
 
 def diverged(network: Network, x: np.ndarray, now: float, note: str | None = None) -> Status:
-    """The largest component of a state (n,), or the first that is no number, is to blame.
+    """Return the status of a diverged run.
 
-    Parameters
-    ----------
-    network : Network
-    x : (n,) array
-        State vector at the end, in network units.
-    now : float
-        Network time.
-    note : str, optional
-        What else is known, for instance a solver's message.
+    The message names the largest component of the final state (n,) in network units, or the first
+    that is not finite. A note adds further information, for instance a solver's message. The time
+    ``now`` is network time.
     """
     worst = int(np.argmax(np.where(np.isfinite(x), np.abs(x), np.inf)))
     name = network.label(worst)
@@ -127,17 +115,10 @@ def diverged(network: Network, x: np.ndarray, now: float, note: str | None = Non
 
 
 def left_domain(network: Network, block: int, stage: int, now: float) -> Status:
-    """A function block, by its place in the cell, is outside its domain.
+    """Return the status of a run in which a function block left its domain.
 
-    Parameters
-    ----------
-    network : Network
-    block : int
-        Place in ``network.cell.blocks``.
-    stage : int
-        The cell, from 0.
-    now : float
-        Network time.
+    The block is given by its index in ``network.cell.blocks``, the stage by its cell index from 0,
+    and ``now`` is network time.
     """
     name = network.cell.blocks[block].name
     penalty = ", or with more penalty" if network.cell.duals else ""
@@ -150,12 +131,9 @@ def left_domain(network: Network, block: int, stage: int, now: float) -> Status:
 
 
 def elsewhere(network: Network) -> str:
-    """Return advice for a network that gets no further, whatever runs it.
+    """Return advice for a network without further headway on any backend.
 
-    Parameters
-    ----------
-    network : Network
-        Only one with PI duals can be designed.
+    Only a network with PI duals can be designed.
 
     Examples
     --------
@@ -171,17 +149,9 @@ def no_headway(
 ) -> tuple[str, str]:
     """Return the reason and the advice for a run whose residual no longer falls.
 
-    Parameters
-    ----------
-    network : Network
-    states : (T, n) array
-        States of its last steps.
-    steps : int
-        Number of these steps.
-    residual : float
-        Smallest relative KKT residual of these steps.
-    method : Method
-        That took them. The tolerances of an implicit one do not fall with the residual.
+    The arguments are the states (T, n) of the last steps, the number of these steps, their smallest
+    relative KKT residual, and the method. The tolerances of an implicit method do not fall with the
+    residual.
     """
     why, advice = f"the last {steps} steps made it no smaller", elsewhere(network)
     if swings := swinging(network, states):
@@ -194,18 +164,10 @@ def no_headway(
 
 
 def swinging(network: Network, states: np.ndarray) -> str:
-    """Return the neuron that swings most at the end of a run, in a clause.
+    """Return a clause on the neuron that oscillates most in the last states (T, n).
 
-    Parameters
-    ----------
-    network : Network
-    states : (T, n) array
-        States of its last steps.
-
-    Returns
-    -------
-    str
-        Empty if none keeps swinging, or if the network has PI duals, which a design can damp.
+    The clause is empty if no neuron continues to oscillate, or if the network has PI duals, which a
+    design can damp.
     """
     middle, swing = 0.5 * (states.max(axis=0) + states.min(axis=0)), np.ptp(states, axis=0)
     crossings = np.diff(states > middle, axis=0).sum(axis=0)
@@ -217,77 +179,48 @@ def swinging(network: Network, states: np.ndarray) -> str:
 
 
 def stalled(residuals: tuple[float, float], now: float, why: str, advice: str) -> Status:
-    """A run that gets no further.
+    """Return the status of a run without further headway.
 
-    Parameters
-    ----------
-    residuals : (float, float)
-        Relative constraint and stationarity residuals at its end.
-    now : float
-        Network time.
-    why : str
-        How that was seen.
-    advice : str
-        What the user can do about it.
+    The two residuals are the relative constraint and stationarity residuals at the end, at network
+    time ``now``. ``why`` describes the evidence, and ``advice`` the remedy for the user.
     """
     message = f"stalled {_reached(residuals, now)}, and {why}; {advice}"
     return Status(outcome=Outcome.STALLED, message=message, neuron=None, time=now)
 
 
 def stopped(residuals: tuple[float, float], now: float, why: str) -> Status:
-    """A run that somebody ended.
+    """Return the status of an interrupted run.
 
-    Parameters
-    ----------
-    residuals : (float, float)
-        Relative constraint and stationarity residuals at its end.
-    now : float
-        Network time.
-    why : str
-        Who ended it, as the end of "... when".
+    The two residuals are the relative constraint and stationarity residuals at the end, at network
+    time ``now``. ``why`` describes the cause, as the end of "... when".
     """
     message = f"stopped {_reached(residuals, now)} when {why}"
     return Status(outcome=Outcome.STOPPED, message=message, neuron=None, time=now)
 
 
 def infeasible(why: str, now: float) -> Status:
-    """A target that cannot be met.
+    """Return the status of a run whose target cannot be met.
 
-    Parameters
-    ----------
-    why : str
-        Which component, and what is nearest.
-    now : float
-        Network time.
+    ``why`` names the component and the nearest reachable value. The time ``now`` is network time.
     """
     return Status(outcome=Outcome.INFEASIBLE, message=f"infeasible: {why}", neuron=None, time=now)
 
 
 def unbounded(why: str, now: float) -> Status:
-    """A cost that falls without end.
+    """Return the status of a run whose cost decreases without bound.
 
-    Parameters
-    ----------
-    why : str
-        How far it was seen to fall, and what grew.
-    now : float
-        Network time.
+    ``why`` describes how far the cost fell and which variable grew. The time ``now`` is network
+    time.
     """
     return Status(outcome=Outcome.UNBOUNDED, message=f"unbounded: {why}", neuron=None, time=now)
 
 
 def not_settled(residuals: tuple[float, float], now: float, why: str) -> Status:
-    """A bound on the run was reached with these (constraint, stationarity) residuals.
+    """Return the status of a run that reached a bound before it settled.
 
-    Parameters
-    ----------
-    residuals : (float, float)
-        Relative constraint and stationarity residuals; the sentence says so where the first is
-        above `UNMET`, since the target may be out of reach then.
-    now : float
-        Network time.
-    why : str
-        The bound, as the end of "... when".
+    The two residuals are the relative constraint and stationarity residuals at network time
+    ``now``. The message mentions the constraint residual if it exceeds `UNMET`, since the target
+    may be out of reach. ``why`` names the bound, as the end of "... when".
     """
     message = f"not settled {_reached(residuals, now)} when {why}"
     if not residuals[0] < UNMET:
@@ -298,24 +231,13 @@ def not_settled(residuals: tuple[float, float], now: float, why: str) -> Status:
 def with_growth(
     status: Status, network: Network, curve: tuple[np.ndarray, np.ndarray], unmet: float
 ) -> Status:
-    """A status that names the multipliers that grow, where a run could not meet its constraints.
+    """Return a status that names growing multipliers if constraints were not met.
 
-    Where constraints contradict each other, their multipliers grow for ever along one direction:
-    as much in the last quarter of the time as in the one before.
-
-    Parameters
-    ----------
-    status : Status
-    network : Network
-    curve : (times,) and (times, n) arrays
-        Network times and states of the whole run.
-    unmet : float
-        Relative constraint residual, the smallest of the second half of the run.
-
-    Returns
-    -------
-    Status
-        The same where the run has another end, or no multiplier grows steadily.
+    Multipliers of contradictory constraints grow forever along one direction: their growth in the
+    last quarter of the time equals that in the quarter before. The status is returned unchanged if
+    the run ended otherwise or if no multiplier grows steadily. ``curve`` contains network times
+    (times,) and states (times, n) of the whole run. ``unmet`` is the smallest relative constraint
+    residual of the second half of the run.
     """
     if status.outcome not in (Outcome.NOT_SETTLED, Outcome.STALLED) or not unmet >= UNMET:
         return status
@@ -345,5 +267,5 @@ def with_growth(
 
 
 def _reached(residuals: tuple[float, float], now: float) -> str:
-    """How far a run came."""
+    """Return a clause on the residual and time reached."""
     return f"after {now:.4g} unit time constants: KKT residual {max(residuals):.1e}"

@@ -1,8 +1,8 @@
-"""What happened in a run: states and residuals over network time, and the controls among them.
+"""Trajectory of a run: states, residuals and controls over network time.
 
-States are thinned where there are many; residuals are those of every step, for the settling time.
-States between steps are those of the method's continuous extension, and computed when they are
-read: a run of which nobody reads a curve does not pay for one.
+States are thinned if there are many; residuals are those of every step, for the settling time.
+States between steps come from the method's continuous extension and are computed only when they are
+read. A run whose curves are not read has no extra cost.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ann_dc.network.network import Network
 from ann_dc.validation.values import such_as
 
 SAMPLES = 2000
-"""States kept of a run; more are thinned to every second one."""
+"""Number of states stored per run; larger records are thinned to every second state."""
 
 
 @such_as("solution.run.trajectory")
@@ -33,18 +33,18 @@ class Trajectory(Record, Tabulated):
     Attributes
     ----------
     network : Network
-        Whose neurons the components are.
+        Network whose neurons are the state components.
     time : (T,) array
-        Network time of the samples: every integration step and its middle; steps alone, thinned,
-        where there are many.
+        Network time of the samples: every integration step and its middle, or thinned steps alone
+        if there are many.
     states : (T, n) array
-        State vectors, in network units.
+        State vectors in network units.
     residual_time : (R,) array
         Network time of every integration step.
     residuals : (R, 2) array
         Relative constraint and stationarity residuals at every integration step.
     units : mapping of str to str
-        Units of measure by the neuron's name, for tables; none where nobody has told them.
+        Units of measure by neuron name, for tables; empty if no units were given.
 
     Examples
     --------
@@ -65,13 +65,9 @@ class Trajectory(Record, Tabulated):
     units: Mapping[str, str] = field(default_factory=dict)
 
     def with_between(self, between: Between, *, with_middles: bool = False) -> Trajectory:
-        """Return the same trajectory, whose states are known at every time; see `at`.
+        """Return the trajectory with states that are known at every time; see `at`.
 
-        Parameters
-        ----------
-        between : Between
-        with_middles : bool
-            True to add rows in the middle of steps when rows are first read.
+        If ``with_middles`` is true, rows in the middle of steps are added when rows are first read.
         """
         made = object.__new__(type(self))
         vars(made).update(vars(self), _between=between, _known=self.known)
@@ -81,18 +77,13 @@ class Trajectory(Record, Tabulated):
         return made
 
     def measured_in(self, units: Mapping[str, str]) -> Trajectory:
-        """Return the same trajectory with units of measure.
-
-        Parameters
-        ----------
-        units : mapping of str to str
-        """
+        """Return the trajectory with units of measure, by neuron name."""
         made = object.__new__(type(self))
         vars(made).update(vars(self), units=units)
         return made
 
     def __getattr__(self, name: str) -> Any:
-        """Return rows of which the middles of steps have not been computed yet."""
+        """Return rows for which the middles of steps have not been computed yet."""
         if name not in ("time", "states") or "_rows" not in vars(self):
             raise AttributeError(name)
         rows = vars(self)["_rows"]
@@ -109,7 +100,7 @@ class Trajectory(Record, Tabulated):
 
     @property
     def known(self) -> Known:
-        """Times and states without interpolation: those of steps, of an integration."""
+        """Times and states without interpolation, at the integration steps."""
         return vars(self).get("_known") or (self.time, self.states)
 
     @property
@@ -118,27 +109,15 @@ class Trajectory(Record, Tabulated):
         return "_between" in vars(self) and len(self.known[0]) > 1
 
     def at(self, times: np.ndarray | list[float]) -> np.ndarray:
-        """Return the states at any times of the run, as good as those at its steps.
+        """Return the states (K, n) at any network times (K,) of the run, in network units.
 
-        Gaps are integrated again by the method of the run, and states inside a step are those of
-        its continuous extension; no state is beyond a rail. A state is nan if the method fails
-        before it in its gap, for instance because a function block leaves its domain.
+        The states are as accurate as those at the steps. Gaps are integrated again by the method of
+        the run, and states inside a step are those of its continuous extension. No state exceeds a
+        saturation limit. A state is nan if the method fails before it in its gap, for instance
+        because a function block leaves its domain.
 
-        Parameters
-        ----------
-        times : (K,) array
-            Network time, from the start of the run to its end.
-
-        Returns
-        -------
-        (K, n) array
-            In network units.
-
-        Raises
-        ------
-        NetworkError
-            If a time is outside the run, or only rows are known: of a circuit, of recurrent steps,
-            of a trajectory that was copied or saved.
+        Raises `NetworkError` if a time is outside the run. It is also raised if only rows are
+        known, as for a circuit, for recurrent steps, and for a copied or saved trajectory.
         """
         times, (known, states) = np.asarray(times, float), self.known
         if not self.is_dense:
@@ -161,37 +140,37 @@ class Trajectory(Record, Tabulated):
 
     @property
     def final(self) -> np.ndarray:
-        """The last state vector (n,), in network units."""
+        """Last state vector (n,), in network units."""
         return self.known[1][-1]
 
     @property
     def kkt(self) -> np.ndarray:
-        """(R,) relative KKT residual: the larger of the two."""
+        """Relative KKT residual (R,): the larger of the two residuals."""
         return self.residuals.max(axis=1)
 
     @property
     def controls(self) -> np.ndarray:
-        """(T, live control neurons) in the user's units."""
+        """Controls (T, live control neurons) in the user's units."""
         return self.network.user_units(self.states)[..., _controls(self.network)]
 
     @property
     def control_values(self) -> np.ndarray:
-        """(T, live control neurons) in network units, in which all controls count alike."""
+        """Controls (T, live control neurons) in network units, equally weighted."""
         return control_values(self.network, self.states)
 
     @property
     def control_reach(self) -> float:
-        """Largest magnitude of a control on its way, in network units."""
+        """Largest magnitude of a control during the run, in network units."""
         return float(np.abs(control_values(self.network, self.known[1])).max(initial=0.0))
 
     @property
     def control_size(self) -> float:
-        """Size to which errors of the last controls are related; see `size_of`."""
+        """Reference size for errors of the final controls; see `size_of`."""
         return size_of(control_values(self.network, self.final), self.control_reach)
 
     @property
     def size_in_words(self) -> str:
-        """Description of the size to which errors of the last controls are related."""
+        """Description of the reference size for errors of the final controls."""
         end = control_values(self.network, self.final)
         return size_in_words(end, self.control_reach, self._offsets)
 
@@ -208,7 +187,7 @@ class Trajectory(Record, Tabulated):
 
     @property
     def curves(self) -> Curves:
-        """Every neuron over network time, in the user's units."""
+        """Values of every neuron over network time, in the user's units."""
         names = self.network.neuron_index
         return Curves(
             time=self.time,
@@ -221,12 +200,9 @@ class Trajectory(Record, Tabulated):
         )
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A neuron's states (T, N) in the user's units, by name (``mu.phi``).
+        """Return a neuron's states (T, N) in the user's units, by name (``mu.phi``).
 
-        Raises
-        ------
-        UnknownNameError
-            If the network has no such neuron.
+        Raises `UnknownNameError` if the network has no such neuron.
         """
         neuron = self.network.neuron(name)
         row = self.network.neuron_index[name]
@@ -234,15 +210,10 @@ class Trajectory(Record, Tabulated):
 
 
 def control_values(network: Network, x: np.ndarray) -> np.ndarray:
-    """(..., live control neurons) of state vectors (..., n), in network units.
+    """Return the controls (..., live control neurons) of states (..., n).
 
-    A network that is no optimiser has no controls; all its neurons count then.
-
-    Parameters
-    ----------
-    network : Network
-    x : (..., n) array
-        In network units.
+    States and controls are in network units. A network that is not an optimiser has no controls;
+    the result then contains all its neurons.
     """
     return np.asarray(x)[..., _controls(network)]
 
@@ -253,14 +224,10 @@ def _controls(network: Network) -> np.ndarray | slice:
 
 
 def control_error(controls: np.ndarray, wanted: Trajectory) -> float:
-    """Return the largest error of controls against the end of a run, over `size_of` those.
+    """Return the largest control error against the end of a reference run.
 
-    Parameters
-    ----------
-    controls : (controls,) array
-        In network units.
-    wanted : Trajectory
-        The run whose last controls are right.
+    The error is relative to `size_of` the last controls of the run ``wanted``. The controls
+    (controls,) are in network units.
     """
     end = control_values(wanted.network, wanted.final)
     return float(np.abs(controls - end).max() / wanted.control_size)

@@ -1,4 +1,7 @@
-"""The command line: `ann-dc solve`, `design`, `coordinate`, `circuit`, `show`, ..."""
+"""Command line `ann-dc`, with the commands `solve`, `design`, `coordinate` etc.
+
+Further commands are for example `circuit` and `show`.
+"""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What a person sees: consoles, the line that says what is going on, notes, files written."""
+"""Terminal output: consoles, progress line, notes and lists of files."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ann_dc.progress import Progress, silent
 
 
 def console(*, stderr: bool = False, quiet: bool = False) -> Console:
-    """A console that shows text as it is."""
+    """Return a console that prints text literally."""
     return Console(stderr=stderr, quiet=quiet, markup=False, highlight=False, emoji=False)
 
 
 @contextlib.contextmanager
 def progress_line(quiet: bool = False) -> Iterator[Progress]:
-    """A line on stderr that says what is going on, where someone is there to read it."""
+    """Show a progress line on stderr if it is an interactive terminal."""
     shown = console(stderr=True)
     if quiet or not shown.is_terminal:
         yield silent
@@ -32,7 +32,7 @@ def progress_line(quiet: bool = False) -> Iterator[Progress]:
 
 @contextlib.contextmanager
 def notes(quiet: bool = False) -> Iterator[None]:
-    """What the library warns of meanwhile, said afterwards on stderr, a line each."""
+    """Collect library warnings and print them at the end on stderr, one per line."""
     sentences: dict[str, None] = {}
     otherwise = warnings.showwarning
 
@@ -54,6 +54,6 @@ def notes(quiet: bool = False) -> Iterator[None]:
 
 
 def list_files(files: Iterable[Path], *, quiet: bool = False) -> None:
-    """Tell which files were written."""
+    """Print the names of the files that were written."""
     for file in files:
         console(quiet=quiet).print(f"wrote {file}", soft_wrap=True)

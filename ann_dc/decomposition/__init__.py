@@ -1,4 +1,4 @@
-"""How it is split: stage Lagrangian (8)-(10), stationarity (11)-(15), corrected and printed."""
+"""Decomposition: stage Lagrangian (8)-(10), stationarity (11)-(15), with errata."""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
-"""States that follow from q_0 alone, and what depends on the others at such stages.
+"""States determined by q_0 alone, and dependences at the stages of these states.
 
 Three random paths agree in the determined states. A derivative that vanishes on all of them, at a
-stage with a determined state, vanishes whatever is chosen.
+stage with a determined state, vanishes for every choice of the variables.
 """
 
 from __future__ import annotations
@@ -16,23 +16,26 @@ from ann_dc.problem.scales import straight_line
 
 PATHS = 3
 ROUNDING = 1e-12
-"""Relative difference of values that agree."""
+"""Relative difference below which values are equal."""
 TOUCHING = 1e-9
-"""Distance of a row from its limit, relative to its largest value, at which it touches it."""
+"""Distance of a row from its limit, relative to its largest value, below which the row touches its
+limit.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Determined:
-    """Moves and rows that q_0 alone determines at the stages of a problem.
+    """Map entries and rows that q_0 alone determines at the stages of a problem.
 
     Attributes
     ----------
     moves : (N, n, n+m) array of bool
         True if a state or control may move a state of the next stage.
     costs : (N, n+m) array of bool
-        True if it may change the stage cost or an inequality.
+        True if a state or control may change the stage cost or an inequality.
     rooms : dict of str to (N,) array
-        Room for each hard row that touches its limit at stages where nothing changes it.
+        Relaxation of each hard row that touches its limit, at stages at which no variable changes
+        the row.
     """
 
     moves: np.ndarray
@@ -42,11 +45,7 @@ class Determined:
 
 @lru_cache(maxsize=8)
 def determined(problem: OptimalControlProblem) -> Determined:
-    """Return what q_0 alone determines.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
+    """Return the map entries and rows that q_0 alone determines.
 
     Examples
     --------
@@ -73,13 +72,13 @@ def determined(problem: OptimalControlProblem) -> Determined:
 
 
 def _agree(values: list[np.ndarray] | np.ndarray) -> np.ndarray:
-    """Return where the values of all paths are the same."""
+    """Return True for values that are equal on all paths."""
     low, high = np.min(values, axis=0), np.max(values, axis=0)
     return high - low <= ROUNDING * np.maximum(np.abs(low), np.abs(high))
 
 
 def _paths(problem: OptimalControlProblem) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Random paths, states (n, N) and controls (m, N), with the states that q_0 determines."""
+    """Return random paths, q (n, N) and u (m, N), with the states that q_0 determines."""
     rng, line, limits = np.random.default_rng(0), straight_line(problem), problem.control_limits
     paths, fixed = [], np.array(problem.fixed_start)
     for _ in range(PATHS):
@@ -99,7 +98,7 @@ def _paths(problem: OptimalControlProblem) -> list[tuple[np.ndarray, np.ndarray]
 
 
 def _rooms(problem: OptimalControlProblem, values: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the room of rows with values (paths, r, N); none for soft rows."""
+    """Return the relaxation of hard rows with values (paths, r, N)."""
     rooms = {}
     for row, value in zip(problem.inequalities, np.moveaxis(values, 1, 0)):
         size = float(np.abs(value[np.isfinite(value)]).max(initial=0.0))

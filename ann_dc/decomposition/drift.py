@@ -1,4 +1,4 @@
-"""The map, taken apart as the paper writes it: q, its drift without controls, and dt B(q) u."""
+"""Splitting of the map as in the paper: q, drift without controls, and dt B(q) u."""
 
 from __future__ import annotations
 
@@ -11,17 +11,14 @@ from ann_dc.problem.declaration import OptimalControlProblem
 
 
 def at_rest(problem: OptimalControlProblem) -> dict[Any, Any]:
-    """Every control at zero, to be substituted."""
+    """Return a substitution that sets every control to zero."""
     return {u: sp.Integer(0) for u in problem.controls}
 
 
 def drift_and_drive(problem: OptimalControlProblem) -> list[tuple[sp.Expr, sp.Expr]]:
-    """For every state: f(q, 0) - q, and f(q, u) - f(q, 0).
+    """Return f(q, 0) - q and f(q, u) - f(q, 0) for every state.
 
-    Raises
-    ------
-    FormError
-        If the map has no value without controls.
+    Raises `FormError` if the map has no value without controls.
 
     Examples
     --------

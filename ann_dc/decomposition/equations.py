@@ -1,13 +1,13 @@
-r"""The problem split into stages: Lagrangian (8)-(10) and stationarity (11)-(15), symbolic.
+r"""Symbolic stage equations: Lagrangian (8)-(10) and stationarity (11)-(15).
 
-With E the cost, f the map and t_k the copy of q_{k+1} that stage k proposes,
+With l the stage cost, f the map and t_k the copy of q_{k+1} that stage k proposes,
 
 .. math::
     L_k = l(q_k, u_k) + \mu_k^T (f(q_k, u_k) - t_k) + \beta_k^T (q_k - t_{k-1}).
 
-A stationarity expression is kept as *derivative of a potential plus a remainder*: the potential
-is what the adjoint half of a cell is derived from, the remainder is linear wiring. The printed
-form changes potentials and remainders, never the machinery.
+A stationarity expression is stored as the derivative of a potential plus a remainder. The adjoint
+half of a cell is derived from the potential; the remainder is linear wiring. The printed form
+changes potentials and remainders only.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from ann_dc.validation.values import NotEmpty, such_as
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stationarity:
-    """One equation: d(potential)/d(variable) + remainder = 0, driven with a sign.
+    """One equation d(potential)/d(variable) + remainder = 0, driven with a sign.
 
     Attributes
     ----------
     variable : sympy.Symbol
-        The neuron that the equation drives.
+        Neuron that the equation drives.
     potential : sympy.Expr
-        Scalar of which the equation takes a derivative: cost and map, times multipliers.
+        Scalar that is differentiated: cost and map, times multipliers.
     remainder : sympy.Expr
-        What stands beside the derivative: couplings, and what slips add.
+        Terms added to the derivative: couplings, and terms of errata.
     sign : int
         tau * d(variable)/ds = sign * expression; -1 descends, +1 ascends.
 
@@ -60,7 +60,7 @@ class Stationarity:
 
     @cached_property
     def expression(self) -> sp.Expr:
-        """The left-hand side of the stationarity equation."""
+        """Left-hand side of the stationarity equation."""
         return sp.diff(self.potential, self.variable) + self.remainder
 
 
@@ -72,23 +72,25 @@ Equations: TypeAlias = Annotated[tuple[Stationarity, ...], NotEmpty()]
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StageEquations:
-    """Stage k of a decomposed problem, in the user's own symbols.
+    """Equations of stage k of a decomposed problem, in the user's symbols.
 
     Attributes
     ----------
     problem : OptimalControlProblem
+        Decomposed problem.
     form : Form
+        Form of the equations.
     t, mu, beta : tuples of n symbols
         Target, multiplier of the map and multiplier of the coupling of stage k.
     t_before, t_neighbour, beta_next : tuples of n symbols
-        What stage k reads of its neighbours: t_{k-1}, what the coupling reads in its place (the
-        same, or t_{k+1} with S9), and beta_{k+1}.
+        Values read from neighbours: t_{k-1}, the value that the coupling reads (also t_{k-1}, or
+        t_{k+1} with S9), and beta_{k+1}.
     lagrangian : expression
         L_k of (10), or of (25) with S7 and S12.
     grad_q, grad_u, grad_t, grad_mu, grad_beta : tuples of Stationarity
         Equations (11), (12), (14), (13), (15).
     terminal_cost : expression
-        Cost of the last t in the symbols ``t``; its gradient joins (14) at k = N - 1.
+        Cost of the last t in the symbols ``t``; its gradient is added to (14) at k = N - 1.
     rows, end_rows : tuples of InequalityRow
         Inequalities of a stage, and those of the last t.
 
@@ -98,7 +100,7 @@ class StageEquations:
 
     Examples
     --------
-    They print themselves as text; `as_latex` typesets them:
+    The string form is plain text; `as_latex` gives LaTeX:
 
     >>> from ann_dc import plants
     >>> equations = decompose(plants.double_integrator())
@@ -128,18 +130,21 @@ class StageEquations:
 
     @property
     def all(self) -> tuple[Stationarity, ...]:
-        """Every equation of a stage, in the order q, u, t, mu, beta."""
+        """Equations of a stage in the order q, u, t, mu, beta."""
         return (*self.grad_q, *self.grad_u, *self.grad_t, *self.grad_mu, *self.grad_beta)
 
     @property
     def numbered(self) -> tuple[tuple[int, Stationarity], ...]:
-        """Every equation with its number in the paper (`Form.numbers`), in the paper's order."""
+        """Equations with their numbers in the paper (`Form.numbers`), in paper order."""
         groups = (self.grad_q, self.grad_u, self.grad_mu, self.grad_t, self.grad_beta)
         numbered = zip(self.form.numbers, groups)
         return tuple((number, equation) for number, group in numbered for equation in group)
 
     def __str__(self) -> str:
-        """Lagrangian and equations as text; ``t_prev_x`` is t_{k-1}, ``beta_next_x`` beta_{k+1}."""
+        """Return Lagrangian and equations as text.
+
+        In the text, ``t_prev_x`` is t_{k-1} and ``beta_next_x`` is beta_{k+1}.
+        """
         lines = [f"form: {self.form}", f"L_k = {rounded(self.lagrangian)}"]
         for number, equation in self.numbered:
             sign = "-" if equation.sign < 0 else "+"
@@ -151,13 +156,14 @@ class StageEquations:
 @checked
 @phase("stage equations")
 def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEquations:
-    """Split a problem into stages and derive the equations that every stage settles.
+    """Split a problem into stages and derive their stationarity equations.
 
     Parameters
     ----------
     problem : OptimalControlProblem
+        Problem to decompose.
     form : Form
-        `CORRECTED` by default; `PRINTED` or a `switch` shows what the paper's slips do.
+        `CORRECTED` by default; `PRINTED` or a `switch` shows the effect of the paper's errata.
 
     Returns
     -------
@@ -205,7 +211,7 @@ def decompose(problem: OptimalControlProblem, form: Form = CORRECTED) -> StageEq
 
 
 def _check_ends(problem: OptimalControlProblem, form: Form) -> None:
-    """A FormError where a switch needs a q_0, a dt or a cost that is given."""
+    """Raise a `FormError` if a switch needs a fixed q_0, a fixed dt or a single cost."""
     if problem.objectives and form != CORRECTED:
         raise FormError(
             f"{form}: the printed equations have one cost, and {problem.name} has the objectives "
@@ -223,7 +229,7 @@ def _check_ends(problem: OptimalControlProblem, form: Form) -> None:
 
 
 DAMPING = 0.99
-"""1 - gamma dt of the paper's example, as (30) has it before q_k."""
+"""Factor 1 - gamma dt of q_k in (30), the paper's example."""
 
 
 class _Stage:
@@ -249,7 +255,7 @@ class _Stage:
         self.primal_sign = 1 if form.primal_ascends else -1
 
     def _plant(self) -> tuple[sp.Expr, ...]:
-        """The map, with dt dropped from its drift (S4) or from its control part (S6)."""
+        """Return the map, with dt omitted from its drift (S4) or its control part (S6)."""
         form, problem = self.form, self.problem
         if not (form.damping_without_dt or form.control_without_dt):
             return tuple(problem.f)
@@ -261,7 +267,7 @@ class _Stage:
         )
 
     def _coupling(self) -> tuple[sp.Expr, ...]:
-        """q_k - t_{k-1}, or what S7, S8 and S9 make of it."""
+        """Return q_k - t_{k-1}, modified by S7, S8 and S9."""
         form = self.form
         return tuple(
             _times(form.coupling_coefficient, q) - (-1 if form.coupling_adds else 1) * neighbour
@@ -269,7 +275,7 @@ class _Stage:
         )
 
     def lagrangian(self) -> sp.Expr:
-        """L_k of (10), or of (25): neither has the slips of the conditions that follow it."""
+        """Return L_k of (10), or of (25), without the errata of the subsequent conditions."""
         held = self.form.coupling_coefficient
         chain = zip(self.beta, self.problem.states, self.t_before)
         return (
@@ -283,7 +289,7 @@ class _Stage:
         return sp.Add(*(m * f for m, f in zip(self.mu, plant)))
 
     def state_equations(self) -> tuple[Stationarity, ...]:
-        """(11)."""
+        """Return the equations (11)."""
         if self.form.closed_lower_level:  # (30): q_k = t_{k-1}
             held = DAMPING if self.form.lower_level is LowerForm.LITERAL else 1.0
             chain = zip(self.problem.states, self.t_before)
@@ -298,7 +304,7 @@ class _Stage:
         )
 
     def control_equations(self) -> tuple[Stationarity, ...]:
-        """(12)."""
+        """Return the equations (12)."""
         potential = self.cost + self._weighted(self.plant) + self.pressed
         if self.form.lower_level is LowerForm.LITERAL:  # (30): u = B^T mu / dt
             dt = self.problem.dt
@@ -318,7 +324,7 @@ class _Stage:
         )
 
     def map_equations(self) -> tuple[Stationarity, ...]:
-        """(13)."""
+        """Return the equations (13)."""
         if self.form.closed_lower_level:  # (30): mu_k = -beta_{k+1}
             sign = -1 if self.form.lower_level is LowerForm.LITERAL else 1
             return tuple(_wired(m, m + sign * b, sign=-1) for m, b in zip(self.mu, self.beta_next))
@@ -327,20 +333,20 @@ class _Stage:
         )
 
     def target_equations(self) -> tuple[Stationarity, ...]:
-        """(14)."""
+        """Return the equations (14)."""
         plus = 1 if self.form.target_adds else -1
         return tuple(
             _wired(t, -m + plus * b, sign=-1) for t, m, b in zip(self.t, self.mu, self.beta_next)
         )
 
     def coupling_equations(self) -> tuple[Stationarity, ...]:
-        """(15)."""
+        """Return the equations (15)."""
         sign = -1 if self.form.dual_descends else 1
         return tuple(_wired(b, c, sign=sign) for b, c in zip(self.beta, self.coupling))
 
 
 def _wired(variable: sp.Symbol, remainder: sp.Expr, *, sign: int) -> Stationarity:
-    """An equation without a potential: all of it is wiring."""
+    """Return an equation without a potential, which is wiring only."""
     return Stationarity(variable=variable, potential=sp.Integer(0), remainder=remainder, sign=sign)
 
 

@@ -1,7 +1,7 @@
-"""Which equations: the corrected ones, or the paper's, slip by slip.
+"""Forms of the stage equations: corrected, or with selected errata of the paper.
 
-The fields of `Form` are the switches S1-S17 that lead from the equations that hold to those that
-the paper prints. The default of every field is what holds.
+The fields of `Form` are the switches S1-S17 that change the correct equations into those printed in
+the paper. The default of every field is correct.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from ann_dc.validation.values import such_as
 
 
 class CostWeight(enum.Enum):
-    """What stands before E in a stage's Lagrangian (10), (25).
+    """Factor of E in a stage's Lagrangian (10), (25).
 
-    ``TOTAL`` is 1, as it should be; ``MEAN`` is 1/N, as in (10); ``COPIES`` is N, as in (25).
+    ``TOTAL`` is 1, the correct factor; ``MEAN`` is 1/N, as in (10); ``COPIES`` is N, as in (25).
     """
 
     TOTAL = "1"
@@ -26,11 +26,11 @@ class CostWeight(enum.Enum):
 
 
 class LowerForm(enum.Enum):
-    """How the lower level is solved: (16), or the closed form (30) of the paper's example.
+    """Solution of the lower level: (16), or closed form (30) of the paper's example.
 
-    ``CLOSED`` is (30) with its signs repaired: mu_k = -beta_{k+1} and q_k = t_{k-1}, which are the
-    coordinator's own equations. ``LITERAL`` has them as they are printed: mu_k = beta_{k+1},
-    q_k = t_{k-1} / 0.99 and u_k = B^T mu_k / dt.
+    ``CLOSED`` is (30) with corrected signs: mu_k = -beta_{k+1} and q_k = t_{k-1}, which are
+    equations of the coordinator. ``LITERAL`` is (30) as printed: mu_k = beta_{k+1}, q_k = t_{k-1} /
+    0.99 and u_k = B^T mu_k / dt.
     """
 
     ITERATED = "(16)"
@@ -42,41 +42,41 @@ class LowerForm(enum.Enum):
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Form:
-    """The form of the stage equations (11)-(17).
+    """Form of the stage equations (11)-(17).
 
     Attributes
     ----------
     primal_ascends : bool
-        S1: q and u follow plus the gradient, as (16) has it.
+        S1: q and u follow the positive gradient, as in (16).
     dual_descends : bool
-        S2: beta follows minus its residual, as (20) has it.
+        S2: beta follows its negative residual, as in (20).
     without_control_jacobian : bool
         S3: the term d(Bu)/dq is missing from (11).
     damping_without_dt : bool
         S4: 1 - gamma instead of 1 - gamma dt.
     control_reads_state_cost : bool
-        S5: dE/dq stands in (12) where dE/du belongs.
+        S5: dE/dq instead of dE/du in (12).
     control_without_dt : bool
         S6: B without dt in (12), (13).
     coupling_coefficient : float
-        S7: 0.99 (25) or 0.55 (27) before q_k in the coupling q_k - t_{k-1}.
+        S7: factor 0.99 (25) or 0.55 (27) of q_k in the coupling q_k - t_{k-1}.
     coupling_adds : bool
-        S8: q_k + t_{k-1}, as (15) has it.
+        S8: q_k + t_{k-1}, as in (15).
     coupling_reads_next : bool
-        S9: t_{k+1} instead of t_{k-1}, as (17) has it.
+        S9: t_{k+1} instead of t_{k-1}, as in (17).
     target_adds : bool
-        S10: -mu_k + beta_{k+1}, as (14) has it.
+        S10: -mu_k + beta_{k+1}, as in (14).
     printed_ranges : bool
-        S11: u and mu from k = 1, beta up to k = N - 2, as (16), (17) have it.
+        S11: u and mu from k = 1, beta up to k = N - 2, as in (16), (17).
     cost_weight : CostWeight
-        S12: 1 (right), 1/N (10), N copies (25).
+        S12: 1 (correct), 1/N (10), N copies (25).
     terminal_free : bool
-        S13: mu_{N-1} = 0 (27), no terminal condition (5), (7).
+        S13: mu_{N-1} = 0 (27), without the terminal condition (5), (7).
     start_is_neuron : bool
-        S14: q_0 is a neuron tied by its own beta_0 to t_{-1} := q_init. Not a slip: both
-        closings of the chain solve the problem.
+        S14: q_0 is a neuron, tied by its multiplier beta_0 to t_{-1} := q_init. Not an erratum:
+        both closings of the chain solve the problem.
     lower_level : LowerForm
-        S15: solved by (30), which uses the coordinator's own equations; S17: by (30) to the letter.
+        S15: solved by (30), which uses equations of the coordinator; S17: by (30) as printed.
     oracle_gain : bool
         S16: the rate of t and beta follows |B/A| (33), which needs the solution.
 
@@ -114,14 +114,14 @@ class Form:
 
     @property
     def closed_lower_level(self) -> bool:
-        """Whether (30) stands in the place of (11)-(13)."""
+        """True if (30) replaces (11)-(13)."""
         return self.lower_level is not LowerForm.ITERATED
 
     @property
     def designable(self) -> Form:
-        """The corrected form with the same closing of the chain: its gains suit this form too.
+        """Corrected form with the same closing of the chain; its gains suit this form.
 
-        Gains can only be designed at a settled point, which a slip may not have.
+        Gains can only be designed at an equilibrium, which a form with errata may not have.
         """
         return Form(start_is_neuron=self.start_is_neuron, terminal_free=self.terminal_free)
 
@@ -129,8 +129,8 @@ class Form:
     def numbers(self) -> tuple[int, ...]:
         """Numbers of the equations of q, u, mu, t and beta in the paper.
 
-        (11)-(15); (16) and (17) in the form that iterates as they are printed; (30) for those that
-        a closed lower level takes from there.
+        The numbers are (11)-(15), or (16) and (17) in the form that iterates them as printed.
+        Equations that a closed lower level takes from (30) have that number.
         """
         if self.primal_ascends and self.coupling_reads_next:
             return 16, 16, 16, 17, 17
@@ -147,7 +147,7 @@ class Form:
 
 
 CORRECTED = Form()
-"""The equations that hold."""
+"""Correct equations."""
 
 PRINTED = Form(
     primal_ascends=True,
@@ -160,7 +160,7 @@ PRINTED = Form(
     printed_ranges=True,
     cost_weight=CostWeight.MEAN,
 )
-"""(16) and (17) to the letter."""
+"""Equations (16) and (17) as printed."""
 
 PRINTED_CONDITIONS = Form(
     without_control_jacobian=True,
@@ -171,10 +171,10 @@ PRINTED_CONDITIONS = Form(
     target_adds=True,
     cost_weight=CostWeight.MEAN,
 )
-"""Stationarity conditions (11)-(15) to the letter, followed in the directions that hold."""
+"""Stationarity conditions (11)-(15) as printed, followed in the correct directions."""
 
 PRINTED_EXAMPLE = Form(coupling_coefficient=0.99, cost_weight=CostWeight.COPIES)
-"""Lagrangian (24), (25) of the numerical application to the letter."""
+"""Lagrangian (24), (25) of the numerical application as printed."""
 
 SWITCHES: dict[str, Form] = {
     "S1": replace(CORRECTED, primal_ascends=True),
@@ -195,7 +195,7 @@ SWITCHES: dict[str, Form] = {
     "S16": replace(CORRECTED, oracle_gain=True),
     "S17": replace(CORRECTED, lower_level=LowerForm.LITERAL),
 }
-"""Each switch by itself, everything else right."""
+"""Forms with a single switch, otherwise correct."""
 
 FORMS: dict[str, Form] = {
     "corrected": CORRECTED,
@@ -209,7 +209,7 @@ FORMS: dict[str, Form] = {
 
 @checked
 def switch(name: str) -> Form:
-    """The form with one switch turned, everything else right.
+    """Return the form with a single switch set, otherwise correct.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def switch(name: str) -> Form:
     Raises
     ------
     UnknownNameError
-        If there is no such switch; the message lists those that there are.
+        If the switch is unknown; the message lists the existing ones.
 
     Examples
     --------
@@ -239,14 +239,14 @@ _HOLDING = vars(CORRECTED).items()
 
 
 def _value_text(value: object) -> str:
-    """Return the value of a switch that has several, in parentheses."""
+    """Return the value of a switch that has several values, in parentheses."""
     if isinstance(value, CostWeight):
         return f" ({value.value})"
     return "" if isinstance(value, (bool, LowerForm)) else f" ({value:g})"
 
 
 def _switch_of(key: str, value: object) -> str:
-    """The switch that turns a field to a value; the first that turns it where none is exact."""
+    """Return the switch that sets a field to a value, or the first of the field."""
     turning = {name: vars(form)[key] for name, form in SWITCHES.items()}
     turning = {name: to for name, to in turning.items() if to != vars(CORRECTED)[key]}
     return next((name for name, to in turning.items() if to == value), next(iter(turning)))

@@ -1,12 +1,13 @@
-"""Controls and rows without effect, at the last stages and at those that q_0 determines.
+"""Ineffective controls and rows, at last stages and at stages determined by q_0.
 
-Nothing determines a control of the last stages if only free states follow it, nor one that a state
-of zero multiplies: optima are not isolated, and a circuit's integrator drifts. A stage cost that
-only such stages have holds it at a value of its own. It is zero there, so that every optimum of the
-held problem is one of the problem, at the same cost.
+A control of the last stages is undetermined if it only moves free states. A control is also
+undetermined if it is multiplied by a state that is zero. Optima are then not isolated, and a
+circuit's integrator drifts. An additional stage cost, present at such stages only, fixes the
+control at a chosen value. The added cost is zero at the optimum, so every optimum of the modified
+problem is an optimum of the problem at the same cost.
 
-Nothing determines the multiplier of a row that touches its limit at states which follow from q_0
-alone, such as the speed one step after a start at rest: it is given room at such stages.
+The multiplier of a row is undetermined if the row touches its limit at states that follow from q_0
+alone. An example is the speed one step after a start at rest. The row is relaxed at such stages.
 """
 
 from __future__ import annotations
@@ -23,18 +24,10 @@ from ann_dc.problem.scales import natural_scales
 
 
 def idle_controls(problem: OptimalControlProblem, *, any_start: bool = False) -> np.ndarray:
-    """Return where controls have no effect on any cost, inequality or fixed end.
+    """Return (N, m) booleans: True if no cost, row or fixed end depends on a control.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Without several objectives.
-    any_start : bool
-        True for what holds whatever q_0 is.
-
-    Returns
-    -------
-    (N, m) array of bool
+    Problems with several objectives are not supported. With ``any_start`` the result is valid for
+    every q_0.
 
     Examples
     --------
@@ -63,14 +56,10 @@ def idle_controls(problem: OptimalControlProblem, *, any_start: bool = False) ->
 
 
 def held(problem: OptimalControlProblem, *, any_start: bool = False) -> OptimalControlProblem:
-    """Return the problem with controls held, and rows given room, where they have no effect.
+    """Return the problem with ineffective controls held and ineffective rows relaxed.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        It is returned itself if there are none.
-    any_start : bool
-        True if q_0 is to vary: then only what has no effect whatever q_0 is.
+    The problem itself is returned if there are none, or if it has several objectives. With
+    ``any_start``, for a varying q_0, only controls that are ineffective for every q_0 are held.
 
     Examples
     --------
@@ -99,7 +88,10 @@ def held(problem: OptimalControlProblem, *, any_start: bool = False) -> OptimalC
 
 
 def _inside(low: float, high: float, size: float) -> float:
-    """Return a value inside limits, zero if that is one: at a limit it would press or not."""
+    """Return a value strictly inside limits, zero if possible.
+
+    At a limit it would be undetermined if the limit is active.
+    """
     if low < 0.0 < high:
         return 0.0
     near = low if np.isfinite(low) else high - 2 * size

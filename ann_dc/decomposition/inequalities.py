@@ -1,13 +1,13 @@
-r"""Inequalities of a stage and of the end: rows g <= 0 with multipliers of their own.
+r"""Inequalities of a stage and of the end: rows g <= 0 with their multipliers.
 
-They join the Lagrangian (10) of a stage with
+They extend the Lagrangian (10) of a stage by
 
 .. math:: L_k \mathrel{+}= \zeta_k^T g(q_k, u_k), \qquad \zeta_k \ge 0, \qquad
     \zeta_{k,i}\, g_i(q_k, u_k) = 0,
 
-so that (11) and (12) read them as one more potential; those of the end stand with the terminal
-cost, in (14) of the last stage. The multiplier of a soft row has a limit, its price, and may leave
-the row at g = d zeta (`Soft`).
+so that (11) and (12) contain one more potential. Rows of the end are added to the terminal cost, in
+(14) of the last stage. The multiplier of a soft row is limited by the penalty weight, and the row
+may settle at g = d zeta (`Soft`).
 """
 
 from __future__ import annotations
@@ -26,20 +26,18 @@ from ann_dc.problem.soft import Soft
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InequalityRow:
-    """One row g <= 0 of a stage, or of the end.
+    """One row g <= 0 of a stage or of the end.
 
     Attributes
     ----------
-    name : str
-        Of the inequality.
     expression : sympy.Expr
-        g, in q and u of the stage; at the end in its t.
+        Function g in q and u of the stage; in t for a row of the end.
     multiplier : sympy.Symbol
-        zeta.
+        Multiplier zeta.
     at_end : bool
-        Whether it is one of q_N alone.
+        True for a row of q_N alone.
     soft : Soft or None
-        What it costs to violate it; None where it has to hold.
+        Cost of a violation; None for a hard constraint.
     """
 
     name: str
@@ -55,21 +53,14 @@ class InequalityRow:
 
 
 def stage_rows(problem: OptimalControlProblem) -> tuple[InequalityRow, ...]:
-    """Rows of every stage of a problem."""
+    """Return the rows of every stage of a problem."""
     return tuple(_row(problem, given) for given in problem.inequalities)
 
 
 def end_rows(
     problem: OptimalControlProblem, targets: Sequence[sp.Symbol]
 ) -> tuple[InequalityRow, ...]:
-    """Rows of q_N alone, which the last stage has as its targets.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    targets : sequence of n symbols
-        t.
-    """
+    """Return the rows of q_N, in the targets t (n symbols) of the last stage."""
     at_end = dict(zip(problem.states, targets))
     return tuple(_row(problem, given, at_end) for given in problem.end_inequalities)
 
@@ -89,5 +80,5 @@ def _row(
 
 
 def pressed(rows: Sequence[InequalityRow]) -> sp.Expr:
-    """Sum of zeta g over rows: what they add to a Lagrangian."""
+    """Return the sum of zeta g over rows, their contribution to a Lagrangian."""
     return sp.Add(*(row.multiplier * row.expression for row in rows))

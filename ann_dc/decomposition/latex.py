@@ -1,7 +1,7 @@
-r"""Stage equations as LaTeX, with the user's own names and the paper's numbers.
+r"""Stage equations as LaTeX, with the user's names and the paper's numbers.
 
-A state phi of stage k is :math:`\phi_k`, its multiplier :math:`\mu^{\phi}_k`, and what is read of a
-neighbour carries that stage's index. As plain text, stage equations print themselves.
+A state phi of stage k is :math:`\phi_k`, its multiplier :math:`\mu^{\phi}_k`, and values read from
+a neighbour have that stage's index. The string form of stage equations is plain text.
 """
 
 from __future__ import annotations
@@ -17,15 +17,7 @@ from ann_dc.validation.checked import checked
 
 @checked
 def as_latex(equations: StageEquations) -> str:
-    r"""The Lagrangian, the equations (11)-(15) and the inequalities of a stage, as ``align*``.
-
-    Parameters
-    ----------
-    equations : StageEquations
-
-    Returns
-    -------
-    str
+    r"""Return Lagrangian, equations (11)-(15) and rows of a stage as ``align*``.
 
     References
     ----------
@@ -51,7 +43,7 @@ def as_latex(equations: StageEquations) -> str:
 
 
 def _condition(row: InequalityRow, zeta: str, g: str) -> str:
-    """What holds of a row and its multiplier; that of a soft one stays between zero and P."""
+    """Return the condition of a row and its multiplier; soft: between zero and P."""
     if row.soft is None:
         return rf"0 &\le {zeta} \;\perp\; {g} \le 0"
     price = r"\infty" if np.isinf(row.soft.price) else sp.latex(sp.Float(row.soft.price, 6))
@@ -80,6 +72,9 @@ def _latex_names(equations: StageEquations) -> dict[sp.Symbol, str]:
 
 
 def _letter(symbol: sp.Symbol) -> str:
-    """Greek and single letters as they are, words upright; braced, to take an index."""
+    """Return a braced letter that takes an index; multi-letter names are upright.
+
+    Greek and single letters are unchanged.
+    """
     text = sp.latex(symbol)
     return rf"\mathrm{{{text}}}" if text.isalpha() and len(text) > 1 else f"{{{text}}}"

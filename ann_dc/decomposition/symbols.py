@@ -1,4 +1,4 @@
-"""Names for what a decomposition adds to the user's own symbols, and numbers for reading."""
+"""Names of the symbols that a decomposition adds, and rounding for display."""
 
 from __future__ import annotations
 
@@ -10,17 +10,7 @@ from ann_dc.problem.declaration import OptimalControlProblem
 
 
 def fresh(name: str, problem: OptimalControlProblem) -> sp.Symbol:
-    """A symbol of that name, with a trailing '_' where the user has taken it.
-
-    Parameters
-    ----------
-    name : str
-    problem : OptimalControlProblem
-
-    Returns
-    -------
-    sympy.Symbol
-    """
+    """Return a symbol of that name, with a trailing '_' if the name is taken."""
     taken = {s.name for s in (*problem.states, *problem.controls, *problem.inputs)}
     while name in taken:
         name += "_"
@@ -28,14 +18,5 @@ def fresh(name: str, problem: OptimalControlProblem) -> sp.Symbol:
 
 
 def rounded(expression: sp.Expr) -> Any:
-    """The expression with its numbers to six digits, for reading.
-
-    Parameters
-    ----------
-    expression : sympy.Expr
-
-    Returns
-    -------
-    sympy.Expr
-    """
+    """Return the expression with its numbers rounded to six digits for display."""
     return expression.xreplace({n: sp.Float(f"{float(n):.6g}") for n in expression.atoms(sp.Float)})

@@ -1,4 +1,4 @@
-"""What a network computes: one contract, one evaluator an array library, one tape for all."""
+"""Evaluation of networks: a common contract, evaluators and a shared tape."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
-"""Calls from compiled loops to code at an address, ``i64 f(ptr, ..., i64, ...)``, and its arrays.
+"""Calls from compiled loops to code at an address, ``i64 f(ptr, ..., i64, ...)``.
 
-Arrays are handed over as a table of integers: `WIDTH` for each, its address and three sizes.
+Arrays are passed as a table of integers, `WIDTH` for each array: its address and three sizes.
 """
 
 from __future__ import annotations
@@ -15,16 +15,14 @@ from numba.extending import intrinsic, register_jitable
 from numba.np.numpy_support import carray
 
 WIDTH = 4
-"""Integers that a table has for each array."""
+"""Integers per array in a table."""
 
 
 def entries(arrays: Iterable[np.ndarray]) -> list[int]:
-    """Return what a table has for contiguous arrays, which have to live as long as it.
+    """Return the table entries of contiguous arrays.
 
-    Parameters
-    ----------
-    arrays : iterable of array
-        Of 64-bit numbers and at most three axes.
+    The arrays contain 64-bit numbers and have at most three axes. They must exist as long as the
+    table.
     """
     found = []
     for array in arrays:
@@ -35,18 +33,9 @@ def entries(arrays: Iterable[np.ndarray]) -> list[int]:
 
 
 def _call(typingctx, address, pointers, numbers):
-    """Call the function at an address.
+    """Call the function at an address with addresses and integers, in this order.
 
-    Parameters
-    ----------
-    address : int
-    pointers, numbers : tuples of int
-        Addresses and integers that it takes, in this order.
-
-    Returns
-    -------
-    int
-        What it gives; nothing useful for one that gives nothing.
+    The result of a function that returns nothing is meaningless.
     """
 
     def generate(context, builder, signature, values):
@@ -64,7 +53,7 @@ def _call(typingctx, address, pointers, numbers):
 
 
 call: Any = intrinsic(_call)
-"""`_call`, as compiled loops have it."""
+"""`_call` for compiled loops."""
 
 
 def _pointer(kind: Any) -> Any:
@@ -83,7 +72,7 @@ floats, integers = _pointer(types.float64), _pointer(types.int64)
 
 
 def _view(pointed: Any, axes: int) -> Any:
-    """Compile a view of the array whose entry begins at a place of a table."""
+    """Compile a view of the array described at a position of a table."""
 
     @register_jitable
     def view(table, at):

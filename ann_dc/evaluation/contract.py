@@ -1,21 +1,22 @@
-"""The contract of every evaluator: what a network computes, one class an array library.
+"""Contract of all evaluators: the quantities that a network computes.
 
-1. A state is a vector x (n,) of the live neurons, in the order of `Network.places`; what comes back
-   are NumPy arrays, whatever the evaluator calculates with.
-2. Pinned neurons read their inputs, absent ones zero; neither has a drive.
-3. `drives` returns zero for a drive that points outward at a rail, and the row of the Jacobian is
-   zero there. Residuals, equilibria and certificates read these drives.
-4. `rhs` is the projection of M d on what the rails allow, in the norm of M^{-1}, with d the drives
-   as they arrive: see `rules`. A neuron with a diagonal row of M moves with its cut drive. A neuron
-   that the metric couples to others and that stands at a rail is judged by its move and by the
-   current that holds it there, not by its drive. No move goes past a rail, and the result depends
-   on the state alone, whatever an evaluator keeps from call to call. `move` is M d without rails.
-5. Derivatives of the flow (`fastest_rate`, spectra) hold the neurons that rest: M among the others
+1. A state is a vector x (n,) of the live neurons in the order of `Network.places`. Results are
+   NumPy arrays, whichever array library the evaluator uses.
+2. Pinned neurons read their inputs and absent neurons read zero; neither has a net input d.
+3. `drives` returns zero for a net input that points outward at a saturation limit, and the row of
+   the Jacobian is zero there. Residuals, equilibria and certificates read these net inputs.
+4. `rhs` is the projection of M d on the saturation limits in the norm of M^{-1}, where d are the
+   uncut net inputs (see `rules`). A neuron with a diagonal row of M uses its cut net input. A
+   saturated neuron that the preconditioner couples to others is judged by its derivative and its
+   holding current, not by its net input. No derivative leads past a limit. The result depends on
+   the state alone, whatever an evaluator caches. `move` is M d without limits.
+5. Derivatives of the flow (`fastest_rate`, spectra) hold the saturated neurons: M among the others
    (`Metric.clamp`) times the rows of `drive_jacobian`.
 6. Derivatives are exact and come from the same list of nodes as the values.
-7. A domain is open, and the argument of a reciprocal keeps the side of the pole where it starts.
+7. A domain is open. The argument of a reciprocal stays on the initial side of the pole.
 
-`tests/evaluation/test_contract.py` holds every evaluator to it, `test_rules.py` to rule 4.
+`tests/evaluation/test_contract.py` checks every evaluator against the contract, `test_rules.py`
+against rule 4.
 """
 
 from __future__ import annotations
@@ -36,13 +37,9 @@ from ann_dc.network.network import Network
 
 
 class Evaluator(ABC):
-    """What a network computes at a state ``x``, a vector (n,) of the live neurons.
+    """Base class of the quantities that a network computes at a state x (n,).
 
-    Parameters
-    ----------
-    network : Network
-    tape : Tape
-        What the evaluator reads: the network's own, or one with other numbers.
+    The tape is that of the network or a tape with other numbers.
     """
 
     def __init__(self, network: Network, tape: Tape) -> None:
@@ -50,153 +47,73 @@ class Evaluator(ABC):
 
     @property
     def node_index(self) -> dict[str, int]:
-        """Row of every node in `values`, by its name."""
+        """Row of every node in `values`, by name."""
         return self.network.node_index
 
     @abstractmethod
     def values(self, x: np.ndarray) -> np.ndarray:
-        """Values of every node at a state.
+        """Return the values (nodes, N + 2) of all nodes at a state (n,).
 
-        Parameters
-        ----------
-        x : (n,) array
-
-        Returns
-        -------
-        (nodes, N + 2) array
-            In the order of ``node_index``: the stages, and one column beyond either end.
+        Rows have the order of `node_index`. The columns are the stages, with one additional column
+        at either end.
         """
 
     @abstractmethod
     def drives(self, x: np.ndarray) -> np.ndarray:
-        """What arrives at every neuron, before its time constant.
-
-        Parameters
-        ----------
-        x : (n,) array
-
-        Returns
-        -------
-        (neurons, N) array
-        """
+        """Return the net inputs (neurons, N) at a state (n,), before the time constants."""
 
     @abstractmethod
     def rhs(self, x: np.ndarray) -> np.ndarray:
-        """dx/ds: the projection of M drive on what the rails allow.
-
-        Parameters
-        ----------
-        x : (n,) array
-
-        Returns
-        -------
-        (n,) array
-        """
+        """Return dx/ds (n,), the projection of M times the net inputs on the limits."""
 
     @abstractmethod
     def move(self, drive: np.ndarray) -> np.ndarray:
-        """The metric times a vector, M drive, in time proportional to n.
-
-        Parameters
-        ----------
-        drive : (n,) array
-
-        Returns
-        -------
-        (n,) array
-        """
+        """Multiply a vector (n,) by the preconditioner M, in time proportional to n."""
 
     def clamped(self, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Return `move` while some neurons are held: the metric among the others (`Metric.among`).
+        """Return `move` with the masked neurons (n,) held.
 
-        Parameters
-        ----------
-        held : (n,) array of bool
-            Those among them that the metric does not couple make no difference.
-
-        Returns
-        -------
-        callable
-            Drives (n,) to moves (n,).
+        The callable maps net inputs (n,) to derivatives (n,) with the preconditioner among the
+        other neurons (`Metric.among`). Held neurons that the preconditioner does not couple make no
+        difference.
         """
         return self.network.metric.among(self.network.row, held)
 
     @abstractmethod
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
-        """Relative (constraint, stationarity) residuals at a state; see `rules.residuals`.
-
-        Parameters
-        ----------
-        x : (n,) array
-
-        Returns
-        -------
-        constraint, stationarity : float
-        """
+        """Return the relative residuals (constraint, stationarity); see `rules.residuals`."""
 
     @abstractmethod
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
-        """Entries of d drive / dx at a state; zero at a rail.
+        """Return the entries (nnz,) of d drive / dx at a state (n,).
 
-        Parameters
-        ----------
-        x : (n,) array
-
-        Returns
-        -------
-        (nnz,) array
-            In the order of ``tape.entries``.
+        The entries have the order of ``tape.entries`` and are zero at a saturation limit.
         """
 
     @abstractmethod
     def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
-        """The first function block that a state takes outside its domain.
+        """Return (block, stage) of the first function block outside its domain.
 
-        Of a state whose drives are finite; what is not is for `residuals` to say.
-
-        Parameters
-        ----------
-        x : (n,) array
-        guard : DomainGuard
-            From the start of the run.
-
-        Returns
-        -------
-        block, stage : int
-            Both -1 where there is none.
+        Both are -1 if there is none. The net inputs of the state must be finite (`residuals`
+        detects others). The guard is the one from the start of the run.
         """
 
     def domain_guard(self, x: np.ndarray) -> DomainGuard:
-        """Watches the domains of all function blocks, from a start ``x`` (n,) on."""
+        """Return a guard of all function-block domains for a run from a state x (n,)."""
         return DomainGuard.at(self.tape, self.values(x))
 
     def drive_jacobian(self, x: np.ndarray) -> Any:
-        """d drive / dx at a state; block tridiagonal by stage where wires reach neighbours only.
+        """Return d drive / dx at a state (n,) as a sparse (n, n) array.
 
-        Parameters
-        ----------
-        x : (n,) array
-
-        Returns
-        -------
-        (n, n) sparse array
+        The matrix is block tridiagonal by stage if all connections reach neighbours only.
         """
         return self.sparse(self.jacobian_entries(x))
 
     def fastest_rate(self, x: np.ndarray, iterations: int = 20) -> float:
-        """Estimate of the spectral radius of d rhs / dx at a state, by power iterations.
+        """Estimate the spectral radius of d rhs / dx at a state by power iterations.
 
-        The neurons that rest at the state are held.
-
-        Parameters
-        ----------
-        x : (n,) array
-        iterations : int
-
-        Returns
-        -------
-        float
-            In units of 1 / network time; 1 where there is none.
+        The saturated neurons are held. The rate is in units of 1 / network time; 1 if there is
+        none.
         """
         v, rate = np.random.default_rng(0).standard_normal(len(x)), 1.0
         entries, (row, column) = self.jacobian_entries(x), self.tape.entries[:, :2].T
@@ -211,16 +128,9 @@ class Evaluator(ABC):
         return rate
 
     def sparse(self, data: np.ndarray) -> Any:
-        """A drive Jacobian as a matrix.
+        """Return a drive Jacobian as a sparse (n, n) array.
 
-        Parameters
-        ----------
-        data : (nnz,) array
-            Its entries, in the order of ``tape.entries``.
-
-        Returns
-        -------
-        (n, n) sparse array
+        The data (nnz,) have the order of ``tape.entries``.
         """
         return sparse.csr_array((data, *self._pattern), shape=(self.network.size,) * 2)
 
@@ -232,16 +142,13 @@ class Evaluator(ABC):
 
     @cached_property
     def has_rails(self) -> bool:
-        """Whether any neuron has a rail."""
+        """True if any neuron has a saturation limit."""
         return bool(np.isfinite(self.tape.limits).any())
 
     def resting(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
-        """(n,) booleans: which neurons stand at a rail with their drive cut off.
+        """Return the mask (n,) of neurons at a limit with an outward net input.
 
-        Parameters
-        ----------
-        x : (n,) array
-        drives : (neurons, N) array
+        The net inputs have shape (neurons, N).
         """
         if not self.has_rails and np.isfinite(x).all():
             return np.zeros(self.network.size, bool)
@@ -249,11 +156,9 @@ class Evaluator(ABC):
         return rests(np.real(x), self.network.pack(drives), low, high)
 
     def free(self, x: np.ndarray) -> np.ndarray:
-        """(n,) booleans: which neurons no rail holds; drives are computed only where one might.
+        """Return the mask (n,) of neurons that are not held at a saturation limit.
 
-        Parameters
-        ----------
-        x : (n,) array
+        Net inputs are computed only if a neuron may be held.
         """
         if not self.has_rails:
             return np.ones(self.network.size, bool)

@@ -1,7 +1,7 @@
-"""Where neurons may be: inside the domains of the function blocks that they feed.
+"""Admissible neuron states: domains of the function blocks that the neurons feed.
 
-A domain is an open interval; a reciprocal is defined on either side of its pole, but a run may not
-go from one side to the other, so that where it starts decides.
+A domain is an open interval. A reciprocal is defined on either side of its pole, but a run must not
+cross the pole. The side at the start of the run is therefore binding.
 """
 
 from __future__ import annotations
@@ -16,28 +16,19 @@ from ann_dc.network.functions import FUNCTIONS, Library, function_block
 from ann_dc.network.network import Network
 
 MARGIN = 0.02
-"""Share of a two-sided domain's width that is kept free at each of its ends."""
+"""Margin at each end of a two-sided domain, as a fraction of the domain's width."""
 
 HEADROOM = 0.05
-"""Share of the start's magnitude that is kept free at the end of a one-sided domain."""
+"""Margin at the end of a one-sided domain, as a fraction of the start's magnitude."""
 
 
 def safe_bounds(network: Network, x: np.ndarray) -> np.ndarray:
-    """Bounds (n, 2) of neurons: their rails, and where they keep a block that they feed defined.
+    """Return bounds (n, 2) of neurons: saturation limits and safe ranges of blocks.
 
-    A reciprocal keeps the sign that its argument has at the state ``x`` (n,). Blocks that mix
-    several neurons set no bound; a run that leaves their domain learns it from its `DomainGuard`.
-
-    Parameters
-    ----------
-    network : Network
-    x : (n,) array
-        The state whose side of every pole is kept.
-
-    Returns
-    -------
-    (n, 2) array
-        Lowest and highest state, infinite where no block sets a bound.
+    The lowest and highest states keep all blocks that a neuron feeds defined, and are infinite if
+    no block sets a bound. A reciprocal preserves the sign of its argument at the state x (n,).
+    Blocks that combine several neurons set no bound. The `DomainGuard` detects a run that leaves
+    their domain.
     """
     values = network.unpack(x)
     bounds = np.array([(n.limiter.low, n.limiter.high) for n in network.cell.neurons], float)
@@ -53,7 +44,7 @@ def safe_bounds(network: Network, x: np.ndarray) -> np.ndarray:
 
 
 def _single_source(network: Network, node: str) -> tuple[int, float, float] | None:
-    """(neuron, weight, bias) where a node is one neuron, scaled and shifted."""
+    """Return (neuron, weight, bias) of a node that is one scaled and shifted neuron."""
     if node in network.neuron_index:
         return network.neuron_index[node], 1.0, 0.0
     arriving = [c for c in network.cell.connections if c.target == node]
@@ -77,23 +68,16 @@ def _interval(function: str, argument: np.ndarray) -> tuple[float, float]:
 
 
 class DomainGuard(NamedTuple):
-    """Open intervals of all function blocks, and the side of its pole each reciprocal is on."""
+    """Open domains of all function blocks, and the pole side of each reciprocal."""
 
     domains: np.ndarray
-    """(codes, 2): of every function block."""
+    """Domain of every function block (codes, 2)."""
     signs: np.ndarray
-    """(blocks, N): sign that an argument has to keep; zero where a block has no pole."""
+    """Required sign of each argument (blocks, N); zero for blocks without a pole."""
 
     @classmethod
     def at(cls, tape: Tape, values: np.ndarray) -> DomainGuard:
-        """The guard for a run that starts with these node values.
-
-        Parameters
-        ----------
-        tape : Tape
-        values : (nodes, N + 2) array
-            Node values at the start.
-        """
+        """Return the guard for a run from initial node values (nodes, N + 2)."""
         signs = np.zeros((len(tape.blocks), values.shape[1] - 2))
         for step, (kind, _, code, x) in enumerate(tape.blocks):
             if kind == FUNCTION and FUNCTIONS[code].has_pole:
@@ -102,24 +86,19 @@ class DomainGuard(NamedTuple):
 
 
 def side_of_pole(argument: Any, library: Library) -> Any:
-    """-1 or 1, element by element; at the pole itself 1, where nothing is defined.
+    """Return -1 or 1 elementwise; 1 at the pole, where nothing is defined.
 
-    Parameters
-    ----------
-    argument : array
-        Of any shape.
-    library : module
-        The array library.
+    The argument has any shape; ``library`` is its array library.
     """
     return library.where(argument < 0, -library.ones_like(argument), 1.0)
 
 
 class Bounds(NamedTuple):
-    """What a recurrence keeps to; n live neurons."""
+    """Bounds of a recurrence; n live neurons."""
 
     slew: np.ndarray
-    """(n,): how far a neuron may move in one step."""
+    """Largest change of a neuron in one step (n,)."""
     box: np.ndarray
-    """(n, 2): lowest and highest state."""
+    """Lowest and highest state (n, 2)."""
     guard: DomainGuard
-    """The domains that it must not leave."""
+    """Domains that the run must not leave."""

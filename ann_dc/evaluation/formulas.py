@@ -1,7 +1,7 @@
-"""The formulas of all function blocks as compiled code, and how everything here is compiled.
+"""Compiled formulas of all function blocks, and compiler settings of the package.
 
-`ann_dc.network.functions` has the same formulas for array libraries; the conformance suite of the
-evaluators ties the two together.
+`ann_dc.network.functions` has the same formulas for array libraries. The conformance tests of the
+evaluators check that both agree.
 """
 
 from __future__ import annotations
@@ -38,18 +38,18 @@ WRITTEN = (
     *("sin", "cos", "tan", "exp", "log", "sqrt", "reciprocal", "tanh", "sinh", "cosh"),
     *("atan", "asin", "acos", "rectify"),
 )
-"""Function blocks that `value_at` and `slope_at` have a line for."""
+"""Function blocks that `value_at` and `slope_at` implement."""
 
 
 ROOMS = "evaluation", "backends/integration", "backends/lanes"
-"""Whose functions and records are compiled into one another."""
+"""Folders with functions and records that are compiled into one another."""
 
 
 def _folder() -> Path:
-    """Where Numba keeps what is compiled of these very sources.
+    """Return the Numba cache folder for the current sources.
 
-    It looks at the module of a function alone, and would go on with code that has taken in another
-    module as it was before.
+    Numba checks only the module of a function, and would otherwise reuse code that has inlined an
+    older version of another module.
     """
     package, sources = Path(__file__).parents[1], hashlib.sha256(repr(CODE).encode())
     for room in ROOMS:
@@ -83,38 +83,36 @@ def _njit(**options: bool) -> Any:
 
 
 def called_by_address(function: Callable, signature: Any) -> Any:
-    """Compile a function that generated code calls; see `jit_functions.callback`."""
+    """Compile a callback of generated code; see `kept_code.functions.callback`."""
     with _kept_here():
         return callback(function, signature, fastmath=_MATH)
 
 
 FOLDER = _folder()
 compiled = _njit()
-"""Compiled once per machine, cached on disk."""
+"""Decorator: compiled once per machine and cached on disk."""
 released = _njit(nogil=True)
-"""The same, of what runs in several threads."""
+"""Decorator like `compiled`, for functions that run in several threads."""
 inner = _njit(no_cpython_wrapper=True)
-"""The same, of what compiled code alone calls: half of a compilation is the door to Python."""
+"""Decorator like `compiled`, for functions called from compiled code only: without the Python
+wrapper,
+which takes half of the compilation.
+"""
 inlined = _njit(no_cpython_wrapper=True, forceinline=True)
-"""The same, of what is short: a call hands over every field of every record."""
+"""Decorator like `compiled`, for short functions: inlined, because a call passes every field of
+every
+record.
+"""
 
 
 index = np.uint64
-"""An integer as an index that is known not to be negative."""
+"""Conversion of an integer to an index that is known to be nonnegative."""
 
 
 def check_written(codes: Iterable[int]) -> None:
-    """Raise an error if the compiled formulas lack a function block.
+    """Raise `NetworkError` if the compiled formulas lack a function block.
 
-    Parameters
-    ----------
-    codes : iterable of int
-        Codes of function blocks, as in ``CODE``.
-
-    Raises
-    ------
-    NetworkError
-        The message names the function block.
+    The codes are those of `CODE`. The message names the function block.
     """
     for name in (FUNCTIONS[code].name for code in codes):
         if name not in WRITTEN:
@@ -126,7 +124,7 @@ def check_written(codes: Iterable[int]) -> None:
 
 @inner
 def value_at(code, x):  # noqa: C901 - one line a function block
-    """f(x) of the function block with this code."""
+    """Return f(x) of the function block with a code."""
     if code == _SIN:
         return math.sin(x)
     if code == _COS:
@@ -160,7 +158,7 @@ def value_at(code, x):  # noqa: C901 - one line a function block
 
 @inner
 def slope_at(code, x, y):  # noqa: C901 - one line a function block
-    """df/dx at x, where y = f(x)."""
+    """Return df/dx of the function block with a code at x, with y = f(x)."""
     if code == _SIN:
         return math.cos(x)
     if code == _COS:

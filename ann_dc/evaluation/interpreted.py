@@ -1,4 +1,4 @@
-"""A network as loops over its tape evaluate it, compiled once for all networks."""
+"""Evaluator that interprets the tape in loops, compiled once for all networks."""
 
 from __future__ import annotations
 
@@ -19,20 +19,10 @@ from ann_dc.network.network import Network
 
 @final
 class InterpretedEvaluator(Evaluator):
-    """Loops over a tape, with their workspaces (so: one a thread).
+    """Evaluator with loops over a tape, for any wiring; use one evaluator per thread.
 
-    They take any wiring; `fast_evaluator` gives generated code where there is such.
-
-    Parameters
-    ----------
-    network : Network
-    tape : Tape, optional
-        Replaces the network's own by one with other numbers (a trial of other gains).
-
-    Attributes
-    ----------
-    work : Workspace
-        Arrays that every call overwrites.
+    Every call overwrites the workspace ``work``. An optional tape replaces the network's tape by
+    other numbers (a trial of other gains). `fast_evaluator` returns generated code if available.
 
     Examples
     --------
@@ -50,13 +40,7 @@ class InterpretedEvaluator(Evaluator):
         self._data = np.zeros(len(self.tape.entries))
 
     def renumber(self, tape: Tape) -> None:
-        """From now on with other numbers.
-
-        Parameters
-        ----------
-        tape : Tape
-            Of the same network.
-        """
+        """Replace the tape by another tape of the same network."""
         shape = tape.rates.shape
         self.tape, self._planes, clamp = tape, np.zeros((3, *shape)), np.zeros(2, np.int64)
         if np.isfinite(tape.limits[tape.reached]).any():
@@ -69,31 +53,26 @@ class InterpretedEvaluator(Evaluator):
         self.work = loops.workspace(tape, self._planes, clamp)
 
     def set_inputs(self, rows: np.ndarray, values: np.ndarray) -> None:
-        """From now on some inputs have other values.
+        """Replace the values (inputs, N) of some inputs, in network units.
 
-        Parameters
-        ----------
-        rows : (inputs,) array of int
-            Which, as rows of ``node_index``.
-        values : (inputs, N) array
-            In network units.
+        The rows (inputs,) are those of `node_index`.
         """
         self.work.values[rows, 1:-1] = values
 
     # ---- the contract ------------------------------------------------------------------------
 
     def values(self, x: np.ndarray) -> np.ndarray:
-        """Values (nodes, N + 2) of every node."""
+        """Return the values (nodes, N + 2) of all nodes."""
         loops.evaluate(self.tape, self.work, x)
         return self.work.values.copy()
 
     def drives(self, x: np.ndarray) -> np.ndarray:
-        """What arrives at every neuron, (neurons, N)."""
+        """Return the net inputs (neurons, N)."""
         loops.evaluate(self.tape, self.work, x)
         return self.work.drives.copy()
 
     def rhs(self, x: np.ndarray) -> np.ndarray:
-        """dx/ds (n,)."""
+        """Return dx/ds (n,)."""
         out = np.empty(len(x))
         work = self.work
         arrays = work.values, self._planes, work.nodes, work.clamp
@@ -101,55 +80,40 @@ class InterpretedEvaluator(Evaluator):
         return out
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
-        """Relative (constraint, stationarity) residuals."""
+        """Return the relative (constraint, stationarity) residuals."""
         loops.evaluate(self.tape, self.work, x)
         return loops.residuals(self.tape, self.work)
 
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
-        """Entries of d drive / dx (nnz,); zero at a rail."""
+        """Return the entries (nnz,) of d drive / dx; zero at a saturation limit."""
         loops.drive_jacobian(self.tape, self.work, x, self._slots, self._data)
         resting = self.resting(x, self.work.drives)
         return np.where(resting[self.tape.entries[:, 0]], 0, self._data)
 
     def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
-        """(block, stage) of the first function block outside its domain, or (-1, -1)."""
+        """Return (block, stage) of the first block outside its domain, or (-1, -1)."""
         loops.evaluate(self.tape, self.work, x)
         return loops.first_outside(self.tape, self.work, guard)
 
     # ---- what loops can do besides -----------------------------------------------------------
 
     def move(self, drive: np.ndarray) -> np.ndarray:
-        """M drive, both (n,)."""
+        """Multiply net inputs (n,) by M."""
         out = np.empty(len(drive))
         loops.apply_metric(self.tape, self.work, drive, out)
         return out
 
     def clamped(self, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """`move` while some neurons are held."""
+        """Return `move` with some neurons held."""
         return clamped_moves(self.tape, held) or self.move
 
     def recur(
         self, x: np.ndarray, step: float, bounds: Bounds, *, count: int, tolerance: float
     ) -> tuple[int, float, int]:
-        """Forward Euler steps on ``x`` in place; see `loops.recur`.
+        """Run forward Euler steps on a state (n,) in place; see `loops.recur`.
 
-        Parameters
-        ----------
-        x : (n,) array
-            The state, overwritten.
-        step : float
-            In units of network time.
-        bounds : Bounds
-        count : int
-            Largest number of steps.
-        tolerance : float
-            Largest relative residual of a settled state.
-
-        Returns
-        -------
-        steps : int
-        residual : float
-        outcome : int
-            `RAN`, `SETTLED` or `LOST`.
+        At most ``count`` steps of length ``step`` (in network time) are done. A state with a
+        relative residual of at most the tolerance is settled. Returns the number of steps, the
+        residual, and `RAN`, `SETTLED` or `LOST`.
         """
         return loops.recur(self.tape, self.work, x, step, bounds, count, tolerance)

@@ -1,8 +1,9 @@
-"""Clamps that compiled and generated code calls by address, with a table of sizes and addresses.
+"""Clamps called by address from compiled and generated code.
 
-So they are compiled for those networks alone that have rails at neurons which a metric couples.
-States, drives and moves lie wherever the caller has them: a state, or a sample in every lane, which
-has a set of its own.
+A table contains array sizes and addresses. Clamps are therefore compiled only for networks with
+saturation limits at neurons that the preconditioner couples. States, net inputs and derivatives are
+at places that the caller chooses. They belong to one state, or to one sample in every lane; each
+sample has a separate set of held neurons.
 """
 
 from __future__ import annotations
@@ -47,27 +48,22 @@ ARRAYS = (
     "factor",
     *Couplings._fields,
 )
-"""Arrays of a clamp, in the order of the table: the address and three sizes of each."""
+"""Arrays of a clamp in table order; each has an address and three sizes."""
 
 
 class LaneClamps:
-    """Arrays of the clamps of all lanes, and the table that generated code hands over.
+    """Arrays of the clamps of all lanes, and their table for generated code.
 
     Parameters
     ----------
-    tape : Tape
     at, state_at : (P, N) array of int
-        Where neurons lie among drives and moves, and among states, in the first lane; -1 where
-        there is none.
+        Offsets of the neurons among net inputs and derivatives, and among states, in the first
+        lane; -1 if there is none.
     lanes : int
-        States: 1, or the samples of a group.
+        Number of states: 1, or the samples of a group.
     given : dict of str to array
-        ``drives``, as they arrive; ``rates_of_lanes`` and ``roots``, where every sample has its
-        own.
-
-    Attributes
-    ----------
-    table : array of int
+        Uncut net inputs ``drives``; also ``rates_of_lanes`` and ``roots`` if every sample has
+        separate ones.
     """
 
     def __init__(
@@ -97,7 +93,7 @@ class LaneClamps:
         self.table = np.array([lanes, *entries(self.arrays[name] for name in ARRAYS)], np.int64)
 
     def renumber(self, tape: Tape) -> None:
-        """Take over the numbers of another tape of the same wiring."""
+        """Copy the numbers of another tape with the same wiring."""
         for name in Couplings._fields:
             self.arrays[name][...] = getattr(tape, name)
         self.arrays["held"][...] = UNKNOWN
@@ -148,7 +144,7 @@ def _is_at_rail(couplings, state_at, x, lane):
 
 @inner
 def _gather(couplings, hold, places, tables, lane):
-    """States, drives and rates of a lane; a sample that is another one has no set yet."""
+    """Copy states, net inputs and rates of a lane; a new sample has no held set yet."""
     (at, state_at), (x, drives, rates, roots), is_other = places, tables, False
     for p in couplings.reached:
         for k in range(at.shape[1]):
@@ -166,7 +162,7 @@ def _gather(couplings, hold, places, tables, lane):
 
 @inner
 def _scatter(couplings, hold, places, tables, out, lane):
-    """Moves of a lane; drives of neurons with rails are cut."""
+    """Write the derivatives of a lane and cut net inputs at limits."""
     (at, _), (_, drives, _, roots) = places, tables
     for p in couplings.reached:
         low, high = couplings.limits[p, 0], couplings.limits[p, 1]
@@ -199,9 +195,9 @@ def _clamp_lanes(table, x, out):
 
 @cache
 def clamp_code() -> Any:
-    """Return ``i64 clamp(table, x, out)`` with its ``address``; compiled where it is not there.
+    """Return ``i64 clamp(table, x, out)`` with its ``address``, compiled if needed.
 
-    The moves ``out`` of all states ``x`` that stand at rails are projected on what these allow, and
-    the drives of the neurons that the metric couples, which are there as they arrive, are cut.
+    The code projects the derivatives ``out`` of all states ``x`` at saturation limits on these
+    limits. It cuts the uncut net inputs of the neurons that the preconditioner couples.
     """
     return called_by_address(_clamp_lanes, types.int64(types.int64, types.int64, types.int64))

@@ -1,9 +1,10 @@
-"""Evaluation as loops over numbers: one small interpreter over a `Tape`, generic over networks.
+"""Evaluation as loops over numbers: a small interpreter of a `Tape`.
 
-Numba compiles it once per machine and caches it on disk; a new network is new data, not new code.
-Blocks are the outer loop, stages the inner one, so a step is a few long, regular loops. What lies
-in between goes to a `Workspace`, so that nothing is allocated on the way. Arrays are copied number
-by number: for an assignment of slices Numba compiles three seconds of error message.
+Numba compiles the interpreter once per machine and caches it on disk. A new network is new data,
+not new code. Blocks are the outer loop and stages the inner loop, so a step consists of a few long,
+regular loops. Intermediate results are stored in a `Workspace`, so nothing is allocated during a
+step. Arrays are copied number by number: for an assignment of slices Numba compiles error messages
+for three seconds.
 """
 
 from __future__ import annotations
@@ -44,24 +45,28 @@ _is_defined = inner(rules.is_defined)
 
 
 class Workspace(NamedTuple):
-    """The arrays that an evaluation fills on its way; P neurons, N stages."""
+    """Arrays that an evaluation fills; P neurons, N stages."""
 
     values: np.ndarray
-    """(nodes, N + 2): of every node; what is not live comes from the tape."""
+    """Node values (nodes, N + 2); values that are not live come from the tape."""
     drives: np.ndarray
-    """(P, N): what arrives at the neurons."""
+    """Net inputs of the neurons (P, N)."""
     moves: np.ndarray
-    """(P, N): what the metric makes of it."""
+    """State derivatives (P, N), the preconditioned net inputs."""
     nodes: np.ndarray
-    """(grid points, chains) of a pyramid, or (S, 1) of the neurons that a stiffness couples."""
+    """Nodes of a pyramid (grid points, chains), or of the neurons that a stiffness couples (S, 1).
+    """
     arriving: np.ndarray
-    """(P, N): drives of neurons with rails, before they are cut."""
+    """Uncut net inputs of neurons with saturation limits (P, N)."""
     clamp: np.ndarray
-    """(2,): addresses of a clamp and its table; zero where no neuron with a rail is coupled."""
+    """Addresses of a clamp and its table (2,); zero if no neuron with a limit is coupled."""
 
 
 def workspace(tape: Tape, planes: np.ndarray, clamp: np.ndarray) -> Workspace:
-    """Return a new workspace for a tape; raise a NetworkError if loops lack a function."""
+    """Return a new workspace for a tape.
+
+    Raises `NetworkError` if the loops lack a function block.
+    """
     check_written(code for kind, _, code, _ in tape.blocks.tolist() if kind == FUNCTION)
     points, chains = max(int(tape.grid_starts[-1]), 1), max(len(tape.chains), 1)
     coupled = len(tape.coupled) - 1
@@ -77,17 +82,17 @@ def workspace(tape: Tape, planes: np.ndarray, clamp: np.ndarray) -> Workspace:
 
 @inner
 def _copy(source, first, target):
-    """A row, from a column on."""
+    """Copy a row from a column on."""
     for k in range(target.shape[0]):
         target[k] = source[first + k]
 
 
 @inlined
 def _arrive(sources, weights, values, first, last, out):
-    """What arrives at a target, four stages at a time: one vector, where their sums stay.
+    """Sum the connections of a target, four stages at a time (one vector register).
 
-    The last four may be some of those before. Where an index has no sign, Numba does not ask
-    whether it counts from the end, which costs as much as the sum.
+    The last group of four stages may overlap the previous group. For unsigned indices Numba omits
+    the test for negative indices, which costs as much as the sum.
     """
     stages, is_near = out.shape[0], out.shape[0] >= 4
     for four in range((stages + 3) // 4 if is_near else 0):
@@ -111,7 +116,7 @@ def _arrive(sources, weights, values, first, last, out):
 
 @inner
 def _arrive_from_far(sources, weights, values, first, last, out):
-    """The same where a row is short, or where stages read beyond what it has beside it."""
+    """Sum the connections of a target if a row is short or reads outside the columns."""
     stages = out.shape[0]
     for k in range(stages):
         out[k] = 0.0
@@ -123,7 +128,7 @@ def _arrive_from_far(sources, weights, values, first, last, out):
 
 @inner
 def _gather(tape, neuron, drive):
-    """What all cells send to a neuron that they share, in the last one."""
+    """Sum the contributions of all cells to a shared neuron in the last cell."""
     for row in tape.shared:
         if row == neuron:
             for k in range(drive.shape[0] - 1):
@@ -132,7 +137,7 @@ def _gather(tape, neuron, drive):
 
 @compiled
 def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array of the tape
-    """Values and drives of a tape at the state ``x`` (n,), left in ``work``."""
+    """Compute the node values and net inputs at the state ``x`` (n,) into ``work``."""
     values, drives = work.values, work.drives
     stages = drives.shape[1]
     for i in range(x.shape[0]):
@@ -168,7 +173,7 @@ def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array 
 
 @inlined
 def flow(tape, work):
-    """Moves (neurons, N) that lead past no rail, after `evaluate`."""
+    """Compute derivatives (neurons, N) that lead past no limit, after `evaluate`."""
     move(tape, work)
     if work.clamp[0] != 0 and stands_at_rail(tape, work.values):
         for p in tape.reached:
@@ -180,7 +185,7 @@ def flow(tape, work):
 
 @inlined
 def rhs(tape, work, x, out):
-    """dx/ds into ``out`` (n,)."""
+    """Compute dx/ds into ``out`` (n,)."""
     evaluate(tape, work, x)
     flow(tape, work)
     for i in range(x.shape[0]):
@@ -189,14 +194,20 @@ def rhs(tape, work, x, out):
 
 @compiled
 def rhs_of_arrays(tape, x, values, planes, nodes, clamp, out):
-    """`rhs` for calls from Python, where loose arrays cost 0.5 of 5 us less than a record."""
+    """Compute `rhs` for calls from Python.
+
+    Separate arrays take 0.5 us less of 5 us than a record.
+    """
     work = Workspace(values, planes[0], planes[1], nodes, planes[2], clamp)
     rhs(tape, work, x, out)
 
 
 @compiled
 def drive_jacobian(tape, work, x, slots, data):
-    """Entries of d drive / dx at ``x`` (n,) into ``data`` (nnz,); ``slots`` is workspace."""
+    """Compute the entries (nnz,) of d drive / dx at ``x`` (n,) into ``data``.
+
+    ``slots`` is a workspace.
+    """
     evaluate(tape, work, x)
     values = work.values
     stages = values.shape[1] - 2
@@ -223,7 +234,7 @@ def drive_jacobian(tape, work, x, slots, data):
 
 @compiled
 def residuals(tape, work):
-    """`rules.residuals`, as loops, after `evaluate`."""
+    """Compute `rules.residuals` in loops, after `evaluate`."""
     values, drives = work.values, work.drives
     constraint = stationarity = still = 0.0
     position, dual, state = SMALLEST_POSITION, FLOOR, 1.0
@@ -246,9 +257,9 @@ def residuals(tape, work):
 
 @compiled
 def first_outside(tape, work, guard):
-    """(block, stage) of the first function block outside its domain, or (-1, -1).
+    """Return (block, stage) of the first block outside its domain, or (-1, -1).
 
-    ``guard`` is a `DomainGuard`; after `evaluate`.
+    ``guard`` is a `DomainGuard`. Call `evaluate` first.
     """
     values = work.values
     for step in range(tape.blocks.shape[0]):
@@ -268,7 +279,7 @@ def first_outside(tape, work, guard):
 
 @compiled
 def keep_within_rails(tape, x):
-    """A state ``x`` (n,) back to the rails that a step went past, in place."""
+    """Clip a state ``x`` (n,) to the saturation limits in place."""
     for i in range(x.shape[0]):
         low, high = tape.limits[tape.places[i, 0], 0], tape.limits[tape.places[i, 0], 1]
         x[i] = min(max(x[i], low), high)
@@ -276,14 +287,14 @@ def keep_within_rails(tape, x):
 
 @compiled
 def recur(tape, work, x, step, bounds, count, tolerance):
-    """Up to ``count`` forward Euler steps of ``step`` on ``x`` (n,) in place.
+    """Run up to ``count`` forward Euler steps of ``step`` on ``x`` (n,) in place.
 
-    A step that would move a neuron further than its slew is shortened for all of them; ``bounds``
-    (`Bounds`) says how far that is, where the state is kept, and which domains it must not leave.
-    ``tape`` and ``work`` are those of `evaluate`.
+    A step that would move a neuron further than its slew is shortened for all neurons. ``bounds``
+    (`Bounds`) contains the slew, the range of the state, and the domains that the state must not
+    leave. ``tape`` and ``work`` are those of `evaluate`.
 
-    Returns the number of steps done, the last residual, and `RAN`, `SETTLED` (to ``tolerance``) or
-    `LOST` (left a domain or overflowed).
+    Returns the number of steps, the last residual, and the outcome: `RAN`, `SETTLED` (residual
+    below ``tolerance``) or `LOST` (left a domain or overflowed).
     """
     last, slew, box, moves = np.inf, bounds.slew, bounds.box, work.moves
     for done in range(count):
@@ -308,7 +319,7 @@ def recur(tape, work, x, step, bounds, count, tolerance):
 
 @compiled
 def apply_metric(tape, work, drive, out):
-    """The metric times a vector: ``out = M drive``, both (n,)."""
+    """Compute ``out = M drive``, both (n,)."""
     drives, moves = work.drives, work.moves
     clear(drives)
     for i in range(drive.shape[0]):

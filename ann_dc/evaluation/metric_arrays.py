@@ -1,7 +1,7 @@
-"""The part of a tape that says how drives become moves, and the loops that make them.
+"""Tape arrays of the preconditioner, and the loops that compute state derivatives.
 
-A pyramid is its grids and hats, a stiffness its triangular factor; each kind of metric leaves the
-arrays of the others empty.
+A pyramid is stored as grids and hat functions, a stiffness as its triangular factor. The arrays of
+the other preconditioner kinds are empty.
 """
 
 from __future__ import annotations
@@ -15,22 +15,10 @@ from ann_dc.network.preconditioners.stiffness import Stiffness
 
 
 def metric_arrays(metric: Metric, row: Row) -> dict[str, np.ndarray]:
-    """Fields of `Tape`, from ``chains`` on.
+    """Return the fields of `Tape` from ``chains`` on for a preconditioner.
 
-    Parameters
-    ----------
-    metric : Metric
-    row : Row
-        Of the network, with the rates that the tape has.
-
-    Returns
-    -------
-    dict of str to array
-
-    Raises
-    ------
-    NetworkError
-        If the metric does not fit the row.
+    The row needs the rates of the tape. Raises `NetworkError` if the preconditioner does not fit
+    the row.
     """
     reached = {"reached": np.flatnonzero(metric.reach(row))}
     if isinstance(metric, Stiffness):
@@ -65,7 +53,10 @@ def _pyramid(pyramid: Pyramid, row: Row) -> dict[str, np.ndarray]:
 
 
 def _stiffness(stiffness: Stiffness, row: Row) -> dict[str, np.ndarray]:
-    """K of K K' = T^{-1/2} S T^{-1/2}, in the order of the row: no further than its neighbours."""
+    """Return the arrays of a stiffness: K of K K' = T^{-1/2} S T^{-1/2} in row order.
+
+    In this order, the factor reaches no further than the neighbours.
+    """
     band, component = stiffness.cholesky(row), row.component[row.primal].T.ravel()
     below, column = np.nonzero(band)
     used = component[column] >= 0
@@ -88,7 +79,7 @@ def _stiffness(stiffness: Stiffness, row: Row) -> dict[str, np.ndarray]:
 
 
 def _band(stiffness: Stiffness, row: Row, live: np.ndarray) -> np.ndarray:
-    """T^{-1/2} S T^{-1/2} over the live neurons, row by row up to the diagonal, which is last."""
+    """Return T^{-1/2} S T^{-1/2} over the live neurons in bands, diagonal last."""
     band = stiffness.banded(row)
     below, column = np.nonzero(band)
     used = np.isin(column, live)
@@ -102,7 +93,7 @@ def _band(stiffness: Stiffness, row: Row, live: np.ndarray) -> np.ndarray:
 
 
 def _places(row: Row) -> np.ndarray:
-    """(n, 2): neuron and stage of the components of the state vector."""
+    """Return neuron and stage (n, 2) of the components of the state vector."""
     stage, neuron = np.nonzero(row.rates.T)
     return np.column_stack([neuron, stage])
 
@@ -114,7 +105,7 @@ _0 = index(0)
 
 @inner
 def clear(table):
-    """Zero everywhere."""
+    """Set all entries of a table to zero."""
     for row in range(table.shape[0]):
         for column in range(table.shape[1]):
             table[row, column] = 0.0
@@ -122,7 +113,10 @@ def clear(table):
 
 @inner
 def _restrict(tape, drives, grid):
-    """Add the drives below every hat: the finest level from the chains, each next from the last."""
+    """Restrict the net inputs to the grids, the finest level from the chains.
+
+    Each coarser level is restricted from the next finer level.
+    """
     clear(grid)
     for p in range(tape.hats.shape[0]):
         left, share = tape.hats[p], tape.shares[p]
@@ -145,7 +139,7 @@ def _restrict(tape, drives, grid):
 
 @inner
 def _respond(tape, grid):
-    """Rates of the coarse neurons plus those of all coarser ones, in place of ``grid``."""
+    """Replace ``grid`` by the rates of its neurons plus those of all coarser levels."""
     chains, levels = tape.chains.shape[0], tape.grid_starts.shape[0] - 1
     rates = np.empty(chains)
     for level in range(levels - 1, -1, -1):
@@ -167,7 +161,7 @@ def _respond(tape, grid):
 
 @inner
 def coordinate(tape, work):
-    """Add the pyramid's part to the moves."""
+    """Add the contribution of the pyramid to the derivatives."""
     drives, moves, grid = work.drives, work.moves, work.nodes
     _restrict(tape, drives, grid)
     _respond(tape, grid)
@@ -181,7 +175,7 @@ def coordinate(tape, work):
 
 @inner
 def _relax(coupled, factor, columns, drives, moves, y):
-    """Moves of the neurons that a stiffness couples: K K' m = d, K lower triangular."""
+    """Solve K K' m = d, K lower triangular, for the neurons that a stiffness couples."""
     for i in range(y.shape[0]):
         total = drives[coupled[i, 0], coupled[i, 1]]
         diagonal = coupled[i + 1, 2] - 1
@@ -198,7 +192,7 @@ def _relax(coupled, factor, columns, drives, moves, y):
 
 @inner
 def move(tape, work):
-    """Moves (neurons, N) = M drives, after `evaluate`."""
+    """Compute the derivatives (neurons, N), M times the net inputs, after `evaluate`."""
     drives, moves = work.drives, work.moves
     for p in range(drives.shape[0]):
         for k in range(drives.shape[1]):

@@ -1,7 +1,7 @@
-"""Projection of moves on what rails allow, as loops over numbers: what `projection` says in NumPy.
+"""Projection of derivatives on saturation limits as loops over numbers.
 
-The set of held neurons and its factor are kept from call to call; they save time and change no
-result.
+The NumPy version is in `projection`. The set of held neurons and its factor are cached between
+calls. The cache saves time and does not change results.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _lets_go = inner(rules.lets_go)
 
 @inner
 def _mark(hold, p, k, mark, first):
-    """Set a mark; the first stage with a change, and none of whose factor is known."""
+    """Set a mark and return the first stage with a change, or 0 after an unknown mark."""
     before = hold.held[p, k]
     hold.held[p, k] = mark
     if before == UNKNOWN:
@@ -32,9 +32,9 @@ def _mark(hold, p, k, mark, first):
 
 @inner
 def _at_rails(couplings, hold):
-    """Coupled neurons that stand at rails: their places; others are marked free.
+    """Return the places of coupled neurons at limits and the first changed stage.
 
-    And the first stage whose marks have changed.
+    Neurons between their limits are marked free.
     """
     stages, count = hold.drives.shape[1], 0
     places, first = np.empty((couplings.reached.shape[0] * stages, 2), np.int64), stages
@@ -57,9 +57,9 @@ def _at_rails(couplings, hold):
 
 @inner
 def _exchange(couplings, hold, currents, places, only_last):
-    """Exchange neurons that are held or free wrongly, or the last of them; the first stage of them.
+    """Exchange the wrongly held or free neurons, or only the last of them.
 
-    The number of stages where there is none.
+    Returns the first stage of an exchange, or the number of stages if there is none.
     """
     stages, slack = hold.drives.shape[1], 0.0
     for i in range(places.shape[0]):
@@ -83,13 +83,13 @@ def _exchange(couplings, hold, currents, places, only_last):
 
 @inlined
 def is_railed(limits, p):
-    """Whether a neuron has a rail."""
+    """Return True if a neuron has a saturation limit."""
     return limits[p, 0] > -np.inf or limits[p, 1] < np.inf
 
 
 @inlined
 def stands_at_rail(tape, values):
-    """Whether a neuron that the metric couples to others stands at a rail."""
+    """Return True if a neuron that the preconditioner couples to others is at a limit."""
     found = False
     for p in tape.reached:
         if is_railed(tape.limits, p):
@@ -102,13 +102,9 @@ def stands_at_rail(tape, values):
 
 @inner
 def clamp(couplings, hold):
-    """Moves of the neurons that a metric couples, some of which stand at rails: see `rules`.
+    """Compute the derivatives of coupled neurons, some at limits; see `rules`.
 
-    Parameters
-    ----------
-    couplings : Couplings
-    hold : Hold
-        Its values and drives are read; its moves and marks are overwritten.
+    The values and drives of the `Hold` are read; its moves and marks are overwritten.
     """
     places, first = _at_rails(couplings, hold)
     stages, currents = hold.drives.shape[1], np.zeros(hold.drives.shape)
@@ -127,34 +123,19 @@ def clamp(couplings, hold):
 
 @compiled
 def moves_while_held(couplings, hold, places, is_new):
-    """Moves of the drives of a hold, for marks that are given and whose places these are.
+    """Compute the derivatives of a `Hold` for given marks.
 
-    Parameters
-    ----------
-    couplings : Couplings
-    hold : Hold
-        Its drives and marks are read; its moves are overwritten.
-    places : (h, 2) array of int
-        Neuron and stage of those that are held.
-    is_new : bool
-        Whether the marks have no factor yet.
+    The drives and marks are read and the moves are overwritten. ``places`` (h, 2) contains neuron
+    and stage of the held neurons; ``is_new`` is True if the marks have no factor yet.
     """
     currents = np.zeros(hold.drives.shape)
     solve(couplings, hold, currents, places, 0 if is_new else hold.drives.shape[1])
 
 
 def clamped_moves(tape: Tape, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray] | None:
-    """Return the moves (n,) of drives (n,) while some neurons are held, as a function.
+    """Return a function from net inputs (n,) to derivatives (n,) with held neurons.
 
-    Parameters
-    ----------
-    tape : Tape
-    held : (n,) array of bool
-
-    Returns
-    -------
-    callable or None
-        None if the metric couples no held neuron to others.
+    Returns None if the preconditioner couples no held neuron, given by a mask (n,), to others.
     """
     held = held & np.isin(tape.places[:, 0], tape.reached)
     if not held.any():

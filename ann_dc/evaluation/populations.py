@@ -1,7 +1,7 @@
-"""What a state says about the problem: populations in the user's units, and its KKT point.
+"""Populations and KKT point of a network state, in the user's units.
 
-The multipliers of a KKT point are those that the network works with, the outputs m = mu + rho c of
-its duals; where it has settled, c = 0 and they are mu.
+The multipliers of a KKT point are the outputs m = mu + rho c of the duals, with which the network
+computes. At a settled state c = 0 and m = mu.
 """
 
 from __future__ import annotations
@@ -13,17 +13,19 @@ from ann_dc.network.network import Network
 
 
 def neuron_values(network: Network, x: np.ndarray) -> dict[str, np.ndarray]:
-    """Populations of a state, in the user's units.
+    """Return the populations of a state in the user's units.
 
     Parameters
     ----------
     network : Network
+        Network of the state.
     x : (n,) array
-        State vector.
+        State vector in network units.
 
     Returns
     -------
     dict of population name to (N, components) array
+        Values of every population.
 
     Examples
     --------
@@ -37,26 +39,29 @@ def neuron_values(network: Network, x: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _in_user_units(network: Network, neurons: slice | np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values (rows, N) of some neurons, or what stands for them."""
+    """Convert values (rows, N) of neurons or their multipliers to the user's units."""
     factor, offset = network.cell.scales[neurons].T[..., None]
     return offset + factor * values
 
 
 def kkt_point(network: Network, x: np.ndarray) -> tuple[np.ndarray, ...]:
-    """q, u, t, mu, beta, and multipliers of inequalities: what `certify` takes, in user's units.
+    """Return the KKT point of a state, the argument of `certify`.
+
+    The point contains q, u, t, mu, beta and the multipliers of inequalities, in the user's units.
 
     Parameters
     ----------
     network : Network
-        An optimiser's, from `synthesize`.
+        Network of an optimisation problem, from `synthesize`.
     x : (n,) array
-        State vector.
+        State vector in network units.
 
     Returns
     -------
     tuple of five (components, N) arrays
-        And, where there are inequalities or objectives, zeta (rows, N) and that of the end's rows
-        (rows,); then, where there are objectives, their shares (p,).
+        q, u, t, mu and beta. With inequalities or objectives: also zeta (rows, N) and the
+        multipliers of the terminal inequalities (rows,). With objectives: also the objective
+        weights (p,).
 
     Examples
     --------

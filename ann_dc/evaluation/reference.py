@@ -1,7 +1,7 @@
-"""A network as NumPy evaluates it: short, batched, complex if need be; what others must agree with.
+"""Reference evaluator: a short, batched NumPy implementation of a network.
 
-Complex states make it its own witness: the imaginary part of what a complex step gives is the
-derivative to rounding, by other means than the Jacobian.
+All other evaluators must agree with the reference evaluator. States may be complex: the imaginary
+part of a complex step is the derivative to rounding, which checks the Jacobian independently.
 """
 
 from __future__ import annotations
@@ -31,15 +31,19 @@ from ann_dc.validation.checked import checked
 
 @checked
 def evaluator(network: Network) -> ReferenceEvaluator:
-    """The reference evaluator of a network; made once, and kept as long as the network itself.
+    """Return the reference evaluator of a network.
+
+    The evaluator is created once and cached as long as the network exists.
 
     Parameters
     ----------
     network : Network
+        Network to evaluate.
 
     Returns
     -------
     ReferenceEvaluator
+        Evaluator of the network.
 
     Examples
     --------
@@ -60,14 +64,10 @@ _KEPT = "_reference_evaluator"
 
 @final
 class ReferenceEvaluator(Evaluator):
-    """Evaluator of one network.
+    """NumPy evaluator of one network.
 
-    Values, drives and moves may be complex and carry leading batch axes: (..., n) gives
-    (..., nodes, N + 2), (..., neurons, N) and (..., n).
-
-    Parameters
-    ----------
-    network : Network
+    States, net inputs and state derivatives may be complex and have leading batch axes: (..., n)
+    gives (..., nodes, N + 2), (..., neurons, N) and (..., n).
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class ReferenceEvaluator(Evaluator):
 
     @cached_property
     def penalty_paths(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of PI duals and objectives: rows of their paths in ``tape.weights``, of their neurons."""
+        """Rows in ``tape.weights`` and neuron rows of the PI dual and objective paths."""
         cell = self.network.cell
         paths = {dual.path: dual.neuron for dual in (*cell.duals, *cell.objectives)}
         there = [(self.edges[path], neuron) for path, neuron in paths.items() if path in self.edges]
@@ -101,7 +101,7 @@ class ReferenceEvaluator(Evaluator):
 
     @cached_property
     def multipliers(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """By population of duals, diodes, objectives: rows of neurons, of their multipliers."""
+        """Neuron rows and multiplier rows by population (duals, diodes, objectives)."""
         rows: dict[str, list[tuple[int, int]]] = {}
         cell, index = self.network.cell, self.network.node_index
         for dual in (*cell.duals, *cell.diodes, *cell.objectives):
@@ -113,36 +113,23 @@ class ReferenceEvaluator(Evaluator):
     # ---- values ------------------------------------------------------------------------------
 
     def values(self, x: np.ndarray) -> np.ndarray:
-        """Values (..., nodes, N + 2) of every node at state vectors (..., n)."""
+        """Return the values (..., nodes, N + 2) of all nodes at states (..., n)."""
         return node_values(self.tape, x)
 
     def node(self, x: np.ndarray, name: str) -> np.ndarray:
-        """Values of one node, by name.
+        """Return the values (..., N) of a named node at states (..., n).
 
-        Parameters
-        ----------
-        x : (..., n) array
-            State vectors.
-        name : str
-
-        Returns
-        -------
-        (..., N) array
-
-        Raises
-        ------
-        KeyError
-            If there is no such node.
+        Raises `KeyError` if the node does not exist.
         """
         return self.values(np.asarray(x, float))[..., self.network.node_index[name], 1:-1]
 
     def drives(self, x: np.ndarray) -> np.ndarray:
-        """What arrives at every neuron, (..., neurons, N), at state vectors (..., n)."""
+        """Return the net inputs (..., neurons, N) at states (..., n), cut at limits."""
         arriving, outward = self._arriving(x)
         return np.where(outward, 0, arriving)
 
     def _arriving(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What arrives (..., neurons, N), and whether it points outward at a rail."""
+        """Return uncut net inputs (..., neurons, N) and a mask of outward ones at limits."""
         values = self.values(x)
         arriving = np.stack(
             [_arriving(self.tape, values, first, last) for first, last in self.tape.drives], axis=-2
@@ -154,7 +141,7 @@ class ReferenceEvaluator(Evaluator):
         return np.where(self.network.live, arriving, 0), outward
 
     def rhs(self, x: np.ndarray) -> np.ndarray:
-        """dx/ds (..., n): the projection of M drive on what the rails allow."""
+        """Return dx/ds (..., n), the projection of M times the net inputs on the limits."""
         x = _state(x)
         metric, row, pack = self.network.metric, self.network.row, self.network.pack
         arriving, outward = self._arriving(x)
@@ -172,15 +159,15 @@ class ReferenceEvaluator(Evaluator):
 
     @cached_property
     def _coupled(self) -> np.ndarray:
-        """(P, 1) booleans: neurons of the cell that move with the drives of others too."""
+        """Mask (P, 1) of neurons that also move with the net inputs of other neurons."""
         return self.network.metric.reach(self.network.row)[:, None]
 
     def move(self, drive: np.ndarray) -> np.ndarray:
-        """M drive, both (..., n); complex where the drive is."""
+        """Multiply net inputs (..., n), real or complex, by M."""
         return self.network.metric.moves(self.network.row, _state(drive))
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
-        """Relative (constraint, stationarity) residuals."""
+        """Return the relative (constraint, stationarity) residuals."""
         drives, state = self.drives(x), self.network.unpack(x)
         constraint, stationarity = residuals(np, self._role_rows, drives, state)
         return float(constraint), float(stationarity)
@@ -190,13 +177,13 @@ class ReferenceEvaluator(Evaluator):
         return RoleRows.of(self.tape.roles)
 
     def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
-        """(block, stage) of the first function block outside its domain, or (-1, -1)."""
+        """Return (block, stage) of the first block outside its domain, or (-1, -1)."""
         return outside_of(self.tape, self.values(x), guard)
 
     # ---- derivatives -------------------------------------------------------------------------
 
     def slot_values(self, x: np.ndarray) -> np.ndarray:
-        """Derivatives (slots, N + 2) at one state vector (n,)."""
+        """Return the slot derivatives (slots, N + 2) at one state (n,)."""
         values, tape, stages = self.values(x), self.tape, self.network.stages
         slots = tape.slot_start.astype(values.dtype)
         for target, source, offset, kind, index in tape.slots:
@@ -212,7 +199,7 @@ class ReferenceEvaluator(Evaluator):
         return slots
 
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
-        """Entries of d drive / dx (nnz,); zero at a rail."""
+        """Return the entries (nnz,) of d drive / dx; zero at a saturation limit."""
         slots = self.slot_values(np.asarray(x))
         entries = slots[self.tape.entries[:, 2], self.tape.entries[:, 3] + 1]
         resting = self.resting(x, self.drives(x))
@@ -220,18 +207,14 @@ class ReferenceEvaluator(Evaluator):
 
     @cached_property
     def metric(self) -> Any:
-        """M of dx/ds = M drive, a sparse (n, n) array: symmetric positive definite."""
+        """Preconditioner M of dx/ds = M d, sparse (n, n), symmetric positive definite."""
         return self.network.metric.factors(self.network.row).matrix()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """d rhs / dx, dense (n, n), while the neurons that rest are held.
+        """Return the dense Jacobian (n, n) of `rhs` with saturated neurons held.
 
-        It is the metric among the free neurons (`Metric.clamp`) times the block-tridiagonal drive
-        Jacobian.
-
-        Parameters
-        ----------
-        x : (n,) array
+        The Jacobian is the preconditioner restricted to the free neurons (`Metric.clamp`) times the
+        block-tridiagonal drive Jacobian.
         """
         x = _state(x)
         columns = self.drive_jacobian(x).toarray().T
@@ -239,14 +222,7 @@ class ReferenceEvaluator(Evaluator):
 
 
 def node_values(tape: Tape, x: np.ndarray) -> np.ndarray:
-    """Values (..., nodes, N + 2) of every node at state vectors (..., n).
-
-    Parameters
-    ----------
-    tape : Tape
-    x : (..., n) array
-        Real or complex.
-    """
+    """Return the values (..., nodes, N + 2) at real or complex states (..., n)."""
     x = np.asarray(x)
     values = np.empty((*x.shape[:-1], *tape.values.shape), x.dtype)
     values[...] = tape.values
@@ -273,14 +249,9 @@ def _arriving(tape: Tape, values: np.ndarray, first: int, last: int) -> np.ndarr
 
 
 def outside_of(tape: Tape, values: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
-    """(block, stage) of the first function block outside its domain, or (-1, -1).
+    """Return (block, stage) of the first block outside its domain, or (-1, -1).
 
-    Parameters
-    ----------
-    tape : Tape
-    values : (nodes, N + 2) array
-        Of every node.
-    guard : DomainGuard
+    The node values have shape (nodes, N + 2).
     """
     for step, (kind, _, code, node) in enumerate(tape.blocks):
         if kind == FUNCTION:
@@ -292,23 +263,15 @@ def outside_of(tape: Tape, values: np.ndarray, guard: DomainGuard) -> tuple[int,
 
 
 def _state(x) -> np.ndarray:
-    """A state as floating-point (or complex) numbers."""
+    """Convert a state to floating-point or complex numbers."""
     return np.asarray(x, dtype=np.result_type(np.asarray(x), float))
 
 
 def tape_with_penalty(network: Network, rho: np.ndarray | float) -> Tape:
-    """The network's tape with other penalties.
+    """Return the tape of the network with other penalties rho.
 
-    Parameters
-    ----------
-    network : Network
-    rho : float or (P,) array
-        One number for all PI duals, diode neurons and objectives, or one a neuron of the cell
-        (theirs count).
-
-    Returns
-    -------
-    Tape
+    The penalty is one number for all PI duals, diode neurons and objectives, or an array (P,) with
+    one entry for each neuron of the cell. Only the entries of these neurons are used.
     """
     own, index = evaluator(network), network.neuron_index
     weights, (paths, neurons) = own.tape.weights.copy(), own.penalty_paths

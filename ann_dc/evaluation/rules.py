@@ -1,33 +1,27 @@
-r"""Rules of a neuron, a block and a state, for any array library: rails, domains, residuals.
+r"""Rules for neurons, blocks and states: saturation limits, domains, residuals.
 
-The moves v of a network are the projection of M d on what its rails allow, in the norm of M^{-1}:
+The derivatives v of a network are the projection of M d on the saturation limits, in the norm of
+M^{-1}:
 
 .. math:: v = \arg\min_{v \in T(x)} \tfrac12 v' M^{-1} v - d'v, \qquad
     T(x) = \{v: v_i \ge 0 \ \text{if}\ x_i \le low_i,\ v_i \le 0 \ \text{if}\ x_i \ge high_i\}
 
-with d the drives as they arrive. In other words v = M (d + lambda). The current lambda_i of an
-ideal diode from the node of a neuron to ground is nonzero only at a rail, never negative at a low
-rail, never positive at a high one, and zero if the neuron moves.
+where d are the uncut net inputs. Equivalently, v = M (d + lambda). The current lambda_i of an ideal
+diode from the node of a neuron to ground is nonzero only at a limit. The current is never negative
+at a low limit, never positive at a high limit, and zero if the neuron moves.
 
-1. A neuron with a diagonal row of M does not move if its own drive points outward: `pushes_out`.
-2. A neuron that the metric couples to others is judged by its move (`pushes_out`) while it is free
-   and by its current (`lets_go`) while it is held, never by its drive: neighbours may pull it off
-   the rail against its own drive, or hold it there. `ann_dc.evaluation` finds who is held.
-3. Whatever the metric, all moves are zero only if every drive is zero or points outward at a rail.
-   So residuals, certificates and `rests` read drives that are cut by their own signs.
+1. A neuron with a diagonal row of M does not move if its net input points outward (`pushes_out`).
+2. A neuron that the preconditioner couples to others is judged by its derivative (`pushes_out`)
+   while free and by its current (`lets_go`) while held, never by its net input. Neighbours may pull
+   the neuron off the limit against its net input, or hold it there. `ann_dc.evaluation` determines
+   the held neurons.
+3. For any preconditioner, all derivatives are zero only if every net input is zero or points
+   outward at a limit. Residuals, certificates and `rests` therefore read net inputs cut by their
+   signs.
 
-The elementwise rules work on numbers and on arrays alike, so that NumPy, torch and compiled loops
-share them; `residuals` takes its library as an argument, and the loops have a copy of their own
+The elementwise rules accept numbers and arrays; NumPy, torch and compiled loops use them.
+`residuals` takes its array library as an argument. The loops have a separate copy
 (`ann_dc.evaluation.loops.residuals`).
-
-Projection of the moves of a network on what its rails allow, in the norm of M^{-1}.
-
-.. math:: v = \arg\min_{v \in T(x)} \tfrac12 v' M^{-1} v - d'v = M (d + \lambda)
-
-with d the drives, T(x) the moves that lead past no rail, and lambda the currents of ideal diodes
-at the rails. The set of held neurons is found by pivoting: a held neuron whose diode would have to
-pull lets go, one that moves outward is held. The matrix M is positive definite, so the result is
-unique and any first set leads to it.
 """
 
 from __future__ import annotations
@@ -42,50 +36,46 @@ from ann_dc.network.functions import Library
 from ann_dc.network.preconditioners.base import Clamp
 
 RAN, SETTLED, LOST = 0, 1, 2
-"""How a piece of a recurrence ended."""
+"""Outcome of a piece of a recurrence."""
 OVERFLOW = 1e100
-"""Residual of a recurrence that is lost."""
+"""Residual of a recurrence that has diverged."""
 FLOOR = 1e-4
-"""Smallest size of duals to which a residual is related. In network units the largest curvature of
-the cost along a control is one, so that a gradient of `FLOOR` times a tolerance of 1e-6 moves that
-control by 1e-10 of its scale. The multipliers of a controller that has arrived vanish; rounding
-leaves a gradient of 1e-14 there."""
+"""Smallest dual magnitude to which a residual is related. In network units the largest curvature of
+the cost along a control is one. A gradient of `FLOOR` times a tolerance of 1e-6 therefore moves
+that control by 1e-10 of its scale. The multipliers of a controller at its target vanish; rounding
+leaves a gradient of 1e-14 there.
+"""
 SMALLEST_POSITION = 0.1
-"""Smallest size of positions to which a residual is related: in their own scales states lie near
-one, and a problem whose states stay where they are has none at all."""
+"""Smallest position magnitude to which a residual is related: scaled states are near one, and a
+problem whose states do not change has no magnitude.
+"""
 RESTING = 0.01
-"""Smallest size of values to which an error is related, over their largest magnitude on their way:
-what ends below it rests at zero, where a share of the value itself says nothing."""
+"""Smallest magnitude to which an error is related, over the largest magnitude of the trajectory.
+Smaller settled values count as zero, where a relative error is meaningless.
+"""
 BLOCKS, PIVOTS = 10, 1000
-"""Pivots of a projection that exchange all neurons that are held or free wrongly; after so many
-only the last of them is exchanged, which ends for certain. Pivots at most, for numbers that are
-rounded."""
+"""Number of projection pivots that exchange all wrongly held or free neurons, and largest number of
+pivots (for rounded numbers). Pivots after the first `BLOCKS` exchange only the last wrong neuron,
+which guarantees termination.
+"""
 ROUNDING = 1e-13
-"""Current with the wrong sign that is taken for zero, relative to the largest drive or current of
-the held neurons."""
+"""Magnitude of a current of the wrong sign that counts as zero, relative to the largest net input
+or
+current of the held neurons.
+"""
 NEAR = 1e-2
-"""Largest error of the controls with their noise, over their size (`size_of`), at which a circuit
-counts as accurate."""
+"""Largest error of the controls including noise, over their size (`size_of`), of an accurate
+circuit.
+"""
 
 
 def size_of(end: np.ndarray, reach: float) -> float:
-    """Return the size to which errors of settled values are related.
+    """Return the magnitude to which errors of settled values are related.
 
-    Values of controls are in network units, so that magnitudes count from the offsets of their
-    scales, and errors do not depend on where the user's zero is.
-
-    Parameters
-    ----------
-    end : array
-        Settled values.
-    reach : float
-        Largest magnitude on their way, from the start to the end. If it is zero, one stands for
-        it: the scale of the values.
-
-    Returns
-    -------
-    float
-        The largest magnitude at the end, at least `RESTING` of the reach.
+    Controls are in network units: magnitudes count from the scale offsets, so errors do not depend
+    on the user's zero. The result is the largest magnitude of the settled values, at least
+    `RESTING` of the reach. The reach is the largest magnitude along the trajectory, start and end
+    included. A zero reach is replaced by one, the scale of the values.
 
     Examples
     --------
@@ -97,16 +87,10 @@ def size_of(end: np.ndarray, reach: float) -> float:
 
 
 def size_in_words(end: np.ndarray, reach: float, offsets: str = "") -> str:
-    """Return the size of settled controls, `size_of`, in words.
+    """Return a description of the reference magnitude `size_of`.
 
-    Parameters
-    ----------
-    end : array
-        Settled controls.
-    reach : float
-        Largest magnitude on their way.
-    offsets : str
-        Offsets of their scales, from which magnitudes count; empty if all are zero.
+    The reach is the largest magnitude along the trajectory. ``offsets`` lists the scale offsets
+    from which magnitudes count; empty if all are zero.
 
     Examples
     --------
@@ -140,46 +124,46 @@ def size_in_words(end: np.ndarray, reach: float, offsets: str = "") -> str:
 
 
 def pushes_out(state, move, low, high):
-    """Whether a move would take a state past the rail (``low``, ``high``) at which it stands."""
+    """Return True if a move leads past the limit at which the state is."""
     return ((state <= low) & (move < 0.0)) | ((state >= high) & (move > 0.0))
 
 
 def lets_go(state, current, low, high, slack):
-    """Return True if the diode at a rail would have to pull to hold a neuron there.
+    """Return True if the diode at a limit would have to pull to hold a neuron.
 
-    A neuron between its rails lets go; one with both rails in the same place never does.
+    A neuron between its limits is released. A neuron with both limits at the same place never is.
     """
     return ((state > low) | (current < -slack)) & ((state < high) | (current > slack))
 
 
 def rests(state, drive, low, high):
-    """Whether a neuron stands at a rail (``low``, ``high``) with its drive cut off."""
+    """Return True if a neuron is at a limit and its net input points outward."""
     return ((state <= low) | (state >= high)) & (drive == 0.0)
 
 
 def is_defined(argument, low, high, side):
-    """Whether an argument lies in an open domain (``low``, ``high``) and on its side of a pole.
+    """Return True if an argument is in an open domain and on its side of a pole.
 
-    A ``side`` of 0 means that there is no pole.
+    A ``side`` of 0 means that the block has no pole.
     """
     return (low < argument) & (argument < high) & ((side == 0.0) | (argument * side > 0.0))
 
 
 class RoleRows(NamedTuple):
-    """Rows of the neurons that play a role, as index arrays of one library."""
+    """Neuron rows by role, as index arrays of an array library."""
 
     duals: Any
-    """Those that ascend."""
+    """Rows of duals (ascent)."""
     primal: Any
-    """Those that descend, positions among them."""
+    """Rows of primal neurons (descent), positions included."""
     positions: Any
-    """q and t of the chains."""
+    """Rows of q and t of the state chains."""
     states: Any
-    """Neurons that are no part of an optimisation."""
+    """Rows of neurons that belong to no optimisation."""
 
     @classmethod
     def of(cls, roles: np.ndarray) -> RoleRows:
-        """The rows of a tape's roles, as NumPy arrays."""
+        """Return the rows of the tape's roles as NumPy arrays."""
         return cls(
             duals=np.flatnonzero(roles == DUAL),
             primal=np.flatnonzero((roles == PRIMAL) | (roles == POSITION)),
@@ -189,24 +173,15 @@ class RoleRows(NamedTuple):
 
 
 def residuals(library: Library, rows: RoleRows, drives: Any, values: Any) -> Any:
-    """The network's own residuals, relative: (constraint, stationarity) as an array (2, ...).
+    """Return the relative residuals (constraint, stationarity), shape (2, ...).
 
-    max(|c| / max|q, t|) and max(|grad L| / max|mu, beta|), in network units, the sizes not below
-    `SMALLEST_POSITION` and `FLOOR`. The drives are the gradients at the multipliers m = mu + rho c,
-    which equal mu once the constraints hold. A network that is no optimiser has
-    max|drive| / max(|x|, 1) instead. Both are infinite where any drive is not finite. The
-    certificate of a solution is taken with the problem's own derivatives.
+    The residuals are max(|c|) / max(|q, t|) and max(|grad L|) / max(|mu, beta|) in network units.
+    The denominators are at least `SMALLEST_POSITION` and `FLOOR`. The net inputs are the gradients
+    at the multipliers m = mu + rho c, which equal mu once the constraints are satisfied. A network
+    that is not an optimiser has max|drive| / max(|x|, 1) instead. Both residuals are infinite if
+    any net input is not finite. ``drives`` and ``values`` have shape (P, N, ...).
 
-    Parameters
-    ----------
-    library : module
-    rows : RoleRows
-    drives, values : (P, N, ...) arrays of the library
-        What arrives at the neurons, and their states.
-
-    Returns
-    -------
-    (2, ...) array of the library
+    The certificate of a solution uses the derivatives of the problem instead.
     """
     drive, value = library.amax(abs(drives), 1), library.amax(abs(values), 1)
 
@@ -227,23 +202,17 @@ def projected(
     clamp: Callable[[np.ndarray], Clamp], drive: np.ndarray, x: np.ndarray, low: np.ndarray,
     high: np.ndarray, coupled: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Compute the moves of a state whose coupled neurons stand at rails.
+    """Compute the derivatives (n,) of a state with coupled neurons at limits.
 
     Parameters
     ----------
     clamp : callable
-        Returns the clamp of a set of held neurons, (n,) booleans; see `Metric.clamp`.
+        Returns the clamp of a mask (n,) of held neurons; see `Metric.clamp`.
     drive : (n,) array
-        Drives; those of coupled neurons are not cut at rails. Complex drives are judged by their
-        real parts.
-    x, low, high : (n,) arrays
-        State and rails.
+        Net inputs, uncut at limits for coupled neurons. Complex net inputs are judged by their real
+        parts.
     coupled : (n,) array of bool
-        True for neurons whose rows of the metric are not diagonal.
-
-    Returns
-    -------
-    (n,) array
+        True for neurons whose rows of the preconditioner are not diagonal.
 
     References
     ----------
@@ -254,9 +223,9 @@ def projected(
 
     Examples
     --------
-    A neuron at its lower rail is pushed outward, but the other one pulls it off:
+    A neuron at its lower limit is pushed outward, but the other neuron pulls it off:
 
-    >>> from ann_dc.network.preconditioners import Grid, Row
+    >>> from ann_dc.network.metrics import Grid, Row
     >>> grid = Grid(own=np.array([[[1.0, -0.5], [-0.5, 1.0]]]), following=np.zeros((0, 2, 2)))
     >>> row = Row(rates=np.ones((2, 1)), primal=np.arange(2), chains=np.zeros((0, 2), int))
     >>> low, high, coupled = np.zeros(2), np.full(2, np.inf), np.ones(2, bool)

@@ -1,8 +1,8 @@
-"""Moves while neurons are held, as loops over numbers: a banded solve, or a dense one of currents.
+"""Derivatives with held neurons: loops of a banded or a dense solve.
 
-A stiffness is solved in bands, with the rows and columns of held neurons as the identity, and its
-factor is computed anew from the first stage on whose set has changed. For any other metric the
-currents come from M_CC among the held neurons C, which are few: lambda = -M_CC^{-1} (M d)_C.
+A stiffness is solved in bands, with identity rows and columns for held neurons. Its factor is
+recomputed from the first stage with a changed set. For any other preconditioner the currents come
+from M_CC among the held neurons C, which are few: lambda = -M_CC^{-1} (M d)_C.
 """
 
 from __future__ import annotations
@@ -16,55 +16,57 @@ from ann_dc.evaluation.metric_arrays import coordinate
 from ann_dc.evaluation.tape import Tape
 
 FREE, HELD, UNKNOWN = 0.0, 1.0, 2.0
-"""Marks of neurons; unknown ones have no factor yet."""
+"""Marks of neurons; an unknown mark has no factor yet."""
 MOST_KEPT = 128
-"""Held neurons up to which the factor of a metric that is no stiffness is kept."""
+"""Largest number of held neurons for which the factor of a preconditioner other than a stiffness is
+cached.
+"""
 
 
 class Couplings(NamedTuple):
-    """What a clamp reads of a tape, whose fields these are."""
+    """Fields of a tape that a clamp reads."""
 
     rates: np.ndarray
-    """(P, N): 1 / tau."""
+    """Rates 1 / tau (P, N)."""
     limits: np.ndarray
-    """(P, 2): rails."""
+    """Saturation limits (P, 2)."""
     reached: np.ndarray
-    """(R,): neurons that the metric couples."""
+    """Neurons (R,) that the preconditioner couples."""
     chains: np.ndarray
-    """(C, 2): of a pyramid."""
+    """Chains of a pyramid (C, 2)."""
     grids: np.ndarray
-    """(grid points, C, C): its gains."""
+    """Gains of a pyramid (grid points, C, C)."""
     grid_starts: np.ndarray
-    """(levels + 1,): where each level starts."""
+    """First grid point of each level (levels + 1,)."""
     hats: np.ndarray
-    """(2N,): grid points to the left."""
+    """Left grid points (2N,)."""
     shares: np.ndarray
-    """(2N,): shares of those to the right."""
+    """Interpolation weights of the right grid points (2N,)."""
     coupled: np.ndarray
-    """(S + 1, 3): neurons and stages of a stiffness."""
+    """Neurons and stages of a stiffness (S + 1, 3)."""
     stiff: np.ndarray
-    """(S, w): M^{-1} of a stiffness in bands."""
+    """M^{-1} of a stiffness in bands (S, w)."""
 
 
 class Hold(NamedTuple):
-    """The arrays of a clamp; P neurons, N stages."""
+    """Arrays of a clamp; P neurons, N stages."""
 
     values: np.ndarray
-    """(P or more, N + 2): states, from the second column on."""
+    """States from the second column on (P or more, N + 2)."""
     drives: np.ndarray
-    """(P, N): as they arrive, whatever the rails."""
+    """Net inputs (P, N), not cut at saturation limits."""
     moves: np.ndarray
-    """(P, N): filled in for neurons that the metric couples."""
+    """Derivatives (P, N), computed for neurons that the preconditioner couples."""
     nodes: np.ndarray
-    """(grid points, chains): of a pyramid."""
+    """Nodes of a pyramid (grid points, chains)."""
     held: np.ndarray
-    """(P, N): marks of the last call."""
+    """Marks of the last call (P, N)."""
     factor: np.ndarray
-    """(S, w) or (k, k): lower triangle that belongs to these marks."""
+    """Lower triangle that belongs to the marks, (S, w) or (k, k)."""
 
     @classmethod
     def of(cls, tape: Tape) -> Hold:
-        """Return fresh arrays for a tape."""
+        """Return new arrays for a tape."""
         shape, points = tape.rates.shape, max(int(tape.grid_starts[-1]), 1)
         return cls(
             values=np.zeros((shape[0], shape[1] + 2)),
@@ -86,7 +88,7 @@ def factor_of(tape: Tape) -> np.ndarray:
 
 
 class _Spread(NamedTuple):
-    """What a pyramid reads and fills."""
+    """Arrays that a pyramid reads and fills."""
 
     drives: np.ndarray
     moves: np.ndarray
@@ -98,7 +100,10 @@ class _Spread(NamedTuple):
 
 @inner
 def _factor_band(couplings, hold, first):
-    """L of M^{-1} in bands from a stage on; one over the diagonal, the identity at held neurons."""
+    """Compute L of M^{-1} in bands from a stage on, with the identity at held neurons.
+
+    The diagonal is stored as its reciprocal.
+    """
     stiff, L, coupled = couplings.stiff, hold.factor, couplings.coupled
     count, width = stiff.shape
     for i in range(count):
@@ -117,7 +122,7 @@ def _factor_band(couplings, hold, first):
 
 @inner
 def _row_of_band(stiff, i, y):
-    """A row of M^{-1} times a vector."""
+    """Multiply a row of M^{-1} by a vector."""
     count, width = stiff.shape
     total = 0.0
     for j in range(max(i - width + 1, 0), i + 1):
@@ -129,7 +134,7 @@ def _row_of_band(stiff, i, y):
 
 @inner
 def _solve_band(couplings, hold, currents):
-    """Moves of all coupled neurons, and the currents of held ones."""
+    """Solve for the derivatives of coupled neurons and the currents of held ones."""
     stiff, L, coupled = couplings.stiff, hold.factor, couplings.coupled
     count, width = stiff.shape
     y = np.zeros(count)
@@ -156,7 +161,7 @@ def _solve_band(couplings, hold, currents):
 
 @inner
 def _spread(couplings, drives, moves, nodes):
-    """M d of all neurons."""
+    """Compute M d for all neurons."""
     for p in range(drives.shape[0]):
         for k in range(drives.shape[1]):
             moves[p, k] = drives[p, k] * couplings.rates[p, k]
@@ -165,7 +170,7 @@ def _spread(couplings, drives, moves, nodes):
 
 @inner
 def _factor_dense(couplings, hold, places, L):
-    """L of M_CC, for held neurons at these places."""
+    """Compute L of M_CC for held neurons at the given places."""
     unit, count = np.zeros(hold.drives.shape), places.shape[0]
     for j in range(count):
         unit[places[j, 0], places[j, 1]] = 1.0
@@ -183,7 +188,7 @@ def _factor_dense(couplings, hold, places, L):
 
 @inner
 def _solve_dense(couplings, hold, currents, places, is_new):
-    """Moves of all neurons, and the currents of held ones at these places."""
+    """Solve for all derivatives and the currents of held neurons at the given places."""
     count = places.shape[0]
     is_kept = count <= hold.factor.shape[0]
     L = hold.factor if is_kept else np.zeros((count, count))
@@ -212,7 +217,7 @@ def _solve_dense(couplings, hold, currents, places, is_new):
 
 @inner
 def _held_among(hold, places):
-    """Places of held neurons among some."""
+    """Return the places of the held neurons among some places."""
     chosen, count = np.empty(places.shape, np.int64), 0
     for i in range(places.shape[0]):
         if hold.held[places[i, 0], places[i, 1]] == HELD:
@@ -223,7 +228,10 @@ def _held_among(hold, places):
 
 @inner
 def solve(couplings, hold, currents, places, first):
-    """Moves and currents for the marks as they are; they have changed from a stage on."""
+    """Solve for derivatives and currents with the given marks.
+
+    ``first`` is the first stage with a changed mark.
+    """
     is_new = first < hold.drives.shape[1]
     if couplings.stiff.shape[0] > 0:
         if is_new:

@@ -1,13 +1,13 @@
-"""A network flattened into the arrays that every evaluator reads.
+"""Network in the form of flat arrays that every evaluator reads.
 
-The nodes stand in one order: neurons, inputs, the constant one, then the blocks. The values of all
-nodes form an array (nodes, N + 2): one column a stage, and one on either side for what a
-neighbour beyond the end of the row would say. A node is evaluated at all stages before the next
-one, so that the stage axis is the inner loop.
+The nodes have one order: neurons, inputs, the constant one, then the blocks. The values of all
+nodes form an array (nodes, N + 2): one column per stage, and one column at either end for the
+values that a neighbour beyond the end of the row would have. A node is evaluated at all stages
+before the next node, so the stage axis is the inner loop.
 
-The Jacobian comes from the same list in forward mode. A *slot* is the derivative of one node by
-one neuron of its own or a nearby cell, at all stages; which slots exist follows from the wiring,
-and with it that the Jacobian of an optimiser is block tridiagonal.
+The Jacobian is computed from the same list in forward mode. A *slot* is the derivative of one node
+by one neuron of the same or a nearby cell, at all stages. The wiring determines which slots exist.
+Therefore the Jacobian of an optimiser is block tridiagonal.
 """
 
 from __future__ import annotations
@@ -30,16 +30,11 @@ STATE, PRIMAL, POSITION, DUAL = 0, 1, 2, 3
 
 @lru_cache(maxsize=256)
 def reading(offset: int, stages: int) -> tuple[slice, slice]:
-    """Which stages a connection brings something to, and the columns (of N + 2) that it reads.
+    """Return the stages that a connection feeds and the columns it reads.
 
-    A neighbour's end of the row lies in the outer columns; further out there is nothing.
-
-    Parameters
-    ----------
-    offset : int
-        From the target to the source, in stages.
-    stages : int
-        N.
+    The offset counts stages from the target to the source; ``stages`` is N. Node values have N + 2
+    columns. The outer columns contain the values of a neighbour beyond the end of the row. Sources
+    further outside do not exist.
 
     Examples
     --------
@@ -53,76 +48,73 @@ def reading(offset: int, stages: int) -> tuple[slice, slice]:
 
 
 class Tape(NamedTuple):
-    """The arrays that evaluators read; P neurons, E connections, B blocks, n live neurons."""
+    """Arrays that evaluators read; P neurons, E connections, B blocks, n live neurons."""
 
     blocks: np.ndarray
-    """(B, 4): kind, node, then (first, last) connection, (a, b) or (function code, x)."""
+    """Blocks (B, 4): kind, node, then (first, last) connection, (a, b) or (function code, x)."""
     drives: np.ndarray
-    """(P, 2): first and last connection of every neuron."""
+    """First and last connection of every neuron (P, 2)."""
     sources: np.ndarray
-    """(E, 2): source node and template offset."""
+    """Source node and template offset of every connection (E, 2)."""
     weights: np.ndarray
-    """(E, N)."""
+    """Connection weights (E, N)."""
     rates: np.ndarray
-    """(P, N): 1 / tau, zero where a neuron is pinned or absent."""
+    """Rates 1 / tau (P, N), zero for pinned and absent neurons."""
     limits: np.ndarray
-    """(P, 2): rails."""
+    """Saturation limits (P, 2)."""
     roles: np.ndarray
-    """(P,): `PRIMAL`, `DUAL` or `STATE`; `POSITION` for a primal neuron of a chain (q or t)."""
+    """Roles (P,): `PRIMAL`, `DUAL` or `STATE`; `POSITION` for a primal neuron of a chain (q or t).
+    """
     places: np.ndarray
-    """(n, 2): neuron and stage of the components of the state vector."""
+    """Neuron and stage of the components of the state vector (n, 2)."""
     shared: np.ndarray
-    """(S,): rows of the neurons that all cells share, which live in the last one."""
+    """Rows (S,) of the neurons shared by all cells, stored in the last cell."""
     values: np.ndarray
-    """(nodes, N + 2): inputs, pins, ends and the constant one filled in, the rest zero."""
+    """Initial values (nodes, N + 2): inputs, pins, ends and the constant one; zero elsewhere."""
     slots: np.ndarray
-    """(operations, 5): target slot, source slot, offset, kind and index of the factor."""
+    """Slot operations (operations, 5): target slot, source slot, offset, kind and index of the
+    factor.
+    """
     entries: np.ndarray
-    """(nnz, 4): row, column, slot and stage of every entry of the Jacobian, by row."""
+    """Row, column, slot and stage of every Jacobian entry (nnz, 4), sorted by row."""
     slot_start: np.ndarray
-    """(slots, N + 2): ones where a slot is a neuron by itself, zero elsewhere."""
+    """Initial slots (slots, N + 2): one if a slot is the derivative of a neuron by itself, else
+    zero.
+    """
     chains: np.ndarray
-    """(C, 2): rows of the (q, t) neurons under a pyramid; empty where there is none."""
+    """Rows of the (q, t) neurons under a pyramid (C, 2); empty without a pyramid."""
     grids: np.ndarray
-    """(grid points of all levels, C, C), finest level first."""
+    """Pyramid gains (grid points of all levels, C, C), finest level first."""
     grid_starts: np.ndarray
-    """(levels + 1,): where each level starts in ``grids``."""
+    """First row of each level in ``grids`` (levels + 1,)."""
     hats: np.ndarray
-    """(2N,): grid point to the left on the finest level."""
+    """Left grid points on the finest level (2N,)."""
     shares: np.ndarray
-    """(2N,): share of the grid point to the right."""
+    """Interpolation weights of the right grid points (2N,)."""
     coupled: np.ndarray
-    """(S + 1, 3): neuron and stage of those that a stiffness couples, in the order of elimination,
-    and where their rows of ``factor`` start; the last row is the end."""
+    """Neuron, stage and start in ``factor`` of the neurons that a stiffness couples (S + 1, 3).
+    Rows
+    have elimination order; the last row marks the end.
+    """
     factor: np.ndarray
-    """(entries,): K of K K' = M^{-1} over them, lower triangular, row by row; at the end of a row
-    one over its diagonal."""
+    """Lower triangular K of K K' = M^{-1} over the coupled neurons (entries,), row by row. The last
+    entry of a row is the reciprocal of the diagonal.
+    """
     factor_columns: np.ndarray
-    """(entries,): column of each."""
+    """Column of each entry of ``factor`` (entries,)."""
     stiff: np.ndarray
-    """(S, w): M^{-1} over them in bands, row by row: w - 1 entries before the diagonal and it."""
+    """M^{-1} over the coupled neurons in bands (S, w): w - 1 entries before the diagonal, then the
+    diagonal.
+    """
     reached: np.ndarray
-    """(R,): rows of the neurons that the metric couples to others."""
+    """Rows (R,) of the neurons that the preconditioner couples to others."""
 
 
 def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
-    """The tape of a network, and where its connections are.
+    """Return the tape of a network and the ``weights`` row of each named connection.
 
-    Parameters
-    ----------
-    network : Network
-
-    Returns
-    -------
-    tape : Tape
-    edges : dict of str to int
-        Row of every connection in ``weights``, by name.
-
-    Raises
-    ------
-    NetworkError
-        If the metric does not fit the network, or the drive of a shared neuron depends on another
-        one outside its own cell.
+    Raises `NetworkError` if the preconditioner does not fit the network. The same error is raised
+    if the net input of a shared neuron depends on another shared neuron outside its cell.
     """
     nodes = network.node_index
     cell, stages = network.cell, network.stages
@@ -186,13 +178,10 @@ def _roles(network: Network) -> np.ndarray:
 
 
 def constant_values(network: Network) -> np.ndarray:
-    """(nodes, N + 2): inputs, pins, ends and the constant one filled in, the rest zero.
+    """Return the constant node values (nodes, N + 2), zero for all other nodes.
 
-    The only part of a tape that other inputs change.
-
-    Parameters
-    ----------
-    network : Network
+    Constant values are inputs, pins, ends and the constant one. No other part of a tape depends on
+    the inputs.
     """
     nodes = network.node_index
     values = np.zeros((len(nodes), network.stages + 2))
@@ -207,7 +196,7 @@ def constant_values(network: Network) -> np.ndarray:
 
 
 class _Slots:
-    """Which derivatives exist, and the operations that compute them in order."""
+    """Existing derivatives and the ordered operations that compute them."""
 
     def __init__(self, network: Network, nodes: int) -> None:
         self.network, self.shared = network, set(network.shared.tolist())
@@ -220,7 +209,7 @@ class _Slots:
             self.nodes[row][row, 0] = row
 
     def add(self, target: dict, source: int, offset: int, kind: int, index: int) -> None:
-        """d(target) += factor * d(source), for every derivative that the source has."""
+        """Add d(target) += factor * d(source) for all derivatives of the source."""
         for (neuron, place), slot in self.nodes[source].items():
             key = neuron, 0 if neuron in self.shared else place + offset
             if key not in target:
@@ -229,12 +218,12 @@ class _Slots:
             self.operations.append((target[key], slot, offset, kind, index))
 
     def add_edges(self, target: dict, sources: np.ndarray, first: int, last: int) -> None:
-        """What connections add to a sum or a neuron."""
+        """Add the operations of the connections of a sum or neuron."""
         for edge in range(first, last):
             self.add(target, sources[edge, 0], sources[edge, 1], BY_WEIGHT, edge)
 
     def start(self) -> np.ndarray:
-        """(slots, N + 2): a neuron's derivative by itself is one."""
+        """Return the initial slots (slots, N + 2), with ones for a neuron by itself."""
         start = np.zeros((self.count, self.network.stages + 2))
         start[: self.neurons, 1:-1] = 1.0
         return start
@@ -257,9 +246,10 @@ def _slots(blocks, drives, sources, network: Network, nodes: int) -> _Slots:
 
 
 def _check_buses(slots: _Slots, drives, sources, weights, network: Network) -> None:
-    """What a shared neuron adds up has one derivative by every other neuron.
+    """Check that the net input of a shared neuron has one derivative per neuron.
 
-    Another shared one it reads in its own cell, and of no cell what that has of its neighbours.
+    The neuron reads other shared neurons in its cell only, and no node that depends on neighbouring
+    cells.
     """
     for row in network.shared.tolist():
         first, last = drives[row]

@@ -1,7 +1,8 @@
-"""Weights and rates of many networks of one wiring: what the samples of a batch may have their own.
+"""Weights and rates of many networks of one wiring: sample-specific batch numbers.
 
-All else is that of one network: its cell, ends, inputs, rails and metric. A pyramid keeps its
-gains. A grid or a tree keeps its S in M = T^{1/2} S^{-1} T^{1/2}, with every sample's own T.
+All other data are those of one network: cell, ends, inputs, saturation limits and preconditioner. A
+pyramid uses the same gains for all samples. A grid or tree uses the same S in M = T^{1/2} S^{-1}
+T^{1/2}, with a separate T for every sample.
 """
 
 from __future__ import annotations
@@ -25,17 +26,14 @@ from ann_dc.validation.values import NotEmpty, Own, such_as
 class Numbers:
     """Numbers of B networks with E connections and P neurons in each of N cells.
 
+    Raises `NetworkError` if the shapes do not agree or a number is not finite.
+
     Attributes
     ----------
     weights : (B, E, N) array
-        In the order of ``evaluator(network).edges``.
+        Connection weights in the order of ``evaluator(network).edges``.
     rates : (B, P, N) array
-        1 / tau; zero where a neuron is pinned or absent.
-
-    Raises
-    ------
-    NetworkError
-        If the shapes do not agree, or a number is not finite.
+        1 / tau; zero for pinned and absent neurons.
 
     Examples
     --------
@@ -70,20 +68,10 @@ class Numbers:
         return len(self.weights)
 
     def __getitem__(self, samples: slice | np.ndarray) -> Numbers:
-        """Those of some samples."""
         return Numbers(weights=self.weights[samples], rates=self.rates[samples])
 
     def check(self, network: Network) -> None:
-        """Refuse a network that they do not fit.
-
-        Parameters
-        ----------
-        network : Network
-
-        Raises
-        ------
-        NetworkError
-        """
+        """Raise `NetworkError` if the numbers do not fit a network."""
         tape = evaluator(network).tape
         for field, own in (("weights", tape.weights), ("rates", tape.rates)):
             given = getattr(self, field).shape[1:]
@@ -99,18 +87,10 @@ class Numbers:
             )
 
     def network_of(self, network: Network, sample: int) -> Network:
-        """A network with the numbers of one sample.
+        """Return a network with the numbers of one sample.
 
-        Parameters
-        ----------
-        network : Network
-            Which they fit.
-        sample : int
-
-        Returns
-        -------
-        Network
-            Equal to rounding to the one whose numbers these are.
+        The numbers must fit the network. The result equals the original network of the sample to
+        rounding.
         """
         edges, cell = evaluator(network).edges, network.cell
         weights, rates = self.weights[sample], self.rates[sample]
@@ -126,21 +106,11 @@ class Numbers:
 
 @checked
 def numbers_of(networks: Annotated[Sequence[Network], NotEmpty(), Own()]) -> Numbers:
-    """Numbers of networks of one wiring, for ``run_batch`` of the first of them.
+    """Return the numbers of networks of one wiring, for ``run_batch``.
 
-    Parameters
-    ----------
-    networks : sequence of Network
-        Which differ in weights and time constants only.
-
-    Returns
-    -------
-    Numbers
-
-    Raises
-    ------
-    NetworkError
-        If there is none, or one differs from the first in anything else: the message says in what.
+    The first network runs the batch. The networks may differ in weights and time constants only.
+    Raises `NetworkError` if the sequence is empty, or if a network differs from the first in
+    anything else; the message names the difference.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Whether networks are wired alike: the same in all but weights and time constants."""
+"""Comparison of network wiring: equality except for weights and time constants."""
 
 from __future__ import annotations
 
@@ -14,27 +14,18 @@ from ann_dc.network.network import Network
 NUMBERS = {"weight", "tau"}
 """Fields in which connections and neurons of one wiring may differ."""
 WORDS = {"title", "ranges", "cell"}
-"""Fields of a network that say nothing of its wiring, or are looked at one by one."""
+"""Fields of a network that do not affect the wiring or are compared separately."""
 ELSEWHERE = {
     "inputs": "; give them to run_batch as inputs",
     "start": "; give them to run_batch as x",
 }
-"""What else can be done about a field that differs."""
+"""Remedies for fields that differ."""
 
 
 def require_one_wiring(first: Network, other: Network, number: int) -> None:
-    """Refuse a network that differs from the first in more than weights and time constants.
+    """Raise `NetworkError` if networks differ in more than weights and tau.
 
-    Parameters
-    ----------
-    first, other : Network
-    number : int
-        Which one it is, for the message.
-
-    Raises
-    ------
-    NetworkError
-        Naming what differs.
+    The message contains the given number of the network and names the difference.
     """
     for a, b in ((first, other), (first.cell, other.cell)):
         for field in (f.name for f in fields(a) if f.name not in WORDS):
@@ -47,7 +38,7 @@ def require_one_wiring(first: Network, other: Network, number: int) -> None:
 
 
 def _is_same(own: Any, its: Any) -> bool:
-    """Whether two values are equal, but for `NUMBERS`."""
+    """Return True if two values are equal except for the fields `NUMBERS`."""
     if own is its:
         return True
     if type(own) is not type(its):
@@ -63,7 +54,7 @@ def _is_same(own: Any, its: Any) -> bool:
 
 
 def _where(own: Any, its: Any) -> str:
-    """The first of several that differs, by its name."""
+    """Return the name of the first item that differs, for the message."""
     if isinstance(own, Mapping):
         keys = [key for key in own if key not in its or not _is_same(own[key], its[key])]
         keys += [key for key in its if key not in own]

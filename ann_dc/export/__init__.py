@@ -1,4 +1,4 @@
-"""What is taken away: networks as files."""
+"""Export of networks to files."""
 
 import lazy_loader
 

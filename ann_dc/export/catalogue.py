@@ -1,4 +1,4 @@
-"""Every format, by its name, in the order in which the table of them is read."""
+"""Catalogue of export formats by name, in the order of the printed table."""
 
 from __future__ import annotations
 
@@ -151,4 +151,4 @@ FORMATS: dict[str, Format] = {
         loses="digits beyond those shown",
     ),
 }
-"""Names on the command line."""
+"""Export formats by their names on the command line."""

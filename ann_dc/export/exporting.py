@@ -1,9 +1,9 @@
-"""Networks into folders, one a format, with an index that tells what each file has to be.
+"""Export of networks to folders: one folder per format, with an index of files.
 
-A file is replaced when its successor is complete, one writer at a time, and the index comes last:
-whoever was interrupted leaves old files and new ones, each of them whole, and an index that does
-not fit them, so that a mixture is told. In a new folder the index comes first too: files that no
-index names are somebody's own, and stay.
+A file is replaced after its successor is complete, by one writer at a time, and the index is
+written last. An interrupted export leaves complete old and new files and an index that does not
+match them, so the mixture is detected. In a new folder the index is also written first. Files that
+no index names belong to the user and are not changed.
 """
 
 from __future__ import annotations
@@ -37,24 +37,25 @@ from ann_dc.progress import Progress, silent
 from ann_dc.validation.checked import checked
 
 LOCK = ".lock"
-"""File in a folder that says who writes there, while somebody does."""
+"""File in a folder that marks a writer while it is active."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Exported:
-    """What became of one format.
+    """Result of one format's export.
 
     Attributes
     ----------
     name : str
-        Of the format.
+        Name of the format.
     folder : Path
+        Folder of the format.
     files : tuple of Path
-        Those written, the index last; none where the format cannot carry the network.
+        Written files, the index last; empty if the format cannot represent the network.
     worth : str
-        What the format's check said of them.
+        Result of the format's check of the files.
     why_not : str
-        Why there are none.
+        Reason if no files were written.
     """
 
     name: str
@@ -73,38 +74,40 @@ def export_network(
     progress: Progress = silent,
     **settings: Any,
 ) -> list[Exported]:
-    """Write a network in one format or several, each into a folder of its own.
+    """Export a network in one or several formats, each to a separate folder.
 
-    What a format makes is checked before it is written.
+    The files of a format are checked before they are written.
 
     Parameters
     ----------
     network : Network
-        Designed: it has gains, inputs and a start.
+        Designed network with gains, inputs and an initial guess.
     to : str or sequence of str
-        Names of formats; "all" is every one that can carry the network.
+        Names of formats; "all" denotes every format that can represent the network.
     out : path-like
-        Folder; a format's files go into a folder of the format's name in it.
+        Output folder; the files of a format are written to a subfolder with the format's name.
     progress : Progress
+        Receiver of progress messages. Silent by default.
     **settings
-        Of the formats; each takes those that it has.
+        Settings of the formats; each format uses the settings that it has.
 
     Returns
     -------
     list of Exported
-        One a format. With "all" and several formats, those that cannot carry the network, lack a
-        package or fail otherwise say so, and the others are written; one format alone raises.
+        One entry per format. With "all" or several formats, the reason is recorded for a format
+        that cannot represent the network, lacks a package or fails otherwise, and the other formats
+        are written. A single format raises an error instead.
 
     Raises
     ------
     UnknownNameError
         If a format or a setting does not exist.
     ExportError
-        If the format cannot carry the network, or its files do not pass its check.
+        If the format cannot represent the network, or its files do not pass its check.
     ExportPackageMissing
-        If a package for it is not installed.
+        If a required package is not installed.
     OutputError
-        If the folder cannot be written, or another process writes there.
+        If the folder cannot be written, or another process is writing there.
 
     Examples
     --------
@@ -135,20 +138,10 @@ def export_network(
 
 
 def settings_from(to: str | Sequence[str], words: Mapping[str, str]) -> dict[str, Any]:
-    """Settings of formats, each of the type that they have there, from words.
+    """Convert setting texts to the types of the settings in the given formats.
 
-    Parameters
-    ----------
-    to : str or sequence of str
-        As `export_network` takes it.
-    words : mapping of str to str
-
-    Raises
-    ------
-    UnknownNameError
-        If a format does not exist, or none of them has the setting.
-    ExportError
-        If a word is no such value.
+    Formats are given as in `export_network`. Raises `UnknownNameError` if a format does not exist
+    or none of the formats has the setting, and `ExportError` if a text is not a valid value.
     """
     forms = [FORMATS[name] for name in _asked(to)]
     found = {}
@@ -161,7 +154,7 @@ def settings_from(to: str | Sequence[str], words: Mapping[str, str]) -> dict[str
 
 
 def _asked(to: str | Sequence[str]) -> list[str]:
-    """Names of formats, each once."""
+    """Return the distinct names of the requested formats."""
     given = [to] if isinstance(to, str) else list(to)
     if not given:
         raise ExportError(f"to: expected a format at least, of: all, {', '.join(FORMATS)}")
@@ -178,7 +171,7 @@ def _exported(
     settings: Mapping[str, Any],
     folder: Path,
 ) -> Exported:
-    """One format: made, checked, written."""
+    """Create, check and write the files of one format."""
     form = FORMATS[name]
     own = {key: value for key, value in settings.items() if key in form.settings}
     files = form.files(network, vector, own)
@@ -190,7 +183,7 @@ def _exported(
 
 
 def _worth(name: str, files: Files) -> str:
-    """What a format's check says of files before they are written."""
+    """Return the result of a format's check of files before they are written."""
     try:
         return FORMATS[name].check(files)
     except ExportPackageMissing as error:
@@ -202,7 +195,10 @@ def _worth(name: str, files: Files) -> str:
 
 
 def _reason(error: Exception) -> str:
-    """Why a format was not written; what ann_dc does not raise by itself is named by its kind."""
+    """Return the reason why a format was not written.
+
+    An error that ann_dc does not raise itself is named by its type.
+    """
     return str(error) if isinstance(error, AnnDcError) else f"{type(error).__name__}: {error}"
 
 
@@ -225,7 +221,7 @@ def _index(
 
 
 def _written(folder: Path, files: Files, index: Index) -> Exported:
-    """The files of one format in their folder; those of an earlier export are gone."""
+    """Write the files of a format to its folder and remove those of an earlier export."""
     make_folder(folder)
     for name in (*files, INDEX, LOCK):
         _check_own(folder, name)
@@ -265,7 +261,7 @@ def _write(folder: Path, files: Files, index: Index) -> None:
 
 
 def _check_own(folder: Path, name: str) -> None:
-    """Refuse a file that a link leads to: it lies elsewhere."""
+    """Raise `OutputError` for a path with a symbolic link, which points elsewhere."""
     for place in below(folder, name):
         if place.is_symlink():
             raise OutputError(
@@ -275,7 +271,7 @@ def _check_own(folder: Path, name: str) -> None:
 
 
 def _check_foreign(file: Path, content: bytes) -> None:
-    """Refuse to replace a file that no export is known to have written."""
+    """Raise `OutputError` if a file would be replaced that no known export wrote."""
     if file.is_file() and file.read_bytes() != content:
         raise OutputError(
             f"{str(file)!r} is there already, and no export known of wrote it; move "
@@ -284,14 +280,14 @@ def _check_foreign(file: Path, content: bytes) -> None:
 
 
 def _remove_parts(file: Path) -> None:
-    """What a process that was killed left of a file."""
+    """Remove partial files that a killed process has left."""
     for part in file.parent.glob(f".{glob.escape(file.name)}.*.part"):
         if part.is_file() or part.is_symlink():
             part.unlink()
 
 
 def _named_before(folder: Path) -> Mapping[str, str]:
-    """Files that the index of an earlier export names, as it wrote them."""
+    """Return the files and hashes in the index of an earlier export."""
     try:
         return read_index(folder).files
     except FileFormatError:

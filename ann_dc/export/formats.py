@@ -1,4 +1,4 @@
-"""The formats: what each is for, which settings it has, what it carries and what it loses."""
+"""Export formats: purpose, settings, preserved data and omitted data of each."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.network.network import Network
 
 Files = Mapping[str, bytes]
-"""Contents, by the name of the file in the format's folder."""
+"""File contents, by file name in the format's folder."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Format:
-    """One way to take a network away.
+    """Export format.
 
     Attributes
     ----------
     title : str
-        What it is, and for whom.
+        Purpose and users of the format.
     write : callable
-        ``(network, vector, **settings)`` to files.
+        Function ``(network, vector, **settings)`` that returns files.
     check : callable
-        Files to a sentence on what they are worth.
+        Function that checks files and returns the result as a sentence.
     carries, loses : str
-        For the table of formats.
+        Preserved and omitted data, for the table of formats.
     """
 
     title: str
@@ -46,18 +46,9 @@ class Format:
         return {p.name: p for p in given if p.kind is p.KEYWORD_ONLY}
 
     def setting_of(self, name: str, text: str) -> Any:
-        """What a word on the command line stands for.
+        """Convert a setting's command-line text to its value.
 
-        Parameters
-        ----------
-        name : str
-            Of a setting that the format has.
-        text : str
-
-        Raises
-        ------
-        ExportError
-            If it is no such value.
+        Raises `ExportError` if the text is not a valid value.
         """
         kind = typing.get_type_hints(inspect.unwrap(self.write))[name]
         named = typing.get_args(kind) if typing.get_origin(kind) is typing.Literal else ()
@@ -74,23 +65,10 @@ class Format:
     def files(
         self, network: Network, vector: ReferenceVector, settings: Mapping[str, Any]
     ) -> Files:
-        """The files of a network.
+        """Return the files of a network with its test vector.
 
-        Parameters
-        ----------
-        network : Network
-        vector : ReferenceVector
-            Of the network.
-        settings : mapping of str to value
-
-        Raises
-        ------
-        UnknownNameError
-            If the format has no such setting.
-        ExportError
-            If the format cannot carry the network.
-        ExportPackageMissing
-            If a package for it is not installed.
+        Raises `UnknownNameError` if the format does not have a setting, `ExportError` if it cannot
+        represent the network, and `ExportPackageMissing` if a required package is not installed.
         """
         for name in settings:
             if name not in self.settings:
@@ -108,7 +86,7 @@ _READERS: dict[type, Callable[[str], Any]] = {bool: _truth, int: int, float: flo
 
 
 def _plain_types(kind: Any) -> list[type]:
-    """The plain types of a hint, the narrowest first; of named values those that they have."""
+    """Return the plain types of a type hint, narrowest first; literals give theirs."""
     parts = typing.get_args(kind) or (kind,)
     types = {part if isinstance(part, type) else type(part) for part in parts}
     return [plain for plain in _READERS if plain in types]
@@ -120,13 +98,7 @@ def _words(kind: Any) -> str:
 
 
 def unknown_setting(name: str, available: Iterable[str]) -> UnknownNameError:
-    """The error of a setting that none of the formats has, with the nearest that one has.
-
-    Parameters
-    ----------
-    name : str
-    available : iterable of str
-    """
+    """Return the error for an unknown setting, with the closest available name."""
     names = list(available)
     near = difflib.get_close_matches(name, names, 1)
     there = f"choose from: {', '.join(names)}" if names else "these formats have none"

@@ -1,4 +1,4 @@
-"""The index of an export: whose network it is, and what each of its files has to be."""
+"""Index of an export: identity of the network and hash of every file."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ from ann_dc.weights.manifest import Table, read_manifest
 from ann_dc.weights.network_file import load
 
 INDEX = "export.json"
-"""Its name, in the folder that it describes."""
+"""File name of the index in its folder."""
 FORMAT, SCHEMA = "ann_dc export", 1
 WEIGHTS = "weights"
 """Format from which a network can be read."""
 LARGEST_INDEX = 1_000_000
 LARGEST_FILE = 2_000_000_000
-"""Bytes of what is read."""
+"""Largest readable file in bytes."""
 
 _PLAIN = re.compile(r"(?:[\w][\w .+-]*/)?[\w][\w .+-]*")
-"""A file, or one in a folder beside it: nothing hidden, nothing above."""
+"""Pattern of a file in the folder or in a direct subfolder, without hidden or parent paths."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Index:
-    """What a folder says of itself.
+    """Index of an export folder.
 
     Attributes
     ----------
     to : str
         Name of the format.
     title : str
-        Of the network.
+        Title of the network.
     version : str
-        Of the ann_dc that wrote it.
+        Version of ann_dc that wrote the folder.
     wiring, content : str
         Hashes of the network.
     settings : mapping of str to value
-        Of the format.
+        Settings of the format.
     files : mapping of str to str
         SHA-256 of every other file, by its name.
     """
@@ -58,12 +58,7 @@ class Index:
     files: Mapping[str, str]
 
     def as_json(self) -> bytes:
-        """The index as a file.
-
-        Returns
-        -------
-        bytes
-        """
+        """Return the index as the content of its file."""
         table = {
             "format": FORMAT,
             "schema": SCHEMA,
@@ -80,21 +75,14 @@ class Index:
 
 
 def hashes_of(files: Mapping[str, bytes]) -> dict[str, str]:
-    """SHA-256 of contents, by the name of the file."""
+    """Compute the SHA-256 of file contents, by file name."""
     return {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
 
 
 def read_index(folder: Path) -> Index:
-    """The index in a folder.
+    """Read the index in a folder.
 
-    Parameters
-    ----------
-    folder : Path
-
-    Raises
-    ------
-    FileFormatError
-        If there is none, or it is not one that `as_json` wrote.
+    Raises `FileFormatError` if the index is missing or was not written by `as_json`.
     """
     file = folder / INDEX
     content = read_whole(file, LARGEST_INDEX, "give a folder that ann-dc export wrote")
@@ -128,18 +116,9 @@ def _index_of(table: Table) -> Index:
 
 
 def check_index(folder: Path, index: Index) -> None:
-    """See that an index is to the last bit what `as_json` wrote.
+    """Check that the file of an index is bit-identical to the output of `as_json`.
 
-    Parameters
-    ----------
-    folder : Path
-    index : Index
-        That was read there.
-
-    Raises
-    ------
-    FileFormatError
-        If it is not.
+    Raises `FileFormatError` otherwise.
     """
     file = folder / INDEX
     if read_whole(file, LARGEST_INDEX, "export the network again") != index.as_json():
@@ -149,7 +128,7 @@ def check_index(folder: Path, index: Index) -> None:
 
 
 def below(folder: Path, name: str) -> list[Path]:
-    """A file in a folder, and the folders between them.
+    """Return the path of a file in a folder, and the folders between them.
 
     >>> [str(place) for place in below(Path("out"), "library/a.txt")]
     ['out/library/a.txt', 'out/library']
@@ -159,7 +138,7 @@ def below(folder: Path, name: str) -> list[Path]:
 
 
 def is_as_written(folder: Path, name: str, digest: str) -> bool:
-    """Whether a file in a folder is still what an index says, and no link to another place."""
+    """Return True if a file matches its hash in the index and is not a symbolic link."""
     if any(place.is_symlink() for place in below(folder, name)):
         return False
     try:
@@ -170,17 +149,9 @@ def is_as_written(folder: Path, name: str, digest: str) -> bool:
 
 
 def read_files(folder: Path, index: Index) -> dict[str, bytes]:
-    """The files that an index names, each as it was written.
+    """Read the files that an index names.
 
-    Parameters
-    ----------
-    folder : Path
-    index : Index
-
-    Raises
-    ------
-    FileFormatError
-        If one is missing, or another than was written.
+    Raises `FileFormatError` if a file is missing or differs from the index.
     """
     found = {}
     for name, expected in index.files.items():
@@ -194,16 +165,9 @@ def read_files(folder: Path, index: Index) -> dict[str, bytes]:
 
 
 def exported_network(folder: Path) -> Network:
-    """The network of an export to weights.
+    """Return the network of an export in the weights format.
 
-    Parameters
-    ----------
-    folder : Path
-
-    Raises
-    ------
-    FileFormatError
-        If it is an export to another format, or not what was written.
+    Raises `FileFormatError` if the export has another format or was modified.
     """
     index = read_index(folder)
     if index.to != WEIGHTS:

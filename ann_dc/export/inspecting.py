@@ -1,4 +1,4 @@
-"""What is inside a file or a folder that was taken away, and whether it still is what it was."""
+"""Inspection of exported files and folders: content and integrity."""
 
 from __future__ import annotations
 
@@ -21,25 +21,27 @@ from ann_dc.weights.hashes import content_hash, wiring_hash
 from ann_dc.weights.network_file import load
 
 NETWORKS = (".npz", ".safetensors")
-"""Endings of files that hold a network."""
+"""File name suffixes of network files."""
 VECTOR = "reference_vector.json"
-"""In every folder."""
+"""Test vector file, present in every folder."""
 SHOWN = 16
-"""Digits of a hash that are told."""
+"""Number of displayed digits of a hash."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Inspection:
-    """What was found in one place.
+    """Result of the inspection of one file or folder.
 
     Attributes
     ----------
     place : Path
+        Inspected file or folder.
     kind : str
-        What it is.
+        Kind of content.
     facts : dict of str to str
+        Properties by name.
     wrong : str
-        What is wrong with it; nothing where all is well.
+        Description of the first error; empty if there is none.
     """
 
     place: Path
@@ -49,7 +51,7 @@ class Inspection:
 
     @property
     def good(self) -> bool:
-        """Whether it is what it was, and does what it did."""
+        """True if the content is unmodified and behaves as recorded."""
         return not self.wrong
 
 
@@ -57,25 +59,27 @@ class Inspection:
 def inspect_export(
     path: str | os.PathLike[str], *, progress: Progress = silent
 ) -> list[Inspection]:
-    """Look into a weight file, the folder of an export, or one with several of them.
+    """Inspect a weight file, the folder of an export, or a folder with exports.
 
-    Hashes are compared, and what a file does is compared with its reference vector. A network is
-    let settle. Nothing in a file is executed but by those whose format it is.
+    Hashes are checked, and the behaviour of a file is compared with its test vector. A network is
+    run until it settles. The content of a file is executed only by the packages of its format.
 
     Parameters
     ----------
     path : path-like
+        File or folder to inspect.
     progress : Progress
+        Receiver of progress messages. Silent by default.
 
     Returns
     -------
     list of Inspection
-        One an export.
+        One entry per export.
 
     Raises
     ------
     FileFormatError
-        If there is nothing of the kind.
+        If the path contains neither a weight file nor an export.
 
     Examples
     --------
@@ -106,7 +110,7 @@ def inspect_export(
 
 
 def short(digest: str) -> str:
-    """The beginning of a hash: enough for people to compare."""
+    """Return the first digits of a hash, sufficient for comparison by readers."""
     return digest[:SHOWN]
 
 
@@ -137,7 +141,7 @@ def _of_folder(folder: Path) -> Inspection:
 
 
 def _check_network(index: Index, files: Files) -> None:
-    """The index is of the network that the reference vector is of."""
+    """Check that the index and the test vector belong to the same network."""
     if VECTOR not in files:
         raise FileFormatError(f"{VECTOR}: missing; export the network again")
     vector = ReferenceVector.from_json(files[VECTOR])

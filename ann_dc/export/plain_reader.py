@@ -1,4 +1,4 @@
-"""Text of a program that reads exported networks with NumPy alone, for the README of exports."""
+"""Text of a program that reads exported networks with NumPy alone, for READMEs."""
 
 from string import Template
 
@@ -13,7 +13,7 @@ a = {n: np.frombuffer(raw[body:][slice(*e["data_offsets"])], "<f8").reshape(e["s
 a = dict(np.load(folder + "/network.npz"))
 """,
 }
-"""Statements that read the arrays, by the name of their file."""
+"""Statements that read the arrays, by file name."""
 
 NETWORK = """\
 N, names = m["stages"], [n["name"] for n in m["neurons"]]
@@ -75,7 +75,7 @@ def held(x, move):  # 0 where it would push a neuron beyond the rail at which it
     return np.where((x <= low) & (move < 0) | (x >= high) & (move > 0), 0, move)""",
     "moves": "held(x, (M @ held(x, np.where(live, d, 0)).ravel()).reshape(x.shape) * live)",
 }
-"""Statements for networks whose neurons with rails are not coupled by M."""
+"""Statements for networks whose neurons with saturation limits are not coupled by M."""
 
 PROJECTED = {
     "rails": """\
@@ -93,18 +93,13 @@ def projected(x, d):  # v = M (d + r): currents r of diodes hold neurons at rail
     return np.where(outward(v), 0, v)""",
     "moves": "projected(x, np.where(live, d, 0))",
 }
-"""Statements for networks with rails at neurons that M couples."""
+"""Statements for networks with saturation limits at neurons that M couples."""
 
 
 def reader(file: str, *, is_clamped: bool = True) -> str:
-    """Return a program that reads exported weights and repeats the reference walk.
+    """Return a program that reads the weights in ``file`` and repeats the test vector.
 
-    Parameters
-    ----------
-    file : str
-        Name of the weight file.
-    is_clamped : bool
-        True if the metric couples neurons that have rails.
+    Set ``is_clamped`` if the preconditioner couples neurons that have saturation limits.
     """
     return f"""\
 import collections, json, sys

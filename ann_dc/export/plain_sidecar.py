@@ -1,4 +1,4 @@
-"""What stands beside plain numbers: the manifest that says what they are, a reference vector."""
+"""Sidecar files of plain numbers: a descriptive manifest and a test vector."""
 
 from __future__ import annotations
 
@@ -15,29 +15,16 @@ from ann_dc.weights.hashes import content_hash
 
 MANIFEST = "manifest.json"
 NEAR = 1e-6
-"""How near to the vector's end another machine has to come, over the largest state or one."""
+"""Tolerance of another machine's end state, relative to the largest state or one."""
 SHARE = 0.01
-"""By how many of its steps it may take more or fewer."""
+"""Permitted deviation of the number of steps, relative to the vector's steps."""
 
 
 def walked(network: Network, files: Mapping[str, bytes]) -> str:
-    """Let a network that was read walk as its reference vector does.
+    """Run a loaded network and compare the states with its test vector.
 
-    Parameters
-    ----------
-    network : Network
-    files : mapping of file name to bytes
-        With the vector.
-
-    Returns
-    -------
-    str
-        How far it came, and how far it was off.
-
-    Raises
-    ------
-    FileFormatError
-        If the vector is another network's, or another walk.
+    Returns the number of steps and the deviation as text. Raises `FileFormatError` if the vector
+    belongs to another network or the states differ.
     """
     vector = vector_of(files)
     if vector.content != content_hash(network):
@@ -56,7 +43,7 @@ def walked(network: Network, files: Mapping[str, bytes]) -> str:
 
 
 def _check_end(network: Network, vector: ReferenceVector, walker: EulerWalk) -> None:
-    """The walk ends after as many steps, where the vector does, and with its residual."""
+    """Check the number of steps, the end state and the residual against the vector."""
     steps, end, _ = walker.settled(network.pack(vector.start), vector.tolerance)
     if (steps < 0) != (vector.steps < 0) or abs(steps - vector.steps) > 1 + SHARE * vector.steps:
         raise FileFormatError(

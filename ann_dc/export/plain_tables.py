@@ -1,8 +1,7 @@
-"""The network as comma-separated tables: the matrix of its weights, and every number by name.
+"""Comma-separated tables of a network: its weight matrix and all named numbers.
 
-'weights.csv' is `to_csv`, for people who want to look. 'tensors.csv' has all numbers of the
-weight file, a line each: the array, its shape, the place in it, the value. What the arrays are
-stands in 'manifest.json'.
+'weights.csv' is the output of `to_csv`, for inspection. 'tensors.csv' has all numbers of the weight
+file, one per line: array, shape, index, value. 'manifest.json' describes the arrays.
 """
 
 from __future__ import annotations
@@ -32,22 +31,9 @@ HEAD = ["tensor", "shape", "index", "value"]
 
 @checked
 def csv_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
-    """Comma-separated tables of a network, with the manifest and the reference vector.
+    """Export a network as comma-separated tables, with manifest and test vector.
 
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network.
-
-    Returns
-    -------
-    dict of file name to bytes
-
-    Raises
-    ------
-    ExportError
-        If the vector is another network's.
+    Raises `ExportError` if the vector belongs to another network.
 
     Examples
     --------
@@ -72,21 +58,10 @@ def csv_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
 
 @checked
 def csv_check(files: Mapping[str, bytes]) -> str:
-    """Make the network again from its tables, compare hashes, and take the steps of the vector.
+    """Rebuild a network from its tables, compare hashes and repeat the vector's steps.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-
-    Returns
-    -------
-    str
-        What was found, in a sentence.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing, or not what was exported.
+    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or differs from
+    the export.
     """
     entries = _TableEntries(text_of(files, TENSORS))
     try:
@@ -113,7 +88,7 @@ def _table(arrays: Mapping[str, object]) -> str:
 
 
 def _place(number: int, shape: tuple[int, ...]) -> str:
-    """Index of the value that is so many after the first one."""
+    """Return the index of the value at a given flat position."""
     index = []
     for length in reversed(shape):
         number, at = divmod(number, max(length, 1))
@@ -123,7 +98,7 @@ def _place(number: int, shape: tuple[int, ...]) -> str:
 
 @final
 class _TableEntries(Entries):
-    """The arrays of a table; the lines of each stand in the order of their places."""
+    """Arrays of a table; the lines of each array are in the order of their indices."""
 
     def __init__(self, text: str) -> None:
         self._arrays: dict[str, tuple[tuple[int, ...], list[float]]] = {}
@@ -149,7 +124,7 @@ class _TableEntries(Entries):
         values += read
 
     def stored(self, name: str) -> Stored:
-        """The array of a name, if all of its lines are there."""
+        """Return the array of the given name after checking that all its lines exist."""
         shape, values = self._arrays[name]
         if len(values) != math.prod(shape):
             raise FileFormatError(f"{TENSORS}: {name!r} has {len(values)} values of shape {shape}")

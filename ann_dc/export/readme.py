@@ -1,4 +1,4 @@
-"""What stands beside the files of a format that has no README of its own: what they mean."""
+"""README of formats that do not write one: meaning and use of the files."""
 
 from __future__ import annotations
 
@@ -79,27 +79,13 @@ Labels are the names that nodes have in all exports; numbers beside connections 
 'equations.tex' is a document by itself: `pdflatex equations.tex`.
 """,
 }
-"""What is the format's own, by its name, for those that write no README themselves."""
+"""Format-specific text, by format name, for formats without their README."""
 
 
 def readme(
     name: str, form: Format, network: Network, vector: ReferenceVector, files: Files
 ) -> bytes:
-    """A README for people who were given the folder and nothing else.
-
-    Parameters
-    ----------
-    name : str
-        Of the format.
-    form : Format
-    network : Network
-    vector : ReferenceVector
-    files : mapping of str to bytes
-
-    Returns
-    -------
-    bytes
-    """
+    """Return a README for readers that have only the folder."""
     is_clamped = len(clamped_rows(network)) > 0
     read = [
         f"```python\n{reader(file, is_clamped=is_clamped)}```\n"
@@ -121,12 +107,5 @@ step {vector.step!r} in units of network time; the walk {settles} (tolerance {ve
 
 
 def without_readme(name: str, files: Files) -> Files:
-    """The files that a format's check is for.
-
-    Parameters
-    ----------
-    name : str
-        Of the format.
-    files : mapping of str to bytes
-    """
+    """Return the files to which a format's check applies."""
     return {file: content for file, content in files.items() if file != README or name not in ABOUT}

@@ -1,4 +1,4 @@
-"""A weight file with its manifest beside it, for programs that read arrays by name."""
+"""Weight file with its manifest, for programs that read arrays by name."""
 
 from __future__ import annotations
 
@@ -24,28 +24,11 @@ FORMS = {"safetensors": "network.safetensors", "npz": "network.npz"}
 def weights_files(
     network: Network, vector: ReferenceVector, *, form: str = "safetensors"
 ) -> dict[str, bytes]:
-    """The file that `save` writes, its manifest as a text of its own, and the reference vector.
+    """Export the file that `save` writes, its manifest as text, and the test vector.
 
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network.
-    form : str
-        ``safetensors`` or ``npz``.
-
-    Returns
-    -------
-    dict of file name to bytes
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such form.
-    ExportError
-        If the vector is another network's.
-    OutputError
-        If a file cannot have a name that a node has.
+    The ``form`` is ``safetensors`` or ``npz``. Raises `UnknownNameError` for another form,
+    `ExportError` if the vector belongs to another network, and `OutputError` if a node has a name
+    that a file cannot have.
 
     Examples
     --------
@@ -71,21 +54,10 @@ def weights_files(
 
 @checked
 def weights_check(files: Mapping[str, bytes]) -> str:
-    """Read a weight file, compare the manifest beside it, and take the steps of the vector.
+    """Read a weight file, compare its manifest, and repeat the steps of the vector.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-
-    Returns
-    -------
-    str
-        What was found, in a sentence.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing, or not what was exported.
+    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or differs from
+    the export.
     """
     there = [name for name in FORMS.values() if name in files]
     if len(there) != 1:

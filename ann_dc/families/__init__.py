@@ -1,4 +1,8 @@
-"""One network for many inputs, many starts for one problem: families of runs, judged together."""
+"""Runs over operating ranges, many initial guesses and several objectives.
+
+One network serves many inputs, or many initial guesses of one problem, and the runs are evaluated
+together.
+"""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
-"""A family: the inputs for which one network is to work, as ranges, as a list, or as a sampler.
+"""Operating range: inputs of one network as ranges, as a list, or as a sampler.
 
-Inputs are those of the network's cell: components of q_0 and q_d, and the further inputs that the
-problem declares. What a family draws is a list of samples; a sample is a value for every input.
+Inputs are those of the network's cell: components of q_0 and q_d, and further inputs that the
+problem declares. An operating range yields a list of samples. A sample is a value for every input.
 """
 
 from __future__ import annotations
@@ -20,33 +20,33 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Own
 
 Sample = dict[str, np.ndarray]
-"""A value (N,) for every input of the family, in the user's units."""
+"""Value (N,) of every input of the operating range, in the user's units."""
 
 Over = (
     Mapping[str, tuple[float, float]]
     | Sequence[Mapping[str, Any]]
     | Callable[[np.random.Generator, int], Sequence[Mapping[str, Any]]]
 )
-"""Ranges by the name of an input; or a list of samples; or a function (generator, count) that draws
-samples."""
+"""Operating range: ranges by input name, a list of samples, or a function (generator, count) that
+draws samples.
+"""
 
 BOUNDING = 1000
-"""Samples of which a sampler's ranges are told."""
+"""Number of samples from which the ranges of a sampler are determined."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Family:
-    """Inputs for which one network is to work; see `family_of`.
+    """Inputs for which one network is designed; see `family_of`.
 
     Attributes
     ----------
-    problem : OptimalControlProblem
     network : Network
-        Of the problem, whose own inputs the samples replace.
+        Network of the problem, whose inputs are replaced by the samples.
     over : Over
-        What was declared.
+        Operating range as declared.
     ranges : dict of str to (float, float)
-        Lowest and highest value of every input: declared, or met.
+        Lowest and highest value of every input, declared or observed.
     """
 
     problem: OptimalControlProblem
@@ -55,39 +55,29 @@ class Family:
     ranges: Mapping[str, tuple[float, float]]
 
     def samples(self, count: int, *, seed: int) -> list[Sample]:
-        """Samples that fill the ranges, or that the sampler draws; of a list, the list itself.
+        """Return samples that fill the ranges or come from the sampler, or the list.
 
-        Parameters
-        ----------
-        count : int
-        seed : int
-            The same seed gives the same samples on any machine.
+        The same seed gives the same samples on any machine.
         """
         return _drawn(self.network, self.over, count, seed)
 
     def held_out(self, count: int, *, seed: int) -> list[Sample]:
-        """Draw samples independently, so that a share of them has an interval; or return the list.
-
-        Parameters
-        ----------
-        count : int
-        seed : int
-        """
+        """Draw independent samples, so that fractions have an interval; or the list."""
         return _drawn(self.network, self.over, count, seed, independent=True)
 
     @property
     def is_listed(self) -> bool:
-        """Whether there are no other samples than those declared."""
+        """True if the declared samples are the only samples."""
         return not callable(self.over) and not isinstance(self.over, Mapping)
 
     def network_of(self, sample: Sample) -> Network:
-        """The network with a sample's inputs, started on its own straight line."""
+        """Return the network with a sample's inputs and the sample's straight-line start."""
         batch = input_batch(self.network, {name: value[None] for name, value in sample.items()})
         start = moved_starts(self.network, batch)[0]
         return self.network.with_inputs(sample).with_start(start)
 
     def problem_of(self, sample: Sample) -> OptimalControlProblem:
-        """The problem with a sample's inputs."""
+        """Return the problem with a sample's inputs."""
         problem = self.problem
         ends: dict[str, list] = {"q_0": list(problem.q_0), "q_d": list(problem.q_d or ())}
         further: dict[str, np.ndarray] = {}
@@ -106,28 +96,14 @@ class Family:
 def family_of(
     problem: OptimalControlProblem, network: Network, over: Annotated[Over, Own()]
 ) -> Family:
-    """The family that a user declares.
+    """Return the operating range that a user declares.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    network : Network
-        Synthesized from it.
-    over : mapping, sequence of mappings, or callable
-        Ranges {"q_d.x": (3, 7)}, of which every value of all inputs is drawn independently; or a
-        list of samples [{"q_d.x": 3}, ...]; or a function (generator, count) that returns such a
-        list.
+    `over` has one of three forms. Ranges {"q_d.x": (3, 7)} are sampled independently for all values
+    of all inputs. A list contains samples [{"q_d.x": 3}, ...]. A function (generator, count)
+    returns such a list.
 
-    Returns
-    -------
-    Family
-
-    Raises
-    ------
-    ProblemError
-        If a range is empty or not finite, or a sample holds a value that is no number.
-    UnknownNameError
-        If the network has no such input; the message lists those that it has.
+    Raises `ProblemError` if a range is empty or not finite, or if a sample has a value that is not
+    a number. Raises `UnknownNameError`, with the inputs of the network, for an unknown input.
 
     Examples
     --------

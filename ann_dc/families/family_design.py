@@ -1,12 +1,15 @@
-"""Design for a family of inputs: one frozen network that settles for (nearly) all of them.
+"""Design over an operating range: one network with fixed gains for its inputs.
 
-1. Settled points of a space-filling sample of the inputs, each from its own straight line.
-2. Candidates of every kind of metric, read off the first point or off the mean of all of them,
-   with several penalties, path terms and rates of the multipliers.
-3. The race (`race`): rehearsals from the starts of more and more inputs.
-4. Validation (`validation`) on inputs that no choice has seen.
+The network settles for all or nearly all inputs. The design has four steps:
 
-A share is told with its Clopper-Pearson interval; a sample that fails is told with the reason.
+1. Settled points of a space-filling sample of the inputs, each from the straight line between its
+   ends.
+2. Candidates of every preconditioner kind, derived from the first point or from the mean of all
+   points, with several penalties, path terms and multiplier rates.
+3. Successive screening (`race`): trial runs from the starts of more and more inputs.
+4. Validation (`validated`) on inputs that no selection has used.
+
+A fraction is reported with its Clopper-Pearson interval, and a failed sample with its reason.
 """
 
 from __future__ import annotations
@@ -45,12 +48,14 @@ from ann_dc.validation.values import Own, such_as
 # ---- validation: on inputs that no choice has seen, what share settles to a certified optimum?
 
 CERTIFIABLE = 3e-10
-"""KKT residual at which a run is judged: well below that of a certificate, which is taken in the
-scales of the sample and not in those of the network."""
+"""KKT residual of an evaluated run, well below that of a certificate, which is computed in the
+scales
+of the sample instead of those of the network.
+"""
 CONFIDENCE = 0.95
-"""Confidence of the interval about a share."""
+"""Confidence level of the interval of a fraction."""
 LONGEST_SEARCH = 20_000
-"""Steps of the first run that looks for a settled point of an input that failed."""
+"""Step limit of the gain-scheduled run that searches a settled point of a failed input."""
 
 
 class Failure(Enum):
@@ -66,20 +71,19 @@ class Failure(Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Validation:
-    """Behaviour of a frozen network for many inputs.
+    """Behaviour of a network with fixed gains for many inputs.
 
     Attributes
     ----------
-    samples : list of Sample
     settling : (samples,) array
-        Fastest time constants to a KKT residual of 1e-6; infinite where it did not settle.
-    certified : (samples,) array of bool
+        Settling time to a KKT residual of 1e-6, in fastest time constants; infinite if it did not
+        settle.
     objectives : (samples,) array
-        In the user's units; nan where it did not settle.
+        Objectives in the user's units; nan if the run did not settle.
     failures : dict of int to Failure
-        Why, for every sample that is not certified.
+        Reason for every sample that is not certified.
     drawn : bool
-        True if the samples are independent draws, False if they are the whole family.
+        True if the samples are independent draws, False if they are the whole operating range.
     """
 
     samples: list[Sample]
@@ -99,12 +103,14 @@ class Validation:
 
     @property
     def share(self) -> float:
-        """Share of the samples that settle to a certified optimum."""
+        """Fraction of the samples that settle to a certified optimum."""
         return float(self.certified.mean())
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Clopper-Pearson interval of the share, at 95 %; the share itself of a whole family.
+        """Clopper-Pearson interval of the fraction, at 95 %.
+
+        For listed inputs both limits are the fraction itself.
 
         References
         ----------
@@ -121,7 +127,10 @@ class Validation:
         return float(low), float(high)
 
     def settling_quantile(self, share: float) -> float:
-        """Fastest time constants within which a share of the certified samples settles."""
+        """Return the settling time in fastest time constants of a fraction of the samples.
+
+        Only certified samples count.
+        """
         good = self.settling[self.certified]
         return float(np.quantile(good, share)) if len(good) else float("nan")
 
@@ -142,7 +151,7 @@ class Validation:
 
 
 def told(sample: Sample) -> str:
-    """A sample in words: ``q_d.x = 3.2, q_0.phi = 0.1``."""
+    """Return a sample as text: ``q_d.x = 3.2, q_0.phi = 0.1``."""
     each = (
         f"{name} = {value[0]:.4g}" if np.ptp(value) == 0 else f"{name} = {value[0]:.4g} ..."
         for name, value in sample.items()
@@ -153,20 +162,9 @@ def told(sample: Sample) -> str:
 def validated(
     family: Family, pace: Pace, samples: Sequence[Sample], progress: Progress = silent
 ) -> Validation:
-    """Run a family's frozen network for every sample, and certify what it settles to.
+    """Run the fixed network for every sample and certify the final states.
 
-    Parameters
-    ----------
-    family : Family
-        Whose network has its constants.
-    pace : Pace
-    samples : sequence of Sample
-    progress : Progress
-        Takes one line a sample.
-
-    Returns
-    -------
-    Validation
+    `progress` receives one line per sample.
     """
     tape = evaluator(family.network).tape
     settling, objectives = np.full((2, len(samples)), np.nan)
@@ -196,20 +194,10 @@ def validated(
 
 
 def why(network: Network, x: np.ndarray, *, lost: bool) -> Failure:
-    """Reason for which a frozen network did not settle.
+    """Return the reason for which a network with fixed gains did not settle.
 
-    Parameters
-    ----------
-    network : Network
-        With its inputs and its start.
-    x : (n,) array
-        Where its run ended.
-    lost : bool
-        Whether it diverged there, or left the domain of a function.
-
-    Returns
-    -------
-    Failure
+    `network` has its inputs and its start, and the run ended at `x` (n,). `lost` is True if the run
+    diverged or left the domain of a function.
     """
     found = first_run(network, WITH_COORDINATORS, limit=LONGEST_SEARCH)
     if not found.settled:
@@ -225,33 +213,35 @@ def why(network: Network, x: np.ndarray, *, lost: bool) -> Failure:
 # ---- design for a family of inputs: one frozen network that settles for (nearly) all of them
 
 POINTS = 16
-"""Inputs whose settled points the gains are read off."""
+"""Number of inputs from whose settled points the gains are derived."""
 GOAL = 0.995
-"""Share of the race's inputs from which on no slower kind of metric is raced."""
+"""Fraction of screened inputs from which slower preconditioner kinds are not tried."""
 LONGEST_RUN = 20_000
-"""Steps of a first run of one of the inputs."""
+"""Step limit of the gain-scheduled run of one input."""
 HELD_OUT = 1000
-"""Inputs of the validation."""
+"""Number of inputs in the validation."""
 
 
 @such_as("ann_dc.design(problem, over=...)")
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FamilyDesign:
-    """One network for a family of inputs, and what it was seen to do.
+    """Network designed for an operating range, with its validation.
 
     Attributes
     ----------
     network : Network
-        Frozen; it knows the ranges for which it was designed.
+        Network with fixed gains; it stores the ranges of its design.
     family : Family
+        Operating range with this network.
     gains : Gains
+        Gains of the network.
     winner : Runner
-        The candidate that won, with its settling on the inputs of the race.
+        Selected candidate, with its settling on the inputs of the screening.
     points : int
-        Inputs at whose settled points gains were read off.
+        Number of inputs from whose settled points gains were derived.
     validation : Validation
-        On held-out inputs; of a listed family, on the list itself.
+        Validation on held-out inputs; for a listed range, on the list itself.
 
     Examples
     --------
@@ -294,35 +284,36 @@ def design_family(
     seed: int = 0,
     progress: Progress = silent,
 ) -> FamilyDesign:
-    """Choose constants with which one network settles for a whole family of inputs.
+    """Design gains with which one network settles over a whole operating range.
 
     Parameters
     ----------
     problem : OptimalControlProblem
-        Its own inputs count as one of the family; they set the scales of the network.
+        Problem whose inputs count as one sample; they set the scales of the network.
     over : Over
-        The family; see `family_of`.
+        Operating range; see `family_of`.
     kinds : iterable of Kind
-        The metrics among which to choose; all by default.
+        Preconditioner kinds to choose from. Default: all.
     held_out : int
-        Inputs of the validation.
+        Number of inputs in the validation. Default 1000.
     seed : int
-        Of all samples: the same seed gives the same network.
+        Seed of all samples: the same seed gives the same network. Default 0.
     progress : Progress
-        Takes one line at a time on what is going on.
+        Receives one line per step. Default: silent.
 
     Returns
     -------
     FamilyDesign
+        Network with fixed gains and its validation.
 
     Raises
     ------
     DesignError
-        If no input of the family leads to a settled point, or no candidate holds those found.
+        If no input leads to a settled point, or no candidate is stable at those found.
     ProblemError
-        If a range is empty, or a sample holds a value that is no number.
+        If a range is empty, or a sample has a value that is not a number.
     UnknownNameError
-        If the network has no such input.
+        If the network does not have an input.
 
     Examples
     --------
@@ -357,7 +348,7 @@ def design_family(
 def _settled_points(
     family: Family, seed: int, progress: Progress
 ) -> tuple[list[SettledPoint], float]:
-    """Settled points of the problem itself and of a few inputs; the largest boost that it took."""
+    """Return settled points of problem and inputs, and the largest penalty factor."""
     samples: list[Sample] = [{}, *family.samples(POINTS - 1, seed=seed)[: POINTS - 1]]
     points, boost, why = [], 1.0, ""
     with np.errstate(all="ignore"):  # a run that overflows is data
@@ -392,7 +383,7 @@ def _winner(
     kinds: tuple[Kind, ...],
     progress: Progress,
 ) -> Runner:
-    """The best of all kinds, fastest kind first, until one reaches the goal."""
+    """Return the best candidate; kinds are tried fastest first until `GOAL` is met."""
     best: Runner | None = None
     with np.errstate(all="ignore"):
         for kind in (kind for kind in RECIPES if kind in kinds):

@@ -1,14 +1,14 @@
-r"""The front of several objectives: what each of them costs in terms of the others.
+r"""Pareto front of several objectives, from one network with weights as inputs.
 
-With every objective related to its *ideal* J_i^- and its *nadir* J_i^+, points of the front are
+Every objective is normalised by its *ideal* J_i^- and its *nadir* J_i^+. Points of the front are
 
 .. math::
     \min\; \max_i\; w_i \frac{J_i - J_i^-}{J_i^+ - J_i^-}, \qquad w_i > 0, \quad \sum_i w_i = 1,
 
-one for each direction. The weights are inputs: one frozen network finds all of them, a batch of
-weights at once. Ideal and nadir are the best and the worst of every objective at the points that
-are best for one. There each is regularised by a small share of all of them, since an objective
-alone may leave controls undetermined.
+one for each direction. The weights are inputs, so one network with fixed gains finds all points, in
+one batch of weights. Ideal and nadir are the best and the worst value of every objective at the
+points that are optimal for one objective. There, each objective is regularised by a small fraction
+of all objectives, since one objective alone may leave controls undetermined.
 """
 
 from __future__ import annotations
@@ -39,33 +39,33 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import NotEmpty, Own
 
 REGULAR = 0.02
-"""Share of every objective, over its size on the straight line, beside the one that is minimised
-for the ideal point."""
+"""Regularisation weight of all objectives in the search for the ideal point, relative to the size
+of
+each objective on the straight line.
+"""
 KINDS = (Kind.COUPLED_PYRAMID, Kind.PYRAMID, Kind.TIME_CONSTANTS)
-"""Metrics that a network with objectives may have."""
+"""Preconditioner kinds supported by a network with objectives."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Front:
-    """Points of the front of several objectives.
+    """Points of the Pareto front of several objectives.
 
     Attributes
     ----------
     problem : OptimalControlProblem
-        With its objectives between ideal, 0, and nadir, 1, and weights for inputs.
+        Problem with objectives normalised between ideal, 0, and nadir, 1, and weights as inputs.
     ideal, nadir : (p,) arrays
-        In the user's units.
+        Best and worst objectives in the user's units.
     design : Design
-        Of the one network, at equal weights.
-    weights : (B, p) array
+        Design of the one network, at equal weights.
     values : (B, p) array
-        The objectives J_i of every point, in the user's units.
+        Objectives J_i of every point, in the user's units.
     shares : (B, p) array
-        What every objective counts at the point: its share of the cost times its weight.
+        Contribution of every objective at the point: its fraction of the cost times its weight.
     batch : BatchRun
-        How each point was found.
-    certificates : tuple of Certificate
+        Run of every point.
     """
 
     problem: OptimalControlProblem
@@ -83,21 +83,21 @@ class Front:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the objectives."""
+        """Names of the objectives."""
         return self.problem.objective_names
 
     @property
     def certified(self) -> np.ndarray:
-        """(B,) booleans: which points settled and are certified."""
+        """Boolean array (B,), True for points that settled and are certified."""
         return self.batch.settled & [found.certified for found in self.certificates]
 
     def states(self, point: int) -> np.ndarray:
-        """States (n, N+1) of a point, in the user's units."""
+        """Return the states (n, N+1) of a point, in the user's units."""
         q, _, t, *_ = kkt_point(self.batch.network, self.batch.states[point])
         return np.column_stack([q, t[:, -1]])
 
     def controls(self, point: int) -> np.ndarray:
-        """Controls (m, N) of a point, in the user's units."""
+        """Return the controls (m, N) of a point, in the user's units."""
         return kkt_point(self.batch.network, self.batch.states[point])[1]
 
     def __str__(self) -> str:
@@ -126,31 +126,35 @@ def pareto(
     kinds: Annotated[Sequence[Kind], NotEmpty()] = KINDS,
     progress: Progress = silent,
 ) -> Front:
-    """The front of a problem's objectives, from one frozen network and a batch of weights.
+    """Compute the Pareto front with one network and a batch of weights.
+
+    The network has fixed gains, and the weights are its inputs.
 
     Parameters
     ----------
     problem : OptimalControlProblem
-        With objectives and no other cost; weights that it has do not count.
+        Problem with objectives and no other cost; its weights are ignored.
     points : int or (B, p) array
-        How many, in even directions; or the weights themselves, positive, one row a point.
+        Number of evenly distributed directions, or the positive weights, one row per point. Default
+        21.
     kinds : sequence of Kind
-        The metrics among which designs choose.
+        Preconditioner kinds from which designs choose. Default: `KINDS`.
     progress : Progress
-        Takes one line at a time on what is going on.
+        Receives one line per step. Default: silent.
 
     Returns
     -------
     Front
-        Whatever the outcome of each point.
+        Returned for every outcome of the points.
 
     Raises
     ------
     ProblemError
-        If the problem has no objectives, or a cost beside them; if weights are not positive or do
-        not add up to one; or if objectives do not compete: one point is best for all of them.
+        If the problem has no objectives, or a cost in addition to them; if weights are not positive
+        or do not add up to one; or if objectives do not compete because one point is best for all
+        of them.
     DesignError
-        If the numbers of a design overflow.
+        If numbers of a design overflow.
 
     References
     ----------
@@ -207,7 +211,7 @@ def _check(problem: OptimalControlProblem) -> None:
 
 
 def _weights_of(problem: OptimalControlProblem, points: Any) -> np.ndarray:
-    """(B, p): as given, or the middles of a regular division of all that add up to one."""
+    """Return weights (B, p): as given, or from a regular division of the simplex."""
     names = problem.objective_names
     count = len(names)
     if isinstance(points, (int, np.integer)) and not isinstance(points, bool):
@@ -231,7 +235,7 @@ def _weights_of(problem: OptimalControlProblem, points: Any) -> np.ndarray:
 
 
 def _division(points: int, count: int) -> np.ndarray:
-    """At least so many weights, evenly over a simplex and off its edges."""
+    """Return at least `points` weights, evenly inside the simplex and off its edges."""
     degree = 0
     while True:
         rows = [
@@ -243,7 +247,7 @@ def _division(points: int, count: int) -> np.ndarray:
 
 
 def _payoff(problem: OptimalControlProblem, kinds, progress: Progress) -> np.ndarray:
-    """(p, p): all objectives (columns) where one is least (rows), a little of all beside it."""
+    """Return (p, p) objectives (columns) at the regularised minima (rows)."""
     plain = replace(problem, weights=None)
     line = line_start(plain)
     sizes = np.abs(plain.objective_stages(line.q, line.u)).sum(axis=1)
@@ -267,7 +271,7 @@ def _payoff(problem: OptimalControlProblem, kinds, progress: Progress) -> np.nda
 def _judged(
     problem: OptimalControlProblem, batch: BatchRun, point: int, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, Certificate]:
-    """Objectives without their weights, what they count, and the certificate of a point."""
+    """Return unweighted objectives, contributions and the certificate of a point."""
     names = [f"weight_{name}" for name in problem.objective_names]
     weighed = problem.with_inputs(**dict(zip(names, weights.tolist())))
     found = certificate_of(weighed, batch.network_of(point), batch.states[point])

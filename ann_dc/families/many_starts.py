@@ -1,8 +1,9 @@
-"""One problem from many starts: which optima there are, and how often each is met.
+"""Multistart: the optima of one problem from many initial guesses.
 
-A frozen network settles at an optimum near its start, and a problem may have several. One design
-serves all starts: the network is the same, and recurrent steps take them all together.
-What it loses has a run of its own (`optima`), and all that settled is judged by the problem alone.
+A network with fixed gains settles at an optimum near its initial guess, and a problem may have
+several optima. One design serves all guesses: the network is the same, and recurrent steps process
+all guesses together. A guess that this network loses gets a separate run (`optima`). All settled
+points are certified from the problem alone.
 """
 
 from __future__ import annotations
@@ -37,28 +38,32 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import NotEmpty, Own
 
 NEAR_ONE_OPTIMUM = (Kind.GRID, Kind.TREE)
-"""Metrics that are read off the optimum of the design, and hold few others."""
+"""Preconditioner kinds derived from the optimum of the design, at which few others are stable."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Multistart:
-    """What a network settled to from many starts.
+    """Optima of a network from many initial guesses.
 
     Attributes
     ----------
     problem : OptimalControlProblem
+        Solved problem.
     equations : StageEquations
+        Wired equations.
     design : Design
-        Of the one network that ran from all of them.
+        Design of the one network that ran from all guesses.
     starts : tuple of Start
+        Initial guesses.
     backend : RecurrentBackend
+        Backend of the batch.
     batch : BatchRun
-        How each start ended.
+        End of the run from every guess.
     optima : tuple of Optimum
-        Distinct and certified, best first.
+        Distinct certified optima, best first.
     others : dict of str to int
-        How many of the starts led to none, and why.
+        Number of guesses without an optimum, by reason.
 
     Examples
     --------
@@ -84,26 +89,27 @@ class Multistart:
 
     @property
     def best(self) -> Optimum | None:
-        """The optimum with the lowest objective; None where nothing was certified."""
+        """Optimum with the lowest objective; None if nothing was certified."""
         return self.optima[0] if self.optima else None
 
     @property
     def unsettled(self) -> int:
-        """How many starts led to no certified optimum."""
+        """Number of initial guesses without a certified optimum."""
         return sum(self.others.values())
 
     @checked
     def solution(self, index: int = 0) -> Solution:
-        """The network run alone from the first start of an optimum: with its trajectory.
+        """Return the solution of a single run from the first guess of an optimum.
 
-        A sample has the same bits alone and in a batch, so it settles at this optimum again. An
-        optimum that the one frozen network does not settle at gets a design of its own, from its
-        first start. Where nothing was certified, it is the run from the first start of all.
+        The solution has its trajectory. A sample is bit-identical alone and in a batch, so that the
+        run settles at this optimum again. An optimum at which the common network does not settle
+        gets a separate design from its first guess. If nothing was certified, the run is from the
+        first guess of all.
 
         Parameters
         ----------
         index : int
-            Place among ``optima``.
+            Index in ``optima``. Default 0.
         """
         start = self.optima[index].starts[0] if self.optima else 0
         network = self.batch.network
@@ -121,7 +127,7 @@ class Multistart:
         return own
 
     def _ran(self, network: Network, designed: Design) -> Solution:
-        """Run a frozen network and certify where it ended."""
+        """Run a network with fixed gains and certify its final state."""
         run = self.backend.run(network)
         return Solution(
             problem=self.problem,
@@ -133,7 +139,7 @@ class Multistart:
         )
 
     def as_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Return plain data for JSON."""
         states, controls = [*map(str, self.problem.states)], [*map(str, self.problem.controls)]
         return {
             "problem": self.problem.name,
@@ -181,35 +187,36 @@ def multistart(
     backend: RecurrentBackend | None = None,
     progress: Progress = silent,
 ) -> Multistart:
-    """The optima of a problem that one network settles to from many starts, best first.
+    """Find the optima at which one network settles from many guesses, best first.
 
     Parameters
     ----------
     problem : OptimalControlProblem
+        Problem to solve.
     starts : int or sequence of Start
-        How many starts to make (`seeded_starts`), or the starts themselves. The network is
-        designed from the first.
+        Number of guesses to generate (`seeded_starts`), or the guesses. The network is designed
+        from the first. Default 64.
     seed : int
-        Of the starts that are made.
+        Seed of the generated guesses. Default 0.
     kinds : iterable of Kind, optional
-        The metrics among which the design chooses; by default those that suit the backend, without
-        those that are read off one optimum (`NEAR_ONE_OPTIMUM`).
+        Preconditioner kinds from which the design chooses. Default: those that suit the backend,
+        without those derived from one optimum (`NEAR_ONE_OPTIMUM`).
     backend : RecurrentBackend, optional
-        Two phases, at most `LONGEST` steps by default.
+        Backend of the runs. Default: two phases, at most `LONGEST` steps.
     progress : Progress
-        Takes one line at a time on what is going on.
+        Receives one line per step. Default: silent.
 
     Returns
     -------
     Multistart
-        Whatever the outcome; the same numbers for the same seed.
+        Returned for every outcome; the same seed gives the same numbers.
 
     Raises
     ------
     ProblemError
-        If a count, a seed or a start is none, or the network cannot start there.
+        If a count, a seed or a guess is invalid, or the network cannot start there.
     DesignError
-        If the design's numbers overflow.
+        If numbers of the design overflow.
 
     Examples
     --------

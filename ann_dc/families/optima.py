@@ -1,8 +1,7 @@
-"""Optima that many starts led to: told apart by objective and controls, certified one by one.
+"""Distinct optima of many initial guesses, separated by objective and controls.
 
-Constants that were read off one optimum hold few of the others where these lie far apart, so that
-a start which a frozen network loses has a run of its own, with gains that are recomputed on the way
-as in a design.
+Each optimum is certified. Gains derived from one optimum stabilise few distant ones. A guess that
+the common network loses therefore gets a gain-scheduled run, as in a design.
 """
 
 from __future__ import annotations
@@ -25,9 +24,9 @@ from ann_dc.progress import Progress
 from ann_dc.solution.solution import certificate_of
 
 SAME = 1e-3
-"""Relative distance of objectives, and of every control, below which two optima are one."""
+"""Relative distance of objectives, and of every control, below which two optima are equal."""
 TOLERANCE = 1e-10
-"""KKT residual of a run of a start's own, in network units."""
+"""KKT residual of a separate run, in network units."""
 NAMES = {
     Outcome.SETTLED: "settled, but not certified",
     Outcome.NOT_SETTLED: "not settled within the steps given",
@@ -36,30 +35,30 @@ NAMES = {
     Outcome.STALLED: "stalled",
     Outcome.STOPPED: "stopped before their end",
 }
-"""What became of the starts that led to no optimum: all that a batch says of a sample."""
+"""Description of guesses without an optimum, by the outcome in the batch."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Optimum:
-    """A certified optimum, and the starts that led to it.
+    """Certified optimum with the initial guesses that lead to it.
 
     Attributes
     ----------
     state : (n,) array
-        Where the network settled from the first of its starts, in network units.
+        Settled state from the first of its guesses, in network units.
     q : (n, N+1) array
-        States with the end, in the user's units.
+        States with the terminal state, in the user's units.
     u : (m, N) array
         Controls.
     certificate : Certificate
-        By the problem's own derivatives.
+        Certificate from the problem's derivatives.
     starts : tuple of int
-        Which of the starts led here.
+        Indices of the guesses that lead to this optimum.
     frozen : int
-        From how many of them the one frozen network did, the first ones; from the others a run with
-        gains that were recomputed on the way.
+        Number of these guesses, the first ones, for which the common network with fixed gains
+        reached it. The others needed a gain-scheduled run.
     share : float
-        Of all starts.
+        Fraction of all guesses.
     """
 
     state: np.ndarray
@@ -77,7 +76,7 @@ class Optimum:
 
     @property
     def count(self) -> int:
-        """How many starts led here."""
+        """Number of initial guesses that lead to this optimum."""
         return len(self.starts)
 
 
@@ -87,25 +86,12 @@ def sorted_out(
     starts: np.ndarray | None,
     progress: Progress,
 ) -> tuple[tuple[Optimum, ...], dict[str, int]]:
-    """The distinct optima of a batch, and how many starts led to none.
+    """Return the distinct optima of a batch, and the number of guesses without one.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    batch : BatchRun
-        Of one frozen network, from all starts.
-    starts : (B, n) array or None
-        The starts, from which those that the batch lost get a run of their own; None where nothing
-        could be found.
-    progress : Progress
-        Takes one line a run.
-
-    Returns
-    -------
-    optima : tuple of Optimum
-        Best first.
-    others : dict of str to int
-        Starts that led to none, by what became of them in the batch.
+    The batch is that of one network with fixed gains from all guesses. Guesses that the batch lost
+    get a separate run from `starts` (B, n); None omits these runs. Optima are sorted best first.
+    Guesses without an optimum are counted by their outcome in the batch. `progress` receives one
+    line per run.
     """
     found: list[Optimum] = []
     others: Counter[str] = Counter()
@@ -124,7 +110,7 @@ def sorted_out(
 
 
 def _own_run(network: Network) -> np.ndarray | None:
-    """Where a network settles from its start with gains that are recomputed on the way."""
+    """Return the settled state of a gain-scheduled run from the network's start."""
     with np.errstate(all="ignore"):  # a run that overflows is data
         run = first_run(network, WITH_COORDINATORS, tolerance=TOLERANCE, limit=LONGEST)
     return run.state if run.settled else None
@@ -137,7 +123,7 @@ def _entered(
     sample: int,
     state: np.ndarray | None = None,
 ) -> bool:
-    """Whether a start's state (that of the batch by default) is an optimum; it is counted then."""
+    """Return True if a state (default: that of the batch) is an optimum, and count it."""
     x, frozen = (batch.states[sample], 1) if state is None else (state, 0)
     proof = certificate_of(problem, batch.network, x)
     if not proof.certified:
@@ -157,7 +143,7 @@ def _entered(
 
 
 def _same(known: Optimum, objective: float, u: np.ndarray) -> bool:
-    """Whether an optimum is the known one: by its objective, and by every control's range."""
+    """Return True if an optimum equals a known one in objective and in every control."""
     if abs(objective - known.objective) > SAME * max(abs(objective), abs(known.objective)):
         return False
     size = np.maximum(np.abs(u), np.abs(known.u)).max(axis=1)

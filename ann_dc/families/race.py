@@ -1,7 +1,7 @@
-"""The race: which constants settle from the starts of most inputs, and how fast.
+"""Successive screening: gains that settle fast from the starts of most inputs.
 
-Every candidate runs on a few inputs, the better ones on more, the best on many: a share of 99 % is
-nothing that a dozen of samples could tell.
+Every candidate runs on a few inputs, the better ones on more, the best on many. A fraction of 99 %
+cannot be determined from a dozen samples.
 """
 
 from __future__ import annotations
@@ -24,36 +24,32 @@ from ann_dc.network.preconditioners.base import Kind
 from ann_dc.progress import Progress
 
 ROUNDS = ((16, 12), (64, 6), (256, 3), (1024, 1))
-"""Inputs of every round, and how many candidates come through it."""
+"""Number of inputs of every round, and number of candidates that pass it."""
 ON_THE_WAY = ((0.3, 1.0, 1.0), (0.3, 0.7, 1.0), (1.0, 1.0, 1.0), (1.0, 1.0, 0.5), (0.3, 1.0, 0.5),
               (1.0, 2.0, 0.5))  # fmt: skip
-"""Path term, factor on the penalty and on the rates of multipliers of the grids that race."""
+"""Path term, penalty factor and multiplier rate factor of the resistive-grid candidates."""
 ENOUGH = 256
-"""Inputs after which a candidate that settled all of them has won."""
+"""Number of inputs after which a candidate that settled all of them is selected."""
 LATE = 0.99
-"""Share of the settled inputs by whose settling candidates with as many failures are told apart."""
+"""Quantile of the settling times that ranks candidates with equally many failures."""
 LIMIT = 3000.0
-"""Fastest time constants after which a run of a race is given up."""
+"""Limit of a screening run in fastest time constants."""
 SPECTRA = 4
-"""Settled points at which a candidate's fastest mode is looked for."""
+"""Number of settled points at which a candidate's fastest mode is computed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Runner:
-    """Constants that race for a family.
+    """Candidate gains for an operating range.
 
     Attributes
     ----------
-    recipe : Recipe
     boost : float
         Factor on every penalty.
     shared : bool
-        Whether the gains are read off all settled points, or off the first one alone.
-    gains : Gains
-    pace : Pace
+        True if the gains come from all settled points, False if from the first one alone.
     settling : (samples,) array
-        Fastest time constants, sample by sample as far as it has run; infinite where it did not
-        settle.
+        Settling times in fastest time constants of the samples run so far; infinite if not settled.
     """
 
     recipe: Recipe
@@ -65,12 +61,12 @@ class Runner:
 
     @property
     def share(self) -> float:
-        """Of the inputs that it ran on and settled."""
+        """Fraction of its inputs for which the candidate settled."""
         return float(np.isfinite(self.settling).mean()) if len(self.settling) else 0.0
 
     @property
     def rank(self) -> tuple[float, float]:
-        """What a race makes small: failures, then how long most inputs take."""
+        """Sort key: failures, then the settling time of most inputs."""
         settled = self.settling[np.isfinite(self.settling)]
         late = float(np.quantile(settled, LATE)) if len(settled) else np.inf
         return -self.share, late
@@ -87,20 +83,11 @@ class Runner:
 
 
 def entered(points: Sequence[SettledPoint], kind: Kind, boost: float) -> list[Runner]:
-    """The candidates of one kind of metric.
+    """Return the candidates of one preconditioner kind.
 
-    Parameters
-    ----------
-    points : sequence of SettledPoint
-        That of the problem itself first.
-    kind : Kind
-    boost : float
-        Factor on the penalties of a closed form: the largest that a first run arrived at.
-
-    Returns
-    -------
-    list of Runner
-        None that repels at one of the points, or has no metric there.
+    The first of `points` is that of the problem itself. `boost` is the factor on closed-form
+    penalties: the largest factor that a gain-scheduled run reached. Candidates that are unstable at
+    a point, or without a preconditioner there, are omitted.
     """
     runners = []
     for recipe in _recipes(kind):
@@ -120,7 +107,7 @@ def entered(points: Sequence[SettledPoint], kind: Kind, boost: float) -> list[Ru
 
 
 def _spread(points: Sequence[SettledPoint]) -> Sequence[SettledPoint]:
-    """A few of the points, the first and the last among them."""
+    """Return a few of the points, including the first and the last."""
     chosen = np.unique(np.linspace(0, len(points) - 1, SPECTRA).round().astype(int))
     return [points[i] for i in chosen]
 
@@ -145,22 +132,10 @@ def _recipes(kind: Kind) -> Iterable[Recipe]:
 
 
 def raced(runners: Sequence[Runner], networks: Sequence[Network], progress: Progress) -> Runner:
-    """The winner.
+    """Return the selected candidate, with its settling on the last round's inputs.
 
-    Parameters
-    ----------
-    runners : sequence of Runner
-        One at least.
-    networks : sequence of Network
-        With the inputs and starts on which they run; the last round takes all there are, up to
-        its number.
-    progress : Progress
-        Takes one line a candidate and round.
-
-    Returns
-    -------
-    Runner
-        With its settling on the inputs of the last round.
+    At least one candidate is required. `networks` have the inputs and starts; the last round uses
+    all of them, up to its number. `progress` receives one line per candidate and round.
     """
     left = list(runners)
     for count, through in ROUNDS:
@@ -181,26 +156,12 @@ def raced(runners: Sequence[Runner], networks: Sequence[Network], progress: Prog
 def run_sample(
     network: Network, tape: Tape, pace: Pace, *, tolerance: float = SETTLING
 ) -> tuple[float, np.ndarray, bool]:
-    """Run a frozen network from its start.
+    """Run a network with fixed gains from its start.
 
-    Parameters
-    ----------
-    network : Network
-        With the inputs and the start of a sample.
-    tape : Tape
-        With its constants, of any network of the family.
-    pace : Pace
-    tolerance : float
-        KKT residual to which it has to settle.
-
-    Returns
-    -------
-    settling : float
-        Fastest time constants; infinite where it did not settle.
-    x : (n,) array
-        Where it ended.
-    lost : bool
-        Whether it diverged, or left the domain of a function.
+    Return the settling time in fastest time constants (infinite if unsettled), the final state
+    (n,), and True if the run diverged or left the domain of a function. `network` has the inputs
+    and the start of a sample. `tape` has the gains and may come from any network of the operating
+    range. `tolerance` is the KKT residual of a settled run.
     """
     x = network.start_state.copy()
     elapsed, outcome = run_on(network, tape, pace, x, tolerance)
@@ -210,13 +171,10 @@ def run_sample(
 def run_on(
     network: Network, tape: Tape, pace: Pace, x: np.ndarray, tolerance: float
 ) -> tuple[float, int]:
-    """Go on from a state ``x`` (n,), which is overwritten; see `run_with_constants`.
+    """Continue a run from a state ``x`` (n,), which is overwritten.
 
-    Returns
-    -------
-    elapsed : float
-        Fastest time constants.
-    outcome : int
+    Return the elapsed time in fastest time constants and the outcome code; see
+    `run_with_constants`.
     """
     trial = fast_evaluator(network, tape._replace(values=constant_values(network)))
     return run_with_constants(trial, x, pace, limit=LIMIT, tolerance=tolerance)

@@ -1,12 +1,12 @@
-r"""Many starts for one problem: the straight line, then lines bent further and further, by seed.
+r"""Seeded initial guesses: the straight line, then increasingly bent lines.
 
-Noise of its own at every stage is smoothed away within a few steps, and all starts end in the same
-basin. So a start is bent as a whole: the noise of `random_start`, which knows how far a component
-may deviate, is reduced to its lowest modes between the ends,
+Independent noise at every stage is smoothed within a few steps, and all guesses end in the same
+basin of attraction. A guess is therefore bent as a whole. The noise of `random_start`, which knows
+the admissible deviation of a component, is reduced to its lowest modes between the ends,
 
 .. math:: q_k = line_k + a \sum_{j=1}^{3} \frac{c_j}{j} \sin(\pi j k / N) ,
 
-with controls that fit, and with an amplitude a that grows from start to start.
+with matching controls, and with an amplitude a that grows from guess to guess.
 """
 
 from __future__ import annotations
@@ -22,35 +22,22 @@ from ann_dc.problem.initial_guess import Start, check_start, line_start, random_
 from ann_dc.problem.scales import fitting_controls
 
 MODES = 3
-"""Half waves between the ends, at most."""
+"""Largest number of half waves between the ends."""
 LARGEST = 10.0
-"""Amplitude of the last start, in deviations of `random_start`: about the span of a component."""
+"""Amplitude of the last guess in deviations of `random_start`: about the span of a component."""
 LONGEST = 8_000
-"""Steps of a batch after which a start counts as not settled."""
+"""Number of batch steps after which a guess counts as not settled."""
 HALVINGS = 20
-"""How often a start outside the domain of a function is drawn back to the line."""
+"""Largest number of halvings towards the line for a guess outside a function's domain."""
 
 
 def seeded_starts(problem: OptimalControlProblem, count: int, *, seed: int = 0) -> list[Start]:
-    """The straight line, and ``count - 1`` starts bent around it, the last one furthest.
+    """Return the straight line and ``count - 1`` guesses around it, in user's units.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    count : int
-    seed : int
-        Other seeds, other starts; the first is the line for all of them.
-
-    Returns
-    -------
-    list of Start
-        In the user's units. A start at which the map or the cost has no finite value is drawn back
-        to the line until it has.
-
-    Raises
-    ------
-    ProblemError
-        If the count is no positive whole number or the seed a negative one.
+    The distance from the line grows and is largest for the last guess. Another seed gives other
+    guesses; the first one is always the line. A guess at which the dynamics or the cost are not
+    finite is moved towards the line. Raises `ProblemError` if the count is not a positive integer
+    or the seed is negative.
 
     Examples
     --------
@@ -89,22 +76,11 @@ def _bent(
 
 
 def checked_starts(problem: OptimalControlProblem, starts: Sequence[Start]) -> list[Start]:
-    """Starts of the user's own, if a network of the problem can start there.
+    """Return the user's initial guesses, if a network of the problem can start there.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    starts : sequence of Start
-
-    Returns
-    -------
-    list of Start
-
-    Raises
-    ------
-    ProblemError
-        Naming the start: if there is none, if one is no `Start`, has arrays of another shape, a
-        number that is not finite, or lies outside the domain of the map or the cost.
+    Raises `ProblemError` naming the guess: if there are none, or if one is not a `Start`. It is
+    also raised for arrays of another shape, for numbers that are not finite, and outside the domain
+    of the dynamics or the cost.
     """
     starts = list(starts)
     if not starts:

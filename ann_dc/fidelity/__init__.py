@@ -1,4 +1,8 @@
-"""How far a circuit is from the ideal: predicted, drawn, in noise, budgeted, studied, climbed."""
+"""Deviation of circuits from the ideal network: predictions, drawn parts, noise.
+
+The package contains predictions by emulation, drawn circuit instances, noise runs, error budgets,
+circuit studies and the level comparison.
+"""
 
 import lazy_loader
 

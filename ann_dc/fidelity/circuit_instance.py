@@ -1,8 +1,7 @@
-"""One circuit as it is built, with the errors of its parts: emulated once, solved once.
+"""Circuit instance: one circuit with its part errors, emulated and solved once.
 
-Prediction, error budget, noise and drawn circuits all ask for the same few things: the network that
-a circuit is, and where that settles. A specimen computes each when it is first asked for, and keeps
-it.
+Prediction, error budget, noise and Monte Carlo samples all need the network of the circuit and its
+equilibrium. A `Specimen` computes each result on first access and caches it.
 """
 
 from __future__ import annotations
@@ -32,27 +31,27 @@ from ann_dc.hardware.schematic.elements import Integrator
 from ann_dc.validation.checked import checked
 
 TRANSIENT = OdeBackend(verify=False, limit=1e6, most_steps=300_000)
-"""The emulation's run: its fastest poles are those of multipliers, far from the slowest."""
+"""Backend of the transient; the fastest poles are those of multipliers, far from the slowest."""
 
 STIFF = 5e4
-"""Slowest over fastest time constant beyond which `TRANSIENT` ends before twenty of the slowest."""
+"""Stiffness ratio beyond which `TRANSIENT` ends before twenty of the slowest time constants."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Specimen:
-    """A circuit on a level, with parts that are off.
+    """Circuit instance on a level, with deviations of its parts.
 
     Attributes
     ----------
     circuit : Circuit
-        With nominal components.
+        Circuit with nominal components.
     level : Level
-        What it is built of.
+        Level of the parts.
     probe : Trajectory
-        The ideal network's run that the circuit was scaled by.
+        Run of the ideal network by which the circuit was scaled.
     deviations : mapping of parameter name to (N,) array
-        Empty for a nominal circuit.
+        Deviations of the parts. Default: empty, for the nominal circuit.
 
     Examples
     --------
@@ -75,15 +74,16 @@ class Specimen:
 
     @cached_property
     def emulation(self) -> Emulation:
-        """The network that the circuit is; of a clocked circuit, one that rests where it does.
+        """Emulation of the circuit; for a clocked circuit, one with the same equilibrium.
 
-        A switched-capacitor circuit rests where its branches bring no charge, sum c (y + e) = 0
-        with e the virtual ground, which is where resistors of the same ratios bring no current.
+        The branches of a switched-capacitor circuit transfer no charge at equilibrium, sum c (y +
+        e) = 0, with e the virtual ground. Resistors of the same ratios carry no current at the same
+        point.
 
         Raises
         ------
         NetworkError
-            If the circuit has none, or a deviation is out of its range.
+            If the circuit has no emulation, or a deviation is out of its range.
         """
         level = self.level
         if level.technology.clocked:
@@ -92,15 +92,15 @@ class Specimen:
 
     @cached_property
     def moving(self) -> Emulation:
-        """Emulation of the transient: moving clamps, drops of currents and of diodes.
+        """Emulation of the transient: moving clamps, voltage drops of currents and diodes.
 
-        The same as `emulation` if the circuit has neither clamps nor output resistances nor diode
-        neurons.
+        Identical to `emulation` if the circuit has no clamps, output resistances or rectifying
+        multiplier neurons.
 
         Raises
         ------
         NetworkError
-            If the circuit has none, or a deviation is out of its range.
+            If the circuit has no emulation, or a deviation is out of its range.
         """
         if self.clamped or self.level.datasheet.rout or self.circuit.schematic.diode_neurons:
             return emulate_clamps(self.circuit, self.level, self.deviations)
@@ -108,35 +108,35 @@ class Specimen:
 
     @property
     def clamped(self) -> bool:
-        """True if the circuit has clamps of rails."""
+        """True if the circuit has clamps for saturation limits."""
         parts = self.circuit.schematic.parts
         return any(isinstance(part, Integrator) and part.railed for part in parts)
 
     @cached_property
     def settled(self) -> np.ndarray:
-        """State (n,) where the circuit settles: Newton's point from where the ideal network does.
+        """Settled state (n,) by Newton's method, from the ideal network's equilibrium.
 
-        In the units of the emulation's network.
+        The state is in the units of the emulation's network.
 
         Raises
         ------
         NetworkError
-            If there is no equilibrium near the ideal one.
+            If no equilibrium exists near the ideal one.
         """
         start = emulated_state(self.emulation, self.probe.final)
         return equilibrium(self.emulation.network, start)
 
     @cached_property
     def modes(self) -> Spectrum:
-        """Eigenvalues of the pole model where the circuit settles, per unit of network time.
+        """Eigenvalues of the pole model at the settled point, per unit of network time.
 
-        A clocked circuit takes steps of h: its modes are the rates ln(1 + h lambda) / h of its
-        recurrence, with lambda the modes of the ideal network.
+        A clocked circuit with step h has the rates ln(1 + h lambda) / h of its recurrence, where
+        lambda are the modes of the ideal network.
 
         Raises
         ------
         NetworkError
-            If there is no equilibrium near the ideal one.
+            If no equilibrium exists near the ideal one.
         """
         built = self.level.technology
         if not isinstance(built, SwitchedCapacitors):
@@ -147,7 +147,7 @@ class Specimen:
 
     @property
     def control_error(self) -> float:
-        """Error of the settled controls against the ideal network's, over their size."""
+        """Error of the settled controls against the ideal network's, relative to size."""
         return control_error(self.emulation.controls(self.settled), self.probe)
 
 
@@ -156,15 +156,10 @@ def transient_of(
     most_steps: int = TRANSIENT.most_steps,
     start: np.ndarray | None = None,
 ) -> Run:
-    """The run of what a circuit is on its way, `Specimen.moving`: from reset, or another start.
+    """Integrate the transient (`Specimen.moving`) from reset or another start.
 
-    Parameters
-    ----------
-    specimen : Specimen
-    most_steps : int
-        After which it is given up.
-    start : (n,) array, optional
-        State to start from; that in which reset switches hold the circuit where none is given.
+    The run ends after `most_steps` steps. `start` (n,) is the initial state; default: the state set
+    by the reset switches.
     """
     network = specimen.moving.network
     if start is not None:
@@ -184,23 +179,14 @@ def transient_of(
 def settling_of(specimen: Specimen, run: Run) -> float:
     """Return the seconds until every control of a transient stays within 0.1 %.
 
-    Parameters
-    ----------
-    specimen : Specimen
-    run : Run
-        Of what it is on its way, `transient_of`.
-
-    Returns
-    -------
-    float
-        Op amps inside the circuit do not count.
+    `run` comes from `transient_of`. Op amps inside the circuit do not count.
     """
     found = control_settling(run.trajectory, controls=specimen.moving.controls)
     return specimen.circuit.scaling.time * found
 
 
 def _stiff(specimen: Specimen) -> bool:
-    """Whether it would settle, after explicit steps have ended."""
+    """Return True if the circuit would settle only after the explicit steps end."""
     try:
         return STIFF < specimen.modes.ratio < math.inf
     except NetworkError:  # it has no equilibrium

@@ -1,10 +1,8 @@
-"""All there is to know of one circuit: predicted, simulated, priced, and what its errors cost.
+"""Study of one circuit: prediction, simulation, cost and error budget.
 
-The circuit as it should be is emulated and solved once; budget and noise read that. With resistors
-of a series, or errors drawn by a seed, the circuit that is built is another one, and is emulated
-once, too. One deck is written, and it is the one that ngspice runs.
-
-Many circuits of the same parts, each with errors of its own: predicted, and in ngspice.
+The nominal circuit is emulated and solved once for the error budget and the noise. A circuit with
+resistors of a series, or with errors drawn by a seed, is a second circuit and is also emulated
+once. One netlist is written, and ngspice runs that netlist.
 """
 
 from __future__ import annotations
@@ -52,28 +50,31 @@ def predicted_errors(
     base: Deviations | None = None,
     progress: Progress = silent,
 ) -> np.ndarray:
-    """Error of the settled controls of every circuit, over the largest control.
+    """Predict the control error of every drawn circuit.
 
-    The equilibrium of each emulation, by Newton's method, and its eigenvalues: 0.1 s a circuit of
-    the paper's car. nan where a circuit has no equilibrium near the ideal one, or oscillates there.
+    The error of the settled controls is relative to the largest control. The equilibrium of each
+    emulation is found by Newton's method, and its eigenvalues are checked: 0.1 s per circuit of the
+    paper's car.
 
     Parameters
     ----------
     circuit : Circuit
+        Circuit with nominal components.
     level : Level
-        Its tolerances say how far parts are off.
+        Level whose tolerances are drawn.
     probe : Trajectory
-        The ideal network's run that the circuit was scaled by.
+        Run of the ideal network by which the circuit was scaled.
     seeds : sequence of int
-        One a circuit.
+        Seed of each circuit.
     base : mapping of parameter name to (N,) array, optional
-        What all circuits have in common, for instance parts of a series.
+        Common deviations of all circuits, for instance by a resistor series. Default: none.
     progress : Progress
-        Told one line a circuit.
+        Receives one line per circuit. Default: silent.
 
     Returns
     -------
     (seeds,) array
+        Errors; nan if a circuit has no equilibrium near the ideal one, or oscillates there.
 
     Raises
     ------
@@ -99,14 +100,9 @@ def predicted_errors(
 
 
 def undrawn(backend: SpiceBackend, circuit: Circuit, probe: Trajectory) -> Specimen:
-    """What all circuits of a backend have in common: resistors and capacitors of its series.
+    """Return the circuit before drawing, with resistors and capacitors of the series.
 
-    Parameters
-    ----------
-    backend : SpiceBackend
-    circuit : Circuit
-    probe : Trajectory
-        The ideal network's run that the circuit was scaled by.
+    All circuits of a backend have these parts in common.
     """
     off = snapped(circuit, backend.series)
     return Specimen(circuit=circuit, level=backend.level, probe=probe, deviations=off)
@@ -115,18 +111,9 @@ def undrawn(backend: SpiceBackend, circuit: Circuit, probe: Trajectory) -> Speci
 def specimens(
     nominal: Specimen, seeds: Sequence[int], *, progress: Progress = silent
 ) -> Iterator[Specimen]:
-    """Circuits drawn from the tolerances of a level, one a seed.
+    """Yield circuits drawn from the tolerances of a level, one per seed.
 
-    Parameters
-    ----------
-    nominal : Specimen
-        Circuit, level and probe of all of them, and what they have in common that is off.
-    seeds, progress
-        As `predicted_errors` takes them.
-
-    Yields
-    ------
-    Specimen
+    `nominal` gives circuit, level, probe and the common deviations.
     """
     known, sizes = nominal.circuit.parameters, nominal.level.tolerances
     for row, seed in enumerate(seeds):
@@ -136,11 +123,9 @@ def specimens(
 
 
 def settled_error(specimen: Specimen) -> float:
-    """Error of the settled controls, over the largest one; nan where the circuit does not settle.
+    """Return the error of the settled controls; nan if the circuit does not settle.
 
-    Parameters
-    ----------
-    specimen : Specimen
+    The error is relative to the largest control.
     """
     try:
         stable = specimen.modes.abscissa < 0
@@ -158,16 +143,9 @@ def sample_decks(
     *,
     base: Deviations | None = None,
 ) -> list[Deck]:
-    """A netlist a seed, which differ in the values of their parameters only.
+    """Return one netlist per seed; netlists differ only in parameter values.
 
-    Parameters
-    ----------
-    circuit, level, probe, seeds, base
-        As `predicted_errors` takes them.
-
-    Returns
-    -------
-    list of Deck
+    The arguments are those of `predicted_errors`.
 
     Examples
     --------
@@ -195,25 +173,26 @@ def measured_errors(
     seeds: Sequence[int],
     simulator: Ngspice | None = None,
 ) -> np.ndarray:
-    """Error of the settled controls of every circuit in ngspice, over the largest control.
+    """Measure the control error of every drawn circuit in ngspice.
 
-    Side by side; nan where one failed or did not settle.
+    The error of the settled controls is relative to the largest control. Circuits run in parallel.
 
     Parameters
     ----------
     circuit, level, probe, seeds
-        As `predicted_errors` takes them; the same seeds draw the same errors there and here.
+        See `predicted_errors`; equal seeds draw equal errors in both functions.
     simulator : Ngspice, optional
-        One with the level's patience where none is given.
+        Simulator. Default: one with the time limit of the level.
 
     Returns
     -------
     (seeds,) array
+        Errors; nan if a run failed or did not settle.
 
     Raises
     ------
     NgspiceMissing
-        If there is no ngspice.
+        If ngspice is not found.
 
     Examples
     --------
@@ -236,22 +215,10 @@ def measured_errors(
 def measured_runs(
     backend: SpiceBackend, circuit: Circuit, probe: Trajectory, decks: Sequence[Deck]
 ) -> list[CircuitRun | None]:
-    """Runs of several netlists of a circuit in ngspice, side by side; None where one failed.
+    """Run several netlists of a circuit in ngspice in parallel; None for a failed run.
 
-    Parameters
-    ----------
-    backend : SpiceBackend
-        Its level's rails tell overloads.
-    circuit : Circuit
-    probe : Trajectory
-        What they are compared with.
-    decks : sequence of Deck
-        All as long as the first one.
-
-    Raises
-    ------
-    NgspiceMissing
-        If there is no ngspice.
+    The output swing of the backend's level defines overloads, and `probe` is the reference. All
+    runs have the duration of the first netlist. Raises `NgspiceMissing` if ngspice is not found.
     """
     end = decks[0].end if decks else None
     simulator, datasheet = ngspice_of(backend), backend.level.datasheet
@@ -266,43 +233,42 @@ def measured_runs(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircuitStudy:
-    """A circuit, and what was found out about it.
+    """Circuit with its predicted and simulated results.
 
     Attributes
     ----------
     circuit : Circuit
-        With nominal components.
+        Circuit with nominal components.
     deck : Deck
-        Its netlist, with the deviations of its parts.
+        Netlist with the deviations of the parts.
     run : CircuitRun or None
-        In ngspice, if it was simulated.
+        Run in ngspice, if simulated.
     cost : Cost
-        Parts, watts and joules a solve.
-    prediction : Prediction or None
-        By the circuit's emulation.
+        Parts, watts, and joules per solve.
     unpredicted : Unpredicted or None
-        Why there is no prediction, where there is none.
+        Reason of a missing prediction.
     snapping : mapping of str to float
-        Largest share by which the series of the backend made a "resistor" and a "capacitor" wrong.
+        Largest relative error of a "resistor" and of a "capacitor" by rounding to the series of the
+        backend.
     louder : bool
-        Whether a larger full scale stays within what the parts can do.
+        True if a larger full scale stays within the limits of the parts.
     noise : float
-        Rms of the worst control from resistors, and from parts whose noise is known, over
-        their size (`size_of`), at the level's temperature; nan where it is not known.
+        Rms noise of the worst control from resistors and parts with known noise, at the temperature
+        of the level. The value is relative to the size of the controls (`size_of`); nan if unknown.
     size : str
-        Size to which errors and noise of the controls are related, in words.
+        Description of the size to which errors and noise of the controls refer.
     items : tuple of Item
-        The error budget, worst first; empty where it was not asked for.
+        Error budget, worst first; empty if not requested.
     samples : (S,) array
-        Predicted error of the controls of circuits drawn from the level's tolerances.
+        Predicted control errors of circuits drawn from the tolerances of the level.
     demand : MetricDemand or None
-        What the metric demands of its wires, where it has any.
+        Wire requirements of the preconditioner; None without wires.
     undemanded : str
-        Why that is not known, where the metric has wires and it is not.
+        Reason if the wire requirements are unknown although the preconditioner has wires.
     loops : tuple of LoopGain
-        Of the op amps with the smallest phase margins; empty where they were not asked for.
+        Op amps with the smallest phase margins; empty if not requested.
     unlooped : str
-        Why there are none, where they were asked for and take too long.
+        Reason if requested loop gains would take too long.
     """
 
     circuit: Circuit
@@ -324,17 +290,17 @@ class CircuitStudy:
 
     @property
     def near(self) -> bool:
-        """Whether the circuit settled near the optimum, or is predicted to, noise told: `NEAR`."""
+        """True if the settled or predicted error, noise included, is below `NEAR`."""
         return not self.unknown and not self.shortcoming
 
     @property
     def unknown(self) -> bool:
-        """Whether it was neither simulated nor predicted."""
+        """True if the circuit was neither simulated nor predicted."""
         return self.run is None and self.prediction is None
 
     @property
     def shortcoming(self) -> str:
-        """What keeps the circuit from the optimum, in a clause; empty where nothing does."""
+        """Deviation from the optimum, as a clause; empty if the circuit settles near it."""
         found, verb = self.prediction, "is predicted to be"
         if self.run is not None:
             if self.run.unsettled:
@@ -351,7 +317,7 @@ class CircuitStudy:
         return self._excess(error, verb)
 
     def _excess(self, error: float, verb: str) -> str:
-        """That an error of the controls, or noise beside it, is too large, and what helps."""
+        """Return a message on a control error or noise that is too large, with a remedy."""
         if noisy(error, self.noise) < NEAR:
             return ""
         louder = "a larger full scale, " if self.louder else ""
@@ -379,36 +345,28 @@ def study_circuit(
     simulated: bool = True,
     units: Mapping[str, str] | None = None,
 ) -> CircuitStudy:
-    """Build a circuit, predict it and simulate it.
+    """Design a circuit, predict its behaviour and simulate it.
+
+    Raises `NetworkError` if the network does not settle, if the circuit is unstable, or if a
+    budget, samples or loops are requested for a level without emulation. Raises `NgspiceMissing` or
+    `SpiceError` if ngspice is not found or fails.
 
     Parameters
     ----------
     network : Network
-        What is built; it has to settle.
+        Network, which must settle.
     backend : SpiceBackend
-        Level, seed, margin and resistors of the circuit.
+        Level, seed, bandwidth margin and resistors of the circuit.
     items : int
-        Lines of the error budget.
+        Number of lines of the error budget.
     samples : int
-        Circuits to draw, with seeds 0, 1, ...
+        Number of drawn circuits, with seeds 0, 1, ...
     loops : int
-        Op amps whose loop gain is told, those with the smallest phase margins.
+        Number of op amps with reported loop gains, smallest phase margin first.
     simulated : bool
-        False leaves ngspice out: netlist, bill and prediction need none.
+        If False, ngspice is not run; netlist, bill of materials and prediction do not need it.
     units : mapping of str to str, optional
-        Units of measure by the neuron's name, for texts.
-
-    Returns
-    -------
-    CircuitStudy
-
-    Raises
-    ------
-    NetworkError
-        If the network does not settle, the circuit is unstable, or a budget, samples or loops
-        are wanted of a level that has no emulation.
-    NgspiceMissing, SpiceError
-        If ngspice is not there, or fails.
+        Units by neuron name, for texts.
 
     Examples
     --------
@@ -474,7 +432,7 @@ def study_circuit(
 
 
 def _snapping(circuit: Circuit, off: Deviations) -> dict[str, float]:
-    """Largest share by which parts of each kind are off."""
+    """Return the largest relative deviation of the parts of each kind."""
     found = {}
     for parameter in circuit.parameters:
         if parameter.name in off:
@@ -485,7 +443,7 @@ def _snapping(circuit: Circuit, off: Deviations) -> dict[str, float]:
 
 
 def _demand(network: Network, x: np.ndarray) -> tuple[MetricDemand | None, str]:
-    """What the metric demands of its wires; or why that is not known."""
+    """Return the wire requirements of the preconditioner, or the reason if unknown."""
     if network.metric.kind is Kind.TIME_CONSTANTS:
         return None, ""
     if network.size > DENSE_LIMIT:
@@ -515,7 +473,7 @@ def _budget(backend: SpiceBackend, nominal: Specimen) -> tuple[Item, ...]:
 
 
 def _settling_time(run: CircuitRun | None, prediction: Prediction | None) -> float:
-    """Seconds a solve: measured, or else predicted."""
+    """Return the seconds per solve: measured if available, else predicted."""
     if run is not None:
         return run.settling_time()
     return prediction.settling_time if prediction is not None else float("nan")

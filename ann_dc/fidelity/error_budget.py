@@ -1,8 +1,8 @@
-r"""The error budget: which part of a circuit to pay for.
+r"""Error budget of a circuit: contribution of each part to the control error.
 
-A deviation d of a parameter moves the settled controls by S d, with S from
-`ann_dc.analysis.sensitivity` on the circuit's emulation. Independent errors of standard deviation
-sigma add up as variances, cell by cell and part by part,
+A deviation d of a parameter shifts the settled controls by S d, where S comes from
+`ann_dc.analysis.sensitivity` on the emulation of the circuit. Independent errors of standard
+deviation sigma add up as variances, over all cells and parts,
 
 .. math:: \sigma_u^2 = \sum_p \sigma_p^2 \sum_k S_{p,k}^2 .
 """
@@ -25,26 +25,20 @@ from ann_dc.validation.checked import checked
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sensitivity:
-    """How the settled controls depend on every parameter.
+    """Sensitivities of the settled controls to all parameters that shift them.
 
-    Attributes
-    ----------
-    parameters : tuple of Parameter
-        Those that move the settled point; capacitors do not.
-    slopes : mapping of parameter name to (controls, N) array
-        d(control) / d(deviation), as a share of the largest control; of an offset, per volt.
+    Capacitors do not shift the settled point. `slopes` maps parameter names to d(control) /
+    d(deviation), shape (controls, N), relative to the largest control; for an offset, per volt.
     """
 
     parameters: tuple[Parameter, ...]
     slopes: dict[str, np.ndarray]
 
     def shift(self, deviations: Deviations) -> np.ndarray:
-        """Linear prediction (controls,) of how the controls move, over the largest control.
+        """Return the linear shift (controls,) of the controls, relative to the largest.
 
-        Parameters
-        ----------
-        deviations : mapping of parameter name to number or (N,) array
-            Shares of resistors and gains, volts of offsets; what moves nothing is left out.
+        Deviations are relative for resistors and gains and in volts for offsets, as numbers or
+        arrays (N,). Parameters without influence on the settled point are ignored.
         """
         count = len(next(iter(self.slopes.values())))
         total = np.zeros(count)
@@ -56,19 +50,19 @@ class Sensitivity:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Item:
-    """A line of the budget.
+    """Line of the error budget.
 
     Attributes
     ----------
     parameter : Parameter
         One part of every cell.
     size : float
-        Standard deviation assumed: a share of a resistor or a gain, volts of an offset. That of a
-        resistor is its tolerance over the root of three.
+        Assumed standard deviation: relative for a resistor or a gain, in volts for an offset. For a
+        resistor it is the tolerance divided by the root of three.
     error : float
-        Standard deviation of the control that suffers most, over the largest control.
+        Standard deviation of the most affected control, relative to the largest control.
     share : float
-        Of the variance of the whole circuit's worst control.
+        Fraction of the variance of the worst control of the whole circuit.
     """
 
     parameter: Parameter
@@ -77,7 +71,7 @@ class Item:
     share: float
 
     def as_dict(self) -> dict[str, str | float]:
-        """For a JSON file."""
+        """Return the line as a dictionary for a JSON file."""
         return {
             "parameter": self.parameter.name,
             "meaning": self.parameter.meaning,
@@ -90,27 +84,28 @@ class Item:
 
 @checked
 def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
-    """Sensitivity of the controls at an equilibrium of the emulation.
+    """Compute the sensitivity of the controls at an equilibrium of the emulation.
 
     Parameters
     ----------
     emulation : Emulation
-        Of a circuit of op amps.
+        Emulation of an op-amp circuit.
     x : (n,) array
-        Settled state of the emulation, in its network's units.
+        Settled state of the emulation, in the units of its network.
 
     Returns
     -------
     Sensitivity
+        Slopes of the controls for every parameter.
 
     Raises
     ------
     NetworkError
-        If the emulation does not say what a resistor does, as that of transconductors.
+        If the emulation does not model single resistors, such as that of transconductors.
 
     Examples
     --------
-    The linear prediction of a resistor that is 0.1 % off, beside the circuit solved with it:
+    Compare the linear prediction for a resistor with an error of 0.1 % with the solved circuit:
 
     >>> import numpy as np
     >>> from ann_dc.fidelity import Specimen, sensitivity
@@ -147,19 +142,19 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
 
 @checked
 def budget(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> tuple[Item, ...]:
-    """All parameters, those that matter most first.
+    """Return the error budget of all parameters, largest contribution first.
 
     Parameters
     ----------
     found : Sensitivity
-        Of the nominal circuit.
+        Sensitivities of the nominal circuit.
     tolerances : Tolerances
-        Sizes of the errors, as they are drawn; kinds of size zero are left out.
+        Sizes of the errors, as drawn; kinds of size zero are omitted. Default: `TYPICAL`.
 
     Returns
     -------
     tuple of Item
-        Their shares add up to one.
+        Lines whose fractions add up to one.
 
     Examples
     --------
@@ -196,18 +191,20 @@ def budget(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> tuple[Item, 
 
 
 def total_error(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> float:
-    """Standard deviation of the worst control with all errors at once, over the largest one.
+    """Return the standard deviation of the worst control with all errors at once.
+
+    The value is relative to the largest control.
 
     Parameters
     ----------
     found : Sensitivity
-        Of the nominal circuit.
+        Sensitivities of the nominal circuit.
     tolerances : Tolerances
-        Sizes of the errors.
+        Sizes of the errors. Default: `TYPICAL`.
 
     Examples
     --------
-    Errors of half the size do half the harm:
+    Errors of half the size cause half the control error:
 
     >>> from ann_dc.fidelity import Specimen, sensitivity, total_error
     >>> from ann_dc.hardware.parts import Tolerances
@@ -228,7 +225,7 @@ def total_error(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> float:
 
 
 def _variances(found: Sensitivity, tolerances: Tolerances) -> dict[str, np.ndarray]:
-    """Variance (controls,) that each parameter brings, all cells together."""
+    """Return the variance (controls,) due to each parameter, over all cells."""
     sized = [(p, tolerances.deviation(p.kind)) for p in found.parameters]
     return {
         p.name: ((size * found.slopes[p.name][:, p.present]) ** 2).sum(axis=1)

@@ -1,12 +1,12 @@
-"""What suits a circuit: how fast its op amps are, and what full scale is of Lagrange multipliers.
+"""Bandwidth margin and multiplier intervals that suit a circuit.
 
-With too small a margin k = 2 pi GBW T / radius a circuit oscillates. A large one wastes time,
-because network time runs as slowly as the op amps ask for; in between lies the margin at which the
-circuit settles soonest.
+A circuit oscillates if its bandwidth margin k = 2 pi GBW T / radius is too small. A large margin
+wastes time, because network time is scaled to the op amps. The circuit settles fastest at a margin
+between these limits.
 
-An op amp of gain A0 that holds v has v / A0 at its input, so that Lagrange multipliers that use
-half of their scale leave half of the defects. What offsets do to the neurons that read them doubles
-with it: which of the two leads is a matter of the parts.
+An op amp of gain A0 with output v has v / A0 at its input. Lagrange multipliers that use half of
+their scale therefore halve the constraint errors. The effect of offsets on the neurons that read
+the multipliers doubles with it. The parts decide which effect dominates.
 """
 
 from __future__ import annotations
@@ -32,32 +32,33 @@ from ann_dc.scale import Scale
 from ann_dc.validation.checked import checked
 
 WIDER = (2**0.5, 2.0)
-"""Intervals of Lagrange multipliers that are tried, over what they reached; more takes time."""
+"""Tested widths of the multiplier intervals, relative to the reached values."""
 
 
 @checked
 def smallest_margin(
     circuit: Circuit, level: Level, probe: Trajectory, *, progress: Progress = silent
 ) -> float:
-    """The smallest k = 2 pi GBW T / radius from 1 on with which the circuit is stable, to 1 %.
+    """Return the smallest stable bandwidth margin k = 2 pi GBW T / radius, to 1 %.
 
-    Op amps slower than that against the network make it oscillate.
+    The search starts at 1. Op amps that are slower relative to the network make the circuit
+    oscillate.
 
     Parameters
     ----------
     circuit : Circuit
-        Of any margin: only its time scale is changed.
+        Circuit with any margin; only its time scale is changed.
     level : Level
-        Says how fast its op amps are.
+        Level that defines the speed of the op amps.
     probe : Trajectory
-        The ideal network's run that the circuit was scaled by.
+        Run of the ideal network by which the circuit was scaled.
     progress : Progress
-        Told every margin that is tried.
+        Receives every tested margin. Default: silent.
 
     Returns
     -------
     float
-        Infinite if not even 10000 is enough.
+        Infinite if 10000 is not sufficient.
 
     Raises
     ------
@@ -83,25 +84,11 @@ def smallest_margin(
 def fitting_margin(
     circuit: Circuit, level: Level, probe: Trajectory, *, progress: Progress = silent
 ) -> float:
-    """A margin that suits a circuit: `SPARE` times the smallest, which is near the fastest one.
+    """Return a margin near the fastest settling: `SPARE` times `smallest_margin`.
 
-    It is larger where clamps could not hold with it what presses neurons against their rails, and
-    where idle diode neurons would move a grid.
-
-    Parameters
-    ----------
-    circuit, level, probe, progress
-        As `smallest_margin` takes them.
-
-    Returns
-    -------
-    float
-        Infinite where that one is.
-
-    Raises
-    ------
-    NetworkError
-        If the circuit has no emulation.
+    The margin is larger if clamps could not otherwise hold neurons at their saturation limits, or
+    if idle rectifying multiplier neurons would shift a resistive grid. The margin is infinite if
+    the smallest one is infinite. Raises `NetworkError` if the circuit has no emulation.
     """
     least = smallest_margin(circuit, level, probe, progress=progress)
     holding = holding_margin(circuit, level, probe.final)
@@ -110,27 +97,16 @@ def fitting_margin(
 
 @checked
 def fitting_intervals(backend: SpiceBackend, network: Network) -> Mapping[str, tuple[float, float]]:
-    """Intervals of the Lagrange multipliers of a network with which its circuit is least off.
+    """Return the Lagrange multiplier intervals that minimise the control error.
 
-    Settled circuits are emulated, with intervals up to twice as wide as what the probe run reached.
-    What counts is the error of the controls without errors of single parts, and the spread that
-    the datasheet's tolerances make, if it has any: wider ones are for parts without offsets.
+    Settled circuits are emulated with intervals up to twice as wide as the values of the probe run.
+    The criterion is the control error without errors of single parts, combined with the spread by
+    the datasheet's tolerances, if any. Wider intervals suit parts without offsets. The result maps
+    node names to (low, high) in the user's units, as `ScalingRules` expects. Intervals declared by
+    `backend` are preserved.
 
-    Parameters
-    ----------
-    backend : SpiceBackend
-        Intervals that it declares are kept as they are.
-    network : Network
-
-    Returns
-    -------
-    mapping of node name to (low, high)
-        As `ScalingRules` takes them, in the user's units.
-
-    Raises
-    ------
-    NetworkError
-        If the network cannot be scaled or built, or the circuit settles nowhere near.
+    Raises `NetworkError` if the network cannot be scaled or built, or if the circuit does not
+    settle nearby.
 
     Examples
     --------
@@ -161,23 +137,11 @@ def fitting_intervals(backend: SpiceBackend, network: Network) -> Mapping[str, t
 
 @checked
 def fitted(backend: SpiceBackend, network: Network) -> SpiceBackend:
-    """A backend with the intervals and the margin that suit a network: what coordinators need.
+    """Return a backend with intervals and margin that suit a network.
 
-    Parameters
-    ----------
-    backend : SpiceBackend
-        What it declares of either is kept.
-    network : Network
-
-    Returns
-    -------
-    SpiceBackend
-        With an infinite margin if none is enough.
-
-    Raises
-    ------
-    NetworkError
-        As `fitting_intervals`, and if the circuit has no emulation.
+    Networks with coarse-level neurons need both. Values declared by `backend` are preserved. The
+    margin is infinite if none suffices. Raises `NetworkError` as `fitting_intervals`, and if the
+    circuit has no emulation.
     """
     backend = replace(backend, intervals=fitting_intervals(backend, network))
     if backend.margin is not None:
@@ -190,7 +154,7 @@ def fitted(backend: SpiceBackend, network: Network) -> SpiceBackend:
 def _intervals(
     circuit: Circuit, declared: Mapping[str, tuple[float, float]], wider: float
 ) -> Mapping[str, tuple[float, float]]:
-    """Declared ones, and so many times as wide as what the other Lagrange multipliers reached."""
+    """Return the declared intervals; others are `wider` times the values reached."""
     network, peaks = circuit.schematic.network, circuit.scaling.peaks
     cells = [part for part in circuit.schematic.parts if isinstance(part, PICell)]
     found = dict(declared)
@@ -205,7 +169,7 @@ def _intervals(
 
 
 def _error(specimen: Specimen) -> float:
-    """Of the settled controls, with what tolerances spread; infinite where it settles nowhere."""
+    """Return the control error with the spread by tolerances; infinite if unsettled."""
     tolerances = specimen.level.datasheet.tolerances
     try:
         nominal = specimen.control_error

@@ -1,9 +1,9 @@
-"""The ladder report: one problem at every level of fidelity, prediction beside measurement.
+"""Level comparison: one problem at every model level, predicted and measured.
 
-Every rung is told by two figures: the error of its settled controls against the optimum, over the
-largest control, and the time to settle within 0.1 %. Rungs with one defect alone say which of them
-costs what; presets have all of them at once. What is computed digitally stands
-beside them: the ODE and the recurrent layer first, solvers on this CPU last.
+Every level has two figures: the error of its settled controls against the optimum, relative to the
+largest control, and the settling time to 0.1 %. Levels with a single non-ideality show its cost;
+part sets have all non-idealities at once. Digital methods are listed for comparison: the ODE and
+the recurrent layer first, solvers on this CPU last.
 """
 
 from __future__ import annotations
@@ -42,28 +42,24 @@ NAN = float("nan")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
-    """What a rung did, and what the emulator had predicted; nan where there is no figure.
+    """Measured and predicted result of one level; nan for a missing figure.
 
     Attributes
     ----------
-    name : str
-        Of the rung.
-    group : Group
-        What it is one of.
     level : Level or None
-        None where nothing is built.
+        Level of the circuit; None if nothing is built.
     error, predicted_error : float
-        Of the settled controls, over the largest one.
+        Error of the settled controls, relative to the largest control.
     settling, predicted_settling : float
-        Seconds to 0.1 %.
+        Settling time to 0.1 %, in seconds.
     wall : float
-        Seconds that ngspice took, with its process.
+        Wall-clock time of ngspice in seconds, including its process.
     run : CircuitRun or None
-        In ngspice, where it came to an end.
+        Completed run in ngspice.
     circuit : Circuit or None
-        What was built.
+        Built circuit.
     why : str
-        What went wrong, where something did.
+        Reason of a failure.
     """
 
     name: str
@@ -80,12 +76,12 @@ class Measured:
 
     @property
     def power(self) -> float:
-        """Watts; nan where nothing was simulated, or the level's parts do not say."""
+        """Power in watts; nan if nothing was simulated or the datasheet has no power."""
         return NAN if self._cost is None else self._cost.power
 
     @property
     def energy(self) -> float:
-        """Joules a solve."""
+        """Energy per solve, in joules."""
         return NAN if self._cost is None else self._cost.energy
 
     @property
@@ -98,7 +94,9 @@ class Measured:
 
 @checked
 def quick(rung: Rung) -> bool:
-    """Whether ngspice needs seconds only; the switched capacitors of a car take minutes.
+    """Return True if ngspice needs only seconds.
+
+    Switched capacitors of a car take minutes.
 
     Examples
     --------
@@ -119,32 +117,32 @@ def climb(
     wanted: Callable[[Rung], bool] = quick,
     timings: Iterable[SolverTiming] = (),
 ) -> Iterator[Measured]:
-    """The whole report, rung by rung: what is computed digitally, circuits, solvers on this CPU.
+    """Yield the level comparison: digital methods, circuits, solvers on this CPU.
 
     Parameters
     ----------
     network : Network
-        One problem's; it has to settle.
+        Network of one problem, which must settle.
     ladder : Ladder, optional
-        Runs the circuits.
+        Settings of the circuit runs. Default: `Ladder` with its defaults.
     seed : int
-        Of the errors of single parts.
+        Seed of the errors of single parts. Default 1.
     wanted : callable
-        Which circuits to build, of those that `rungs` lists.
+        Selects the circuits to build from those of `rungs`. Default: `quick`.
     timings : iterable of SolverTiming
-        Of solvers beside it; see `ann_dc.optimality.time_solvers`.
+        Solvers to list for comparison; see `ann_dc.optimality.time_solvers`. Default: none.
 
     Yields
     ------
     Measured
-        A rung that fails says why, and the others go on.
+        Result of a level. A failed level gives its reason, and the comparison continues.
 
     Raises
     ------
     NetworkError
         If the network does not settle.
     NgspiceMissing
-        If there is no ngspice to run the first circuit with.
+        If ngspice is not found for the first circuit.
 
     Examples
     --------
@@ -169,18 +167,9 @@ def climb(
 
 @checked
 def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
-    """The ladder's foot: the ODE in the time scale of 10 MHz op amps.
+    """Return the result of the ODE in the time scale of 10 MHz op amps, and its run.
 
-    Returns
-    -------
-    measured : Measured
-    probe : Trajectory
-        Its run.
-
-    Raises
-    ------
-    NetworkError
-        If the network does not settle.
+    Raises `NetworkError` if the network does not settle.
     """
     circuit, probe = SpiceBackend(level=macro()).prepare(network)
     first = Measured(
@@ -194,13 +183,10 @@ def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
 
 @checked
 def recurrent_rung(network: Network, probe: Trajectory) -> Measured:
-    """The recurrent layer with adaptive steps; it has steps, and no seconds.
+    """Return the result of the recurrent layer with adaptive steps.
 
-    Parameters
-    ----------
-    network : Network
-    probe : Trajectory
-        Its run in continuous time, near whose end the error is measured.
+    The layer has steps instead of seconds. The error is measured near the end of `probe`, the run
+    in continuous time.
     """
     try:
         run = RecurrentBackend().run(network)
@@ -217,7 +203,7 @@ def _cpu_rung(timing: SolverTiming) -> Measured:
 
 
 def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
-    """Return the error of the controls at a state, relative to the equilibrium's."""
+    """Return the control error at a state, relative to the size at the equilibrium."""
     wanted = control_values(probe.network, equilibrium(probe.network, probe.final))
     off = np.abs(control_values(network, x) - wanted).max()
     return float(off / size_of(wanted, probe.control_reach))
@@ -226,16 +212,15 @@ def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ladder:
-    """Runs rungs.
+    """Settings for running the circuits of a level comparison.
 
     Attributes
     ----------
     simulator : Ngspice, optional
-        One with the patience of every level where none is given.
+        Simulator. Default: one with the time limit of each level.
     margin : float, optional
-        k: op-amp bandwidth over the network's fastest mode; what suits each rung where none is
-        given.
-    progress : Progress
+        Bandwidth margin k: op-amp bandwidth relative to the fastest network mode. Default: the
+        fitted margin of each level.
     """
 
     simulator: Ngspice | None = None
@@ -244,22 +229,10 @@ class Ladder:
 
     @checked
     def run(self, network: Network, steps: Iterable[Rung]) -> Iterator[Measured]:
-        """Predict and measure one rung after the other; one that fails says why.
+        """Predict and measure the given levels in order.
 
-        Parameters
-        ----------
-        network : Network
-        steps : iterable of Rung
-            Taken one by one, as their results are asked for.
-
-        Yields
-        ------
-        Measured
-
-        Raises
-        ------
-        NgspiceMissing
-            If there is no ngspice to run the first circuit with.
+        A failed level gives its reason. Levels are processed lazily, when their results are
+        requested. Raises `NgspiceMissing` if ngspice is not found for the first circuit.
         """
         for rung in steps:
             self.progress(rung.name)

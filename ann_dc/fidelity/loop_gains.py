@@ -1,9 +1,9 @@
-r"""Loop gain and phase margin of every op amp at the settled point, all other loops closed.
+r"""Loop gain and phase margin of every op amp, with all other loops closed.
 
-An op amp of gain a(s) = Omega / (s + Omega / A0) drives x = -a e, with e what comes back to its
-virtual ground through the whole circuit; a second pole lies behind x, in the circuit. Broken at its
-input, its loop gain is L = a e / x. With A the Jacobian of the emulation's flow, and i the
-component that x is, Schur's complement is
+The loops are evaluated at the settled point. An op amp of gain a(s) = Omega / (s + Omega / A0)
+drives x = -a e. Here e is the feedback at its virtual ground, through the whole circuit. A second
+pole follows x, in the circuit. The loop is broken at the input, and its gain is L = a e / x. With A
+the Jacobian of the emulation's flow, and i the component of x, the Schur complement is
 
 .. math:: 1 + L(s) = \frac{1}{(s + \Omega / A_0) \, [(s I - A)^{-1}]_{ii}} ,
 
@@ -36,27 +36,28 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import State
 
 LARGEST = 1500
-"""Neurons of an emulation up to which all of its modes are computed."""
+"""Largest number of emulation neurons for which all modes are computed."""
 
 POINTS = 40
-"""Frequencies a decade at which crossovers are looked for, beside those of the modes."""
+"""Frequencies per decade in the search for crossovers, in addition to those of the modes."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LoopGain:
-    """The loop of one op amp.
+    """Loop gain of one op amp.
 
     Attributes
     ----------
     node : str
-        Part of the op amp; ``not.<part>`` of its inverter, ``open.<part>`` of a diode neuron.
+        Part of the op amp; ``not.<part>`` for its inverter, ``open.<part>`` for a rectifying
+        multiplier neuron.
     stage : int
-        Its cell, from 0.
+        Index of the cell, from 0.
     crossover : float
-        Hz at which the loop gain is 1; nan where it is below 1 everywhere.
+        Frequency in Hz at which the loop gain is 1; nan if it is below 1 everywhere.
     phase_margin : float
-        Degrees that the loop gain is from -1 there; where there are several crossovers, at that
-        with the smallest margin. Infinite where there is none, negative where it has gone past.
+        Phase distance in degrees of the loop gain from -1 at the crossover with the smallest
+        margin. Infinite without a crossover, negative beyond -1.
 
     Examples
     --------
@@ -78,23 +79,24 @@ class LoopGain:
 
 @checked
 def loop_gains(emulation: Emulation, level: Level, x: State) -> tuple[LoopGain, ...]:
-    """Crossover and phase margin of every op amp, the smallest margin first.
+    """Return crossover and phase margin of every op amp, smallest margin first.
 
-    Loops are broken one at a time. That all margins are positive does not prove that the circuit is
-    stable: eigenvalues do, and margins tell which op amp is short of bandwidth.
+    Loops are broken one at a time. Positive margins do not prove that the circuit is stable:
+    eigenvalues do, and margins show which op amp lacks bandwidth.
 
     Parameters
     ----------
     emulation : Emulation
-        Of the circuit.
+        Emulation of the circuit.
     level : Level
-        What it was emulated as.
+        Level of the emulation.
     x : (n,) array
-        Where it settles, a state of the emulation; op amps at their rails have no loop.
+        Settled state of the emulation; saturated op amps have no loop.
 
     Returns
     -------
     tuple of LoopGain
+        One entry per op amp that is not saturated.
 
     Raises
     ------
@@ -136,18 +138,7 @@ def loop_gains(emulation: Emulation, level: Level, x: State) -> tuple[LoopGain, 
 
 
 def why_no_loops(emulation: Emulation) -> str:
-    """Why the loop gains of a circuit of op amps would take too long; empty where they do not.
-
-    Parameters
-    ----------
-    emulation : Emulation
-        Of the circuit.
-
-    Returns
-    -------
-    str
-        A clause.
-    """
+    """Return the reason, as a clause, for which loop gains would take too long, or ""."""
     size = emulation.network.size
     if size <= LARGEST:
         return ""
@@ -173,7 +164,7 @@ def _check(emulation: Emulation, level: Level) -> None:
 def _op_amps(
     emulation: Emulation, x: np.ndarray, names: Mapping[str, str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of every op amp that is free: (row of the flow, neuron, stage); and the flow itself."""
+    """Return (row of the flow, neuron, stage) per unsaturated op amp, and the flow."""
     network = emulation.network
     compiled = fast_evaluator(network)
     free = compiled.free(x)
@@ -188,7 +179,7 @@ def _op_amps(
 
 
 def _names(emulation: Emulation) -> dict[str, str]:
-    """Node of every op amp, by the neuron of its first pole."""
+    """Return the node of every op amp, by the neuron of its first pole."""
     known = emulation.network.neuron_index
     return {
         nodes.first if nodes.first in known else nodes.output: nodes.output
@@ -197,7 +188,7 @@ def _names(emulation: Emulation) -> dict[str, str]:
 
 
 def _amplifiers(schematic: Schematic) -> Iterator[AmplifierNodes]:
-    """The op amps of all parts, and of their inverters."""
+    """Yield the op amps of all parts and of their inverters."""
     for part in schematic.parts:
         if part.name in schematic.inverted:
             yield AmplifierNodes(part.name, inverter=True)
@@ -207,7 +198,7 @@ def _amplifiers(schematic: Schematic) -> Iterator[AmplifierNodes]:
 
 
 def _frequencies(modes: np.ndarray, omega: float) -> np.ndarray:
-    """Radians per unit of network time at which crossovers are looked for."""
+    """Return the frequencies (radians per unit of network time) of the search."""
     sizes = np.abs(modes)
     low, high = np.log10(0.1 * sizes.min()), np.log10(10 * max(sizes.max(), omega))
     grid = np.logspace(low, high, math.ceil(POINTS * (high - low)))
@@ -215,7 +206,7 @@ def _frequencies(modes: np.ndarray, omega: float) -> np.ndarray:
 
 
 def _loop(share: np.ndarray, modes: np.ndarray, leak: float) -> Callable[[np.ndarray], np.ndarray]:
-    """L (F,) at frequencies (F,), from the shares (n,) of the modes in an op amp's response."""
+    """Return L (F,) as a function of frequencies (F,), from the mode weights (n,)."""
 
     def gain(w: np.ndarray) -> np.ndarray:
         s = 1j * np.asarray(w)[:, None]
@@ -227,7 +218,7 @@ def _loop(share: np.ndarray, modes: np.ndarray, leak: float) -> Callable[[np.nda
 def _margins(
     loop: Callable[[np.ndarray], np.ndarray], grid: np.ndarray
 ) -> Iterator[tuple[float, float]]:
-    """Frequency and phase margin in degrees of every crossover."""
+    """Yield frequency and phase margin in degrees of every crossover."""
     above = np.log(np.abs(loop(grid)))
     for i in np.flatnonzero(np.sign(above[1:]) != np.sign(above[:-1])):
         bracket = grid[i], grid[i + 1]

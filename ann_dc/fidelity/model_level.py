@@ -1,4 +1,4 @@
-"""The rungs of the ladder: ideal levels, each defect of a preset alone, presets, silicon."""
+"""Levels of the comparison: ideal, single non-idealities, part sets and silicon."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
 
 SLOWEST = 0.3
-"""Step of the switched-capacitor rung over the stability limit at the settled point."""
+"""Step of the switched-capacitor level relative to the stability limit at the settled point."""
 
 
 class Group(enum.Enum):
-    """What a rung is one of."""
+    """Group of a level in the comparison."""
 
     DIGITAL = "computed digitally"
     LEVEL = "a level of fidelity"
@@ -39,22 +39,18 @@ class Group(enum.Enum):
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rung:
-    """A level, and what is off in it.
+    """Level of the comparison, with its part errors.
 
     Attributes
     ----------
     name : str
-        As reports show it.
-    level : Level
-        What is built.
-    group : Group
-        What it is one of.
+        Name in reports.
     seed : int or None
-        Draws the errors of single parts from the level's tolerances.
+        Seed of the errors of single parts, drawn from the tolerances of the level.
     series : Series
-        Resistors are taken from it.
+        Series of the resistors.
     slow : bool
-        Whether ngspice needs a minute or more.
+        True if ngspice needs a minute or more.
 
     Examples
     --------
@@ -77,27 +73,11 @@ class Rung:
 def rungs(
     network: Network, probe: Trajectory, *, base: str = "opa192_ad734", seed: int = 1
 ) -> tuple[Rung, ...]:
-    """The ladder: ideal levels, each defect of a preset alone, presets with all, silicon.
+    """Return the levels: ideal, single non-idealities, part sets and silicon.
 
-    Parameters
-    ----------
-    network : Network
-        For the step of switched capacitors.
-    probe : Trajectory
-        Its run in continuous time.
-    base : str
-        Preset whose defects are shown alone.
-    seed : int
-        Of the errors of single parts.
-
-    Returns
-    -------
-    tuple of Rung
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such preset.
+    `network` and `probe`, its run in continuous time, give the step of switched capacitors. `base`
+    names the part set whose non-idealities are listed separately. `seed` draws the errors of single
+    parts. Raises `UnknownNameError` if the part set is unknown.
 
     Examples
     --------
@@ -127,7 +107,7 @@ def rungs(
 
 
 def _alone(level: Level, seed: int) -> Iterator[Rung]:
-    """Every defect of a level by itself, all else ideal."""
+    """Yield a level for every non-ideality alone, with all else ideal."""
     datasheet, tolerances = level.datasheet, level.tolerances
 
     def rung(name: str, *, errors: Tolerances | None = None, series=EXACT, **given) -> Rung:

@@ -1,8 +1,8 @@
-r"""A circuit's emulation with noise: the samples that ngspice is fed, on the circuit's equations.
+"""Noise in a circuit's emulation: integration of noise samples, and covariances.
 
-Noise is an input of the emulation's network (`ann_dc.hardware.emulation.noise_inputs`), piecewise
-linear in time; the classical Runge-Kutta method integrates it between samples, so that no step has
-a kink inside.
+The emulation is driven by the samples that ngspice receives. Noise is an input of the emulation's
+network (`ann_dc.hardware.emulation.noise_inputs`), piecewise linear in time. The classical
+Runge-Kutta method integrates between samples, so that a step does not contain a kink.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
 
 LARGEST = 1000
-"""Neurons of an emulation whose noise is computed unasked."""
+"""Largest number of emulation neurons whose noise is computed by default."""
 
 REACH = 0.25
-"""Largest step times the fastest rate: a step is then wrong by 1e-5 of what that mode moves."""
+"""Largest step times the fastest rate; the step error is then 1e-5 of that mode's move."""
 
 
 @checked
@@ -55,29 +55,13 @@ def run_with_noise(
 ) -> Run:
     """Integrate a circuit's equations with noise, from the first sample to the last.
 
-    Parameters
-    ----------
-    emulation : Emulation
-        Of the circuit.
-    currents : Currents
-        In amperes, drawn for the same components.
-    start : (n,) array, optional
-        State of the emulation, in its network's units; its network's start where none is given.
-    deviations : mapping of parameter name to (N,) array, optional
-        Those that the emulation was made with.
-    reach : float
-        Largest step times the fastest rate at the start.
+    `currents` are in amperes and drawn for the components of the emulation. `start` (n,) is a state
+    in the units of the emulation's network; default: the network's initial guess. `deviations` are
+    those of the emulation. `reach` is the largest step times the fastest rate at the start.
 
-    Returns
-    -------
-    Run
-        With a state at every sample. Noise does not settle: a run that neither diverged nor left a
-        domain is "not settled when the noise ended".
-
-    Raises
-    ------
-    NetworkError
-        If ``reach`` is not between 0 and 1.
+    The run has a state at every sample. Noise does not settle: a run that neither diverged nor left
+    a domain is "not settled when the noise ended". Raises `NetworkError` if ``reach`` is not
+    between 0 and 1.
     """
     if not 0 < reach <= 1:
         raise NetworkError(f"reach: expected a number above 0, at most 1, got {reach!r}")
@@ -89,18 +73,12 @@ def run_with_noise(
 
 @checked
 def control_noise(specimen: Specimen) -> float:
-    """Rms of the worst control where a circuit settles, over the largest one.
+    """Return the rms noise of the worst settled control, relative to the largest.
 
-    Parameters
-    ----------
-    specimen : Specimen
-        Resistors, and parts whose noise is known, at the temperature of its level.
-
-    Returns
-    -------
-    float
-        nan where it is not known: of differential and of clocked circuits, of ones that do not
-        settle, and of emulations of more than 1000 neurons, since its time grows with their cube.
+    Noise sources are resistors and parts with known noise, at the temperature of the level. The
+    result is nan if unknown: for differential and clocked circuits, for circuits that do not
+    settle, and for emulations of more than 1000 neurons, since the computing time grows with their
+    cube.
     """
     emulation, level = specimen.emulation, specimen.level
     other = specimen.circuit.schematic.differential or level.technology.clocked
@@ -118,7 +96,7 @@ def control_noise(specimen: Specimen) -> float:
 
 
 def noisy(error, noise: float):
-    """An error, or an array of them, together with rms noise; alone where that is not known.
+    """Add rms noise to an error or an array of errors; unknown noise (nan) is ignored.
 
     >>> float(noisy(0.003, 0.004)), float(noisy(0.003, math.nan))
     (0.005, 0.003)
@@ -128,27 +106,17 @@ def noisy(error, noise: float):
 
 @checked
 def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarray:
-    """Standard deviation (n,) of every state around the settled point x (n,), for ever.
+    """Return the stationary standard deviation (n,) of every state around x (n,).
 
-    No samples are drawn: with J the Jacobian and B S B' / 2 what the sources drive, the covariance
-    P solves J P + P J' + B S B' / 2 = 0, to all frequencies.
-
-    Parameters
-    ----------
-    emulation : Emulation
-    x : (n,) array
-        Settled state of the emulation, in its network's units; so is the result.
-    noise : Noise
-        Temperature, and the voltage noise of op amps and multipliers.
-
-    Raises
-    ------
-    NetworkError
-        If the circuit is one that `noise_sources` does not know.
+    The settled point `x` and the result are in the units of the emulation's network. Samples are
+    not drawn. The covariance P solves J P + P J' + B S B' / 2 = 0, with J the Jacobian and B S B' /
+    2 the source term. All frequencies are included. `noise` gives the temperature and the voltage
+    noise of op amps and multipliers. Raises `NetworkError` if the circuit is unknown to
+    `noise_sources`.
 
     Examples
     --------
-    Thermal noise goes with the root of the temperature:
+    Thermal noise is proportional to the root of the temperature:
 
     >>> from ann_dc.fidelity import Specimen, settled_noise
     >>> from ann_dc.hardware.emulation import Noise
@@ -203,20 +171,15 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
 
 
 SMALL = 1e-6
-"""Amperes or volts: noise enters linearly, and that size tells its weight without rounding."""
+"""Amplitude (A or V) that gives noise weights without rounding; noise enters linearly."""
 
 
 @checked
 def started_at(emulation: Emulation, x: np.ndarray) -> Circuit:
-    """Components preset so that the circuit starts at a state (n,) of its emulation.
+    """Return the circuit preset to start at a state (n,) of its emulation.
 
-    Noise around a settled point needs no transient then.
-
-    Parameters
-    ----------
-    emulation : Emulation
-    x : (n,) array
-        In its network's units.
+    The state is in the units of the emulation's network. Noise around a settled point then needs no
+    transient.
     """
     circuit, network = emulation.circuit, emulation.network
     values = network.unpack(np.asarray(x, float))
@@ -229,7 +192,7 @@ def started_at(emulation: Emulation, x: np.ndarray) -> Circuit:
 
 
 class _Integration:
-    """Fourth-order Runge-Kutta steps, the same number between any two samples."""
+    """Fourth-order Runge-Kutta integration with equal steps between samples."""
 
     def __init__(
         self, network: Network, currents: Currents, x: np.ndarray, interval: float, reach: float
@@ -245,7 +208,7 @@ class _Integration:
         self.largest = OVERFLOW * max(float(np.abs(x).max(initial=0.0)), 1.0)
 
     def run(self) -> Run:
-        """From sample to sample, to the last one or until the run fails."""
+        """Integrate from sample to sample, to the last sample or until the run fails."""
         states, residuals = [self.x], [self.compiled.residuals(self.x)]
         ended = None
         with np.errstate(all="ignore"):
@@ -277,7 +240,6 @@ class _Integration:
         )
 
     def _across(self, before: np.ndarray, after: np.ndarray) -> None:
-        """From one sample to the next, between which the noise is a straight line."""
         h, x, slope = self.interval / self.steps, self.x, (after - before) / (2 * self.steps)
         for step in range(self.steps):
             self.compiled.set_inputs(self.rows, before + 2 * step * slope)

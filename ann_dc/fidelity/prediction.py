@@ -1,7 +1,8 @@
-"""What a circuit will do, before ngspice runs it: stability, error and settling time.
+"""Prediction of a circuit by emulation: stability, error and settling time.
 
-The emulation of a circuit is a network, so its eigenvalues are those of the pole model, its
-equilibrium is the circuit's, and its run in continuous time is the circuit's transient.
+The emulation of a circuit is a network. Its eigenvalues are those of the pole model, its
+equilibrium is that of the circuit, and its run in continuous time is the transient of the circuit.
+No ngspice run is needed.
 """
 
 from __future__ import annotations
@@ -28,36 +29,36 @@ from ann_dc.hardware.parts.levels import Level
 from ann_dc.validation.checked import checked
 
 LARGEST = 6000
-"""Neurons of an emulation up to which its transient is run."""
+"""Largest number of emulation neurons for which the transient is run."""
 
 NAMED = 3
-"""Parts that are named where many clip."""
+"""Largest number of clipping parts that are named."""
 
 LOST = (Outcome.DIVERGED, Outcome.LEFT_DOMAIN)
-"""Ends of a transient that leads nowhere."""
+"""Outcomes of a transient that does not reach an equilibrium."""
 
 ELSEWHERE = 0.01
-"""Distance of controls, over the largest one, from which on a transient has settled elsewhere."""
+"""Relative distance of the controls from which a transient counts as another equilibrium."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
-    """What the emulation of a circuit says.
+    """Prediction of a circuit by its emulation.
 
     Attributes
     ----------
     control_error : float
-        Of the settled controls against the ideal network's, over the largest one.
+        Error of the settled controls against the ideal network's, relative to the largest control.
     settling_time : float
-        Seconds until every control stays within 0.1 %; nan where ``unknown`` says why.
+        Time in seconds until every control stays within 0.1 %; nan if ``unknown`` gives a reason.
     spectrum : Spectrum
-        Eigenvalues of the pole model at the settled point, per unit of network time; of a clocked
-        circuit those of its recurrence, as rates.
+        Eigenvalues of the pole model at the settled point, per unit of network time. For a clocked
+        circuit, those of its recurrence, as rates.
     astray : str
-        Where the transient leads instead of the settled point, or that it does not settle, in a
-        clause; empty where it leads there, and where it is not run.
+        Other equilibrium to which the transient leads, or that it does not settle, as a clause.
+        Empty if it reaches the settled point or is not run.
     unknown : str
-        Why there is no settling time, in a clause; empty where there is one.
+        Reason for a missing settling time, as a clause; otherwise empty.
     """
 
     control_error: float
@@ -68,19 +69,19 @@ class Prediction:
 
     @property
     def stable(self) -> bool:
-        """Whether the settled point attracts."""
+        """True if the settled point is stable."""
         return self.spectrum.abscissa < 0
 
 
 REPELS = "its settled point repels"
-"""Why a circuit that oscillates has no predicted settling time."""
+"""Reason for which a circuit that oscillates has no predicted settling time."""
 
 CLOCKED = "between periods it is no network in continuous time; run the recurrent layer"
-"""Why a clocked one has none."""
+"""Reason for which a clocked circuit has no predicted settling time."""
 
 
 class Reason(enum.Enum):
-    """Why there is no prediction."""
+    """Reason for a missing prediction."""
 
     LEVEL = "the level has no emulation"
     NO_EQUILIBRIUM = "the circuit has no equilibrium near the ideal one"
@@ -89,15 +90,7 @@ class Reason(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class Unpredicted:
-    """That there is no prediction, why, and the sentence that says so.
-
-    Attributes
-    ----------
-    reason : Reason
-        For programs.
-    sentence : str
-        For people: what is the matter with this circuit.
-    """
+    """Missing prediction: a machine-readable reason and a message for the user."""
 
     reason: Reason
     sentence: str
@@ -107,7 +100,7 @@ class Unpredicted:
 
     @property
     def error(self) -> NetworkError:
-        """The same as an error; where Newton's method failed, its own."""
+        """Reason as an exception; that of Newton's method if the method failed."""
         of_newton = self.reason is Reason.NO_EQUILIBRIUM
         return NetworkError(self.sentence if of_newton else f"prediction: {self.sentence}")
 
@@ -116,21 +109,23 @@ class Unpredicted:
 def predict(
     circuit: Circuit, level: Level, probe: Trajectory, deviations: Deviations | None = None
 ) -> Prediction:
-    """Predict a circuit's run.
+    """Predict stability, error and settling time of a circuit.
 
     Parameters
     ----------
     circuit : Circuit
+        Circuit with nominal components.
     level : Level
-        What it is built of.
+        Level of the parts.
     probe : Trajectory
-        The ideal network's run that the circuit was scaled by.
+        Run of the ideal network by which the circuit was scaled.
     deviations : mapping of parameter name to (N,) array, optional
-        Which parts are off by how much.
+        Deviations of the parts. Default: none.
 
     Returns
     -------
     Prediction
+        Result of the emulation.
 
     Raises
     ------
@@ -159,12 +154,12 @@ def predict(
 
 @checked
 def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
-    """The same of a specimen, whose emulation and equilibrium serve other questions, too.
+    """Predict a circuit instance, reusing its emulation and equilibrium.
 
     Returns
     -------
     Prediction or Unpredicted
-        The latter says why there is none.
+        Prediction, or the reason for which there is none.
 
     Raises
     ------
@@ -198,7 +193,7 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
 
 
 def _timed(told: Prediction, specimen: Specimen, run: Run) -> Prediction | Unpredicted:
-    """A prediction with what its transient says."""
+    """Return a prediction completed with the result of its transient."""
     if run.status.outcome not in LOST and clipped_at(specimen.moving, run.trajectory.final).any():
         return clipping_of(specimen, specimen.moving, run.trajectory.final)
     if lost := astray_of(specimen, run):
@@ -210,23 +205,10 @@ def _timed(told: Prediction, specimen: Specimen, run: Run) -> Prediction | Unpre
 
 
 def astray_of(specimen: Specimen, run: Run) -> str:
-    """Where a transient leads instead of the circuit's settled point, in a clause.
+    """Return, as a clause, the other equilibrium to which a transient leads.
 
-    Parameters
-    ----------
-    specimen : Specimen
-    run : Run
-        Its transient.
-
-    Returns
-    -------
-    str
-        Empty where it leads there, and where it ends before that is known.
-
-    Raises
-    ------
-    NetworkError
-        If the circuit has no equilibrium near the ideal one.
+    The clause is empty if the run reaches the settled point, or ends before this is known. Raises
+    `NetworkError` if the circuit has no equilibrium near the ideal one.
     """
     if run.status.outcome in LOST:
         return f"its transient {run.status}"
@@ -240,11 +222,9 @@ def astray_of(specimen: Specimen, run: Run) -> str:
 
 
 def not_emulated(specimen: Specimen) -> Unpredicted | None:
-    """Why a specimen's level has no emulation where it stands; None where it has one.
+    """Return the reason for which a circuit instance has no emulation, or None.
 
-    Parameters
-    ----------
-    specimen : Specimen
+    The check includes the operating conditions of its level.
     """
     level = specimen.level
     sentence = f"{level.name} circuits are not emulated"
@@ -256,12 +236,7 @@ def not_emulated(specimen: Specimen) -> Unpredicted | None:
 
 
 def untimed(specimen: Specimen) -> str:
-    """Why the transient of an emulated circuit is not run, in a clause; empty where it is.
-
-    Parameters
-    ----------
-    specimen : Specimen
-    """
+    """Return the reason, as a clause, for which no transient is run, or ""."""
     if specimen.level.technology.clocked:
         return CLOCKED
     size = specimen.emulation.network.size
@@ -269,28 +244,15 @@ def untimed(specimen: Specimen) -> str:
 
 
 def clipped_at(emulation: Emulation, x: np.ndarray) -> np.ndarray:
-    """(n,) booleans: which parts of a circuit stand at their rails; neurons may stand at theirs.
-
-    Parameters
-    ----------
-    emulation : Emulation
-    x : (n,) array
-        State of it.
-    """
+    """Return booleans (n,) that mark clipped parts; saturated neurons do not count."""
     low, high = _rails(emulation)
     return ((x <= low) | (x >= high)) & emulation.clips
 
 
 def clipping_of(specimen: Specimen, emulation: Emulation, x: np.ndarray) -> Unpredicted:
-    """Which parts of a circuit stand at their rails, and what headroom would do.
+    """Return a message on the clipped parts of a circuit, with the required headroom.
 
-    Parameters
-    ----------
-    specimen : Specimen
-    emulation : Emulation
-        One of its two.
-    x : (n,) array
-        State of that, where it settles clipped.
+    `emulation` is one of the two of `specimen`, and `x` (n,) its state, settled with clipped parts.
     """
     network, clipped = emulation.network, np.flatnonzero(clipped_at(emulation, x))
     rails = _rails(emulation)[1]
@@ -306,7 +268,7 @@ def clipping_of(specimen: Specimen, emulation: Emulation, x: np.ndarray) -> Unpr
 
 
 def _cure(specimen: Specimen, limits: Mapping[tuple[str, int], float]) -> str:
-    """What to do about parts that clip: how far the circuit would go without rails."""
+    """Return advice for clipped parts, from a transient without output limits."""
     level = specimen.level
     endless = replace(level.datasheet, rails=np.inf, multiplier_rails=np.inf)
     free = replace(specimen, level=replace(level, datasheet=endless))
@@ -327,7 +289,7 @@ def _cure(specimen: Specimen, limits: Mapping[tuple[str, int], float]) -> str:
 
 
 def _rails(emulation: Emulation) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) lowest and highest values of the components of its state."""
+    """Return the lowest and highest values of the state components, (n,) each."""
     network = emulation.network
     low, high = evaluator(network).tape.limits[network.places[:, 0]].T
     return low, high

@@ -1,13 +1,13 @@
-r"""What a metric demands of its wires, before anyone builds them: how fast, and how accurate.
+r"""Wire requirements of a preconditioner: bandwidth and matching.
 
-With every wire W of the metric off by a share, and every node of it behind a lag tau, what the
-network calls z = z_0 + M D (`ann_dc.hardware.schematic.metric_wiring`) obeys
+Let every wire W of the preconditioner have a relative error, and every node a lag tau. The variable
+z = z_0 + M D of the network (`ann_dc.hardware.schematic.metric_wiring`) then satisfies
 
 .. math:: D' = d(z), \qquad \tau\, v' = W v + (D, c) - v .
 
-No error of W moves an equilibrium, but the way there becomes slower, and from some size on it leads
-away. Demanded is what at most doubles the time of the slowest mode, in the linear flow at the
-settled point: a lag by itself, and errors by themselves.
+An error of W does not shift an equilibrium. It slows down the flow and, from some size on,
+destabilises the equilibrium. The requirement is that the time of the slowest mode at most doubles,
+in the linear flow at the settled point. The lag and the errors are evaluated separately.
 """
 
 from __future__ import annotations
@@ -27,28 +27,29 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import State
 
 WORSE = 2.0
-"""How much slower the slowest mode may become."""
+"""Allowed factor on the time of the slowest mode."""
 
 LARGEST, SMALLEST = 1.0, 1e-6
-"""Lags and errors that are tried."""
+"""Range of lags and errors that are tested."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MetricDemand:
-    """What the wires of a metric may be off by.
+    """Requirements for the wires of a preconditioner.
 
     Attributes
     ----------
     kind : str
-        Of the metric, in words.
+        Name of the preconditioner kind.
     lag : float
-        Largest lag of every node, in the network's fastest time constants; zero where not even
-        1e-6 is small enough.
+        Largest lag of every node, in the network's fastest time constants; zero if 1e-6 is not
+        small enough.
     error : float
-        Largest standard deviation of all weights, as a share; zero likewise. Wires there and back
-        have errors of their own, except in a grid, where both are one resistor.
+        Largest relative standard deviation of all weights; zero as for the lag. Forward and
+        backward wires have independent errors, except in a resistive grid, whose wire pairs are one
+        resistor.
     draws : int
-        Sets of errors, the worst of which counts.
+        Number of error sets; the worst set counts.
     """
 
     kind: str
@@ -68,32 +69,17 @@ class MetricDemand:
 
 @checked
 def metric_demand(network: Network, x: State, *, draws: int = 5) -> MetricDemand | None:
-    """The largest lag and the largest errors of a metric's wires that a network can live with.
+    """Compute the largest lag and the largest errors of preconditioner wires.
 
-    Parameters
-    ----------
-    network : Network
-        As designed.
-    x : (n,) array
-        A settled state.
-    draws : int
-        Sets of errors.
-
-    Returns
-    -------
-    MetricDemand or None
-        None where the metric is time constants alone.
-
-    Raises
-    ------
-    NetworkError
-        If the settled point does not attract with ideal wires.
+    `x` (n,) is a settled state; `draws` is the number of error sets. The result is None for a
+    diagonal preconditioner. Raises `NetworkError` if the settled point is unstable with ideal
+    wires.
 
     Examples
     --------
     >>> import ann_dc
     >>> from ann_dc.analysis import equilibrium
-    >>> from ann_dc.network.preconditioners import Kind
+    >>> from ann_dc.network.metrics import Kind
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, kinds=[Kind.PYRAMID]).network
     >>> found = metric_demand(network, equilibrium(network, network.start_state))
@@ -128,7 +114,7 @@ def metric_demand(network: Network, x: State, *, draws: int = 5) -> MetricDemand
 
 
 def _resistors(wiring: MetricWiring) -> tuple[int, np.ndarray]:
-    """How many parts weights are made of, and which one each is: nodes of a grid share theirs."""
+    """Return the number of parts and the part of each weight; grid nodes use one part."""
     weights = wiring.weights.tocsr()
     if not wiring.passive:
         return weights.nnz, np.arange(weights.nnz)
@@ -139,7 +125,7 @@ def _resistors(wiring: MetricWiring) -> tuple[int, np.ndarray]:
 
 
 def _largest(holds: Callable[[float], bool]) -> float:
-    """The largest number at which something holds, to a tenth; zero where it never does."""
+    """Return the largest number that satisfies a condition, to a tenth; zero if none."""
     if holds(LARGEST):
         return LARGEST
     low, high = SMALLEST, LARGEST
@@ -152,7 +138,7 @@ def _largest(holds: Callable[[float], bool]) -> float:
 
 
 class _LinearFlow:
-    """The flow at a settled point, with the nodes of a metric in it."""
+    """Linear flow at a settled point, including the nodes of a preconditioner."""
 
     def __init__(self, network: Network, x: np.ndarray, wiring: MetricWiring) -> None:
         self.wiring = wiring
@@ -168,7 +154,7 @@ class _LinearFlow:
         return sparse.csr_array(self.wiring.weights)
 
     def with_weights(self, data: np.ndarray) -> np.ndarray:
-        """Jacobian (n, n) with other weights of the wires, and no lag: d(z)/ds = M d."""
+        """Return the Jacobian (n, n) with other wire weights and no lag: d(z)/ds = M d."""
         pattern = self._pattern
         weights = sparse.csr_array((data, pattern.indices, pattern.indptr), shape=pattern.shape)
         metric = replace(self.wiring, weights=weights).metric
@@ -178,7 +164,7 @@ class _LinearFlow:
         return jacobian
 
     def with_lag(self, lag: float) -> np.ndarray:
-        """Jacobian over the other neurons, the integrators and all further nodes of the metric."""
+        """Return the Jacobian over other neurons, integrators and preconditioner nodes."""
         wiring, own = self.wiring, self.wiring.own
         nodes = np.setdiff1d(np.arange(len(wiring.nodes)), own)
         others, width = len(self.others), len(self.others) + len(own) + len(nodes)
@@ -196,6 +182,6 @@ class _LinearFlow:
 
 
 def _places(among: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Where numbers stand in an array that has each once."""
+    """Return the positions of numbers in an array of unique values."""
     order = np.argsort(among)
     return order[np.searchsorted(among, wanted, sorter=order)]

@@ -1,4 +1,4 @@
-"""Which gains: rho, time constants and metric of a wired network, frozen as constants."""
+"""Gain design: constant rho, time constants and preconditioner of a wired network."""
 
 import lazy_loader
 

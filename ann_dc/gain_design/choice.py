@@ -1,8 +1,9 @@
-"""Which network wins: kinds of metric in turn, at the settled point of the first run or another.
+"""Choice of the best network by preconditioner kind and settled point.
 
-A kind that is near the limit ends the comparison. Where networks settle to another point than the
-first run, the freeze is done once more there; where none settles, steadier ones are asked; where
-the best is slow, another first run may find another settled point, or lead to one.
+A kind near the limit of the stiffness ratio ends the comparison. If networks settle to another
+point than the first run, the gains are designed again there. If none settles, steadier gain rules
+are tried. If the best network is slow, another first run may find another settled point, or lead to
+one.
 """
 
 from __future__ import annotations
@@ -41,47 +42,41 @@ from ann_dc.progress import Progress, Stopped
 # ---- which network wins: kinds of metric in turn, at the settled point of the first run or anoth
 
 SLOW = 600.0
-"""Settling, in fastest time constants, beyond which another settled point is looked for."""
+"""Settling time, in fastest time constants, above which another settled point is searched for."""
 
 DIFFERENT = 1e-3
-"""Distance, relative to the largest primal neuron, from which on two first runs settled apart."""
+"""Distance, relative to the largest primal neuron, above which two settled points differ."""
 
 STRAYS = 4
-"""Other settled points that are looked at where networks stray."""
+"""Number of other equilibria that are examined if networks settle there."""
 
 STIFFER = (10.0, 100.0, 1000.0)
-"""Factors on the penalty that are tried if no network settles: where controls have low prices, the
-closed form's penalty lets a path fall off the constraints."""
+"""Penalty factors tried if no network settles: with low control weights, the closed form's penalty
+lets a path leave the constraints.
+"""
 
 MUCH_FASTER = 1.5
-"""How many times faster networks have to settle there to be taken."""
+"""Speed-up of settling that another settled point must give to be chosen."""
 
 DEARER = 1e-4
-"""Relative to the cost of a settled point, by which another one may cost more and be taken."""
+"""Cost increase of an admissible other settled point, relative to the cost of the first."""
 
 NEAR_LIMIT = 6.0
-"""Ratio, three times the limit of 2, below which no slower kind of metric is compared any more."""
+"""Stiffness ratio, three times the limit of 2, below which no slower kind is compared."""
 
 
 Frozen: TypeAlias = tuple[SettledPoint, tuple[Candidate, ...], str]
-"""A settled point, candidates for it with the best first, and the preset from which that settles;
-no preset is the network's own start."""
+"""Settled point, its candidates with the best first, and the preset from which the best settles. An
+empty preset means the network's initial guess.
+"""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The kinds that are allowed, in turn, until one is near the limit.
+    """Comparison of the allowed preconditioner kinds, until one is near the limit.
 
-    Attributes
-    ----------
-    kinds : tuple of Kind
-    recipe : Recipe or None
-        Fixed by the caller.
-    first : FirstRun
-    progress : Progress
-        Takes one line at a time.
-    cost : Cost
-        Of a settled point.
+    `kinds` are compared in turn. `recipe` is fixed by the caller, if any; `cost` returns that of a
+    settled point.
     """
 
     kinds: tuple[Kind, ...]
@@ -94,23 +89,11 @@ class Choice:
     )
 
     def best(self, settled: SettledPoint, limit: int) -> Frozen:
-        """Compare candidates where the first run ended, elsewhere, and from presets.
+        """Compare candidates at the end of the first run, elsewhere, and from presets.
 
-        Parameters
-        ----------
-        settled : SettledPoint
-            Where the first run ended.
-        limit : int
-            Steps of another first run.
-
-        Returns
-        -------
-        settled : SettledPoint
-            To which the best belongs.
-        found : tuple of Candidate
-            The best first.
-        start : str
-            From which presets it settles; empty for the network's own start.
+        `limit` is the number of steps of another first run. Returns the settled point of the best
+        candidate, the candidates with the best first, and the preset from which the best settles
+        (empty for the network's initial guess).
         """
         found = self.at(settled)
         if not self.first.settled:
@@ -125,12 +108,12 @@ class Choice:
         return self._preset(other, there)
 
     def _is_dearer(self, other: SettledPoint, settled: SettledPoint) -> bool:
-        """Return True if another settled point costs more than one."""
+        """Return True if another settled point has a higher cost."""
         here = self.cost(settled.state)
         return self.cost(other.state) > here + DEARER * abs(here)
 
     def at(self, settled: SettledPoint) -> tuple[Candidate, ...]:
-        """All candidates at a settled point, the best first."""
+        """Return all candidates at a settled point, the best first."""
         found = ()
         for kind in self._useful():
             found = self._rehearsed(settled, (*found, *self._compared(settled, kind)))
@@ -153,9 +136,9 @@ class Choice:
         return lambda candidate: self._seen.append((settled, candidate))
 
     def best_so_far(self, settled: SettledPoint) -> tuple[SettledPoint, Candidate]:
-        """The best of what was compared until time was up, with the point that it belongs to.
+        """Return the best stable candidate compared before a stop, with its settled point.
 
-        Without one that attracts: the first run's gains, or some without coordinators.
+        Without a stable candidate, the gains of the first run or of a diagonal rule are used.
         """
         known = [pair for pair in self._seen if np.isfinite(pair[1].ratio)]
         if known:
@@ -175,7 +158,7 @@ class Choice:
             ) from error
 
     def _useful(self) -> tuple[Kind, ...]:
-        """No tree where there is a grid, which is the same metric; no grid without an optimum."""
+        """Return the kinds to compare: `GRID` replaces `TREE`; both require an optimum."""
         kinds = self.kinds
         if Kind.GRID in kinds:
             kinds = tuple(kind for kind in kinds if kind is not Kind.TREE)
@@ -200,10 +183,10 @@ class Choice:
     def _followed(
         self, settled: SettledPoint, found: tuple[Candidate, ...]
     ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
-        """The freeze where networks settle to, if none settles where the first run did.
+        """Repeat the design where networks settle, if none settles at the first point.
 
-        Networks with larger penalties and steadier ones are asked too: some settle there after
-        all, others show where else.
+        Networks with larger penalties and steadier rules are also tried. Some settle there after
+        all; others show another equilibrium.
         """
         if found[0].settling < np.inf:
             return settled, found
@@ -222,7 +205,7 @@ class Choice:
         recipes: Callable[[Kind], tuple[Recipe, ...]],
         patience: Patience = PATIENT,
     ) -> list[Candidate]:
-        """Rehearse networks in closed form, of every kind that is useful."""
+        """Run trials of closed-form networks of all useful kinds."""
         rehearsals = []
         for kind in (kind for kind in self._useful() if kind not in (Kind.GRID, Kind.TREE)):
             for recipe in recipes(kind):
@@ -240,15 +223,10 @@ class Choice:
         patience: Patience = PATIENT,
         names: tuple[str, ...] = (),
     ) -> Frozen:
-        """The same candidates from presets, all or some by name, if none settles yet.
+        """Run the candidates from presets, all or selected by name, if none settles yet.
 
-        Returns
-        -------
-        settled : SettledPoint
-            Of a network with that start.
-        found : tuple of Candidate
-        start : str
-            Which preset; empty for the network's own start.
+        Returns the settled point of a network with that initial guess, the candidates, and the
+        preset (empty for the network's initial guess).
         """
         if found[0].settling < np.inf:
             return settled, found, ""
@@ -263,7 +241,7 @@ class Choice:
     def _from_strays(
         self, settled: SettledPoint, found: tuple[Candidate, ...]
     ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
-        """Of the points where networks strayed to, that where one settles fastest, if any does."""
+        """Return the other equilibrium at which a network settles fastest, if any."""
         seen: list[SettledPoint] = []
         best, settles = settled, ()
         for astray in found:
@@ -282,7 +260,7 @@ class Choice:
         return best, settles
 
     def _stray_of(self, settled: SettledPoint, candidate: Candidate) -> SettledPoint | None:
-        """Where a candidate settled instead; None where it did not, or there is no such point."""
+        """Return the other equilibrium at which a candidate settled, or None."""
         if candidate.stray is None:
             return None
         try:
@@ -292,7 +270,7 @@ class Choice:
         return SettledPoint(settled.linear.at(state), state)
 
     def _at_another(self, other: SettledPoint) -> tuple[Candidate, ...]:
-        """Candidates at a point that nobody asked for; none where there is no metric."""
+        """Return candidates at another point; empty if no preconditioner exists there."""
         try:
             return self.at(other)
         except Stopped:
@@ -303,9 +281,9 @@ class Choice:
     def _elsewhere(
         self, settled: SettledPoint, found: tuple[Candidate, ...], limit: int
     ) -> tuple[SettledPoint, tuple[Candidate, ...]]:
-        """The freeze where a run with equal rows leads to, if networks are much faster there.
+        """Repeat the design where a run with equal weights ends, if much faster there.
 
-        Not where it costs more, unless nothing settles here.
+        A point of higher cost is rejected unless nothing settles here.
         """
         if found[0].rank[0] < SLOW or self.first.steps < EQUAL_ROWS:
             return settled, found
@@ -325,7 +303,7 @@ class Choice:
         return (settled, found) if is_dearer else (other, there)
 
     def _led_to(self, settled: SettledPoint) -> tuple[SettledPoint, tuple[Candidate, ...]]:
-        """The freeze where this first run leads to; no candidates where there is no metric."""
+        """Repeat the design at the end of this first run; empty without a preconditioner."""
         other = SettledPoint(settled.linear.at(self.first.state), self.first.state)
         there = self._at_another(other)
         try:
@@ -337,12 +315,12 @@ class Choice:
 
 
 def anew(candidates: Iterable[Candidate]) -> list[Candidate]:
-    """Return candidates as if they had not been rehearsed."""
+    """Return candidates without their trial results."""
     return [replace(candidate, settling=float("nan"), stray=None) for candidate in candidates]
 
 
 def stiffer(kind: Kind) -> tuple[Recipe, ...]:
-    """Return recipes of a kind with larger penalties."""
+    """Return gain rules of a kind with larger penalties."""
     own = RECIPES[kind]
     return tuple(replace(own, penalty=factor * own.penalty) for factor in STIFFER)
 
@@ -350,7 +328,7 @@ def stiffer(kind: Kind) -> tuple[Recipe, ...]:
 # ---- choice of a network for an optimum that a search found, from its own start or from presets
 
 SOON = 600.0
-"""Settling, in fastest time constants, below which no other network is asked for."""
+"""Settling time, in fastest time constants, below which the comparison ends."""
 
 GRIDS = (Kind.GRID, Kind.TREE), (1.0, 10.0, 100.0)
 
@@ -359,31 +337,32 @@ ROUNDS = (
     (GRIDS[0], GRIDS[1][1:]),
     ((Kind.COUPLED_PYRAMID, Kind.PYRAMID), (1.0,)),
 )
-"""Kinds of metric, and factors on their penalties, that are compared together, in turn. Time
-constants alone, slower than a pyramid and with spectra that take longest, are left out."""
+"""Kinds and penalty factors compared together, in turn, without the slower diagonal kind, whose
+spectra take longest.
+"""
 
 
 LONGER = Patience(steps=60_000, failures=2)
-"""For grids, if nothing settles in a short rehearsal: some need many steps where they are stiff."""
+"""Patience for grids if nothing settles in a short trial run: stiff grids need many steps."""
 
 CLEARLY = 1.5
-"""Ratio of settling times above which a network begins at a finer preset."""
+"""Ratio of settling times above which a finer preset is preferred."""
 
 
 def _rank(frozen: Frozen) -> tuple[float, float]:
-    """Return the rank of the best candidate, behind all others if there is none."""
+    """Return the rank of the best candidate, worst if there is none."""
     return frozen[1][0].rank if frozen[1] else (np.inf, np.inf)
 
 
 class FoundChoice(Choice):
     """Choice at an optimum at which no run has settled.
 
-    Kinds come in turn, the fastest first, each from the network's own start and from coarse
-    presets, until one settles soon. Presets of the whole path come after all of them.
+    Kinds are tried from the fastest on, each from the network's initial guess and from coarse
+    presets, until one settles soon. Presets of the whole path are tried last.
     """
 
     def best(self, settled: SettledPoint, limit: int) -> Frozen:
-        """Compare candidates from the start and from presets; see `Choice.best`."""
+        """Compare candidates from the initial guess and from presets; see `Choice.best`."""
         seen, best = (), (settled, (), "")
         for kinds, penalties in ROUNDS:
             new = self._of(settled, kinds, penalties)
@@ -405,12 +384,12 @@ class FoundChoice(Choice):
         return there, (*found, *others), start
 
     def _useful(self) -> tuple[Kind, ...]:
-        """Those of the other choices, without time constants alone if there are faster kinds."""
+        """Return the kinds of `Choice` without the diagonal kind if there are faster ones."""
         kinds = super()._useful()
         return tuple(kind for kind in kinds if kind is not Kind.TIME_CONSTANTS) or kinds
 
     def _with_patience(self, settled: SettledPoint, seen: tuple[Candidate, ...]) -> Frozen:
-        """Return grids after longer rehearsals, or stiffer pyramids; else any from the path."""
+        """Return grids after longer trials or stiffer multilevel rules, or from the path."""
         grids = tuple(c for c in seen if c.kind in (Kind.GRID, Kind.TREE) and c.ratio < np.inf)
         if grids:
             best = self._from_afar(settled, grids, LONGER)
@@ -420,7 +399,7 @@ class FoundChoice(Choice):
         return best if best[1][0].settling < np.inf else self._from_path(settled, seen)
 
     def _from_path(self, settled: SettledPoint, seen: tuple[Candidate, ...]) -> Frozen:
-        """Return candidates from the path, and grids that are made for that start."""
+        """Return candidates from the path, and grids designed for that initial guess."""
         for words, there in places_of(settled):
             if words not in COARSE:
                 grids = self._of(there, *GRIDS)
@@ -432,7 +411,7 @@ class FoundChoice(Choice):
     def _of(
         self, settled: SettledPoint, kinds: tuple[Kind, ...], penalties: tuple[float, ...]
     ) -> tuple[Candidate, ...]:
-        """Return candidates of those kinds that are useful."""
+        """Return candidates of the given kinds that are useful."""
         own = [kind for kind in self._useful() if kind in kinds]
         found = ()
         for kind, penalty in itertools.product(own, penalties):
@@ -442,7 +421,7 @@ class FoundChoice(Choice):
     def _from_afar(
         self, settled: SettledPoint, new: tuple[Candidate, ...], patience: Patience = HASTY
     ) -> Frozen:
-        """Return candidates from the start, or from coarse presets if none settles."""
+        """Return candidates from the initial guess, or from presets if none settles."""
         found = self._rehearsed(settled, new, patience)
         for astray in found if not found[0].settling < np.inf else ():
             other = self._stray_of(settled, astray)

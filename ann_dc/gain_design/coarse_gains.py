@@ -1,18 +1,18 @@
-r"""The gains of the coarse coordinators, from one linearisation.
+r"""Gains of the coarse-level neurons and of inequalities, from one linearisation.
 
-The coarse neurons of grid point a, one a component, move the chain by their hat. The stiffness
-that they feel is G_a = hat' (H + A'WA) hat, a (C, C) matrix, and their gain is gamma / G_a: Jacobi,
-one grid point at a time. Inequalities that press are among the rows of A.
+The coarse neurons of grid point a, one per component, move the chain by their hat function. Their
+stiffness is G_a = hat' (H + A'WA) hat, a (C, C) matrix, and their gain is gamma / G_a: Jacobi, one
+grid point at a time. Active inequalities are among the constraints of A.
 
-With T the primal time constants before any diode conducts, a row that is pressed gets
+With T the primal time constants before any diode conducts, an active constraint has the weight
 
 .. math:: w_i = \frac{1}{\max_k \sum_j G_{ij}^2 T_j}
 
-over the stages at which it is pressed, z + w g > 0; where it is at none, at that where it is
-nearest. By itself such a row obeys s^2 + s + eta = 0, the mode of an equality. The full metric in
-place of T would make w smaller by what coordinators move; then w G'G no longer outweighs the
-curvature that the multiplier brings, and the optimum repels. A compliant row gets
-1 / (G T G' + d): its multiplier takes part of what it presses from a leak.
+over the stages at which it is active, z + w g > 0; if there is none, at the stage nearest to
+activity. Alone, such a constraint satisfies s^2 + s + eta = 0, the mode of an equality. With the
+full preconditioner in place of T, w would be smaller by the contribution of the coarse neurons.
+Then w G'G no longer outweighs the curvature due to the multiplier, and the optimum is unstable. A
+compliant constraint has the weight 1 / (G T G' + d), because a leak reduces its multiplier.
 """
 
 from __future__ import annotations
@@ -30,14 +30,10 @@ from ann_dc.network.preconditioners.multilevel import Pyramid, hat_positions
 
 
 def diode_weights(linear: Linearisation | MeanLinearisation, rate: np.ndarray) -> np.ndarray:
-    """Weights w (P,) of the rows of diode neurons, zero for other neurons.
+    """Return the weights w (P,) of rectifying multiplier neurons, zero for others.
 
-    Parameters
-    ----------
-    linear : Linearisation
-        At a state where it was evaluated, or of several.
-    rate : (P,) array
-        1 / tau of the primal neurons; those of others are not read.
+    `linear` must be evaluated at one state, or be the mean of several. `rate` (P,) is 1 / tau of
+    the primal neurons; other entries are ignored.
     """
     weights = np.zeros(len(linear.diode))
     if not linear.diode.any():
@@ -60,16 +56,11 @@ def diode_weights(linear: Linearisation | MeanLinearisation, rate: np.ndarray) -
 
 
 def pressed_weights(linear: Linearisation, weights: np.ndarray) -> np.ndarray:
-    """Weights (P, N) of the rows that press at a state, zero where a diode does not conduct.
+    """Return the weights (P, N) of constraints that are active at a state, else zero.
 
-    A soft row at its price is as good as idle: its multiplier does not move.
-
-    Parameters
-    ----------
-    linear : Linearisation
-        At a state where it was evaluated.
-    weights : (P,) array
-        Of all rows; those of equalities always press.
+    A soft constraint at its penalty weight counts as inactive: its multiplier does not move.
+    `linear` must be evaluated at a state. `weights` (P,) are those of all constraints; equalities
+    are always active.
     """
     return np.where(linear.presses(weights), weights[:, None], 0.0)
 
@@ -84,23 +75,12 @@ def pyramid(
     *,
     coupled: bool = False,
 ) -> Pyramid | None:
-    """Coordinators for a network at the state where ``linear`` was evaluated.
+    """Return the multilevel preconditioner at the state of a linearisation.
 
-    Parameters
-    ----------
-    linear : Linearisation
-    rho : (P,) array
-        Penalty of every dual neuron's row.
-    gamma : float
-        Share of the Jacobi gain; 0.5.
-    coupled : bool
-        All components of a grid point through one gain matrix, instead of each by itself with one
-        gain a level.
-
-    Returns
-    -------
-    Pyramid or None
-        None where the row is too short for a level, or the plant too stiff to follow.
+    `rho` (P,) is the penalty of every dual neuron's constraint, `gamma` the fraction of the Jacobi
+    gain (0.5). If `coupled`, all components of a grid point have one gain matrix; otherwise each
+    has its separate gain per level. Returns None if the cell array is too short for a level, or no
+    position is live.
     """
     live = linear.network.chain_live.T
     levels = _levels(len(live))
@@ -131,10 +111,10 @@ def _inverse(G: np.ndarray, alive: np.ndarray, coupled: bool) -> np.ndarray:
 
 
 def _stiffness(linear: Linearisation, rho: np.ndarray, live: np.ndarray) -> np.ndarray:
-    """hat' (H + A'WA) hat (points, C, C) for all grid points of all levels, finest first.
+    """Return hat' (H + A'WA) hat (points, C, C) of all levels, finest first.
 
-    The rows under a hat are c_k = F_k q_k - t_k and r_k = q_k - t_{k-1}; their squares are
-    expanded into products of hat values, with which those of the stages are added up.
+    The constraints under a hat are c_k = F_k q_k - t_k and r_k = q_k - t_{k-1}. Their squares are
+    expanded into products of hat values, which weight the sums over the stages.
     """
     index, duals = linear.network.neuron_index, linear.network.cell.duals
     weight = np.array([rho[index[dual.neuron]] for dual in duals])
@@ -162,7 +142,7 @@ def _stiffness(linear: Linearisation, rho: np.ndarray, live: np.ndarray) -> np.n
 
 
 def _pressed(linear: Linearisation, rho: np.ndarray) -> tuple[Any, Any]:
-    """G'WG (N, C, C) of the inequalities that press, in q and in t."""
+    """Return G'WG (N, C, C) of the active inequalities, in q and in t."""
     if not linear.diode.any():
         return 0.0, 0.0
     rows, of_q, of_t = linear.inequality_matrices()
@@ -173,9 +153,10 @@ def _pressed(linear: Linearisation, rho: np.ndarray) -> tuple[Any, Any]:
 
 @lru_cache(maxsize=4)
 def _shares(count: int) -> Any:
-    """(points of all levels, 5N): hat values q^2, t^2, b^2, qt and qb, b the t of the stage before.
+    """Return hat values q^2, t^2, b^2, qt and qb (points of all levels, 5N).
 
-    Sparse, because a position of the chain lies under two hats of a level; ``count`` is 2N.
+    b is the t of the previous stage. The matrix is sparse, because a position lies under two hats
+    of a level; ``count`` is 2N.
     """
     place, levels = np.arange(count), []
     for level in range(_levels(count), 0, -1):
@@ -191,5 +172,5 @@ def _shares(count: int) -> Any:
 
 
 def _levels(count: int) -> int:
-    """Levels of a pyramid over 2N positions: the finest has no more intervals than these."""
+    """Return the number of levels over 2N positions; the finest has no more intervals."""
     return int(np.floor(np.log2(max(count - 1, 1))))

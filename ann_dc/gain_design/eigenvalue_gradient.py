@@ -1,13 +1,13 @@
-r"""The eigenvalues of a flow as functions of its gains: an objective and its exact gradient.
+r"""Eigenvalues of a flow as functions of its gains: objective and exact gradient.
 
-With M the metric over the primal neurons, K the rates of the dual ones and W the penalties of the
-rows, the flow at a settled point is
+With M the preconditioner of the primal neurons, K the rates of the dual neurons and W the penalties
+of the constraints, the flow at a settled point is
 
 .. math:: J = \begin{pmatrix} -M (H + A^T W A) & -M A^T \\ K A & 0 \end{pmatrix}, \qquad
     d\lambda = y^* \, dJ \, x
 
 for an eigenvalue with left and right vectors y and x, y*x = 1. One eigenvalue problem gives an
-objective (`slowness`) and its gradient by all gains.
+objective (`slowness`) and its gradient with respect to all gains.
 """
 
 from __future__ import annotations
@@ -27,27 +27,27 @@ from ann_dc.network.preconditioners.multilevel import Pyramid
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
 STEPS_TRIED = np.geomspace(0.25, 8.0, 16)
-"""Where a search over steps may begin; 1 is the largest stable step of the simultaneous order."""
+"""Initial steps of a search; 1 is the largest stable step of the simultaneous order."""
 
 
 class DenseMetric(ABC):
-    """M over the primal neurons (z, z) as a function of their rates T and of its nodes' factors."""
+    """M of the primal neurons (z, z) as a function of their rates T and node factors."""
 
     @abstractmethod
     def matrix(self, rates: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-        """M (z, z) for rates (z,) and factors (m,) on the gains of the nodes."""
+        """Return M (z, z) for rates (z,) and factors (m,) on the gains of the nodes."""
 
     @abstractmethod
     def slope(
         self, by_matrix: np.ndarray, rates: np.ndarray, nodes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives by log rates (z,) and log factors (m,), given those by M (z, z)."""
+        """Return derivatives by log rates (z,) and log factors (m,), from those by M."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class _Added(DenseMetric):
-    """M = diag(T) + (hats D) S (hats D)', D^2 the factors: no node for time constants alone."""
+    """M = diag(T) + (hats D) S (hats D)', D^2 the factors; no nodes if diagonal."""
 
     hats: np.ndarray
     S: np.ndarray
@@ -65,7 +65,7 @@ class _Added(DenseMetric):
 @final
 @dataclass(frozen=True, eq=False)
 class _Between(DenseMetric):
-    """M = T^{1/2} S^{-1} T^{1/2}; the stiffness S stays as it is."""
+    """M = T^{1/2} S^{-1} T^{1/2} with a constant stiffness S."""
 
     compliance: np.ndarray
 
@@ -79,19 +79,10 @@ class _Between(DenseMetric):
 
 
 def dense_metric(metric: Metric, row: Row, primal: np.ndarray) -> DenseMetric:
-    """A metric as a function of its gains.
+    """Return a preconditioner as a function of its gains.
 
-    Parameters
-    ----------
-    metric : Metric
-    row : Row
-    primal : (z,) array of int
-        Components of the state vector.
-
-    Returns
-    -------
-    DenseMetric
-        A pyramid's nodes are its coarse neurons in the order of its wires; others have none.
+    `primal` (z,) are indices of the state vector. The nodes of a multilevel preconditioner are its
+    coarse neurons in the order of their wires; other kinds have none.
     """
     if isinstance(metric, Stiffness):
         return _Between(np.linalg.inv(metric.matrix(row)[primal][:, primal].toarray()))
@@ -104,7 +95,7 @@ def dense_metric(metric: Metric, row: Row, primal: np.ndarray) -> DenseMetric:
 
 
 def coarse_neurons(metric: Metric) -> list[tuple[int, int, int]]:
-    """(level, point, chain) of every coarse neuron, in the order of the wires."""
+    """Return (level, point, chain) of every coarse neuron, in the order of the wires."""
     if not isinstance(metric, Pyramid):
         return []
     return [
@@ -115,7 +106,7 @@ def coarse_neurons(metric: Metric) -> list[tuple[int, int, int]]:
 
 
 def scaled_metric(metric: Metric, factors: np.ndarray) -> Metric:
-    """D S D for a pyramid's gains S, D^2 the factors (m,) of its coarse neurons."""
+    """Return D S D for multilevel gains S; D^2 are the factors (m,) of coarse neurons."""
     if not isinstance(metric, Pyramid):
         return metric
     roots = [np.ones(gain.shape[:2]) for gain in metric.gains]
@@ -127,17 +118,11 @@ def scaled_metric(metric: Metric, factors: np.ndarray) -> Metric:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DenseFlow:
-    """The flow at a settled point as a function of its gains.
+    """Flow at a settled point as a function of its gains.
 
-    A vector of gains is (T, K, W, nodes, h): rates of the z primal and of the d dual neurons,
-    penalties (d,) of the rows, factors on the metric's m nodes, and the step.
-
-    Attributes
-    ----------
-    saddle : Saddle
-        H and A at the settled point.
-    metric : DenseMetric
-        M as a function of T and of the nodes.
+    A vector of gains is (T, K, W, nodes, h): rates of the z primal and d dual neurons, penalties
+    (d,) of the constraints, factors on the m nodes of the preconditioner, and the step. `saddle`
+    contains H and A at the settled point; `metric` is M as a function of T and of the nodes.
     """
 
     saddle: Saddle
@@ -154,12 +139,12 @@ class DenseFlow:
         return self.saddle.A.toarray()
 
     def split(self, gains: np.ndarray) -> list[np.ndarray]:
-        """T, K, W, nodes and h."""
+        """Split a gain vector into T, K, W, nodes and h."""
         d, z = self.A.shape
         return np.split(gains, [z, z + d, z + 2 * d, len(gains) - 1])
 
     def jacobian(self, gains: np.ndarray, objective: Objective) -> np.ndarray:
-        """J (z + d, z + d), with the penalty that the objective's order of steps adds."""
+        """Return J (z + d, z + d), with the penalty that the objective's step order adds."""
         T, K, W, nodes, (h,) = self.split(gains)
         if objective.dual_late:
             W = W + h * K
@@ -169,12 +154,12 @@ class DenseFlow:
         return np.block([[-M @ stiffness, -M @ A.T], [K[:, None] * A, corner]])
 
     def slowness(self, gains: np.ndarray, objective: Objective) -> float:
-        """Of the slowest mode, not smoothed; infinite where the point repels."""
+        """Return the unsmoothed time of the slowest mode; infinite if it is unstable."""
         eigenvalues = scipy.linalg.eigvals(self.jacobian(gains, objective), check_finite=False)
         return objective.slowness(np.asarray(eigenvalues), float(gains[-1]))
 
     def near_best_step(self, gains: np.ndarray, objective: Objective) -> float:
-        """The h of `STEPS_TRIED` with the smallest slowness; that of the gains does not count."""
+        """Return the h of `STEPS_TRIED` with the smallest slowness; ignore the gains' h."""
         modes = np.linalg.eigvals(self.jacobian(gains, SETTLING_TIME))
         longest = (-2 * modes.real / np.abs(modes) ** 2).min()
         tried = [np.append(gains[:-1], longest * share) for share in STEPS_TRIED]
@@ -183,24 +168,10 @@ class DenseFlow:
     def smoothed(
         self, gains: np.ndarray, objective: Objective, sharpness: float, floor: float
     ) -> Evaluation:
-        """The objective at these gains, and its gradient by their logarithms.
+        """Return the smoothed objective and its gradient by the logarithms of the gains.
 
-        Parameters
-        ----------
-        gains : (z + 2d + m + 1,) array
-            Positive.
-        objective : Objective
-        sharpness, floor : float
-            See `Objective.smoothed`.
-
-        Returns
-        -------
-        Evaluation
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            If the eigenvectors do not span the space.
+        `gains` (z + 2d + m + 1,) are positive; `sharpness` and `floor` as in `Objective.smoothed`.
+        Raises numpy.linalg.LinAlgError if the eigenvectors do not span the space.
         """
         found = scipy.linalg.eig(self.jacobian(gains, objective), check_finite=False)
         eigenvalues, right = np.asarray(found[0]), np.asarray(found[1])
@@ -212,7 +183,7 @@ class DenseFlow:
         return Evaluation(slope.value, gradient, objective.slowness(eigenvalues, h))
 
     def _chained(self, gains: np.ndarray, by_J: np.ndarray, objective: Objective) -> np.ndarray:
-        """Derivatives by the logarithms of the gains, given those by J."""
+        """Return derivatives by the logarithms of the gains, from those by J."""
         T, K, W, nodes, (h,) = self.split(gains)
         A, z, late = self.A, len(T), float(objective.dual_late)
         M = self.metric.matrix(T, nodes)
@@ -226,11 +197,11 @@ class DenseFlow:
 
 
 class Evaluation(NamedTuple):
-    """What one eigenvalue problem says."""
+    """Result of one eigenvalue problem."""
 
     value: float
-    """Log of the slowest mode's time, smoothed."""
+    """Logarithm of the slowest mode's time, smoothed."""
     gradient: np.ndarray
-    """By the logarithms of the gains."""
+    """Gradient by the logarithms of the gains."""
     slowness: float
     """Time of the slowest mode, not smoothed."""

@@ -1,7 +1,7 @@
-r"""Gains in closed form: rho, time constants and pyramid from the network's own Jacobian.
+r"""Closed-form gains: rho, time constants and multilevel gains from the Jacobian.
 
-With A the Jacobian of all constraint rows, H the Hessian of the cost alone (never of the
-Lagrangian), and w_i the penalty of row i,
+With A the Jacobian of all constraints, H the Hessian of the cost alone (not of the Lagrangian), and
+w_i the penalty of constraint i,
 
 .. math::
     \rho_0 = \max_j \frac{\max_k H_{jj}}{\max_k \sum_i A_{ij}^2}, \quad
@@ -9,28 +9,29 @@ Lagrangian), and w_i the penalty of row i,
     1/\tau_j = \frac{f}{\max_k H_{jj} + \max_k \sum_i w_i A_{ij}^2}, \quad
     1/\tau_i = \eta\, w_i ,
 
-of equalities first, then (`diode_weights`) with the inequalities that press among them; max_k runs
-over the stages of one neuron of the cell. This puts every fast rate near one. With kappa an
-eigenvalue of T A'WA, a mode in which H is negligible obeys s^2 + kappa s + eta kappa = 0.
+first for equalities, then (`diode_weights`) with the active inequalities included; max_k is over
+the stages of one neuron of the cell. All fast rates are then near one. With kappa an eigenvalue of
+T A'WA, a mode with negligible H satisfies s^2 + kappa s + eta kappa = 0.
 
-A `Recipe` is the factors r, eta, f, the kind of metric and how rows are weighed; two ship.
+A gain rule (`Recipe`) consists of the factors r, eta, f, the preconditioner kind and the constraint
+weights. Two are predefined.
 
-Weights of the constraint rows: by equilibration, or by what the controls reach.
+Weights of the constraints: by equilibration or by reachability.
 
-Rows that reach their neurons through small numbers are slow, and no common penalty mends that. The
-weights w are chosen such that every row is as stiff as the others once the primal neurons have
-their time constants: repeat
+Constraints that act on their neurons through small numbers are slow, and no common penalty corrects
+this. The weights w make all constraints equally stiff once the primal neurons have their time
+constants. The iteration is
 
 .. math::
     T_j = \frac{1}{h_j + \max_k \sum_i w_i A_{ij}^2}, \qquad
     s_i = \max_k w_i \sum_j A_{ij}^2 T_j, \qquad
     w_i \leftarrow w_i \sqrt{\bar s / s_i},
 
-with h_j the curvature of the cost in units of the base penalty, maxima over the stages, and the
-geometric mean of w kept at one. The curvature keeps the weights finite: without it they run away.
+with h_j the curvature of the cost in units of the base penalty, maxima over the stages, and a
+geometric mean of w of one. The curvature ensures finite weights; without it they diverge.
 
-Or a row weighs the less the further the controls move its state at the price of one,
-:math:`1 / w_i = \sum_k (\Phi_k B R^{-1} B^T \Phi_k^T)_{ii}` over a quarter of the horizon.
+With reachability weights, a constraint weighs less the further the controls move its state at unit
+cost, :math:`1 / w_i = \sum_k (\Phi_k B R^{-1} B^T \Phi_k^T)_{ii}` over a quarter of the horizon.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Own, such_as
 
 WINDOWS = 4
-"""In how many parts of the horizon it is looked at what the controls reach."""
+"""Number of windows of the horizon over which reachability is evaluated."""
 
 
 def equilibrated(
@@ -61,22 +62,18 @@ def equilibrated(
     sweeps: int,
     weights: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Row weights (P,) of the dual neurons, zero for others.
+    """Return the equilibrated weights (P,) of the dual neurons, zero for others.
 
     Parameters
     ----------
     linear : Linearisation
-        At a state where it was evaluated.
+        Linearisation evaluated at a state.
     penalty : float
-        The base penalty rho_0, against which the cost's curvature counts.
+        Base penalty rho_0, the unit of the cost's curvature.
     sweeps : int
-        How often the weights are improved; fewer sweeps stay nearer to where they begin.
+        Number of iterations; fewer sweeps stay nearer to the initial weights.
     weights : (P,) array, optional
-        Where they begin; equal weights by default.
-
-    Returns
-    -------
-    (P,) array
+        Initial weights; equal by default.
 
     References
     ----------
@@ -101,19 +98,10 @@ def equilibrated(
 
 
 def by_reach(linear: Linearisation | MeanLinearisation) -> np.ndarray:
-    """Row weights (P,) of the dual neurons, zero for others: the inverse of what controls reach.
+    """Return the reachability weights (P,) of the dual neurons, zero for others.
 
-    Both rows of a chain have the same weight, a chain that no control moves the mean one, and the
-    geometric mean is one.
-
-    Parameters
-    ----------
-    linear : Linearisation
-        At a state where it was evaluated.
-
-    Returns
-    -------
-    (P,) array
+    Both constraints of a chain have the same weight, a chain that no control moves has the mean
+    weight, and the geometric mean is one. `linear` must be evaluated at a state.
     """
     F, _, _ = linear.stage_matrices()
     B, R = linear.control_matrices()
@@ -140,7 +128,7 @@ def by_reach(linear: Linearisation | MeanLinearisation) -> np.ndarray:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
-    """The factors of the closed form.
+    """Gain rule: factors of the closed form.
 
     Attributes
     ----------
@@ -151,22 +139,24 @@ class Recipe:
     state, control, target : float
         f of q, u and t.
     coarse : float
-        gamma of a pyramid.
+        gamma of a multilevel preconditioner.
     kind : Kind
-        Of the metric: time constants alone or a pyramid here, a grid or a tree in `grid_gains`.
+        Preconditioner kind: diagonal or multilevel here, resistive grid or cyclic reduction in
+        `grid_gains`.
     sweeps : int
-        Of the equilibration of the rows; none leaves their weights as they are.
+        Equilibration sweeps of the constraint weights; zero leaves the weights unchanged.
     by_reach : bool
-        Whether the weights of the rows, before any sweep, are the inverse of what the controls
-        reach; equal otherwise.
+        True if the constraint weights before any sweep are reachability weights; otherwise they are
+        equal.
     path : float
-        theta of a grid: how much the change of A between start and settled point counts.
+        theta of a grid: weight of the change of A between initial guess and settled point.
     away : float
-        How far from where they are evaluated, in scales, the weights of objectives are to fit too.
+        Linearisation radius in scales: distance from the state of evaluation at which the weights
+        of objectives must still be suitable.
     inequality : float
-        Factor on the weights of inequality rows.
+        Factor on the weights of inequalities.
     row : mapping of dual neuron name to float
-        Further factors on single rows' penalties (1 where not given).
+        Further factors on the penalties of single constraints; default 1.
 
     Raises
     ------
@@ -212,7 +202,7 @@ class Recipe:
 
 
 WITH_COORDINATORS = Recipe()
-"""Factors that go with the pyramid."""
+"""Gain rule of the multilevel preconditioner."""
 
 
 WITHOUT_COORDINATORS = Recipe(
@@ -223,7 +213,7 @@ WITHOUT_COORDINATORS = Recipe(
     target=1.2,
     kind=Kind.TIME_CONSTANTS,
 )
-"""Factors for neighbour wiring alone."""
+"""Gain rule of the diagonal preconditioner (neighbour wiring only)."""
 
 
 RECIPES = {
@@ -233,23 +223,22 @@ RECIPES = {
     Kind.PYRAMID: WITH_COORDINATORS,
     Kind.TIME_CONSTANTS: WITHOUT_COORDINATORS,
 }
-"""Recipes at which the search begins for each kind of metric, fastest kind first."""
+"""Initial gain rules of the preconditioner kinds, fastest kind first."""
 
 SWEEPS = (0, 16, 60)
-"""Sweeps of the equilibration of the rows that are compared."""
+"""Equilibration sweeps that are compared."""
 
 STEADIER = ((1.0, 0.3, 1.0), (2.0, 0.3, 1.0), (2.0, 0.3, 1.5), (4.0, 0.3, 1.5))
-"""Factors on the penalty, on the rates of states and on those of multipliers of recipes that are
-slower at the end and swing less on the way there."""
+"""Factors on the penalty and on the rates of states and of multipliers. The resulting rules are
+slower
+at the end and oscillate less on the way.
+"""
 
 
 def recipe_of_first_run(recipe: Recipe | None) -> Recipe:
-    """Return the factors of a first run, which has no grid: it knows no settled point yet.
+    """Return the gain rule of a first run, never a grid: no settled point is known.
 
-    Parameters
-    ----------
-    recipe : Recipe or None
-        Fixed by the caller.
+    `recipe` is the rule fixed by the caller, or None.
     """
     if recipe is None or recipe.kind in (Kind.GRID, Kind.TREE):
         return WITH_COORDINATORS
@@ -257,18 +246,9 @@ def recipe_of_first_run(recipe: Recipe | None) -> Recipe:
 
 
 def base_penalty(linear: Linearisation | MeanLinearisation) -> float:
-    """rho_0: the largest ratio of cost curvature to squared constraint gain of a neuron.
+    """Return rho_0, the largest ratio of cost curvature to squared constraint gain.
 
-    It is 1 where nothing has curvature.
-
-    Parameters
-    ----------
-    linear : Linearisation
-
-    Returns
-    -------
-    float
-        In network units.
+    The maximum is over the neurons, in network units. The result is 1 if nothing has curvature.
     """
     curvature = linear.cost_curvature().max(axis=1)
     coupling = linear.row_sums(linear.dual.astype(float)).max(axis=1)
@@ -279,22 +259,10 @@ def base_penalty(linear: Linearisation | MeanLinearisation) -> float:
 
 
 def weights_of_rows(linear: Linearisation | MeanLinearisation, recipe: Recipe) -> np.ndarray:
-    """Weights (P,) of the dual neurons' rows, zero for other neurons.
+    """Return the constraint weights (P,) of the dual neurons, zero for others.
 
-    Parameters
-    ----------
-    linear : Linearisation
-        At a state where it was evaluated.
-    recipe : Recipe
-
-    Returns
-    -------
-    (P,) array
-
-    Raises
-    ------
-    UnknownNameError
-        If the recipe names a row that is none; the message lists those that there are.
+    `linear` must be evaluated at a state. Raises `UnknownNameError` if the rule names an unknown
+    constraint; the message lists the known ones.
     """
     start = by_reach(linear) if recipe.by_reach else None
     weights = equilibrated(linear, base_penalty(linear), recipe.sweeps, start)
@@ -308,7 +276,7 @@ def weights_of_rows(linear: Linearisation | MeanLinearisation, recipe: Recipe) -
 
 
 def _factors(linear: Linearisation | MeanLinearisation, recipe: Recipe) -> np.ndarray:
-    """f of primal neurons and eta of duals, (P,)."""
+    """Return f of primal neurons and eta of duals, (P,)."""
     named = {"q": recipe.state, "t": recipe.target, "beta": recipe.dual_coupling}
     others = [recipe.control if primal else recipe.dual for primal in linear.primal]
     neurons = linear.network.cell.neurons
@@ -318,15 +286,16 @@ def _factors(linear: Linearisation | MeanLinearisation, recipe: Recipe) -> np.nd
 def closed_form(
     linear: Linearisation | MeanLinearisation, recipe: Recipe, boost: float = 1.0
 ) -> Gains:
-    """Gains at the state where ``linear`` was evaluated.
+    """Compute the gains of a rule at the state of a linearisation.
 
     Parameters
     ----------
     linear : Linearisation
-        At a state where it was evaluated, `Linearisation.at`.
+        Linearisation evaluated at a state by `Linearisation.at`.
     recipe : Recipe
+        Gain rule.
     boost : float
-        A factor on every penalty (the watchdog's rho neuron).
+        Factor on every penalty (the watchdog's rho neuron). Default 1.
 
     Returns
     -------
@@ -367,16 +336,9 @@ def closed_form(
 
 
 def steadier(kind: Kind) -> tuple[Recipe, ...]:
-    """Recipes of a kind of metric that settle from more starts, if later.
+    """Return gain rules that settle from more initial guesses, but later.
 
-    Parameters
-    ----------
-    kind : Kind
-        Of recipes in closed form: time constants or a pyramid.
-
-    Returns
-    -------
-    tuple of Recipe
+    `kind` must have a closed form: diagonal or multilevel.
     """
     own = RECIPES[kind]
     return tuple(

@@ -1,8 +1,8 @@
-"""Gains: what a design chooses or a hand sets, and how a network gets them.
+"""Gains of a network: rho, rates and preconditioner.
 
 Gains are rho (the weight of every PI path), 1 / tau of every neuron at every stage, and the
-metric. A network that is to be kept takes them as its constants (`apply_gains`); where many
-are tried, only the tape of a network does (`tape_with`).
+preconditioner. `apply_gains` makes them the constants of a network; for many trials, only the tape
+of a network is changed (`tape_with`).
 """
 
 from __future__ import annotations
@@ -28,20 +28,21 @@ from ann_dc.validation.values import FloatOrNan, OrNan, Shape, such_as
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Gains:
-    """Everything that design chooses: constants of the frozen network.
+    """Designed or manual constants of a network.
 
     Attributes
     ----------
     rho : (P,) array
-        Weight of the path of every PI dual and diode neuron, zero for other neurons; P a cell.
+        Path weight of every PI dual and rectifying multiplier neuron, zero for other neurons; P
+        neurons per cell.
     rate : (P, N) array
         1 / tau of every neuron at every stage, in units of 1 / network time.
     metric : Metric
-        How drives become moves; time constants alone by default.
+        Preconditioner; diagonal by default.
 
     Examples
     --------
-    By hand, then every neuron twice as fast:
+    Manual gains, then every neuron twice as fast:
 
     >>> from ann_dc import plants, synthesize
     >>> network = synthesize(plants.double_integrator(N=5))
@@ -63,26 +64,27 @@ def hand_gains(
     rho: FloatOrNan | Mapping[str, FloatOrNan] = 0.0,
     tau: FloatOrNan | Mapping[str, FloatOrNan] = 1.0,
 ) -> Gains:
-    """Gains set by hand; without arguments the paper's plain network (rho = 0, tau = 1).
+    """Return manual gains; by default those of the paper's network (rho = 0, tau = 1).
 
     Parameters
     ----------
     network : Network
+        Network for which the gains are made.
     rho, tau : float or mapping
-        One number for all, or numbers by neuron (``mu.phi``) or population (``mu``); what is not
-        named keeps the default.
+        One number for all, or numbers by neuron (``mu.phi``) or population (``mu``). Other neurons
+        have the default, rho = 0 or tau = 1. tau is in units of network time.
 
     Returns
     -------
     Gains
-        With time constants alone for a metric.
+        Gains with a diagonal preconditioner.
 
     Raises
     ------
     DesignError
-        If a time constant is not positive or a penalty negative.
+        If a time constant is not positive or a penalty is negative.
     UnknownNameError
-        If there is no such neuron or population.
+        If a neuron or population does not exist.
 
     Examples
     --------
@@ -120,45 +122,19 @@ def hand_gains(
 
 
 def tape_with(network: Network, gains: Gains) -> Tape:
-    """A tape of the network with these gains.
-
-    Parameters
-    ----------
-    network : Network
-    gains : Gains
-
-    Returns
-    -------
-    Tape
-    """
+    """Return a tape of the network with these gains."""
     tape, row = tape_with_penalty(network, gains.rho), row_with(network, gains)
     return tape._replace(rates=row.rates, **metric_arrays(gains.metric, row))
 
 
 def row_with(network: Network, gains: Gains) -> Row:
-    """What a metric has to know of the network with these gains.
-
-    Parameters
-    ----------
-    network : Network
-    gains : Gains
-    """
+    """Return the cell array layout of a preconditioner for these gains."""
     tau = 1.0 / gains.rate  # rounded as the network itself will be
     return replace(network.row, rates=np.where(network.live, 1.0 / tau, 0.0))
 
 
 def check_gains(network: Network, gains: Gains) -> None:
-    """Refuse gains that are not finite or not positive, or those of a network of another size.
-
-    Parameters
-    ----------
-    network : Network
-    gains : Gains
-
-    Raises
-    ------
-    DesignError
-    """
+    """Raise `DesignError` if gains are not finite, not positive, or of the wrong size."""
     if gains.rate.shape != network.live.shape or gains.rho.shape != network.live.shape[:1]:
         raise DesignError(
             f"gains: expected rho of shape {network.live.shape[:1]} and rate of shape "
@@ -173,22 +149,25 @@ def check_gains(network: Network, gains: Gains) -> None:
 
 @checked
 def apply_gains(network: Network, gains: Gains) -> Network:
-    """The network with these gains as its constants.
+    """Return the network with these gains as its constants.
 
     Parameters
     ----------
     network : Network
+        Network to change.
     gains : Gains
+        Gains of a network of the same size.
 
     Returns
     -------
     Network
-        With these penalties, time constants and metric; it starts where it started.
+        Network with these penalties, time constants and preconditioner; its initial guess is
+        unchanged.
 
     Raises
     ------
     DesignError
-        If they are those of a network of another size, not finite, or not positive.
+        If the gains are those of a network of another size, not finite, or not positive.
 
     Examples
     --------

@@ -1,15 +1,16 @@
-r"""Gains of a network whose metric is the inverse of a stiffness between neighbours.
+r"""Gains of a preconditioner that is the inverse of a stiffness between neighbours.
 
-With H the Hessian of the Lagrangian and A the constraints' Jacobian at the settled point, A_0 that
-at the start, and the weights w_i of the rows,
+With H the Hessian of the Lagrangian and A the constraints' Jacobian at the settled point, A_0 the
+Jacobian at the initial guess, and the constraint weights w_i,
 
 .. math::
     M = (H + A^T W A + \theta D)^{-1}, \quad D_{jj} = \sum_i W_i (A_{ij} - A_{0,ij})^2, \quad
     W = c\, w, \quad c = \max\big(1.3\, \lambda_{max}(-Q_w), \tfrac14 \lambda_{max}(Q_w)\big),
 
-with Q_w the shadow stiffness in units of the weights. c keeps the stiffness positive definite (the
-penalty above rho*) and the multipliers as fast as the rest. D damps what changes along the way, so
-that the start is no stiffer than the end. The duals' rates are eta W.
+where Q_w is the inverse Schur complement (A H^-1 A')^-1 in units of the weights. c makes the
+stiffness positive definite (penalty above rho*) and the multipliers as fast as the rest. D damps
+changes of A along the trajectory, so that the initial guess is not stiffer than the end. The duals'
+rates are eta W.
 """
 
 from __future__ import annotations
@@ -37,23 +38,16 @@ from ann_dc.network.preconditioners.resistive_grid import Grid
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
 ABOVE_THRESHOLD = 1.3
-"""The penalty of a grid over rho*, at least."""
+"""Smallest ratio of a grid's penalty to rho*."""
 OF_SHADOW = 0.25
-"""The penalty of a grid over the largest shadow stiffness, at least."""
+"""Smallest ratio of a grid's penalty to the largest inverse Schur complement."""
 
 
 @dataclass(frozen=True, eq=False)
 class SettledPoint:
-    """What the gains of a frozen network are read off.
+    """Settled point `state` (n,), with the linearisation that determines the gains.
 
-    Every candidate of a freeze asks for the same few weights and shadows: they are kept.
-
-    Attributes
-    ----------
-    linear : Linearisation
-        At ``state``.
-    state : (n,) array
-        Where the first run settled.
+    Weights and inverse Schur complements are cached, since all candidates use the same few.
     """
 
     linear: Linearisation
@@ -67,7 +61,7 @@ class SettledPoint:
 
     @property
     def network(self) -> Network:
-        """Whose state it is."""
+        """Network of the state."""
         return self.linear.network
 
     @cached_property
@@ -77,20 +71,20 @@ class SettledPoint:
 
     @cached_property
     def changes(self) -> Any:
-        """(A - A_0)^2 (d, z), entry by entry, A_0 at the network's start."""
+        """Elementwise (A - A_0)^2 (d, z), with A_0 at the network's initial guess."""
         start = saddle_of(self.network, self.network.start_state, among=self.saddle)
         change = self.saddle.A - start.A
         return sparse.csr_array(change.multiply(change))
 
     @cached_property
     def resting(self) -> np.ndarray:
-        """(n,) booleans: which neurons stand at a rail."""
+        """Saturated neurons, (n,) of bool."""
         evaluator = fast_evaluator(self.network)
         return evaluator.resting(self.state, evaluator.drives(self.state))
 
     @cached_property
     def primal(self) -> np.ndarray:
-        """(z,) components of all primal neurons, those at a rail too."""
+        """Components (z,) of all primal neurons, saturated ones included."""
         return np.flatnonzero(self.linear.primal[self.network.places[:, 0]])
 
     @cached_property
@@ -98,9 +92,9 @@ class SettledPoint:
         return fast_evaluator(self.network)
 
     def trial(self, gains: Gains) -> FastEvaluator:
-        """Evaluator of the network with other gains, of which only a tape is made.
+        """Return an evaluator with other gains, of which only a tape is made.
 
-        There is one for all: it is of use until the next trial.
+        The evaluator is shared and valid until the next call.
         """
         if gains not in self._tapes:
             self._tapes[gains] = tape_with(self.network, gains)
@@ -108,7 +102,7 @@ class SettledPoint:
         return self._evaluator
 
     def augmented(self, penalty: np.ndarray) -> Any:
-        """H + A'WA (z, z), for penalties (d,) of the rows; sparse."""
+        """Return H + A'WA (z, z), sparse, for penalties (d,) of the constraints."""
         key = penalty.tobytes()
         if key not in self._stiff:
             A = self.saddle.A
@@ -116,7 +110,7 @@ class SettledPoint:
         return self._stiff[key]
 
     def row_weights(self, recipe: Recipe) -> np.ndarray:
-        """Weights (P,) of the dual neurons' rows, read-only; see `weights_of_rows`."""
+        """Return read-only constraint weights (P,) of the duals; see `weights_of_rows`."""
         key = recipe.sweeps, recipe.by_reach, recipe.inequality, frozenset(recipe.row.items())
         if key not in self._weights:
             self._weights[key] = _with_diodes(self.linear, recipe)
@@ -124,7 +118,7 @@ class SettledPoint:
         return self._weights[key]
 
     def shadow_range(self, weights: np.ndarray) -> tuple[float, float]:
-        """Ends of the shadow stiffness, for row weights (d,); see `Saddle.shadow_range`."""
+        """Return the range of the inverse Schur complement; see `Saddle.shadow_range`."""
         key = weights.tobytes()
         if key not in self._shadows:
             self._shadows[key] = self.saddle.shadow_range(weights)
@@ -132,12 +126,10 @@ class SettledPoint:
 
 
 def boost_of(settled: SettledPoint) -> float:
-    """Factor on the closed form's penalties that takes them above rho*, at least one.
+    """Return the factor that raises closed-form penalties above rho*, at least one.
 
-    Parameters
-    ----------
-    settled : SettledPoint
-        An optimum that no run has settled at: no watchdog has raised its penalties.
+    `settled` is an optimum at which no run has settled, so that no watchdog has raised its
+    penalties.
     """
     duals = [settled.network.neuron_index[dual.neuron] for dual in settled.network.cell.duals]
     penalties = closed_form(settled.linear, WITH_COORDINATORS).rho[duals]
@@ -146,7 +138,7 @@ def boost_of(settled: SettledPoint) -> float:
 
 
 def _with_diodes(linear: Linearisation, recipe: Recipe) -> np.ndarray:
-    """Weights (P,) of all rows; those of inequalities relate to the others as in closed form."""
+    """Return all weights (P,), inequalities relative to equalities as in closed form."""
     weights = weights_of_rows(linear, recipe)
     if linear.diode.any():
         own = {"sweeps": recipe.sweeps, "inequality": recipe.inequality}
@@ -159,27 +151,21 @@ def _with_diodes(linear: Linearisation, recipe: Recipe) -> np.ndarray:
 def grid_gains_of(
     points: Sequence[SettledPoint], weights: np.ndarray, recipe: Recipe, boost: float = 1.0
 ) -> Gains:
-    """Gains with a grid, or with a tree of the same metric.
+    """Return gains with a resistive grid, or with cyclic reduction of the same matrix.
+
+    Raises `DesignError` if the penalty lies below rho*, so that the stiffness is not positive
+    definite.
 
     Parameters
     ----------
     points : sequence of SettledPoint
-        One, or those of several inputs, of which the stiffness is the mean.
+        One point, or those of several inputs, whose stiffnesses are averaged.
     weights : (P,) array
-        Of the rows of the dual neurons.
+        Constraint weights of the dual neurons.
     recipe : Recipe
-        Its kind, path term, penalty and eta count.
+        Gain rule; its kind, path term, penalty and eta are used.
     boost : float
-        A factor on every penalty.
-
-    Returns
-    -------
-    Gains
-
-    Raises
-    ------
-    DesignError
-        If the penalty lies below rho*, so that the stiffness is not positive definite.
+        Factor on every penalty.
     """
     network = points[0].network
     _check(network, recipe.kind)
@@ -210,7 +196,7 @@ def grid_gains_of(
 def _felt(settled: SettledPoint, rho: np.ndarray, path: float) -> Any:
     """Return the stiffness (z, z) over all primal neurons, sparse.
 
-    That of H + A'WA and the path term; a neuron that rests at a rail has its own alone, by
+    The stiffness is H + A'WA plus the path term; a saturated neuron has only a diagonal entry, by
     Jacobi's rule.
     """
     saddle, place = settled.saddle, settled.network.places
@@ -233,9 +219,9 @@ def _felt(settled: SettledPoint, rho: np.ndarray, path: float) -> Any:
 
 
 def _shadow_range(points: Sequence[SettledPoint], weights: np.ndarray) -> tuple[float, float]:
-    """Ends of the shadow stiffness at all points, for weights (P,) of the rows.
+    """Return the range of the inverse Schur complement at all points, weights (P,).
 
-    Zero where no neuron is free to answer a push, or rows depend on each other.
+    The range is zero if no neuron is free, or if constraints are dependent.
     """
     ends = []
     for settled in points:
@@ -254,7 +240,7 @@ def _shadow_range(points: Sequence[SettledPoint], weights: np.ndarray) -> tuple[
 
 
 def _check(network: Network, kind: Kind) -> None:
-    """Refuse a network with neurons that H and A do not know."""
+    """Raise `DesignError` if a network has neurons that H and A do not contain."""
     tape = fast_evaluator(network).tape
     if (tape.roles == STATE).any() or network.cell.objectives:
         raise DesignError(
@@ -264,27 +250,12 @@ def _check(network: Network, kind: Kind) -> None:
 
 
 def stiffness_of(network: Network, G: Any, kind: Kind = Kind.GRID) -> tuple[np.ndarray, Stiffness]:
-    """A stiffness between neighbours as a metric.
+    """Return a stiffness between neighbours as a preconditioner.
 
-    Parameters
-    ----------
-    network : Network
-    G : (z, z) sparse array
-        Symmetric positive definite over the primal neurons, in the order of the state vector.
-    kind : Kind
-        `Kind.GRID` or `Kind.TREE`.
-
-    Returns
-    -------
-    diagonal : (z,) array
-        Of G: the time constants of the primal neurons.
-    stiffness : Grid or Tree
-        G with a unit diagonal.
-
-    Raises
-    ------
-    DesignError
-        If a diagonal entry is not positive, or G couples cells that are no neighbours.
+    G (z, z) is sparse and symmetric positive definite over the primal neurons, in the order of the
+    state vector; `kind` is `Kind.GRID` or `Kind.TREE`. Returns the diagonal (z,) of G, the time
+    constants of the primal neurons, and a `Grid` or `Tree` of G with a unit diagonal. Raises
+    `DesignError` if a diagonal entry is not positive, or G couples cells that are not neighbours.
     """
     diagonal = G.diagonal()
     if not (np.isfinite(diagonal).all() and (diagonal > 0).all()):

@@ -1,4 +1,4 @@
-"""Questions of a design to the problem behind its network."""
+"""Callbacks from a design to the problem behind its network."""
 
 from __future__ import annotations
 
@@ -11,44 +11,30 @@ from ann_dc.progress import Progress
 
 
 class Found(NamedTuple):
-    """An optimum that a search found.
-
-    Attributes
-    ----------
-    state : (n,) array
-        Equilibrium of the network.
-    by : str
-        Name of the search.
-    """
+    """Optimum of the search named `by`: an equilibrium `state` (n,) of the network."""
 
     state: np.ndarray
     by: str
 
 
 Doubt: TypeAlias = Callable[[np.ndarray], None]
-"""Asked at a state (n,) where a run stalls, overflows, leaves a domain, or settles where no penalty
-holds it; raises `Stopped` where there is nothing to be found."""
+"""Check at a state (n,) where a run stalls, overflows, leaves a domain, or settles where no penalty
+stabilises it; raises `Stopped` if the problem has no solution.
+"""
 
 Cost: TypeAlias = Callable[[np.ndarray], float]
 """Cost of a settled point (n,)."""
 
 Finder: TypeAlias = Callable[[np.ndarray, Progress], Found | None]
-"""Asked once, at the state (n,) of a run; returns a certified optimum, None if it finds none."""
+"""Search called once, at the state (n,) of a run; returns a certified optimum or None."""
 
 
 class Knowledge(NamedTuple):
-    """Answers of a problem; by default nothing is known.
+    """Callbacks of a problem; by default nothing is known.
 
-    Attributes
-    ----------
-    doubt : Doubt
-        Asked where a first run stalls.
-    cost : Cost
-        Of a settled point: a faster network is not taken where it settles to one that costs more.
-    finder : Finder
-        Asked for an optimum if the first run does not settle soon.
-    cheaper : Finder
-        Asked for an optimum that costs less than the one at which the first run settled.
+    `doubt` is called when a first run stalls. `cost` is that of a settled point: a faster network
+    that settles at a higher cost is rejected. `finder` searches for an optimum if the first run
+    does not settle soon, `cheaper` for one of lower cost than the point at which it settled.
 
     Examples
     --------
@@ -63,4 +49,4 @@ class Knowledge(NamedTuple):
 
 
 NOTHING = Knowledge()
-"""A network without a problem: its runs are on their own, and all settled points are alike."""
+"""Callbacks of a network without a problem: no checks, equal costs of all settled points."""

@@ -1,4 +1,4 @@
-"""Sample the neighbourhood in which a network with the same constants settles."""
+"""Sampled neighbourhood in which a network with fixed gains settles."""
 
 from __future__ import annotations
 
@@ -15,22 +15,18 @@ from ann_dc.progress import Progress, silent
 from ann_dc.validation.checked import checked
 
 SHARES = (0.05, 0.15)
-"""Deviations of starts and initial states, over the range of every neuron on the settled path."""
+"""Deviations of initial guesses and initial states, relative to each neuron's range."""
 SAMPLES = 8
-"""Samples of each."""
+"""Samples per deviation."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Neighbourhood:
-    """Shares of sampled starts and initial states from which a frozen network settles.
+    """Number of sampled initial guesses and states from which a network settles.
 
-    Attributes
-    ----------
-    starts : tuple of (float, int)
-        Standard deviation of the start's primal neurons, over their ranges, and how many of
-        `SAMPLES` starts settled.
-    inputs : tuple of (float, int)
-        The same of the initial state q_0; empty where the network has no such input.
+    `starts` contains pairs of the standard deviation of the initial primal neurons, relative to
+    their ranges, and how many of `SAMPLES` runs settled. `inputs` contains the same for the initial
+    state q_0; empty if the network has no such input.
     """
 
     starts: tuple[tuple[float, int], ...]
@@ -46,20 +42,9 @@ class Neighbourhood:
 
 @checked
 def neighbourhood(design: Design, *, seed: int = 0, progress: Progress = silent) -> Neighbourhood:
-    """Run a designed network from starts and initial states around its own.
+    """Run a designed network from initial guesses and states around the nominal ones.
 
-    Parameters
-    ----------
-    design : Design
-        With a network that settles.
-    seed : int
-        Of the draws.
-    progress : Progress
-        Takes a line a sample.
-
-    Returns
-    -------
-    Neighbourhood
+    The network must settle; `seed` seeds the samples. `progress` receives one line per sample.
 
     Examples
     --------
@@ -86,7 +71,7 @@ def neighbourhood(design: Design, *, seed: int = 0, progress: Progress = silent)
 
 
 def _moved(network: Network, names: list[str], span, share: float, rng) -> dict[str, float]:
-    """Initial states, each moved by a share of the range of its neuron."""
+    """Return initial states, each moved by a fraction of the range of its neuron."""
     moved = {}
     for name in names:
         neuron = network.neuron_index["q." + name.removeprefix("q_0.")]
@@ -96,7 +81,7 @@ def _moved(network: Network, names: list[str], span, share: float, rng) -> dict[
 
 
 def _settled(design: Design, networks: list[Network], progress: Progress) -> int:
-    """Return how many networks settle within the time that a rehearsal has."""
+    """Return the number of networks that settle within the time limit of a trial run."""
     pace, count = Pace.of(design.spectrum), 0
     limit = TRANSIENT + PATIENCE * design.best.ratio * np.log(1 / TOLERANCE)
     for number, network in enumerate(networks, 1):

@@ -1,14 +1,16 @@
-r"""Gains of the neurons that all cells share, where the largest of several objectives is minimised.
+r"""Gains of the shared neurons of a minimax objective.
 
-With M the metric and G the slopes of the objectives over all primal neurons, every row weighs
+With M the preconditioner and G the gradients of the objectives over all primal neurons, every
+objective has the weight
 
 .. math:: r = \frac{1}{\lambda_{max}(G M G^T)},
 
-so that no combination of rows is stiffer than one. Here the full metric
-is right: such a row touches every neuron, and there is one an objective. The level is as stiff as
-all rows together, 1 / tau = 1 / (p r); shares move like multipliers, and an objective is measured
-about as fast as the fastest neuron moves. At a temperature T the logarithm of a share leaks, and
-r is 1 / T at most; shares that add up to one are together as stiff as one row.
+so that no combination of these constraints is stiffer than one. The full preconditioner is correct
+here: such a constraint acts on every neuron, and there is one per objective. The level is as stiff
+as all of them together, 1 / tau = 1 / (p r). The weight neurons move like multipliers, and an
+objective is measured about as fast as the fastest neuron moves. At a temperature T the logarithm of
+a weight leaks, and r is at most 1 / T; weights that sum to one are together as stiff as one
+constraint.
 """
 
 from __future__ import annotations
@@ -27,23 +29,12 @@ MEASURING = 2.0
 def with_objectives(
     linear: Linearisation | MeanLinearisation, gains: Gains, share: float, away: float
 ) -> Gains:
-    """Gains with those of the shared neurons among them.
+    """Return gains that include those of the shared neurons.
 
-    Parameters
-    ----------
-    linear : Linearisation
-        At a state where it was evaluated.
-    gains : Gains
-        Of all other neurons, with their metric.
-    share : float
-        1 / tau of the shares.
-    away : float
-        How far from the present state, in scales, slopes are to fit too: where they are small,
-        they soon are larger.
-
-    Returns
-    -------
-    Gains
+    `linear` must be evaluated at a state; `gains` are those of all other neurons, with their
+    preconditioner. `share` is 1 / tau of the objective weights. `away` is the distance from the
+    present state, in scales, at which the weights must still be suitable: small gradients soon
+    become larger.
     """
     network, objectives = linear.network, linear.network.cell.objectives
     if not objectives:

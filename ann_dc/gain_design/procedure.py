@@ -1,12 +1,13 @@
-"""Design: from a wired network to a frozen one, whose constants are R*C values.
+"""Gain design: from a wired network to constant gains, realised as R*C values.
 
-1. First run with scheduled gains, to a settled point (`scheduled_run`).
-2. Freeze (`freeze`): the closed form once more at that point, for each kind of metric that is
-   allowed and each way to weigh the rows. Of those with small ratios of the spectrum the one wins
-   that settles fastest from the start, with constant gains (`rehearsal`).
-3. Where networks settle to another point than the first run, the freeze is done once more there.
-   Where the best is slow, another first run, with equal rows to its end, may find another settled
-   point, and networks that settle there several times faster.
+1. First run with gain scheduling, to a settled point (`scheduled_run`).
+2. Candidates (`freeze`): the closed form is evaluated at that point for every allowed
+   preconditioner kind and several constraint weights. Of the candidates with small stiffness
+   ratios, the one that settles fastest from the initial guess with constant gains is chosen
+   (`rehearsal`).
+3. If networks settle to another point than the first run, step 2 is repeated there. If the best is
+   slow, another first run, with equal weights throughout, may find another settled point with
+   networks that settle several times faster.
 4. Optional refinement (`refinement`) of all gains along the gradients of the eigenvalues.
 """
 
@@ -41,33 +42,34 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Own, such_as
 
 ALTERNATIVES = 2
-"""Other gains that are run where those of a design end elsewhere."""
+"""Number of other gains that are run if those of a design settle elsewhere."""
 
 
 @such_as("ann_dc.design(problem)")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Design:
-    """What was designed, and why.
+    """Designed gains of a network, with the reasons for their choice.
 
     Attributes
     ----------
     network : Network
-        The frozen network: constant rho, time constants, metric; it starts where the given one
-        started.
+        Network with constant rho, time constants and preconditioner; its initial guess is that of
+        the given network unless ``start`` names a preset.
     gains : Gains
+        Gains of ``network``.
     first : FirstRun
-        How the settled point was found.
+        Run that found the settled point.
     state : (n,) array
-        The settled point to which the gains belong: where the first run ended, or another one to
-        which the frozen network settled from its start.
+        Settled point of the gains: the end of the first run, or another point to which the network
+        with fixed gains settled from its initial guess.
     start : str
-        Which preset the network starts from; empty if it starts where the given one does.
+        Preset that is the initial guess; empty for the given initial guess.
     best : Candidate
-        The metric, the factors and the penalty that won, with the spectrum at the settled point.
+        Chosen preconditioner, factors and penalty, with the spectrum at the settled point.
     candidates : tuple of Candidate
-        Everything that was compared.
+        All candidates compared.
     rho_star : float
-        The penalty above which H + rho A'A is positive definite (network units).
+        Penalty threshold above which H + rho A'A is positive definite (network units).
 
     Examples
     --------
@@ -90,13 +92,14 @@ class Design:
 
     @property
     def settled(self) -> bool:
-        """Whether the first run settled."""
+        """True if the first run settled."""
         return self.first.settled
 
     def alternatives(self) -> Iterator[Design]:
-        """Yield designs for the same settled point, for when a run of this one ends elsewhere.
+        """Yield designs for the same settled point, for use if a run settles elsewhere.
 
-        With other gains that settled in a rehearsal, the fastest first; then from presets.
+        The first designs have other gains that settled in a trial run, the fastest first; the next
+        ones start from presets.
         """
         others = (c for c in self.candidates if c is not self.best and c.settling < np.inf)
         for candidate in itertools.islice(others, ALTERNATIVES):
@@ -109,7 +112,7 @@ class Design:
 
     @property
     def reason(self) -> str:
-        """Reason for the metric: the chosen candidate, then the best one of every other kind."""
+        """Results of the chosen candidate and of the best candidate of every other kind."""
         unsettled = "" if self.first.settled else "no optimum to read a grid off; "
         others = (
             min(found, key=lambda candidate: candidate.rank)
@@ -121,22 +124,22 @@ class Design:
 
     @property
     def spectrum(self) -> Spectrum:
-        """Of the frozen network at the settled point."""
+        """Spectrum of the network with fixed gains at the settled point."""
         return self.best.spectrum
 
     @checked
     def predicted_settling(self, tolerance: float = 1e-6) -> float:
-        """Network time that the slowest mode needs: ln(1/tolerance) / |abscissa|.
+        """Compute the network time of the slowest mode: ln(1/tolerance) / |abscissa|.
 
         Parameters
         ----------
         tolerance : float
-            What a deviation falls to, relative to its start.
+            Final deviation relative to the initial deviation. Default 1e-6.
 
         Returns
         -------
         float
-            In units of network time; infinite where the point repels.
+            Settling time in units of network time; infinite if the point is unstable.
         """
         abscissa = self.spectrum.abscissa
         return float(np.log(1 / tolerance) / -abscissa) if abscissa < 0 else float("inf")
@@ -181,40 +184,33 @@ def design(
     progress: Progress = silent,
     knowledge: Knowledge = NOTHING,
 ) -> Design:
-    """Choose rho, time constants and metric of a network.
+    """Choose rho, time constants and preconditioner of a network.
+
+    Returns a `Design` for every outcome; check ``settled``. Raises `DesignError` if the network has
+    no PI duals, its numbers overflow, no kind is allowed, or the only allowed kind has no
+    preconditioner.
 
     Parameters
     ----------
     network : Network
-        With PI duals.
+        Network with proportional-integral multiplier neurons (PI duals).
     kinds : iterable of Kind
-        The metrics among which to choose; all by default. Where the first run does not settle, a
-        pyramid stands in for a grid or a tree.
+        Allowed preconditioner kinds; all by default. If the first run does not settle, a multilevel
+        preconditioner replaces a grid or a tree.
     recipe : Recipe, optional
-        Fixes the closed form's factors and the kind of metric, whatever ``kinds`` says; the best
-        of `RECIPES` by default.
+        Fixes the factors of the closed form and the preconditioner kind, regardless of ``kinds``;
+        the best of `RECIPES` by default.
     refine : Objective, optional
-        Refine all gains afterwards, along the gradients of the eigenvalues, so that this becomes
-        small: `SETTLING_TIME` for continuous time, `STEPS` or `TWO_PHASE_STEPS` for recurrent
-        layers. Some 20 seconds.
+        Minimise this objective afterwards, along the gradients of the eigenvalues: `SETTLING_TIME`
+        for continuous time, `STEPS` or `TWO_PHASE_STEPS` for recurrent layers. Takes about 20
+        seconds.
     limit : int
         Largest number of steps of the first run.
     progress : Progress
-        Takes one line at a time on what is going on; where it raises `Stopped`, the design ends
-        with the closed form at the state of that moment.
+        Receives one status line at a time. If it raises `Stopped`, the design ends with the closed
+        form at the current state.
     knowledge : Knowledge
-        Of the problem behind the network.
-
-    Returns
-    -------
-    Design
-        Whatever the outcome: a first run that does not settle says so in ``settled``.
-
-    Raises
-    ------
-    DesignError
-        If the network has no PI duals, its numbers overflow, no kind is allowed, or there is no
-        metric of the only kind that is.
+        Callbacks of the problem behind the network.
 
     Examples
     --------
@@ -259,7 +255,7 @@ def design(
 def _compared(
     freeze: Choice, settled: SettledPoint, limit: int
 ) -> tuple[SettledPoint, tuple[Candidate, ...], str]:
-    """The settled point that is kept, all candidates there, and which presets they start from."""
+    """Return the chosen settled point, all candidates there, and their preset."""
     if freeze.first.ended:
         raise freeze.first.ended
     return freeze.best(settled, limit)
@@ -279,7 +275,7 @@ def _allowed(kinds: Iterable[Kind]) -> tuple[Kind, ...]:
 
 
 def _wirable(network: Network, kinds: tuple[Kind, ...]) -> tuple[Kind, ...]:
-    """Those of the kinds that a network can have: objectives act past every stiffness."""
+    """Return the kinds that a network can have: objectives act beyond every stiffness."""
     if not network.cell.objectives:
         return kinds
     found = tuple(kind for kind in kinds if kind not in (Kind.GRID, Kind.TREE))
@@ -292,7 +288,7 @@ def _wirable(network: Network, kinds: tuple[Kind, ...]) -> tuple[Kind, ...]:
 
 
 def _verdict(candidate: Candidate) -> str:
-    """What became of a kind."""
+    """Return the trial result of a candidate, as text."""
     if candidate.settling < np.inf:
         outcome = f"settles in {candidate.settling:.0f} fastest time constants"
     elif candidate.settling == np.inf:
@@ -305,7 +301,7 @@ def _verdict(candidate: Candidate) -> str:
 def _frozen(
     settled: SettledPoint, first: FirstRun, found: tuple[Candidate, ...], start: str
 ) -> Design:
-    """The network with the gains of the best candidate as its constants."""
+    """Return the design with the gains of the best candidate as constants."""
     network, gains = settled.network, found[0].gains
     known = threshold_of(settled.saddle) if first.settled else float("nan")
     return Design(

@@ -1,10 +1,10 @@
-"""Refinement: faster gains near the best candidate, with the same wires, by eigenvalue gradients.
+"""Refinement of the best candidate's gains by eigenvalue gradients.
 
-The logarithms of time constants, penalties and coarse gains are moved by L-BFGS until the slowest
-mode is as fast as it gets, on the average of the network as designed and of some copies whose
-gains are all a few per cent off: an optimum that holds only for exact gains is worth little. The
-smoothed maximum over the modes is sharpened on the way. What is found is taken only if it is
-better and its constant gains settle from the start.
+The wires are unchanged. L-BFGS varies the logarithms of time constants, penalties and coarse gains
+to minimise the time of the slowest mode. The objective is an average over the designed network and
+copies with random errors of a few per cent in all gains. An optimum for exact gains only would be
+of little use. The smoothed maximum over the modes is sharpened during the search. A result is
+accepted only if it is better and its constant gains settle from the initial guess.
 """
 
 from __future__ import annotations
@@ -36,26 +36,26 @@ from ann_dc.progress import Paced, Progress, silent
 from ann_dc.timing import phase
 
 SECONDS = 20.0
-"""What a refinement may take, of processor time: what else runs does not change what is found."""
+"""Limit of processor time in seconds; independent of the load of the machine."""
 STAGES = ((30.0, 1, 0.6), (150.0, 3, 1.0))
-"""One search after the other: p of the smoothed maximum, copies, share of the time at its end."""
+"""Successive searches: p of the smoothed maximum, copies, fraction of the time at the end."""
 ITERATIONS = 150
-"""Of L-BFGS in one stage."""
+"""Largest number of L-BFGS iterations of one stage."""
 ERROR = 0.05
 """Standard deviation of the logarithms of all gains of a copy."""
 LARGEST_FACTOR = 1e3
-"""How far from the given gains a search may go, either way."""
+"""Largest factor from the given gains, in either direction."""
 FLOOR = 0.1
-"""Decay, as a share of that of the given gains, below which the objective goes on straight."""
+"""Decay, relative to that of the given gains, below which the objective is linear."""
 WAYS_BACK = (1.0, 0.5, 0.25)
-"""Shares of the way to the optimum (of the logarithms) that are tried until one settles."""
+"""Fractions of the (logarithmic) distance to the optimum, tried until one settles."""
 
 
 class Freedom(enum.Enum):
-    """What may be chosen by itself; the value is the sentence that a user reads.
+    """Independent gains of a refinement; the value is the sentence that is displayed.
 
-    Penalties are numbers of the row's dual neuron in any case, and a dual rate follows its penalty
-    in proportion, times a factor of its own.
+    Penalties always belong to the dual neuron of a constraint. A dual rate is proportional to its
+    penalty, times an independent factor.
     """
 
     RECIPE = "a rate a population, a penalty a state component, one coarse gain"
@@ -73,30 +73,24 @@ def refined(
     freedom: Freedom = Freedom.NEURON,
     objective: Objective = SETTLING_TIME,
 ) -> Candidate:
-    """A better candidate than ``best`` with the same wires, or ``best`` itself.
+    """Return a better candidate than ``best`` with the same wires, or ``best`` itself.
 
-    Every evaluation takes all eigenvalues with their vectors; above `DENSE_LIMIT` neurons that is
-    too much, and ``best`` comes back with a line that says so.
+    Every evaluation computes all eigenvalues and eigenvectors. Above `DENSE_LIMIT` neurons this is
+    too expensive, and ``best`` is returned with a message.
 
     Parameters
     ----------
-    settled : SettledPoint
     best : Candidate
-        With a finite ratio.
+        Candidate with a finite stiffness ratio.
     progress : Progress
-        Takes the best so far, twice a second.
+        Receives the best result so far, twice a second.
     seconds : float
-        Of processor time, after which the search ends; its last evaluation and the check whether
-        the gains settle come on top.
+        Processor time in seconds after which the search ends. The last evaluation and the settling
+        check take additional time.
     freedom : Freedom
-        What may be chosen by itself.
+        Independent gains.
     objective : Objective
-        What is to be small.
-
-    Returns
-    -------
-    Candidate
-        Of the same recipe, its gains changed.
+        Quantity to minimise.
     """
     began, network, state = clock.process_time(), settled.network, settled.state
     if network.size > DENSE_LIMIT:
@@ -124,20 +118,11 @@ def refined(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Variation:
-    """Gains around given ones by the logarithms x of the factors that are changed.
+    """Gains around given gains, as functions of x: log gains = log given + share x.
 
-    Attributes
-    ----------
-    network : Network
-    given : Gains
-        At x = 0.
-    flow : DenseFlow
-        At the settled point.
-    objective : Objective
-    gains : (g,) array
-        The given ones as `DenseFlow` takes them, with the best step.
-    share : (g, v) array
-        How much of the v variables every gain takes: log gains = log given + share x.
+    `given` are the gains at x = 0, `gains` (g,) the same as a `DenseFlow` vector with the best
+    step, and `flow` is the flow at the settled point. `share` (g, v) contains the coefficients of
+    the v variables.
     """
 
     network: Network
@@ -156,20 +141,7 @@ class Variation:
         freedom: Freedom,
         objective: Objective,
     ) -> Variation:
-        """All that ``freedom`` lets vary around given gains, at a settled state (n,).
-
-        Parameters
-        ----------
-        network : Network
-        state : (n,) array
-        given : Gains
-        freedom : Freedom
-        objective : Objective
-
-        Returns
-        -------
-        Variation
-        """
+        """Return the variation allowed by ``freedom`` at a settled state (n,)."""
         saddle = saddle_of(network, state)
         row = replace(network.row, rates=np.where(network.live, given.rate, 0.0))
         flow = DenseFlow(saddle=saddle, metric=dense_metric(given.metric, row, saddle.primal))
@@ -191,16 +163,16 @@ class Variation:
         )
 
     def at(self, x: np.ndarray) -> np.ndarray:
-        """Gains (g,) as `DenseFlow` takes them."""
+        """Return the gains (g,) as a `DenseFlow` vector."""
         return self.gains * np.exp(self.share @ x)
 
     def is_better(self, x: np.ndarray) -> bool:
-        """Whether the objective, not smoothed, is smaller at x than at zero."""
+        """Return True if the unsmoothed objective is smaller at x than at zero."""
         slowness = self.flow.slowness
         return slowness(self.at(x), self.objective) < slowness(self.gains, self.objective)
 
     def gains_at(self, x: np.ndarray) -> Gains:
-        """The gains of a network."""
+        """Return the gains of a network."""
         saddle, live = self.flow.saddle, self.network.live
         primal, dual, penalty, nodes, _ = self.flow.split(np.exp(self.share @ x))
         neuron, stage = self.network.places.T
@@ -220,22 +192,10 @@ class Variation:
 
 
 def best_step(network: Network, state: np.ndarray, gains: Gains, objective: Objective) -> float:
-    """The step that an order of steps settles with in fewest steps, near a settled state.
+    """Return the step h that needs the fewest steps to settle, near a settled state.
 
-    Parameters
-    ----------
-    network : Network
-    state : (n,) array
-        The settled point.
-    gains : Gains
-        Of the network.
-    objective : Objective
-        `STEPS` or `TWO_PHASE_STEPS`.
-
-    Returns
-    -------
-    float
-        h, in units of network time.
+    `gains` are those of the network at the settled `state` (n,), `objective` is `STEPS` or
+    `TWO_PHASE_STEPS`. h is in units of network time.
 
     Examples
     --------
@@ -263,7 +223,7 @@ def best_step(network: Network, state: np.ndarray, gains: Gains, objective: Obje
 def _share(
     network: Network, flow: DenseFlow, metric: Metric, freedom: Freedom, objective: Objective
 ) -> np.ndarray:
-    """(g, v): which variables every gain takes."""
+    """Return the coefficients (g, v) of the variables in every gain."""
     neurons = network.cell.neurons
     rates: dict[Freedom, Callable[[int, int], Hashable]] = {
         Freedom.RECIPE: lambda neuron, stage: neurons[neuron].population,
@@ -288,17 +248,17 @@ def _share(
 
 
 def _indicator(labels: Sequence[Hashable]) -> np.ndarray:
-    """One column a label, in the order in which they appear."""
+    """Return an indicator matrix with one column per label, in order of appearance."""
     columns = {label: column for column, label in enumerate(dict.fromkeys(labels))}
     return np.eye(len(columns))[[columns[label] for label in labels]]
 
 
 class _Spent(Exception):
-    """The time is over."""
+    """Raised when the time limit is reached."""
 
 
 class _Search:
-    """L-BFGS under way: the clock, the copies, and the best so far."""
+    """L-BFGS search: clock, copies, and best result."""
 
     def __init__(self, around: Variation, began: float, seconds: float, progress: Progress) -> None:
         self.around, self.tell = around, Paced(progress)
@@ -314,7 +274,7 @@ class _Search:
             self._stage(sharpness, copies, began + share * seconds)
 
     def _stage(self, sharpness: float, copies: int, deadline: float) -> None:
-        """From the best so far, which is the best of this stage at first."""
+        """Run one search from the best result; the first evaluation resets the best value."""
         self.sharpness, self.deadline = sharpness, deadline
         self.factors, self.smallest = self.errors[: 1 + copies], np.inf
         from scipy.optimize import minimize  # loads slowly, and few refine
@@ -331,7 +291,7 @@ class _Search:
             )
 
     def _average(self, x: np.ndarray) -> tuple[float, np.ndarray]:
-        """Value and gradient of the objective over all copies."""
+        """Return value and gradient of the objective, averaged over all copies."""
         around, gains, found = self.around, self.around.at(x), []
         for factors in self.factors:
             if clock.process_time() > self.deadline:

@@ -1,7 +1,7 @@
-"""Presets: starts from which a network settles at a known optimum when it does not from its own.
+"""Presets: initial guesses near a known optimum that a network does not reach.
 
-Only the primal neurons are preset, with the path of the optimum or with a few stages of it; all
-multipliers start at zero, but in the last resort, a state near the optimum itself.
+Only the primal neurons are preset, with the path of the optimum or a few stages of the path. All
+multipliers start at zero, except in the last preset, a state near the optimum.
 
 References
 ----------
@@ -23,42 +23,26 @@ from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.network.network import Network
 
 KNOTS = 6, 12, 24, 48, 96
-"""Stages of the found path that coarse presets keep."""
+"""Numbers of stages of the found path in coarse presets."""
 LEAST = 12, 24, 48, 240, 480
-"""Stages that a row exceeds to be tried from each of them: long rows are stiffer, and need more."""
+"""Horizons above which each coarse preset is tried; longer arrays are stiffer."""
 COARSE = tuple(f"{knots} stages of the found path" for knots in KNOTS)
-"""Words of the coarse presets."""
+"""Descriptions of the coarse presets."""
 NEARBY = 0.05
-"""Share of the way from an optimum to the network's own start at which the nearest preset lies."""
+"""Distance of the nearest preset from the optimum, relative to the network's initial guess."""
 
 
 class Preset(NamedTuple):
-    """A start of a network.
-
-    Attributes
-    ----------
-    words : str
-        What it is, for a sentence that says from where a network settles.
-    state : (n,) array
-    """
+    """Initial guess `state` (n,) of a network, and its description for messages."""
 
     words: str
     state: np.ndarray
 
 
 def presets_of(network: Network, state: np.ndarray) -> Iterator[Preset]:
-    """Yield starts that are nearer and nearer to an optimum.
+    """Yield initial guesses that approach an optimum.
 
-    Parameters
-    ----------
-    network : Network
-        With its own start.
-    state : (n,) array
-        The optimum.
-
-    Yields
-    ------
-    Preset
+    `network` has its default initial guess; `state` (n,) is the optimum.
 
     Examples
     --------
@@ -82,21 +66,16 @@ def presets_of(network: Network, state: np.ndarray) -> Iterator[Preset]:
 
 
 def places_of(settled: SettledPoint) -> Iterator[tuple[str, SettledPoint]]:
-    """Yield a settled point with its network at each preset, after the words of the preset.
-
-    Parameters
-    ----------
-    settled : SettledPoint
-    """
+    """Yield the description of each preset and a settled point of its network."""
     for words, state in presets_of(settled.network, settled.state):
         linear = Linearisation(settled.network.with_start(state)).at(settled.state)
         yield words, SettledPoint(linear, settled.state)
 
 
 def _coarse(path: np.ndarray, count: int) -> np.ndarray:
-    """Return a path (P, N) between a number of its stages as straight lines.
+    """Return a path (P, N) as straight lines between a number of its stages.
 
-    Each next stage is the one that the lines between the others miss by most, as in [1]_.
+    The next stage is the one with the largest interpolation error, as in [1]_.
     """
     stages, knots = np.arange(path.shape[1]), [0, path.shape[1] - 1]
     span = np.ptp(path, axis=1, keepdims=True)

@@ -1,15 +1,15 @@
-r"""The first run: from a naive start to a settled point, with gains recomputed on the way.
+"""First run with gain scheduling, from a naive initial guess to a settled point.
 
-Forward Euler steps in the two-phase order (primal first, then duals on the new residual), which
-is the simultaneous recurrence on the augmented Lagrangian with rho + h/tau_dual (exactly, as long
-as no step is shortened). Every `CHUNK` steps the closed form is evaluated again at the current
-state. A watchdog looks at windows of `PATIENCE` steps: one that improves on the best so far by less
-than 3 % doubles the penalty (a rho neuron), and where the state is adrift (residual above `ADRIFT`)
-the run starts again; so does one beyond `LARGEST_BOOST`, with smaller moves, while one that is near
-keeps that penalty. A run that has not settled with equal rows after `EQUAL_ROWS` steps goes on
-with equilibrated ones, which make slow problems several times faster and quick ones a bit slower.
-Where a run stalls, or settles at a saddle, someone who knows the problem may be asked whether there
-is anything to be found (`Knowledge`).
+Forward Euler steps in the two-phase order (primal, then duals on the new residual) equal the
+simultaneous recurrence on the augmented Lagrangian with rho + h/tau_dual. The equality is exact if
+no step is shortened. Every `CHUNK` steps the closed form is evaluated at the current state.
+
+A watchdog checks windows of `PATIENCE` steps. A window that improves on the best residual by less
+than 3 % doubles the penalty (a rho neuron), and the run restarts if its residual is above `ADRIFT`.
+Beyond `LARGEST_BOOST` such a run restarts with smaller steps, while a run near the solution stays
+at that penalty. After `EQUAL_ROWS` steps the constraint weights are equilibrated, which makes slow
+problems several times faster and fast ones slightly slower. If a run stalls or settles at a saddle
+point, callbacks of the problem (`Knowledge`) check whether a solution exists.
 """
 
 from __future__ import annotations
@@ -33,55 +33,53 @@ from ann_dc.progress import Progress, Stopped, silent
 from ann_dc.timing import phase
 
 LONGEST_RUN = 60_000
-"""Steps, restarts included, after which a first run is given up."""
+"""Steps, restarts included, after which a first run ends."""
 EQUAL_ROWS = 1000
-"""Steps after which the rows are equilibrated."""
+"""Steps after which the constraint weights are equilibrated."""
 SWEEPS = 16
 """Sweeps of that equilibration."""
 CHUNK = 25
 """Steps between two evaluations of the closed form."""
 STEP = 1.2
-"""Step times the largest eigenvalue of M (H + A'WA), M the metric."""
+"""Step times the largest eigenvalue of M (H + A'WA), M the preconditioner."""
 PATIENCE = 400
 """Steps of a window of the watchdog."""
 WARM_UP = 100
-"""Steps after a start during which the watchdog does not look: the residual starts low."""
+"""Steps after a start that the watchdog ignores: the initial residual is low."""
 IMPROVEMENT = 0.97
-"""A window is a success when its best residual is below this share of the best so far."""
+"""Ratio of a window's best residual to the best so far, below which it is a success."""
 ADRIFT = 0.1
-"""Residual above which a stalled run starts again instead of going on."""
+"""Residual above which a stalled run restarts instead of continuing."""
 LARGEST_BOOST = 64.0
-"""Boost beyond which a run that is adrift starts again from 1, with half the slew."""
+"""Penalty factor above which a run far from the solution restarts from 1, with half the slew."""
 SHORTEST_SPAN = 0.5
-"""Span that a chain is given at least: a state that ends where it began may have to move too."""
+"""Smallest span of a chain: a state that ends at its initial value may also move."""
 SLEW = 0.15
-"""Largest move of a chain's neuron in a step, as a share of the chain's span. A step that would
-move one further is shortened for all neurons alike: if only that one were held back, the duals
-would wind up against it."""
+"""Largest step of a chain's neuron relative to the chain's span. A longer step is shortened for all
+neurons alike; if only one neuron were limited, the duals would wind up against the limit.
+"""
 LARGEST_SHARE = 2.0
-"""Share of an objective, of shares that add up to one, beyond which a chunk is taken back."""
+"""Weight of an objective, of weights that sum to one, above which a chunk is undone."""
 AWAY = 0.5
-"""How far from where it is a run then looks, at least, for the slopes of objectives; twice as far
-each time, and a tenth less after every chunk that is kept."""
+"""Smallest distance, in scales, that gradients of objectives must then cover; doubled each time,
+reduced by a tenth after every accepted chunk.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstRun:
-    """What the first run found.
+    """Result of the first run.
 
     Attributes
     ----------
-    state : (n,) array
-        The last state.
     settled : bool
-        Whether the relative KKT residual fell below the tolerance.
-    steps : int
+        True if the relative KKT residual at the last `state` (n,) is below the tolerance.
     boost : float
-        Factor on the penalties that the watchdog arrived at.
+        Final penalty factor of the watchdog.
     ended : Stopped or None
-        Who ended it before it settled, and why.
+        Cause of an end before the run settled.
     found_by : str
-        Name of the search that found the state, an optimum; empty if the run itself settled there.
+        Name of the search that found the state, an optimum; empty if the run settled there.
     """
 
     state: np.ndarray
@@ -103,35 +101,30 @@ def first_run(
     progress: Progress = silent,
     knowledge: Knowledge = NOTHING,
 ) -> FirstRun:
-    """Run a network from its start until its relative KKT residual is below ``tolerance``.
+    """Run a network until its relative KKT residual is below ``tolerance``.
+
+    The result is returned for every outcome. The network must have PI duals; its gains are not
+    used.
 
     Parameters
     ----------
-    network : Network
-        With PI duals; its own gains are not used.
     recipe : Recipe
         Factors of the closed form.
-    tolerance : float
     limit : int
         Largest number of steps, restarts included.
     equal_rows : int
-        Steps after which the rows are equilibrated.
+        Steps after which the constraint weights are equilibrated.
     progress : Progress
-        Takes one line a chunk.
+        Receives one line per chunk.
     knowledge : Knowledge
-        Its doubt is asked where the run stalls; its finder when the run is lost, or has not settled
-        after ``equal_rows`` steps; if it settles, whether there is something cheaper.
-
-    Returns
-    -------
-    FirstRun
-        However it ended.
+        Its `doubt` is called when the run stalls; its `finder` when the run is lost or has not
+        settled after ``equal_rows`` steps; its `cheaper` when the run settles.
     """
     return _Schedule(network, recipe, equal_rows, knowledge).run(tolerance, limit, progress)
 
 
 class _Schedule:
-    """A first run under way: state, penalty boost, slew and watchdog."""
+    """State of a first run: network state, penalty factor, slew and watchdog."""
 
     def __init__(
         self, network: Network, recipe: Recipe, equal_rows: int, knowledge: Knowledge
@@ -149,12 +142,12 @@ class _Schedule:
         self._begin()
 
     def _begin(self) -> None:
-        """To the start, with a fresh watchdog."""
+        """Reset to the initial guess, with a new watchdog."""
         self.x = self.start.copy()
         self.age, self.window, self.best = 0, np.inf, np.inf
 
     def _slew(self) -> np.ndarray:
-        """Largest move of every state component (n,) in a step; only chains are limited."""
+        """Return the largest step of every state component (n,); only chains are limited."""
         values = self.network.unpack(self.start)
         slew = np.full(len(values), np.inf)
         for chain in self.network.cell.chains:
@@ -191,7 +184,7 @@ class _Schedule:
         )
 
     def _advance(self, tolerance: float) -> tuple[int, float]:
-        """(outcome, residual) of a chunk, after which the watchdog has looked."""
+        """Run a chunk and the watchdog; return outcome and residual."""
         before = self.x.copy()
         done, last, outcome = self._chunk(tolerance)
         self._look_ahead(before)
@@ -212,7 +205,7 @@ class _Schedule:
         return outcome, last
 
     def _found_by(self, ask: Finder, progress: Progress) -> str:
-        """Name who has found an optimum, which is the state then; somebody is asked once."""
+        """Call a finder once, adopt its optimum, and return its name."""
         if self.is_asked:
             return ""
         self.is_asked = True
@@ -223,7 +216,7 @@ class _Schedule:
         return found.by
 
     def _look_ahead(self, before: np.ndarray) -> None:
-        """A chunk that took a share too far is taken back, for the next one to be more careful."""
+        """Undo a chunk in which a weight grew too far; evaluate the next more carefully."""
         if not len(self.linear.shares):
             return
         away = 0.9 * self.recipe.away
@@ -233,19 +226,19 @@ class _Schedule:
         self.recipe = replace(self.recipe, away=away)
 
     def _equilibrate(self) -> None:
-        """From here on with equilibrated rows, for which the watchdog begins anew."""
+        """Continue with equilibrated constraint weights and a new watchdog."""
         self.recipe = replace(self.recipe, sweeps=SWEEPS)
         self.boost, self.age, self.window, self.best = 1.0, 0, np.inf, np.inf
 
     def _recover(self) -> None:
-        """After an overflow, or a step out of a domain: smaller moves, more penalty."""
+        """Restart with smaller steps and more penalty after an overflow or domain error."""
         self.slew = self.slew / 2
         self.boost *= 2
         self.steps += CHUNK  # so that a run which is lost at its first step ends too
         self._begin()
 
     def _chunk(self, tolerance: float) -> tuple[int, float, int]:
-        """(steps done, last residual, outcome) of `CHUNK` steps with fresh gains."""
+        """Run `CHUNK` steps with new gains; return (steps done, last residual, outcome)."""
         gains = closed_form(self.linear.at(self.x), self.recipe, self.boost)
         tape = tape_with(self.network, gains)
         trial = self._renumbered(tape)
@@ -264,7 +257,7 @@ class _Schedule:
         return self.trial
 
     def _stiffest(self, trial: FastEvaluator) -> float:
-        """Largest eigenvalue of M (H + A'WA), H of the Lagrangian, by power iterations."""
+        """Return the largest eigenvalue of M (H + A'WA), H of the Lagrangian, iteratively."""
         jacobian = trial.drive_jacobian(self.x)
         primal = self.linear.primal[self.network.places[:, 0]]
         v, largest = self.direction * primal, 1.0
@@ -278,7 +271,7 @@ class _Schedule:
         return largest
 
     def _watch(self, last: float) -> None:
-        """Raise the penalty where a window of steps has not improved the residual."""
+        """Raise the penalty if a window of steps has not improved the residual."""
         if self.age <= WARM_UP:
             return
         self.window = min(self.window, last)

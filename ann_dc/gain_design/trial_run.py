@@ -1,17 +1,17 @@
-"""The rehearsal: does a network with constant gains settle from its start, and how fast?
+"""Trial runs that test whether a network with fixed gains settles, and how fast.
 
-A spectrum knows the neighbourhood of the settled point; whether the start lies in its basin, and
-what the way there costs, only a run can say. Candidates are rehearsed with forward Euler steps that
-are small against the fastest mode of the moment, those with the smallest ratio first, until no
-other can be faster.
+A spectrum describes only the neighbourhood of the settled point. A run shows whether the initial
+guess lies in its basin of attraction, and how long the approach takes. Trial runs use forward Euler
+steps that are small relative to the current fastest mode. Candidates run in order of increasing
+stiffness ratio, until no other can be faster.
 
-Freezing a network: which metric, which row weights and which penalty make the best constants.
+Candidates of constant gains: preconditioner kinds, row weights and penalties.
 
-The closed form is evaluated once more at the settled point, for every kind of metric that the
-caller allows: a pyramid and time constants alone with a few penalties, by octaves, and a grid with
-a few weights of its path term; each with equal and with equilibrated rows. What is compared is the
-ratio of the spectrum; which one is taken is for the rehearsal to say (`rehearsal`). Above
-`LONG_ROW` stages, where every spectrum takes long, one choice is made after the other.
+The closed form is evaluated at the settled point for every allowed preconditioner kind, with equal
+and with equilibrated constraint weights. Multilevel and diagonal kinds are compared at several
+penalties, by octaves, and grids at several weights of their path term. The criterion is the
+stiffness ratio of the spectrum; trial runs make the final choice (`rehearsal`). Above `LONG_ROW`
+stages, where every spectrum takes long, the choices are made one after the other.
 """
 
 from __future__ import annotations
@@ -40,41 +40,43 @@ PATHS = (0.3, 1.0, 0.1, 0.03)
 """Weights of a grid's path term that are compared."""
 
 FINER, FINEST, HELPS = 3.0, 3, 2 / 3
-"""Factor by which the smallest path term falls further, at most how often, and the factor by which
-the ratio has to fall each time: where the start is far from the optimum, the term rules."""
+"""Divisor of the smallest path term, largest number of divisions, and the factor by which each must
+reduce the ratio. The term dominates if the initial guess is far from the optimum.
+"""
 
 GENTLE = 0.1
-"""Factor on the weights of inequality rows of grids that are compared too: rows that press on the
-way and not at the end are in no stiffness, and many of them are stiff together."""
+"""Inequality factor of additional grids: constraints active only on the way are in no stiffness,
+and
+many of them are stiff together.
+"""
 
 LONG_ROW = 128
-"""Stages above which weights of rows are compared at one path term or one penalty only, and the
-first network that settles is taken, if no other can be faster by its ratio."""
+"""Number of stages above which row weights are compared at one path term or penalty only. The first
+network that settles is then chosen if no other can be faster by its ratio.
+"""
 
 HALF_OCTAVE = 2**0.5
 
 LARGEST_FACTOR = 1024.0
-"""How far from the first run's penalty the freeze may go, either way, before the last octave."""
+"""Largest factor from the first run's penalty, in either direction, before the last octave."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Candidate:
-    """One way to freeze a network.
+    """Constant gains of a network, with their spectrum and trial result.
 
     Attributes
     ----------
-    recipe : Recipe
     boost : float
-        Factor on every penalty of the recipe.
-    gains : Gains
-        What the recipe gives at the settled point; refined ones are near it.
-    spectrum : Spectrum
-        Of the network with these gains, at the settled point.
+        Factor on every penalty of the gain rule.
+    gains, spectrum : Gains and Spectrum
+        Gains of the rule at the settled point (refined gains are near these), and the spectrum of
+        the network there.
     settling : float
-        Fastest time constants in which a rehearsal settled from the start; infinite where it did
-        not, or not before another one had; nan where there was none.
+        Settling time of the trial run in fastest time constants. Infinite if it did not settle or
+        another candidate settled first; nan if there was no trial run.
     stray : (n,) array or None
-        Where a rehearsal ended that settled to another point.
+        Other equilibrium at which a trial run settled.
     """
 
     recipe: Recipe
@@ -86,17 +88,17 @@ class Candidate:
 
     @property
     def kind(self) -> Kind:
-        """Of the metric; a row too short for a pyramid has time constants alone."""
+        """Preconditioner kind; diagonal if the cell array is too short for multilevel."""
         return self.gains.metric.kind
 
     @property
     def ratio(self) -> float:
-        """Of the spectrum at the settled point; infinite when it repels."""
+        """Stiffness ratio at the settled point; infinite if the point is unstable."""
         return self.spectrum.ratio
 
     @property
     def rank(self) -> tuple[float, float]:
-        """What a design makes small: the settling, then the ratio, to six digits of each."""
+        """Sort key: settling time, then stiffness ratio, each rounded to six digits."""
         settling = np.inf if np.isnan(self.settling) else self.settling  # unknown comes last
         return float(f"{settling:.6g}"), float(f"{self.ratio:.6g}")
 
@@ -110,24 +112,10 @@ class Candidate:
 
 
 def gains_of(points: Sequence[SettledPoint], recipe: Recipe, boost: float) -> Gains:
-    """What a recipe gives at a settled point, or at several that one network is to have.
+    """Return the gains of a rule at one settled point or at several in common.
 
-    Parameters
-    ----------
-    points : sequence of SettledPoint
-        Of networks that differ in their inputs.
-    recipe : Recipe
-    boost : float
-        Factor on every penalty.
-
-    Returns
-    -------
-    Gains
-
-    Raises
-    ------
-    DesignError
-        If a grid's penalty lies below rho*, or its settled point is not isolated.
+    The points belong to networks that differ in their inputs. `boost` is a factor on every penalty.
+    Raises `DesignError` if a grid's penalty lies below rho* or its settled point is not isolated.
     """
     if len(points) == 1:
         linear, weights = points[0].linear, points[0].row_weights(recipe)
@@ -142,25 +130,11 @@ def gains_of(points: Sequence[SettledPoint], recipe: Recipe, boost: float) -> Ga
 def candidate_of(
     settled: SettledPoint, recipe: Recipe, boost: float, progress: Progress = silent
 ) -> Candidate:
-    """The network frozen by a recipe, with its spectrum at the settled point.
+    """Return a candidate of a gain rule, with its spectrum at the settled point.
 
-    Parameters
-    ----------
-    settled : SettledPoint
-    recipe : Recipe
-    boost : float
-        Factor on every penalty of the recipe.
-    progress : Progress
-        Takes a line every now and then.
-
-    Returns
-    -------
-    Candidate
-
-    Raises
-    ------
-    DesignError, NetworkError
-        If there is no grid at this point, or it is not positive definite.
+    `boost` is a factor on every penalty of the rule; `progress` receives occasional lines. Raises
+    `DesignError` or `NetworkError` if no grid exists at this point or the grid is not positive
+    definite.
     """
     gains = gains_of([settled], recipe, boost)
     found = spectrum_with(settled, gains, progress)
@@ -168,23 +142,11 @@ def candidate_of(
 
 
 def spectrum_with(settled: SettledPoint, gains: Gains, progress: Progress = silent) -> Spectrum:
-    """Spectrum at a settled point of its network with other gains, of which only a tape is made.
+    """Return the spectrum of a network with other gains at its settled point.
 
-    Parameters
-    ----------
-    settled : SettledPoint
-    gains : Gains
-    progress : Progress
-        Takes a line every now and then, of a long row.
-
-    Returns
-    -------
-    Spectrum
-
-    Raises
-    ------
-    DesignError, NetworkError
-        If no network can have these gains, or their metric is not positive definite.
+    Only a tape of the network is built. For a long cell array, `progress` receives occasional
+    lines. Raises `DesignError` or `NetworkError` if no network can have these gains or their
+    preconditioner is not positive definite.
     """
     network = settled.network
     check_gains(network, gains)
@@ -208,29 +170,24 @@ def compare(
     is_brief: bool = False,
     take: Callable[[Candidate], None] = lambda candidate: None,
 ) -> tuple[Candidate, ...]:
-    """The candidates of one kind of metric.
+    """Return the candidates of one preconditioner kind, in order of evaluation.
+
+    The result is empty if no grid exists.
 
     Parameters
     ----------
-    settled : SettledPoint
-    kind : Kind
     boost : float
-        Where the search for a penalty begins: the factor that the first run arrived at.
+        Initial penalty factor: the final factor of the first run.
     progress : Progress
-        Takes one line a spectrum.
+        Receives one line per spectrum.
     recipe : Recipe, optional
-        Compare its penalties only, not other ways to weigh the rows.
+        If given, only its penalties are compared, not other constraint weights.
     penalty : float
-        Factor on the penalties of the kind's own recipe.
+        Factor on the penalties of the kind's default rule.
     is_brief : bool
-        Compare penalties for one way to weigh the rows, as on a long row.
+        Compare penalties for one set of constraint weights, as for a long cell array.
     take : callable
-        Takes every candidate as soon as its spectrum is known.
-
-    Returns
-    -------
-    tuple of Candidate
-        All that were tried, in the order of trying; none where there is no grid.
+        Receives every candidate as soon as its spectrum is known.
     """
     tried = _Tried(settled, kind, progress, take)
     own = replace(RECIPES[kind], penalty=penalty * RECIPES[kind].penalty)
@@ -260,7 +217,7 @@ def compare(
 
 
 def _finer(tried: _Tried) -> None:
-    """Try smaller path terms with the best grid's rows, as long as they help."""
+    """Try smaller path terms with the best grid's weights, as long as they help."""
     best = tried.best
     if best is None or best.recipe.path > min(PATHS):
         return
@@ -273,7 +230,7 @@ def _finer(tried: _Tried) -> None:
 
 
 def _gentler(tried: _Tried) -> None:
-    """Try the best grid's rows with inequality rows that push less."""
+    """Try the best grid's weights with smaller inequality weights."""
     best = tried.best
     if best is not None:
         for path in sorted({*PATHS[2:], best.recipe.path}):
@@ -282,7 +239,7 @@ def _gentler(tried: _Tried) -> None:
 
 @dataclass(frozen=True)
 class _Tried:
-    """Candidates of one kind of metric at a settled point, in the order of trying."""
+    """Candidates of one kind at a settled point, in order of evaluation."""
 
     settled: SettledPoint
     kind: Kind
@@ -292,12 +249,12 @@ class _Tried:
 
     @property
     def best(self) -> Candidate | None:
-        """The smallest ratio of those that attract."""
+        """Stable candidate with the smallest stiffness ratio."""
         attract = [found for found in self.candidates if np.isfinite(found.ratio)]
         return min(attract, key=lambda found: found.ratio, default=None)
 
     def ratio(self, recipe: Recipe, boost: float) -> float:
-        """Of one more candidate; infinite where there is none."""
+        """Evaluate one more candidate and return its stiffness ratio, infinite on failure."""
         self.progress(f"freeze: spectrum {len(self.candidates) + 1} of a {self.kind.value}")
         try:
             found = candidate_of(self.settled, recipe, boost, self.progress)
@@ -313,23 +270,19 @@ class _Tried:
 def downhill(
     ratio: Callable[[float], float], boost: float, *, around: float | None = None
 ) -> float:
-    """The penalty of the smallest ratio that octaves lead to, from the first that attracts.
+    """Return the penalty factor of the smallest ratio found by octave steps.
 
-    At the end half an octave is tried on either side.
+    The search begins at the first factor with a stable point; finally half an octave is tried on
+    either side.
 
     Parameters
     ----------
     ratio : callable
-        Of a factor on the penalties.
+        Stiffness ratio as a function of a penalty factor.
     boost : float
-        Where to begin.
+        Initial factor, returned if no factor gives a stable point.
     around : float, optional
-        From which it goes no further than `LARGEST_FACTOR` either way; ``boost`` by default.
-
-    Returns
-    -------
-    float
-        ``boost`` itself where none attracts.
+        Reference that limits the search to `LARGEST_FACTOR` either way; ``boost`` by default.
     """
     known: dict[float, float] = {}
 
@@ -353,38 +306,35 @@ def downhill(
 
 
 STEP = 0.2
-"""Step, as a share of the largest that is stable at the settled point; shorter where stiffer."""
+"""Step relative to the largest stable step at the settled point; shorter where stiffer."""
 CHUNK = 100
-"""Steps after which the fastest rate is looked at again."""
+"""Steps between two estimates of the fastest rate."""
 TOLERANCE = 1e-4
-"""KKT residual at which a rehearsal has shown that the start lies in the basin."""
+"""KKT residual at which a trial run has shown that the initial guess lies in the basin."""
 SETTLING = 1e-6
 """KKT residual to which the settling time is extrapolated, with the slowest mode."""
 TRANSIENT = 500.0
-"""Fastest time constants that the way to the neighbourhood of the settled point may take."""
+"""Fastest time constants allowed for the approach to the settled point."""
 PATIENCE = 3.0
-"""How many times the predicted settling is waited for beyond that."""
+"""Additional time limit, as a multiple of the predicted settling time."""
 AT_BEST = 0.5
-"""Settling over its prediction, at best: what cannot win even so is not rehearsed. On a long row,
-where a rehearsal takes seconds, settling and prediction are taken for the same."""
+"""Smallest ratio of settling time to prediction; slower candidates are not run. One for long cell
+arrays, whose trial runs take seconds.
+"""
 STUCK, EARLY = 1e-3, 0.2
-"""Share of the time that may pass, below which a rehearsal is given up after a share of its steps.
-
-In a fifth of its steps one that is to settle has come ten times as far."""
+"""Fraction of the time limit, and of the steps: a run below the first after the second is ended. A
+run
+that is to settle has come ten times as far in a fifth of its steps.
+"""
 ELSEWHERE = 0.05
-"""Distance, relative to the largest primal neuron, from which on a run has ended elsewhere."""
+"""Distance, relative to the largest primal neuron, of another equilibrium."""
 
 
 class Patience(NamedTuple):
-    """Effort that rehearsals may take.
+    """Limits of trial runs: steps of a run, and failures of a kind.
 
-    Attributes
-    ----------
-    steps : int
-        After which a rehearsal is given up.
-    failures : int
-        Rehearsals of candidates of one kind, with one factor on inequality rows, that may fail
-        before the others are given up.
+    After `failures` failed runs of candidates of one kind, with one inequality factor, the others
+    are skipped.
     """
 
     steps: int
@@ -392,9 +342,9 @@ class Patience(NamedTuple):
 
 
 PATIENT = Patience(steps=60_000, failures=3)
-"""For settled points that the network itself has found."""
+"""Limits for settled points that the network itself has found."""
 HASTY = Patience(steps=10_000, failures=4)
-"""For points that a search found, where presets remain to be tried."""
+"""Limits for points that a search found, if presets remain to be tried."""
 
 
 def rehearse(
@@ -404,24 +354,11 @@ def rehearse(
     progress: Progress = silent,
     patience: Patience = PATIENT,
 ) -> Candidate:
-    """Run a network with a candidate's constant gains from its start.
+    """Run a network with a candidate's constant gains from its initial guess.
 
-    Parameters
-    ----------
-    settled : SettledPoint
-        Where it should settle.
-    candidate : Candidate
-        With a finite ratio.
-    within : float
-        Fastest time constants after which it is of no use any more.
-    progress : Progress
-        Takes a line every now and then, if it takes long.
-    patience : Patience
-
-    Returns
-    -------
-    Candidate
-        With its settling, and where it strayed to.
+    Returns the candidate with its settling time or the other equilibrium it reached. Its stiffness
+    ratio must be finite. `within` is the settling time, in fastest time constants, above which the
+    candidate is useless; `progress` receives occasional lines of long runs.
     """
     network, pace = settled.network, Pace.of(candidate.spectrum)
     trial = settled.trial(candidate.gains)
@@ -446,14 +383,10 @@ def rehearse(
 
 
 class Pace(NamedTuple):
-    """How fast a frozen network is, near where it settles.
+    """Rate `radius` of the fastest mode near the settled point, and the Euler step.
 
-    Attributes
-    ----------
-    radius : float
-        Rate of its fastest mode: one over the fastest time constant.
-    step : float
-        Of forward Euler, small against that mode.
+    The fastest time constant is one over the rate; the forward Euler step is small relative to that
+    mode.
     """
 
     radius: float
@@ -461,7 +394,7 @@ class Pace(NamedTuple):
 
     @classmethod
     def of(cls, *spectra: Spectrum) -> Pace:
-        """That of a network at one settled point, or at the stiffest of several."""
+        """Return the pace at one settled point, or at the stiffest of several."""
         step = STEP * min(spectrum.largest_step for spectrum in spectra)
         return cls(radius=max(spectrum.radius for spectrum in spectra), step=step)
 
@@ -476,30 +409,24 @@ def run_with_constants(
     progress: Progress = silent,
     longest: int = PATIENT.steps,
 ) -> tuple[float, int]:
-    """Forward Euler steps, small against the fastest mode of the moment.
+    """Integrate with Euler steps that are small relative to the current fastest mode.
+
+    Returns the elapsed fastest time constants and the outcome `RAN`, `SETTLED` or `LOST`.
 
     Parameters
     ----------
     trial : FastEvaluator
-        Of a network with constant gains.
+        Evaluator of a network with constant gains.
     x : (n,) array
-        Where it starts; overwritten by where it ends.
-    pace : Pace
+        Initial state; overwritten by the final state.
     limit : float
-        Fastest time constants after which it is given up.
+        Time limit in fastest time constants.
     tolerance : float
-        KKT residual at which it has settled.
+        KKT residual at which the run has settled.
     progress : Progress
-        Takes a line every now and then.
+        Receives occasional lines.
     longest : int
-        Steps after which it is given up.
-
-    Returns
-    -------
-    elapsed : float
-        Fastest time constants.
-    outcome : int
-        `RAN`, `SETTLED` or `LOST`.
+        Largest number of steps.
     """
     free = np.full(len(x), np.inf)
     guard = trial.domain_guard(x)
@@ -518,9 +445,9 @@ def run_with_constants(
 
 
 def distance(settled: SettledPoint, x: np.ndarray) -> float:
-    """Return the distance of a state (n,) from the settled point, over the primal neurons.
+    """Return the distance of a state (n,) from the settled point, by primal neurons.
 
-    It is relative to the largest of them, and to `SMALLEST_POSITION` at least.
+    The distance is relative to the largest of them, and to `SMALLEST_POSITION` at least.
     """
     primal = settled.linear.primal[settled.network.places[:, 0]]
     aim = settled.state[primal]
@@ -528,14 +455,7 @@ def distance(settled: SettledPoint, x: np.ndarray) -> float:
 
 
 def at_another(settled: SettledPoint, candidate: Candidate) -> Candidate:
-    """The same gains at another settled point, not rehearsed yet.
-
-    Parameters
-    ----------
-    settled : SettledPoint
-        The other one.
-    candidate : Candidate
-    """
+    """Return a candidate with equal gains at another settled point, not yet run."""
     found = spectrum_with(settled, candidate.gains)
     return Candidate(
         recipe=candidate.recipe, boost=candidate.boost, gains=candidate.gains, spectrum=found
@@ -551,25 +471,20 @@ def rehearsed(
     take: Callable[[Candidate], None] = lambda candidate: None,
     patience: Patience = PATIENT,
 ) -> tuple[Candidate, ...]:
-    """Candidates with how they settled from the start, the best first.
+    """Return candidates with their trial results, the best first.
+
+    Candidates that settled come first, the fastest in front, then all others by increasing
+    stiffness ratio. A candidate that cannot be the fastest by its ratio is not run, nor is a kind
+    that fails repeatedly. Candidates with a result are not run again.
 
     Parameters
     ----------
-    settled : SettledPoint
-        Where they should settle.
     candidates : iterable of Candidate
-        One or more; those that have been rehearsed are not rehearsed again.
+        At least one candidate.
     progress : Progress
-        Takes one line a rehearsal.
+        Receives one line per trial run.
     take : callable
-        Takes every candidate as soon as it is rehearsed.
-    patience : Patience
-
-    Returns
-    -------
-    tuple of Candidate
-        Those that settled, fastest first; then all others, smallest ratio first. One that cannot
-        be the fastest, by its ratio, is not rehearsed, nor a kind that keeps failing.
+        Receives every candidate after its trial run.
     """
     fastest, seen, failures = np.inf, [], dict[object, int]()
     at_best = 1.0 if settled.network.stages > LONG_ROW else AT_BEST

@@ -1,4 +1,4 @@
-"""What it is built of: parts, one network as a circuit, and that circuit as a network again."""
+"""Analog hardware: parts, the circuit of a network, and its behavioural emulation."""
 
 import lazy_loader
 

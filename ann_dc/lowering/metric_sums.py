@@ -1,6 +1,7 @@
-"""A metric as sums: up and down a pyramid, or forward and back through a stiffness' factor.
+"""Preconditioner as sums: multilevel passes, or solves with a stiffness factor.
 
-A move is a list of words and weights; the operations that write these words go into a listing.
+The derivative of a neuron is a list of words and weights. The operations that write these words are
+appended to a listing.
 """
 
 from __future__ import annotations
@@ -12,22 +13,15 @@ from ann_dc.lowering.program import SUM, ZERO, Listing
 from ann_dc.network.network import Network
 
 Moves = list[list[tuple[int, float]]]
-"""Of every neuron what moves it, before h."""
+"""Words and weights that move every neuron, before the factor h."""
 
 
 def add_pyramid(
     moves: Moves, network: Network, tape: Tape, listing: Listing, drives: np.ndarray
 ) -> None:
-    """Add what coarse coordinators move.
+    """Add the contributions of the coarse levels to the moves.
 
-    Parameters
-    ----------
-    moves : list of lists of (int, float)
-    network : Network
-    tape : Tape
-    listing : Listing
-    drives : (P, N) array of int
-        Words of the drives.
+    The words of the net inputs are ``drives``, shape (P, N).
     """
     below = _drives_below(tape, drives)
     levels = list(zip(tape.grid_starts[:-1].tolist(), tape.grid_starts[1:].tolist()))
@@ -50,7 +44,10 @@ def add_pyramid(
 
 
 def _drives_below(tape: Tape, drives: np.ndarray) -> np.ndarray:
-    """(grid points, C) lists: words and shares of the drives below every hat."""
+    """Return words and hat weights of the net inputs below every hat.
+
+    The lists have shape (grid points, C).
+    """
     below = np.empty((int(tape.grid_starts[-1]), len(tape.chains)), object)
     for place in np.ndindex(below.shape):
         below[place] = []
@@ -69,7 +66,7 @@ def _responses(
     names: list[str],
     listing: Listing,
 ) -> np.ndarray:
-    """Words of the rates at grid points: their own gains, and what comes from above."""
+    """Return the words of the rates at grid points: gains plus the coarser levels."""
     rates = np.full(grid.shape, ZERO)
     for level in reversed(range(len(levels))):
         first, last = levels[level]
@@ -85,7 +82,10 @@ def _responses(
 
 
 def _half(a: int, above: int) -> list[tuple[int, float]]:
-    """(Point, share) on the next coarser level, which begins at ``above``, of point ``a``."""
+    """Return (point, weight) pairs of point ``a`` on the next coarser level.
+
+    The coarser level begins at index ``above``.
+    """
     if a % 2:
         return [(above + a // 2, 0.5), (above + a // 2 + 1, 0.5)]
     return [(above + a // 2, 1.0)]
@@ -94,16 +94,10 @@ def _half(a: int, above: int) -> list[tuple[int, float]]:
 def replace_by_stiffness(
     moves: Moves, network: Network, tape: Tape, listing: Listing, drives: np.ndarray
 ) -> None:
-    """K y = d from the first row to the last, then K' z = y back again: z are the moves.
+    """Replace the moves by z: K y = d is solved forward and K' z = y backward.
 
-    Parameters
-    ----------
-    moves : list of lists of (int, float)
-    network : Network
-    tape : Tape
-    listing : Listing
-    drives : (P, N) array of int
-        Words of the drives.
+    The forward solve proceeds from the first row to the last. The words of the net inputs are
+    ``drives``, shape (P, N).
     """
     count, neurons = len(tape.coupled) - 1, network.cell.neurons
     rows = {

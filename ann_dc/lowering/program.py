@@ -1,11 +1,12 @@
-r"""A network's step as one list of operations on numbered words, in real numbers.
+r"""Step of a network as one list of operations on numbered words, in real numbers.
 
 .. math:: x_{k+1} = \mathrm{clip}(x_k + h\, M\, d(x_k))
 
-Every node of every cell that something reads has a word, and every operation writes one: a sum of
-weighted words, a product of two, a function of one. Pins and what is read beyond the ends of the
-row are the words of inputs, shared neurons have one word for all cells, and what is always zero
-has none. What computes these operations needs to know nothing else of networks.
+Every node of every cell that another node reads has a word, and every operation writes one word: a
+weighted sum of words, a product of two words, or a function of one word. Fixed neurons and values
+beyond the ends of the cell array are words of inputs. Shared neurons have one word for all cells,
+and nodes that are always zero have none. The code that computes these operations needs no other
+knowledge of networks.
 """
 
 from __future__ import annotations
@@ -19,38 +20,37 @@ Edges = Iterable[tuple[int, float]]
 """Words that a sum reads, and their weights."""
 
 SUM, PRODUCT, FUNCTION, RECTIFY, DRIVE, UPDATE = range(6)
-"""Kinds of operations: a drive is a sum that a rail may stop, an update adds a sum to a state."""
+"""Operation kinds: a drive is a sum that a limit may set to zero, an update adds a sum to a state.
+"""
 SUMS = (SUM, DRIVE, UPDATE)
 ZERO = 0
-"""The word that is always zero."""
+"""Word that is always zero."""
 GROUP = 32
-"""Lanes that take their steps together: their words fit into a processor's cache."""
+"""Number of lanes that advance together; their words fit into a processor's cache."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Program:
-    """The operations of one step, in their order; K operations, E edges, W words, n neurons.
+    """Ordered operations of one step: K operations, E edges, W words, n neurons.
 
     Attributes
     ----------
     operations : (K, 5) array of int
-        Kind, word (of an update: neuron) that is written, then first and last edge of a sum, or
-        two words of a product, or code and word of a function; and the neuron of a drive or an
-        update, else -1.
+        Kind; written word (for an update: neuron); operands; neuron of a drive or an update, else
+        -1. Operands are the first and last edge of a sum, two words of a product, or code and word
+        of a function.
     sources : (E,) array of int
         Words that sums read.
-    weights : (E,) array
     words : (W,) array
-        Values of the words that nothing writes, zero elsewhere.
+        Values of the words that no operation writes, zero elsewhere.
     rows : (W,) array of int
-        Words of one row have one format: those of a node at all stages.
+        Row of each word. Words of one row have one format: those of a node at all stages.
     names : tuple of str
-        Of the rows.
+        Names of the rows.
     states : (n,) array of int
         Words of the neurons, in the order of the state vector.
-    start : (n,) array
     limits : (n, 2) array
-        Rails.
+        Saturation limits.
     inputs : mapping of str to (N,) array of int
         Words of the inputs.
     """
@@ -68,18 +68,18 @@ class Program:
 
     @property
     def drives(self) -> np.ndarray:
-        """Words (n,) of the drives, in the order of the state vector."""
+        """Words (n,) of the net inputs, in the order of the state vector."""
         found = self.operations[self.operations[:, 0] == DRIVE]
         return found[np.argsort(found[:, 4]), 1]
 
 
 class Listing:
-    """Words and operations, as they are needed.
+    """Growing list of words and operations.
 
     Attributes
     ----------
     operations, sources, weights, names, rows, values : lists
-        As in a `Program`; ``values`` are its words.
+        Content of a `Program`; ``values`` are its words.
     """
 
     def __init__(self) -> None:
@@ -91,23 +91,23 @@ class Listing:
         self.values: list[float] = [0.0]
 
     def row(self, name: str) -> int:
-        """A new row of words."""
+        """Add a row of words and return its number."""
         self.names.append(name)
         return len(self.names) - 1
 
     def new(self, row: int, values: Iterable[float]) -> np.ndarray:
-        """New words of a row, which hold these values at first."""
+        """Add words to a row, with the given initial values."""
         first = len(self.values)
         self.values.extend(float(value) for value in values)
         self.rows.extend([row] * (len(self.values) - first))
         return np.arange(first, len(self.values))
 
     def word(self, row: int) -> int:
-        """One new word of a row."""
+        """Add one word to a row."""
         return int(self.new(row, [0.0])[0])
 
     def sum(self, kind: int, target: int, edges: Edges, neuron: int = -1) -> None:
-        """A sum; what reads a word twice reads it once with both weights."""
+        """Add a sum; repeated reads of a word become one read with the summed weight."""
         first, total = len(self.sources), {}
         for word, weight in edges:
             total[word] = total.get(word, 0.0) + weight
@@ -117,7 +117,7 @@ class Listing:
         self.operations.append((kind, target, first, len(self.sources), neuron))
 
     def needed(self) -> np.ndarray:
-        """(K, 5): the operations, without those that nothing reads."""
+        """Return the operations (K, 5) whose results are read."""
         read, kept = np.zeros(len(self.values), bool), []
         for operation in reversed(self.operations):
             kind, target, a, b, _ = operation

@@ -1,4 +1,7 @@
-"""A program in floating point: the range of every word on its way to rest, for many inputs."""
+"""Floating-point execution of a program with the range of every word.
+
+A program runs for many inputs until it converges.
+"""
 
 from __future__ import annotations
 
@@ -12,35 +15,32 @@ from ann_dc.lowering.program import DRIVE, FUNCTION, GROUP, PRODUCT, RECTIFY, UP
 
 
 class Ranges(NamedTuple):
-    """Lowest and highest value of every word on walks."""
+    """Lowest and highest value of every word in trajectories."""
 
     low: np.ndarray
     """Lowest values: (W,)."""
     high: np.ndarray
     """Highest values: (W,)."""
     end: np.ndarray
-    """State after the last step of the first walk: (n,)."""
+    """State after the last step of the first trajectory: (n,)."""
 
 
 class Walks:
-    """Walks of a program from its start, one a lane.
+    """Trajectories of a program from its initial state, one per lane.
+
+    Raises `NetworkError` if a function block of the program has no formula.
 
     Parameters
     ----------
-    program : Program
     loaded : mapping of str to (N, B) array
-        Values of inputs in network units; others are those of the program.
-
-    Raises
-    ------
-    NetworkError
-        If there is no formula for a function block of the program.
+        Values of inputs in network units; other inputs are those of the program.
 
     Attributes
     ----------
     words : (W, B) array
+        Current words.
     low, high : (W, B) arrays
-        Lowest and highest value of every word so far.
+        Lowest and highest value of every word since the start.
     """
 
     def __init__(self, program: Program, loaded: Mapping[str, np.ndarray] | None = None) -> None:
@@ -56,14 +56,7 @@ class Walks:
         self.low[written[kind != UPDATE]], self.high[written[kind != UPDATE]] = np.inf, -np.inf
 
     def run(self, steps: int, lanes: np.ndarray | None = None) -> None:
-        """Take steps.
-
-        Parameters
-        ----------
-        steps : int
-        lanes : array of int
-            Lanes that take them; all by default.
-        """
+        """Execute steps in the given lanes (default: all)."""
         program, memory = self.program, (self.words, self.low, self.high)
         chosen = np.arange(self.words.shape[1]) if lanes is None else lanes
         for at in range(0, len(chosen), GROUP):
@@ -79,33 +72,16 @@ class Walks:
                 part[:, group] = now
 
     def ranges(self, lanes: np.ndarray) -> Ranges:
-        """Return the ranges of chosen lanes together.
-
-        Parameters
-        ----------
-        lanes : array of int
-        """
+        """Return the combined ranges of the given lanes."""
         end = self.words[self.program.states, lanes[0]]
         return Ranges(self.low[:, lanes].min(1), self.high[:, lanes].max(1), end)
 
 
 def walked(program: Program, steps: int) -> Ranges:
-    """Walk from the start, and look at every word after every operation.
+    """Execute at least one step and return the range of every word.
 
-    Parameters
-    ----------
-    program : Program
-    steps : int
-        At least one.
-
-    Returns
-    -------
-    Ranges
-
-    Raises
-    ------
-    NetworkError
-        If there is no formula for a function block of the program.
+    Words are recorded after every operation. Raises `NetworkError` if a function block of the
+    program has no formula.
     """
     walks = Walks(program)
     walks.run(steps)

@@ -1,4 +1,7 @@
-"""A network as a `Program`: its nodes become words, its blocks, drives and moves operations."""
+"""Conversion of a network to a `Program`: nodes become words.
+
+Blocks, net inputs and state derivatives become operations.
+"""
 
 from __future__ import annotations
 
@@ -27,22 +30,10 @@ from ann_dc.network.selection import clamped_rows
 
 
 def program_of(network: Network, step: float) -> Program:
-    """The operations of one step of a network.
+    """Return the operations of one step of length h in network time.
 
-    Parameters
-    ----------
-    network : Network
-    step : float
-        h, in units of network time.
-
-    Returns
-    -------
-    Program
-
-    Raises
-    ------
-    ExportError
-        If the metric couples neurons that have rails: sums cannot find who is held.
+    Raises `ExportError` if the preconditioner couples neurons that have saturation limits, because
+    sums cannot determine which neurons are saturated.
     """
     check_rails(network, "integers")
     writer = _Writer(network)
@@ -53,20 +44,10 @@ def program_of(network: Network, step: float) -> Program:
 
 
 def check_rails(network: Network, parts: str) -> None:
-    """Refuse rails of neurons that the metric couples to others.
+    """Raise `ExportError` if the preconditioner couples neurons that have limits.
 
-    Moves at such rails are a projection in the norm of M^{-1}: which neurons are held is found by
-    pivoting.
-
-    Parameters
-    ----------
-    network : Network
-    parts : str
-        Parts of the format that would have to find them, a plural noun.
-
-    Raises
-    ------
-    ExportError
+    Derivatives at saturation limits are a projection in the norm of M^{-1}. The saturated neurons
+    are determined by pivoting, which the named ``parts`` (plural noun) of the format cannot do.
     """
     coupled = [network.cell.neurons[row].name for row in clamped_rows(network)]
     if coupled:
@@ -89,7 +70,10 @@ class _Writer:
         self._places()
 
     def _places(self) -> None:
-        """Words of inputs, of the constant one and of the neurons, and who else reads them."""
+        """Create the words of inputs, of the constant one and of neurons.
+
+        Fixed, shared and boundary positions refer to these words.
+        """
         network, nodes, listing = self.network, self.network.node_index, self.listing
         self.address[nodes[ONE]] = listing.new(listing.row(ONE), [1.0])
         for name in network.cell.inputs:
@@ -106,7 +90,7 @@ class _Writer:
             self.address[nodes[node], 0] = self.inputs[source][0]
 
     def arriving(self, first: int, last: int, stage: int) -> Edges:
-        """What arrives in one cell over connections of the tape."""
+        """Return the contributions to a node of one cell from the tape's connections."""
         for edge in range(first, last):
             source, offset = self.tape.sources[edge]
             if 0 <= stage + 1 + offset < self.network.stages + 2:
@@ -114,7 +98,6 @@ class _Writer:
                 yield word, float(self.tape.weights[edge, stage])
 
     def blocks(self) -> None:
-        """All blocks, each at all stages."""
         names, listing = list(self.network.node_index), self.listing
         for kind, node, a, b in self.tape.blocks.tolist():
             words = listing.new(listing.row(names[node]), np.zeros(self.network.stages))
@@ -131,7 +114,7 @@ class _Writer:
                     listing.operations.append((of, word, a, argument, -1))
 
     def drives(self) -> None:
-        """What arrives at every neuron; at one that all cells share, from all of them."""
+        """Append the net inputs of all neurons; a shared neuron sums over all cells."""
         network, shared = self.network, set(self.network.shared.tolist())
         rows = [self.listing.row(f"drive of {neuron.name}") for neuron in network.cell.neurons]
         for place, (neuron, stage) in enumerate(network.places.tolist()):
@@ -142,7 +125,7 @@ class _Writer:
             self.listing.sum(DRIVE, word, edges, place)
 
     def updates(self, step: float) -> None:
-        """Every neuron by h times its move."""
+        """Append the updates of all neurons by h times their derivatives."""
         rates, parts = self.tape.rates, (self.network, self.tape, self.listing, self.drive_words)
         moves = [
             [(int(self.drive_words[p, k]), float(rates[p, k]))] for p, k in self.network.places
@@ -156,7 +139,7 @@ class _Writer:
             self.listing.sum(UPDATE, place, scaled, place)
 
     def finished(self) -> Program:
-        """The program, without operations that nothing reads."""
+        """Return the program without operations whose results are not read."""
         listing, (rows, stages) = self.listing, self.network.places.T
         return Program(
             operations=listing.needed(),

@@ -1,4 +1,4 @@
-"""Robots among obstacles: worlds, planners, and the closed loop in which they drive."""
+"""Robot navigation among obstacles: worlds, planners and closed-loop runs."""
 
 import lazy_loader
 

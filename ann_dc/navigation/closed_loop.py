@@ -1,7 +1,7 @@
-"""The closed loop: robots drive through worlds, and plan again every control period.
+"""Closed loop: robots drive through worlds and replan every control period.
 
-The robot is integrated in finer steps than a plan has; a shield steps in where a plan
-would collide.
+The robot is integrated in finer steps than those of a plan. A shield (safety filter) replaces a
+plan that would collide.
 """
 
 from __future__ import annotations
@@ -19,35 +19,37 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count
 
 SHIELD = Shield()
-"""That of every journey which is not told otherwise."""
+"""Default safety filter of a closed-loop run."""
 HELD = 2.0
-"""Seconds at the end of a journey in which a robot that is held comes no nearer to the goal."""
+"""Duration in seconds, at the end of a journey, over which progress to the goal is tested."""
 SETTLED = 1e-3
-"""Residual of a plan that counts as settled in what is said of a journey."""
+"""Residual below which a plan counts as settled in the summary of a journey."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Journey:
-    """One robot's way through one world.
+    """Closed-loop run of one robot through one world.
 
     Attributes
     ----------
     world : World
+        World of the run.
     dt : float
         Control period, in seconds.
     q : (n, K+1) array
         States at the control instants.
     u : (m, K) array
-        Controls applied.
+        Applied controls.
     clearance : (K,) array
-        Least distance between the robot's rim and an obstacle, of every period; negative where
-        they collided.
+        Least distance between the robot's rim and an obstacle in every period; negative after a
+        collision.
     arrived : bool
-        At the goal in time.
+        True if the robot reached the goal in time.
     shielded : (K,) booleans
-        Where the shield stepped in.
+        Periods in which the shield replaced the plan.
     residuals, spent, pressed : (K,) arrays
-        Of the plans.
+        Residual, network time in fastest time constants, and relative obstacle multiplier of every
+        plan; see `Plan`.
     plans : tuple of (n, ...) arrays
         States of every plan.
     """
@@ -66,15 +68,15 @@ class Journey:
 
     @property
     def collided(self) -> bool:
-        """Whether it touched an obstacle."""
+        """True if the robot touched an obstacle."""
         return bool((self.clearance < 0.0).any())
 
     @property
     def held(self) -> bool:
-        """True if it gave up while the shield kept it from moving on.
+        """True if the robot gave up while the shield prevented its progress.
 
-        In its last seconds (`HELD`) it came nearer to the goal by its own diameter at most, and the
-        shield stepped in at half of the periods or more.
+        During the last seconds (`HELD`) the robot approached the goal by at most its diameter, and
+        the shield replaced the plan in at least half of the periods.
         """
         late = max(round(HELD / self.dt), 1)
         far = np.linalg.norm(self.q[:2, -1 - late :].T - self.world.goal, axis=1)
@@ -83,7 +85,7 @@ class Journey:
 
     @property
     def length(self) -> float:
-        """Of its way."""
+        """Length of the path."""
         return float(np.linalg.norm(np.diff(self.q[:2], axis=1), axis=0).sum())
 
     def __str__(self) -> str:
@@ -106,7 +108,7 @@ class Journey:
 
     @property
     def effort(self) -> float:
-        """Sum of the squared controls times the period."""
+        """Control effort: sum of the squared controls times the period."""
         return float(self.dt * (self.u**2).sum())
 
 
@@ -119,21 +121,25 @@ def drive(
     substeps: Count = 10,
     progress: Progress = silent,
 ) -> list[Journey]:
-    """Let robots drive through worlds, all at once; no journey depends on another.
+    """Drive robots through worlds simultaneously, as independent closed-loop runs.
 
     Parameters
     ----------
     worlds : sequence of World
-        With robots of one kind.
+        Worlds with robots of one kind.
     planner : Planner
+        Planner of all runs.
     shield : Shield or None
+        Safety filter; None disables the filter.
     substeps : int
-        Steps of the plant in a control period.
+        Integration steps of the plant per control period.
     progress : Progress
+        Receives status messages, one line at a time.
 
     Returns
     -------
     list of Journey
+        One run per world, in the order of ``worlds``.
 
     Examples
     --------
@@ -153,7 +159,7 @@ def drive(
 
 
 class _Loop:
-    """One journey, period by period."""
+    """State of one journey, advanced period by period."""
 
     def __init__(self, world: World, number: int, dt: float, substeps: int) -> None:
         self.world, self.number, self.dt, self.substeps = world, number, dt, substeps
@@ -163,15 +169,13 @@ class _Loop:
 
     @property
     def runs(self) -> bool:
-        """Whether it is still on its way."""
         return not self.arrived and self.time < self.world.duration - self.dt / 2
 
     def situation(self) -> Situation:
-        """What the robot knows now."""
         return Situation(self.world, self.number, self.q[-1], self.time)
 
     def advance(self, plan: Plan, u: np.ndarray, shielded: bool) -> None:
-        """Apply a plan's first control, or the shield's, for a period."""
+        """Apply the first control of a plan, or that of the shield, for one period."""
         robot = self.world.robot
         u = np.clip(u, *robot.limits.T)
         low, high = robot.state_limits.T
@@ -186,7 +190,6 @@ class _Loop:
         self.arrived = bool(np.linalg.norm(way[-1][:2] - self.world.goal) < self.world.arrived)
 
     def journey(self) -> Journey:
-        """What it came to."""
         u, clearance, shielded, plans = zip(*self.periods)
         return Journey(
             world=self.world,

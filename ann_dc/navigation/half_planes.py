@@ -1,10 +1,11 @@
-"""Obstacles as half-planes: what each cell of a planning network is told of the world.
+"""Linearised obstacle constraints: half-planes for cells of a planning network.
 
-Around a convex obstacle a path is free where it lies beyond a tangent of it; which tangent is a
-choice, made once a period about the path planned before. A tangent is linear: with it the optimum
-attracts where the curvature of a disc's own row would make it repel. Where the path before crosses
-an obstacle, all stages get tangents of one side, and those before it are turned towards that side.
-Cells that hold discs themselves are told where those are (`discs`).
+A path around a convex obstacle is collision-free beyond a tangent of the obstacle. The tangent is
+chosen once per period, about the previous planned path. A tangent is linear: the optimum then
+attracts in cases in which the curvature of a disc constraint would make it repel. If the previous
+path crosses an obstacle, all stages have tangents on one side, and the normals of earlier stages
+are turned towards that side. Cells with disc constraints receive the discs instead (`discs`). The
+half-planes resemble those of [1]_, which apply to velocities.
 
 References
 ----------
@@ -26,29 +27,28 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count, NotNegative
 
 CROSSED = 0.9
-"""Share of an obstacle's reach below which a path that passes it crosses it."""
+"""Fraction of an obstacle's reach below which a passing path counts as crossing."""
 TURNED = 0.9
-"""Share of the angle up to the tangent by which earlier normals are turned."""
+"""Fraction of the angle to the tangent by which earlier normals are turned."""
 STEEPEST = 0.95
 """Sine of the largest angle between the normals of a crossing and its side."""
 CLOSE = 1.3
-"""In reaches: how near a point abreast of an obstacle is to have a normal of the crossing."""
+"""Distance, in reaches, below which a point next to an obstacle has a normal of the crossing."""
 NO_WAY = 1e-3
-"""Of a path that is shorter than this the way ahead is that to the goal."""
+"""Length of a path below which the direction to the goal replaces that of the path."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Margin:
-    """Room that a plan leaves between the robot's rim and obstacles, in the world's unit of length.
+    """Clearance of a plan between the robot's rim and obstacles, in length units.
 
     Attributes
     ----------
     near, far : float
-        Now, and ``stages`` later and beyond: what is far is not so certain.
-    stages : int
+        Margins now, and from ``stages`` later on, because distant predictions are less certain.
     between : float
-        Half the way between two nodes of a plan, which may not cut a corner.
+        Half the distance between two nodes of a plan, so that the plan does not cut corners.
     """
 
     near: NotNegative = 0.08
@@ -57,24 +57,23 @@ class Margin:
     between: NotNegative = 0.1
 
     def at(self, stages: int) -> np.ndarray:
-        """(N,): of every stage."""
+        """Return the margin of every stage (N,)."""
         return self.near + (self.far - self.near) * np.minimum(1, np.arange(stages) / self.stages)
 
 
 class Ahead(NamedTuple):
-    """Where the cells of a plan are about to be, and what they are to keep.
+    """Expected places of the cells of a plan and their required clearance.
 
     Attributes
     ----------
     path : (N, 2) array
-        Places, of the plan before.
-    goal : (2,) array
+        Places of the previous plan.
     time : (N,) array
-        In seconds.
+        Times in seconds.
     room : (N,) array
-        The robot's radius and the margin.
+        Radius of the robot plus the margin.
     between : float
-        Half the way between two nodes, see `Margin`.
+        Half the distance between two nodes, see `Margin`.
     """
 
     path: np.ndarray
@@ -84,28 +83,28 @@ class Ahead(NamedTuple):
     between: float
 
     def reach(self, extent: np.ndarray | float) -> np.ndarray:
-        """(N,): how far from the centre a path stays off what extends so far."""
+        """Return the required distances (N,) from the centre of an obstacle.
+
+        ``extent`` is the reach of the obstacle from its centre, to which robot radius, margin and
+        half the node distance are added.
+        """
         return np.hypot(extent + self.room, self.between)
 
 
 def half_planes(
     obstacles: Sequence[tuple[int, Obstacle]], ahead: Ahead, slots: int, sides: dict[int, float]
 ) -> np.ndarray:
-    """Rows b - a'p <= 0 for every cell, of the obstacles nearest to a path.
+    """Return constraint rows b - a'p <= 0 for every cell and its nearest obstacles.
+
+    Obstacles are those nearest to the path. The result (N, slots, 3) contains a_x, a_y and b; empty
+    slots are far away.
 
     Parameters
     ----------
     obstacles : sequence of (int, Obstacle)
-        In sight, with the number under which ``sides`` remembers them.
-    ahead : Ahead
-    slots : int
+        Visible obstacles with their keys in ``sides``.
     sides : dict of int to float
-        On which side, 1 left and -1 right, an obstacle is passed; changed in place.
-
-    Returns
-    -------
-    (N, slots, 3) array
-        a_x, a_y and b, empty slots far away.
+        Passing side of each obstacle, 1 for left and -1 for right; changed in place.
     """
     path, time = ahead.path, ahead.time
     rows = np.tile(np.array(LINEAR.nowhere), (len(path), slots, 1))
@@ -126,21 +125,11 @@ def half_planes(
 def discs(
     obstacles: Sequence[tuple[int, Obstacle]], ahead: Ahead, slots: int, sides: dict[int, float]
 ) -> np.ndarray:
-    """Centre and reach, for every cell, of the obstacles nearest to a path.
+    """Return disc constraints for every cell and its nearest obstacles.
 
-    Parameters
-    ----------
-    obstacles : sequence of (int, Obstacle)
-        In sight; a polygon becomes the disc around it.
-    ahead : Ahead
-    slots : int
-    sides : dict of int to float
-        Not read: a plan passes a disc where it has passed it before.
-
-    Returns
-    -------
-    (N, slots, 3) array
-        o_x, o_y and R, empty slots far away.
+    Obstacles are those nearest to the path; a polygon is replaced by the enclosing disc. The result
+    (N, slots, 3) contains the centre o_x, o_y and the reach R; empty slots are far away. ``sides``
+    is not used: a plan passes a disc on the same side as before.
     """
     rows = np.tile(np.array(NONLINEAR.nowhere), (len(ahead.path), slots, 1))
     for slot, (_, obstacle) in enumerate(_nearest(obstacles, ahead)[:slots]):
@@ -156,7 +145,7 @@ def _nearest(obstacles: Sequence[tuple[int, Obstacle]], ahead: Ahead) -> list[tu
 
 
 class _Side(NamedTuple):
-    """On which side a path that crosses an obstacle is to pass it."""
+    """Passing side of an obstacle that the path crosses."""
 
     sign: float
     along: np.ndarray
@@ -164,7 +153,7 @@ class _Side(NamedTuple):
 
 
 def _side(obstacle: Obstacle, offset: np.ndarray, ahead: Ahead, before: float | None):
-    """The side of an obstacle that a path (N, 2) from its centre passes; None if it is clear."""
+    """Return the passing side of a path (N, 2) relative to the centre; None if clear."""
     closest, k = _closest(offset)
     length = max(float(np.linalg.norm(closest)), 1e-12)
     if length >= CROSSED * ahead.reach(obstacle.reach(closest[None] / length)[0])[k]:
@@ -178,7 +167,7 @@ def _side(obstacle: Obstacle, offset: np.ndarray, ahead: Ahead, before: float | 
 
 
 def _past(obstacle: Obstacle, offset: np.ndarray, ahead: Ahead, side: _Side) -> np.ndarray:
-    """Normals (N, 2) that lead past an obstacle on one side."""
+    """Return normals (N, 2) that lead past an obstacle on one side."""
     aside = side.sign * side.left
     radial = obstacle.near(ahead.path, ahead.time).normal
     forth, length = offset @ side.along, np.maximum(np.linalg.norm(offset, axis=1), 1e-12)
@@ -194,7 +183,7 @@ def _past(obstacle: Obstacle, offset: np.ndarray, ahead: Ahead, side: _Side) -> 
 
 
 def _closest(offset: np.ndarray) -> tuple[np.ndarray, int]:
-    """The point (2,) of a path (N, 2) that is nearest to the origin, and its stretch."""
+    """Return the point (2,) of a path (N, 2) nearest to the origin, and its segment."""
     way = np.diff(offset, axis=0)
     square = np.maximum((way**2).sum(axis=1), 1e-12)
     share = np.clip(-(offset[:-1] * way).sum(axis=1) / square, 0.0, 1.0)
@@ -204,7 +193,7 @@ def _closest(offset: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _turned(normal: np.ndarray, towards: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Unit vectors (N, 2), turned towards another one by an angle, and no further than to it."""
+    """Turn unit vectors (N, 2) towards another vector by an angle, at most onto it."""
     apart = np.arccos(np.clip(normal @ towards, -1.0, 1.0))
     sense = np.sign(normal[:, 0] * towards[1] - normal[:, 1] * towards[0])
     turn = sense * np.minimum(angle, apart)

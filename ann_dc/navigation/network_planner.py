@@ -1,8 +1,8 @@
-"""The planner that is a network: shifted by a stage, run for a while, its first control applied.
+"""Receding-horizon planner: a network shifted by one stage every control period.
 
-Every period the neurons take over what their right neighbours have found, the inputs say where the
-robot is, what its map is about the path planned before and which half-planes are free, and the
-network runs for as long as its hardware has.
+Every period the neurons take the values of their right neighbours. The inputs contain the robot's
+state, the model linearised about the previous path, and the free half-planes. The network then runs
+for the time that its hardware has, and the first control is applied.
 """
 
 from __future__ import annotations
@@ -27,39 +27,38 @@ from ann_dc.problem.robot_planning import LINEAR, NONLINEAR, Planning
 from ann_dc.si_prefixes import counted
 
 FIRST_ROUNDS = 6
-"""Rounds of settling and linearising before a robot starts."""
+"""Rounds of settling and linearisation before a robot starts."""
 FIRST = 1000.0
-"""Fastest time constants of each of them, at least."""
+"""Fastest time constants of each initial round, at least."""
 CRUISE = 0.8
-"""Share of the way that the highest speed allows which a first plan takes."""
+"""Fraction of the distance at maximum speed that a first plan covers."""
 STILL = 0.25
-"""Share of the way to the goal, or of the longest plan, below which a plan leads nowhere."""
+"""Fraction of the distance to the goal, or of the longest plan, below which a plan leads nowhere.
+"""
 BANDWIDTH = 10e6
-"""Of the op amps that hardware times are told for, in Hz."""
+"""Bandwidth in Hz of the op amps for which hardware times are reported."""
 SHARE = 0.5
-"""Of a control period that settling may take."""
+"""Fraction of a control period that settling may take."""
 ROWS = {LINEAR: half_planes, NONLINEAR: discs}
-"""What cells are told of obstacles, by their form."""
+"""Functions that compute the obstacle inputs, by constraint form."""
 LOST = 10.0
-"""Residual of a network that is on no way to a plan: it begins anew."""
+"""Residual above which a network has failed and restarts."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NetworkPlanner:
-    """Model-predictive control by one network with frozen gains; see `design_planner`.
+    """Model-predictive control by one network with fixed gains; see `design_planner`.
 
     Attributes
     ----------
-    planning : Planning
     network : Network
-        Frozen.
+        Network with fixed gains.
     radius : float
-        Of its spectrum in contact: fastest rate, per unit of network time.
+        Spectral radius in contact: fastest rate, per unit of network time.
     budget : float
-        Fastest time constants that it may run each period.
+        Fastest time constants that the network may run in each period.
     tolerance : float
-        Residual at which a period's run ends earlier.
-    margin : Margin
+        Residual at which the run of a period ends early.
     """
 
     planning: Planning
@@ -71,23 +70,18 @@ class NetworkPlanner:
 
     @property
     def dt(self) -> float:
-        """The control period, in seconds: a stage of the plan."""
+        """Control period in seconds, one stage of the plan."""
         return self.planning.dt
 
     def begin(self) -> NetworkDriver:
-        """A driver that starts cold."""
+        """Return a driver without previous plans."""
         return NetworkDriver(self)
 
     def run(self, inputs: Mapping[str, np.ndarray], x: np.ndarray, budget: float) -> BatchRun:
-        """Its network with some inputs, until it has settled or its budget is spent.
+        """Run the network until it has settled or its budget is used.
 
-        Parameters
-        ----------
-        inputs : mapping of input name to (B, N) or (B,) array
-        x : (B, n) array
-            Where to start, in network units.
-        budget : float
-            In fastest time constants.
+        Inputs have shape (B, N) or (B,), and the initial states x (B, n) are in network units. The
+        budget is in fastest time constants.
         """
         backend = OdeBackend(
             limit=budget * self._start_rate / self.radius,
@@ -98,14 +92,14 @@ class NetworkPlanner:
 
     @cached_property
     def _start_rate(self) -> float:
-        """One over the time constant that limits of a run are counted in."""
+        """Reciprocal of the time constant in which the limit of a run is counted."""
         return float(fast_evaluator(self.network).fastest_rate(self.network.start_state))
 
     def hardware_time(self, bandwidth: float) -> float:
-        """Seconds that a period's budget takes with op amps of a bandwidth (GBW, in Hz).
+        """Return the time in seconds of a period's budget for an op-amp bandwidth.
 
-        A circuit is scaled so that a fastest time constant is k / (2 pi GBW), with a margin k of
-        10: 0.159 us at 10 MHz.
+        The bandwidth is the GBW in Hz. Circuits are scaled so that a fastest time constant is k /
+        (2 pi GBW) with a bandwidth margin k of 10, which is 0.159 us at 10 MHz.
         """
         return self.budget * time_unit(1.0, bandwidth)
 
@@ -126,17 +120,14 @@ class NetworkPlanner:
 
 
 class NetworkDriver:
-    """One network on some journeys at once, a sample of a batch each.
+    """Network planner on several journeys at once, one batch sample each.
 
     Attributes
     ----------
-    planner : NetworkPlanner
-    network : Network
-        The planner's.
     batch : BatchRun
-        The last run.
+        Last run.
     begun : (B, n) array
-        Where it began, in network units.
+        Initial states of the last run, in network units.
     """
 
     batch: BatchRun
@@ -155,7 +146,10 @@ class NetworkDriver:
         self._factor, self._offset = np.array([n.scale for n in neurons]).T[..., None]
 
     def plan(self, situations: Sequence[Situation]) -> list[Plan]:
-        """A plan for each situation; where a robot starts, after a few rounds of settling."""
+        """Return a plan for each situation.
+
+        A new journey first runs several rounds of settling.
+        """
         new = [s for s in situations if s.number not in self._plans]
         for situation in new:
             self._plans[situation.number] = self._cold(situation)
@@ -173,7 +167,7 @@ class NetworkDriver:
         return [told[s.number] for s in situations]
 
     def _cold(self, situation: Situation) -> np.ndarray:
-        """Neurons' values (P, N) on the line to the goal, in the user's units."""
+        """Return neuron values (P, N) on the line to the goal, in the user's units."""
         stages = self.network.stages
         values = np.zeros(self.network.live.shape)
         line = np.repeat(situation.q[:, None], stages + 1, axis=1)
@@ -183,7 +177,7 @@ class NetworkDriver:
         return values
 
     def _line(self, situation: Situation) -> np.ndarray:
-        """Places (N+1, 2) on the line to the goal, or as far as a plan comes."""
+        """Return places (N+1, 2) on the line to the goal, up to the length of a plan."""
         planner, stages = self.planner, self.network.stages
         way = situation.world.goal - situation.q[:2]
         longest = CRUISE * planner.planning.robot.limits[0, 1] * stages * planner.dt
@@ -191,16 +185,17 @@ class NetworkDriver:
         return situation.q[:2] + np.outer(np.linspace(0, 1, stages + 1), taken)
 
     def _way(self, path: np.ndarray, situation: Situation) -> np.ndarray:
-        """Places (N, 2) that obstacles are to be kept off: of the plan, or of the line to the goal.
+        """Return the places (N, 2) from which obstacles are kept away.
 
-        A plan that leads nowhere does not show on which side an obstacle could be passed.
+        The places are those of the plan, or of the line to the goal if the plan leads nowhere. Such
+        a plan does not show on which side to pass an obstacle.
         """
         planned, line = path[self._q[:2]].T, self._line(situation)[:-1]
         lengths = (np.linalg.norm(places[-1] - places[0]) for places in (planned, line))
         return planned if next(lengths) >= STILL * next(lengths) else line
 
     def _shifted(self, values: np.ndarray) -> np.ndarray:
-        """Every cell takes over what its right neighbour holds; the last one looks a stage on."""
+        """Shift all values by one cell from the right and extrapolate the last cell."""
         ahead = np.concatenate([values[:, 1:], values[:, -1:]], axis=1)
         ahead[self._q, -1] = values[self._t, -1]
         ahead[self._t, -1] = self.planner.planning.steps.map(

@@ -1,8 +1,8 @@
-"""Obstacles: discs and convex polygons that stand, or move at a known velocity.
+"""Obstacles: static or moving discs and convex polygons with known velocity.
 
-An obstacle is the convex hull of its corners, widened by a radius: a disc has one corner. All that
-a planner asks of it is how far it reaches in a direction and how near it is to a point, so that
-other convex shapes need no other planner.
+An obstacle is the convex hull of its corners, widened by a radius. A disc has one corner. A planner
+uses only the reach in a direction and the distance to a point, so other convex shapes need no other
+planner.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from scipy.spatial import ConvexHull, QhullError
 from ann_dc.errors import WorldError
 
 Pair: TypeAlias = Sequence[float] | np.ndarray
-"""(x, y)."""
+"""Coordinates (x, y)."""
 
 
 class Nearness(NamedTuple):
-    """How near obstacles are to points.
+    """Distances and directions from obstacles to points.
 
     Attributes
     ----------
     distance : (K,) array
-        To the boundary, in the world's unit of length; negative inside.
+        Distance to the boundary, in the world's length unit; negative inside.
     normal : (K, 2) array
-        Unit vectors away from the obstacle, where its boundary is nearest.
+        Unit vectors away from the obstacle at the nearest boundary point.
     """
 
     distance: np.ndarray
@@ -37,18 +37,18 @@ class Nearness(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Obstacle:
-    """A convex obstacle; see `disc` and `polygon`.
+    """Convex obstacle; see `disc` and `polygon`.
 
     Attributes
     ----------
     corners : (c, 2) array
-        At time zero, counter-clockwise; one of a disc.
+        Corners at time zero, counter-clockwise; one corner for a disc.
     radius : float
-        By which the hull of the corners is widened.
+        Distance by which the hull of the corners is widened.
     velocity : (2,) array
-        Length a second.
+        Velocity in length units per second.
     appears : float
-        When it can be sensed for the first time, in seconds.
+        Time in seconds from which the obstacle can be sensed.
 
     Examples
     --------
@@ -64,24 +64,24 @@ class Obstacle:
 
     @property
     def centre(self) -> np.ndarray:
-        """(2,) array: of the corners at time zero."""
+        """Centre (2,) of the corners at time zero."""
         return self.corners.mean(axis=0)
 
     @property
     def moves(self) -> bool:
-        """Whether it has a velocity."""
+        """True if the obstacle has a velocity."""
         return bool(self.velocity.any())
 
     def centres(self, time: np.ndarray) -> np.ndarray:
-        """(K, 2): its centre at times (K,)."""
+        """Return the centres (K, 2) at times (K,)."""
         return self.centre + np.outer(time, self.velocity)
 
     def reach(self, direction: np.ndarray) -> np.ndarray:
-        """(K,): how far from its centre it reaches in unit directions (K, 2)."""
+        """Return the reaches (K,) from the centre in unit directions (K, 2)."""
         return ((self.corners - self.centre) @ direction.T).max(axis=0) + self.radius
 
     def near(self, points: np.ndarray, time: np.ndarray) -> Nearness:
-        """How near it is to points (K, 2) at times (K,)."""
+        """Return distances and normals to points (K, 2) at times (K,)."""
         away = points - np.outer(time, self.velocity)
         if len(self.corners) == 1:
             offset = away - self.corners[0]
@@ -122,23 +122,11 @@ def disc(
     velocity: Pair = (0.0, 0.0),
     appears: float = 0.0,
 ) -> Obstacle:
-    """A disc.
+    """Return a disc obstacle.
 
-    Parameters
-    ----------
-    centre : (x, y)
-        At time zero.
-    radius : float
-        Positive.
-    velocity : (x, y)
-        Length a second.
-    appears : float
-        Seconds from which on it can be sensed.
-
-    Raises
-    ------
-    WorldError
-        Naming what is no finite number, or not positive.
+    The centre is that at time zero, the velocity is in length units per second, and ``appears`` is
+    the time in seconds from which the disc can be sensed. Raises `WorldError` if a number is not
+    finite or the radius is not positive; the message names the argument.
 
     Examples
     --------
@@ -158,19 +146,11 @@ def polygon(
     velocity: Pair = (0.0, 0.0),
     appears: float = 0.0,
 ) -> Obstacle:
-    """A convex polygon, of three corners or more in any order around it.
+    """Return a convex polygon with three or more corners.
 
-    Parameters
-    ----------
-    corners : sequence of (x, y)
-        At time zero.
-    velocity, appears
-        As of a `disc`.
-
-    Raises
-    ------
-    WorldError
-        If the corners are no convex polygon, or something is no finite number.
+    The corners are those at time zero, in order around the polygon in either direction.
+    ``velocity`` and ``appears`` are as for a `disc`. Raises `WorldError` if the polygon is not
+    convex or a number is not finite.
 
     Examples
     --------

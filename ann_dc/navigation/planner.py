@@ -1,4 +1,4 @@
-"""What every planner is asked and answers, whatever it plans with."""
+"""Interface of all planners: situations and plans."""
 
 from __future__ import annotations
 
@@ -12,17 +12,16 @@ from ann_dc.navigation.scenario import World
 
 
 class Situation(NamedTuple):
-    """What a robot knows at the beginning of a control period.
+    """Information that a robot has at the beginning of a control period.
 
     Attributes
     ----------
-    world : World
     number : int
-        Of the journey, under which a planner keeps what it remembers.
+        Number of the journey, the key of the planner's memory.
     q : (n,) array
-        Where the robot is.
+        State of the robot.
     time : float
-        In seconds.
+        Time in seconds.
     """
 
     world: World
@@ -33,20 +32,21 @@ class Situation(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
-    """What a planner would do.
+    """Planned states and controls with diagnostics.
 
     Attributes
     ----------
     q : (n, K+1) array
-        States, beginning with the present one.
+        States, beginning with the current state.
     u : (m, K) array
         Controls.
     residual : float
-        How far the plan is from being an optimum; nan where nothing measures it.
+        Optimality residual of the plan; nan if the planner does not compute it.
     spent : float
-        Fastest time constants that the network ran.
+        Run time of the network in fastest time constants.
     pressed : float
-        Largest multiplier of an obstacle's row, in shares of its price; zero without contact.
+        Largest multiplier of an obstacle constraint relative to its penalty weight; zero without
+        contact.
     """
 
     q: np.ndarray
@@ -57,21 +57,21 @@ class Plan:
 
 
 class Driver(Protocol):
-    """A planner on its way through some worlds at once; it remembers its last plans."""
+    """Planner in operation in several worlds, with a memory of the last plans."""
 
     def plan(self, situations: Sequence[Situation]) -> list[Plan]:
-        """A plan for each situation."""
+        """Return a plan for each situation."""
         ...
 
 
 class Planner(Protocol):
-    """Plans a few steps ahead, again and again."""
+    """Receding-horizon planner."""
 
     @property
     def dt(self) -> float:
-        """The control period, in seconds."""
+        """Control period, in seconds."""
         ...
 
     def begin(self) -> Driver:
-        """A driver that remembers nothing yet."""
+        """Return a driver without previous plans."""
         ...

@@ -1,15 +1,16 @@
-"""Gains of a planning network: read off many contacts at once.
+"""Gain design of a planning network from many obstacle contacts.
 
-1. A first network is designed without any obstacle.
-2. It drives through a few worlds; where it touches obstacles, its inputs and states are kept.
-3. The closed form is read off these contacts together, with several penalties. Each network, and
-   the one that met them, begins every contact's period anew; the one wins that needs the least
-   time, counted dear where it does not settle in its budget. It drives through other worlds, and
-   so on.
+1. A first network is designed without obstacles.
+2. The network drives through a few worlds. Its inputs and states at contacts with obstacles are
+   recorded.
+3. The closed-form gain rule is applied to all contacts together, with several penalty factors. Each
+   network, and the recording network, restarts the period of every contact. The network with the
+   least mean time is selected; a period that does not settle within the budget has a high cost. The
+   selected network drives through other worlds, and so on.
 
-What is slow in contact are the costates of the place: where most controls stand at a limit, nothing
-but the compliance of the rows holds what they have in common, and they are many to be moved by it.
-The faster the multipliers, the faster that mode, at the cost of the fastest one.
+The slow modes in contact are the costates of the position. If most controls are saturated, only the
+compliance of the constraints determines their common part, and the compliance must move many
+costates. Faster multipliers make this mode faster and increase the fastest rate.
 """
 
 from __future__ import annotations
@@ -43,29 +44,32 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count, Positive
 
 SOFT = Soft(price=100.0, compliance=0.002)
-"""What rows cost: more than keeping one is worth, and a little room for those that depend."""
+"""Soft constraint: price above the gain from a violation, small compliance for dependent rows."""
 TURNS = 3
-"""Times that gains are read off contacts."""
+"""Number of gain designs from contacts."""
 WORLDS = 12
-"""Worlds to drive through in all of them."""
+"""Number of worlds over all designs."""
 POINTS = 24
-"""Contacts that gains are read off."""
+"""Number of contacts for one gain design."""
 JUDGED = 4
-"""Every so many contacts, one at which a spectrum is taken."""
+"""Interval of the contacts at which a spectrum is computed."""
 PERIODS = 120
-"""In contact, that networks begin anew."""
+"""Number of contact periods that candidate networks restart."""
 HELD = 1e-3, 0.5
-"""Shares of the price between which a multiplier tells of a contact that can be held."""
+"""Range of a multiplier, as fractions of the price, that indicates a contact that can be held."""
 CALM = 1e-2
-"""Residual below which a state is near enough to where it would settle."""
+"""Residual below which a state is close to its equilibrium."""
 UNSETTLED = 10.0
-"""Budgets that a period counts in which a network has not settled."""
+"""Cost, in budgets, of a period in which a network has not settled."""
 PENALTIES = (1.4, 2.0, 2.8, 4.0)
-"""Factors on the penalties to choose from."""
+"""Candidate penalty factors."""
 RECIPE = replace(WITH_COORDINATORS, by_reach=True, coarse=0.25, dual=3.0, dual_coupling=3.0)
-"""With multipliers twice as fast, and coordinators half as fast, as where no row presses."""
+"""Gain rule with multipliers twice as fast, and coarse-level neurons half as fast, as without
+active
+constraints.
+"""
 FIRST_SEED = 10_000
-"""Of the random worlds of a design."""
+"""First seed of the random worlds of a design."""
 
 
 @checked
@@ -80,29 +84,32 @@ def design_planner(
     worlds: Sequence[World] | None = None,
     progress: Progress = silent,
 ) -> NetworkPlanner:
-    """A planning network for a robot, with gains that hold in contact.
+    """Design a planning network for a robot, with gains for obstacle contacts.
 
     Parameters
     ----------
     robot : Robot
+        Robot model.
     horizon : int
-        Stages of a plan.
+        Number of stages of a plan.
     dt : float
-        Control period and stage, in seconds.
+        Control period and stage duration, in seconds.
     slots : int
-        Obstacles that a cell can keep clear of at once, the nearest ones.
+        Number of obstacles that a cell can avoid at once; the nearest obstacles are used.
     pull : float
-        Weight of the squared distance to the goal, a stage.
+        Weight of the squared distance to the goal, per stage.
     soft : Soft
-        Of all rows; with a finite price.
+        Soft-constraint parameters of all obstacle constraints, with a finite price.
     worlds : sequence of World, optional
-        To meet obstacles in, a third of them with the gains that another third led to; a dozen
-        random ones by default.
+        Worlds for contacts, by default 12 random worlds. Each third uses the gains from the
+        preceding third.
     progress : Progress
+        Receives status messages, one line at a time.
 
     Returns
     -------
     NetworkPlanner
+        Planner with the designed network.
 
     Raises
     ------
@@ -129,22 +136,10 @@ def design_planner(
 def planner_for(
     planning: Planning, *, worlds: Sequence[World] | None = None, progress: Progress = silent
 ) -> NetworkPlanner:
-    """A planning network for a planning problem, of either form.
+    """Design a planning network for a planning problem of either form.
 
-    Parameters
-    ----------
-    planning : Planning
-    worlds, progress
-        As of `design_planner`.
-
-    Returns
-    -------
-    NetworkPlanner
-
-    Raises
-    ------
-    DesignError
-        If the robot touches nothing in the worlds of its design.
+    ``worlds`` and ``progress`` are those of `design_planner`. Raises `DesignError` if the robot
+    touches nothing in the worlds of its design.
 
     Examples
     --------
@@ -174,7 +169,7 @@ def planner_for(
 
 
 def _on_a_straight(planning: Planning, network: Network) -> Network:
-    """The network at half the highest speed, straight towards a goal beyond its horizon."""
+    """Return the network at half speed, straight towards a goal beyond its horizon."""
     robot, stages = planning.robot, network.stages
     q, u = np.zeros((len(robot.states), stages)), np.zeros((len(robot.controls), stages))
     u[0] = robot.limits[0, 1] / 2
@@ -184,7 +179,7 @@ def _on_a_straight(planning: Planning, network: Network) -> Network:
 
 
 class _Contact(NamedTuple):
-    """A period in contact: inputs, where the network began and ended, whether it had settled."""
+    """Period in contact: inputs, initial and final state, True if nearly settled."""
 
     inputs: dict[str, np.ndarray]
     begun: np.ndarray
@@ -192,24 +187,24 @@ class _Contact(NamedTuple):
     calm: bool
 
     def point(self, network: Network) -> SettledPoint:
-        """Where the network ended, to read gains off."""
+        """Return the final state as a point for the gain rule."""
         here = network.with_inputs(self.inputs)
         return SettledPoint(Linearisation(here).at(self.ended), self.ended)
 
 
 class _Scout:
-    """A planner that keeps the contacts that its network meets."""
+    """Planner that records the contacts of its network."""
 
     def __init__(self, planner: NetworkPlanner) -> None:
         self.planner, self.dt, self.driver = planner, planner.dt, planner.begin()
         self.contacts: list[_Contact] = []
 
     def begin(self) -> _Scout:
-        """The one driver that it is."""
+        """Return the single driver, which is the planner itself."""
         return self
 
     def plan(self, situations: Sequence[Situation]) -> list[Plan]:
-        """What the planner says."""
+        """Return the plans and record the contacts."""
         plans, (low, high) = self.driver.plan(situations), HELD
         batch, begun = self.driver.batch, self.driver.begun
         for sample, plan in enumerate(plans if len(batch) == len(plans) else ()):
@@ -228,7 +223,10 @@ def _spread(contacts: Sequence[_Contact], count: int) -> list[_Contact]:
 def _best(
     planner: NetworkPlanner, contacts: Sequence[_Contact], progress: Progress
 ) -> NetworkPlanner:
-    """The planner with the gains, read off calm contacts if any, that settle soonest in all."""
+    """Return the planner whose gains have the least mean settling time.
+
+    The mean is over all contacts. The gains are computed from calm contacts, if any.
+    """
     calm = [contact for contact in contacts if contact.calm] or contacts
     points = [contact.point(planner.network) for contact in _spread(calm, POINTS)]
     periods = _spread(contacts, PERIODS)
@@ -245,7 +243,7 @@ def _best(
 
 
 def _mean_time(planner: NetworkPlanner, inputs: dict[str, np.ndarray], begun: np.ndarray) -> float:
-    """Fastest time constants until contacts have settled, from where they began."""
+    """Return the mean settling time of contacts, in fastest time constants."""
     run = replace(planner, tolerance=SETTLED).run(inputs, begun, planner.budget)
     times = run.settling_times * planner.radius
     return float(np.where(run.settled, times, UNSETTLED * planner.budget).mean())

@@ -1,4 +1,4 @@
-"""Safety filter (shield): controls that replace a plan that is unsafe or has not converged."""
+"""Safety filter (shield): controls that replace unsafe or unconverged plans."""
 
 from __future__ import annotations
 
@@ -12,32 +12,34 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count, NotNegative, Positive, such_as
 
 STILL = 1e-6
-"""Largest change of a state in a period in which a robot counts as standing still."""
+"""Largest change of a state in one period for which a robot counts as stationary."""
 
 GENTLE = 0.25
-"""Share of a limit at which ways out are tried beside the limit itself."""
+"""Fraction of a limit that is tried as an escape control in addition to the limit itself."""
 
 
 @such_as("ann_dc.navigation.Shield()")
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Shield:
-    """Safety filter that replaces a plan if it leaves too little room or has not converged.
+    """Safety filter that replaces a plan with too little clearance or convergence.
 
-    Ways out are constant controls, each at zero, at one of its limits or at a quarter of it, rolled
-    out a few steps, and the one with the most room is taken. A robot with two controls has 25 of
-    them, which a digital circuit rolls out in each period. A better plan is never overruled.
+    Escape manoeuvres are constant controls, each at zero, at one of its limits or at a quarter of a
+    limit. They are simulated for a few steps, and the manoeuvre with the most clearance is
+    selected. A robot with two controls has 25 manoeuvres, which a digital circuit can simulate in
+    each period. A plan with more clearance is never replaced.
 
-    A robot that stands still in a world at rest would never move again. If standing still is the
-    best way out, the first control of the plan is applied nevertheless, provided that a way out
-    with twice the room remains afterwards.
+    A stationary robot in a static world would never move again. If standing still is the best
+    manoeuvre, the first control of the plan is still applied, provided that a manoeuvre with twice
+    the clearance remains afterwards.
 
     Attributes
     ----------
     steps : int
-        Nodes of the plan, and of each way out, that it looks at.
+        Number of nodes of the plan, and of each manoeuvre, that are checked.
     room : float
-        What a plan has to leave between the robot's rim and an obstacle.
+        Required clearance of a plan between the robot's rim and an obstacle, in the world's length
+        unit.
     trusted : float
         Residual above which a plan counts as not converged.
     """
@@ -47,14 +49,16 @@ class Shield:
     trusted: Positive = 0.1
 
     def instead(self, situation: Situation, plan: Plan, dt: float) -> np.ndarray | None:
-        """Controls (m,) to apply instead of a plan's, or None.
+        """Return controls (m,) that replace those of a plan, or None.
 
         Parameters
         ----------
         situation : Situation
+            Information that the robot has now.
         plan : Plan
+            Plan to check.
         dt : float
-            Seconds a step.
+            Duration of a step, in seconds.
         """
         if not situation.world.sensed(situation.q[:2], situation.time):
             return None
@@ -72,7 +76,7 @@ class Shield:
         return controls[:, chosen]
 
     def _leaves_a_way_out(self, situation: Situation, plan: Plan, dt: float) -> bool:
-        """Return True if a way out with twice the room remains after the first control."""
+        """Return True if a manoeuvre with twice the clearance remains after a control."""
         first = np.clip(plan.u[:, :1].T, *situation.world.robot.limits.T).T
         before = _rolled(situation, situation.q[:, None], first, 1, dt)[0]
         moves = not np.allclose(before[:, 1], situation.q, rtol=0.0, atol=STILL)
@@ -81,7 +85,10 @@ class Shield:
     def _ways_out(
         self, situation: Situation, before: np.ndarray, dt: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return controls (m, W) of all ways out, later states (W, n, K) and least rooms (W,)."""
+        """Return controls (m, W), later states (W, n, K) and least clearances (W,).
+
+        The W manoeuvres are all escape manoeuvres.
+        """
         ends = [
             dict.fromkeys((0.0, low, high, GENTLE * low, GENTLE * high))
             for low, high in situation.world.robot.limits
@@ -94,7 +101,7 @@ class Shield:
         return controls, ways, np.array(rooms)
 
     def _room(self, situation: Situation, q: np.ndarray, dt: float) -> float:
-        """Least room along states (n, K), as far as obstacles are in sight."""
+        """Return the least clearance along states (n, K) from visible obstacles."""
         world, time = situation.world, situation.time + dt * np.arange(1, q.shape[1] + 1)
         seen = world.sensed(situation.q[:2], situation.time)
         gaps = [world.obstacles[i].near(q[:2].T, time).distance.min() for i in seen]
@@ -104,7 +111,10 @@ class Shield:
 def _rolled(
     situation: Situation, q: np.ndarray, u: np.ndarray, steps: int, dt: float
 ) -> np.ndarray:
-    """Simulate W ways from states (n, W) with constant controls (m, W): (W, n, K+1)."""
+    """Simulate W manoeuvres from states (n, W) with constant controls (m, W).
+
+    The result has shape (W, n, K+1).
+    """
     step, limits = situation.world.robot.steps(dt), situation.world.robot.state_limits.T[..., None]
     way = [q]
     for _ in range(steps):

@@ -1,4 +1,4 @@
-"""Worlds: a robot, where it is and where it wants to be, what stands or moves in its way."""
+"""Worlds: a robot, its start and goal, and static or moving obstacles."""
 
 from __future__ import annotations
 
@@ -19,28 +19,24 @@ from ann_dc.validation.values import Index, Own, Positive, such_as
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class World:
-    """What a robot is to find its way through.
+    """Scenario of a navigation run.
+
+    Raises `WorldError` if the start or goal is malformed. The same error is raised if the start is
+    inside an obstacle that is present from the beginning, or the goal inside such a static
+    obstacle.
 
     Attributes
     ----------
-    robot : Robot
     start : (n,) array
-        Its state at time zero.
+        State of the robot at time zero.
     goal : (2,) array
-        Where its place is to be.
-    obstacles : tuple of Obstacle
+        Target position.
     sensor : float
-        How far it sees, from its centre to an obstacle's boundary.
+        Sensor range from the robot's centre to an obstacle's boundary.
     duration : float
-        Seconds after which it gives up.
+        Time in seconds after which the robot gives up.
     arrived : float
-        At the goal is what is nearer to it than this.
-    name : str
-
-    Raises
-    ------
-    WorldError
-        If the start or the goal lies in an obstacle that is there from the beginning.
+        Distance from the goal below which the robot has arrived.
     """
 
     robot: Robot
@@ -71,7 +67,7 @@ class World:
                     )
 
     def sensed(self, place: np.ndarray, time: float) -> list[int]:
-        """Numbers of the obstacles that are in sight from a place (2,) at a time."""
+        """Return the indices of the obstacles visible from a place (2,) at a time."""
         return [
             number
             for number, obstacle in enumerate(self.obstacles)
@@ -80,7 +76,10 @@ class World:
         ]
 
     def clearance(self, places: np.ndarray, time: np.ndarray) -> float:
-        """Least distance from the robot's rim at places (K, 2) and times (K,) to any obstacle."""
+        """Return the least distance from the robot's rim to any obstacle.
+
+        The robot is at places (K, 2) at times (K,).
+        """
         gaps = [
             obstacle.near(places, time).distance[time >= obstacle.appears]
             for obstacle in self.obstacles
@@ -101,15 +100,18 @@ def _numbers(field: str, given: object) -> np.ndarray:
 def random_world(
     seed: Index, *, robot: Robot | None = None, counts: Sequence[int] = (3, 8)
 ) -> World:
-    """Discs at random between (0, 0) and (5, 5), every second one moving.
+    """Create a world with random discs, every second one moving.
+
+    The start is (0, 0) and the goal is (5, 5); the discs lie between them.
 
     Parameters
     ----------
     seed : int
+        Seed of the random numbers.
     robot : Robot, optional
-        `car_robot` by default.
+        Robot model; the default is `car_robot`.
     counts : (int, int)
-        Fewest and most discs.
+        Smallest and largest number of discs.
 
     Examples
     --------

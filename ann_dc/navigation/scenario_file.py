@@ -1,6 +1,6 @@
-"""Worlds as text: a TOML file becomes a `World`.
+"""World files: conversion of TOML text to a `World`.
 
-Nothing in it is ever executed::
+The content of a file is never executed::
 
     start = [0, 0, 0.785, 0]     # the robot's state
     goal = [5, 5]
@@ -44,17 +44,9 @@ OPTIONAL = ("name", "sensor", "duration", "arrived", *OBSTACLES)
 def load_world(path: str | os.PathLike[str]) -> World:
     """Read a world from a TOML file.
 
-    Parameters
-    ----------
-    path : path-like
-        The file. Its stem names the world unless the file has a ``name``.
-
-    Raises
-    ------
-    FileFormatError
-        If there is no such file, or it is not TOML.
-    WorldError
-        If its content is no world; the message begins with the path and the field.
+    The stem of the path is the name of the world unless the file contains ``name``. Raises
+    `FileFormatError` if the file does not exist or is not TOML. Raises `WorldError` if the content
+    does not describe a world; the message begins with the path and the field.
 
     Examples
     --------

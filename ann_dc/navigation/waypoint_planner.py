@@ -1,9 +1,9 @@
-"""The paper's planner: optimal legs, and a waypoint beside every obstacle that appears on the way.
+"""Planner of the paper: optimal legs and a waypoint next to every new obstacle.
 
-A leg is planned without obstacles, by one network for legs of all lengths. Where an obstacle comes
-into sight that the robot is about to meet, the leg is given up for one to a waypoint beside it,
-q_obs + delta, and one from there to the goal. As printed the leg to the waypoint is left out: the
-next one is planned as if the robot stood there already.
+One network plans legs of all lengths, without obstacles. If the robot sees an obstacle that it is
+about to meet, the leg is replaced by two legs: one to a waypoint next to the obstacle, q_obs +
+delta, and one from there to the goal. As printed, the leg to the waypoint is omitted: the next leg
+is planned as if the robot were at the waypoint already.
 
 References
 ----------
@@ -32,33 +32,32 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count, Index, Positive
 
 PACE = 0.7
-"""Of the highest speed: that at which a leg is to be driven."""
+"""Design speed of a leg, as a fraction of the maximum speed."""
 SHORTEST, LONGEST = 1.0, 8.0
-"""Lengths of the legs that the network is designed for, in the robot's unit of length."""
+"""Range of leg lengths for which the network is designed, in the robot's length unit."""
 ASIDE = 0.8
-"""Largest angle between the robot's heading and the way, in rad, of these legs."""
+"""Largest angle in rad between the robot's heading and the direction of a design leg."""
 SEEN_AHEAD = 1.5
-"""Seconds of the plan that an obstacle has to be near to count as met."""
+"""Duration in seconds of the plan that is checked for nearby obstacles."""
 TRIED = 100
-"""Legs on which the design is tried in the end."""
+"""Number of held-out legs for the validation of the design."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WaypointPlanner:
-    """The paper's section IV.C; see `design_waypoint_planner`.
+    """Planner of the paper's section IV.C; see `design_waypoint_planner`.
 
     Attributes
     ----------
-    robot : Robot
     network : Network
-        Of a leg, for all of them.
+        Network for a leg, used for all legs.
     dt : float
-        The control period, in seconds.
+        Control period, in seconds.
     delta : (2,) array
-        From an obstacle's rim, and the robot's, to the waypoint; its direction is the side on which
-        all obstacles are passed.
+        Offset of the waypoint from the rims of obstacle and robot; its direction is the passing
+        side of all obstacles.
     as_printed : bool
-        Whether the leg from the robot to the waypoint is left out.
+        True if the leg from the robot to the waypoint is omitted.
     """
 
     robot: Robot
@@ -68,7 +67,7 @@ class WaypointPlanner:
     as_printed: bool = False
 
     def begin(self) -> WaypointDriver:
-        """A driver that has planned nothing yet."""
+        """Return a driver without legs."""
         return WaypointDriver(self)
 
 
@@ -83,22 +82,24 @@ def design_waypoint_planner(
     seed: Index = 0,
     progress: Progress = silent,
 ) -> WaypointPlanner:
-    """The paper's planner for a robot, with one network for all of its legs.
+    """Design the paper's planner for a robot, with one network for all legs.
 
     Parameters
     ----------
     robot : Robot
+        Robot model.
     stages : int
-        Of a leg, however long it is.
+        Number of stages of a leg of any length.
     dt : float
         Control period, in seconds.
     aside : float
-        Length of delta, to the upper left.
+        Length of delta, which points to the upper left, in the robot's length unit.
     as_printed : bool
-        Whether the leg from the robot to the waypoint is left out.
+        If True, the leg from the robot to the waypoint is omitted.
     seed : int
-        Of the legs of the design.
+        Seed of the random legs of the design.
     progress : Progress
+        Receives status messages, one line at a time.
 
     Raises
     ------
@@ -128,7 +129,7 @@ def design_waypoint_planner(
 
 
 def _drawn(robot: Robot, draws: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A state somewhere, and a place not behind it."""
+    """Draw a state and a place that is not behind it."""
     low, high = np.where(np.isfinite(robot.state_limits), robot.state_limits / 2, [-np.pi, np.pi]).T
     q = draws.uniform(low, high)
     q[:2] = draws.uniform(0.0, 5.0, 2)
@@ -147,7 +148,7 @@ def _leg_inputs(robot: Robot, stages: int, q: np.ndarray, place: np.ndarray) -> 
 
 
 def _resampled(u: np.ndarray, h: float, dt: float) -> np.ndarray:
-    """Means (m, K) over periods dt of controls (m, N) that each hold for h."""
+    """Average piecewise-constant controls (m, N) of step h over periods dt to (m, K)."""
     ends = h * np.arange(u.shape[1] + 1)
     instants = dt * np.arange(int(np.ceil(ends[-1] / dt)) + 1)
     sums = np.hstack([np.zeros((len(u), 1)), np.cumsum(u * h, axis=1)])
@@ -155,12 +156,7 @@ def _resampled(u: np.ndarray, h: float, dt: float) -> np.ndarray:
 
 
 class WaypointDriver:
-    """Legs that are being driven, and what has been passed already.
-
-    Attributes
-    ----------
-    planner : WaypointPlanner
-    """
+    """Current legs and passed obstacles of several journeys."""
 
     def __init__(self, planner: WaypointPlanner) -> None:
         self.planner = planner
@@ -168,7 +164,7 @@ class WaypointDriver:
         self._met: dict[int, set[int]] = {}
 
     def plan(self, situations: Sequence[Situation]) -> list[Plan]:
-        """What is left of the legs; new ones, where an obstacle appears."""
+        """Return the remaining legs, replaced if an obstacle appears."""
         return [self._plan(situation) for situation in situations]
 
     def _plan(self, situation: Situation) -> Plan:
@@ -194,7 +190,10 @@ class WaypointDriver:
         return Plan(q=q, u=u)
 
     def _leg(self, q: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """States and controls of a leg, one a control period; a robot in place stands still."""
+        """Return states and controls of a leg, one per control period.
+
+        A robot at its destination does not move.
+        """
         planner, network = self.planner, self.planner.network
         inputs = _leg_inputs(planner.robot, network.stages, q, place)
         batch = OdeBackend(verify=False, settling=Settling(tolerance=1e-4)).run_batch(
@@ -207,7 +206,7 @@ class WaypointDriver:
         return planner.robot.steps(planner.dt).rollout(q, u), u
 
     def _appears(self, situation: Situation) -> int | None:
-        """An obstacle in sight that the plan comes too near to, and that was not met before."""
+        """Return a visible, not yet met obstacle that is too close to the plan, or None."""
         world, planner = situation.world, self.planner
         ahead = self._legs[situation.number][0][:2, : int(SEEN_AHEAD / planner.dt)].T
         for number in world.sensed(situation.q[:2], situation.time):
@@ -220,7 +219,7 @@ class WaypointDriver:
         return None
 
     def _waypoint(self, situation: Situation, number: int) -> np.ndarray:
-        """q_obs + delta, (2,): delta begins at the rim."""
+        """Return the waypoint q_obs + delta (2,), with delta measured from the rim."""
         obstacle, delta = situation.world.obstacles[number], self.planner.delta
         way = delta / np.linalg.norm(delta)
         reach = obstacle.reach(way[None])[0] + self.planner.robot.radius

@@ -1,4 +1,4 @@
-"""What is wired: records of a cell, N of them in a row, ends and metric; nothing runs."""
+"""Network description: cell, array of N cells, boundaries, preconditioner."""
 
 import lazy_loader
 

@@ -1,20 +1,21 @@
-r"""One cell of the network: neurons, blocks, and the numbers that connect them.
+r"""Cell of the network: neurons, blocks, and the weights that connect them.
 
-A neuron holds state and obeys
+A neuron has a state and obeys
 
 .. math:: \tau\, \dot x = \sum_{e \to x} w_e\, s_e ,
 
-where the sum runs over the connections that end at it, w_e is the synapse weight of a connection
-and s_e the value of its source. Blocks hold no state: a `Sum` adds what arrives as a neuron does,
-a `Product` is a multiplier, a `Function` a function generator. Sources may sit in the same cell
-or, for connections, in another one at a fixed distance: the cell is a cloning template. What a
-problem is wired into reaches the next cell and no further; the emulation of a circuit with a metric
-has wires beyond neighbours.
+where the sum runs over the connections that end at the neuron, w_e is the synapse weight of a
+connection and s_e the value of its source. Blocks have no state: a `Sum` adds its inputs like a
+neuron, a `Product` is a multiplier, a `Function` a function generator.
 
-What a cell has to be before a network is made of it; every refusal names the node.
+Sources are in the same cell or, for connections, in another one at a fixed distance: the cell is a
+cloning template. The wiring of a problem reaches the next cell only; the emulation of a circuit
+with a preconditioner has wires beyond neighbours.
 
-A name belongs to one node, a time constant is positive, a weight is finite and fits the row, and
-blocks stand in topological order: what a block reads is there before it.
+Validation of a cell before network construction; every error names the node.
+
+A name belongs to one node, a time constant is positive, a weight is finite and fits the cell array.
+Blocks are in topological order: all nodes that a block reads precede the block.
 """
 
 from __future__ import annotations
@@ -37,10 +38,10 @@ from ann_dc.scale import IDENTITY, Scale
 
 
 class Template(enum.IntEnum):
-    """Where the source of a connection sits, relative to the cell of its target.
+    """Location of a connection's source relative to the cell of its target.
 
-    ``PREVIOUS`` is the cell to the left, ``SELF`` the target's own, ``NEXT`` the one to the right;
-    the value is the offset in stages.
+    ``PREVIOUS`` is the cell to the left, ``SELF`` the cell of the target, ``NEXT`` the cell to the
+    right; the value is the offset in stages.
 
     References
     ----------
@@ -54,10 +55,10 @@ class Template(enum.IntEnum):
 
 
 class Role(enum.Enum):
-    """What a neuron does in an optimisation network; hand-wired networks use ``STATE``.
+    """Role of a neuron in an optimisation network.
 
-    A ``PRIMAL`` neuron descends the Lagrangian, a ``DUAL`` neuron ascends it; what measures and
-    compares objectives is a ``STATE``.
+    A ``PRIMAL`` neuron descends the Lagrangian, a ``DUAL`` neuron ascends it. Neurons that measure
+    and compare objectives, and neurons of manually wired networks, have the role ``STATE``.
     """
 
     PRIMAL = "primal"
@@ -67,12 +68,12 @@ class Role(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limiter:
-    """Rails of a neuron: its state stops at ``low`` and ``high`` (a diode has one of them).
+    """Saturation limits of a neuron state (a diode has one of them).
 
     Attributes
     ----------
     low, high : float
-        In network units; infinite where there is no rail.
+        Limits in network units; infinite if absent.
     """
 
     low: float = -np.inf
@@ -81,7 +82,7 @@ class Limiter:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Neuron:
-    """An integrator, tau x' = sum of what arrives.
+    """Integrator neuron, tau x' = sum of the incoming signals.
 
     Attributes
     ----------
@@ -89,15 +90,13 @@ class Neuron:
         ``population.component``, for instance ``mu.phi``.
     tau : float or (N,) array
         Time constant in units of network time; positive.
-    role : Role
-        What the neuron does in an optimisation network.
     limiter : Limiter
-        Its rails; none by default.
+        Saturation limits; none by default.
     scale : Scale
-        How its state stands for a value of the user's.
+        Conversion of the state to a value in the user's units.
     shared : bool
-        Whether there is one for the whole row, in its last cell: every cell reads it over a bus,
-        and what the cells send to it adds up on another.
+        True for a single neuron of the whole network, located in the last cell. Every cell reads
+        its state over a bus; contributions of the cells are summed on another bus.
     """
 
     name: str
@@ -109,34 +108,28 @@ class Neuron:
 
     @property
     def population(self) -> str:
-        """The part of the name before the dot (q, u, t, mu, beta)."""
+        """Part of the name before the dot (q, u, t, mu, beta)."""
         return self.name.partition(".")[0]
 
     @property
     def component(self) -> str:
-        """The part of the name after the dot, in the user's own words."""
+        """Part of the name after the dot, in the user's terms."""
         return self.name.partition(".")[2]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sum:
-    """A summing amplifier, y = sum w s; what it adds is in the cell's connections.
-
-    Attributes
-    ----------
-    name : str
-    """
+    """Summing amplifier, y = sum w s, with its inputs in the cell's connections."""
 
     name: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Product:
-    """A four-quadrant multiplier of two nodes of its own cell, y = a b.
+    """Four-quadrant multiplier of two nodes of its cell, y = a b.
 
     Attributes
     ----------
-    name : str
     a, b : str
         Names of the factors: neurons, inputs or earlier blocks.
     """
@@ -148,15 +141,14 @@ class Product:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Function:
-    """A function generator on one node of its own cell, y = g(x).
+    """Function generator on one node of its cell, y = g(x).
 
     Attributes
     ----------
-    name : str
     function : str
-        Which g: the name of a `FunctionBlock`.
+        Name of the `FunctionBlock` g.
     x : str
-        Name of its argument: a neuron, an input or an earlier block.
+        Name of the argument: a neuron, an input or an earlier block.
     """
 
     name: str
@@ -169,7 +161,7 @@ Block = Sum | Product | Function
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Connection:
-    """A synapse: ``weight`` times the value of ``source`` arrives at ``target``.
+    """Synapse that transmits ``weight`` times the value of ``source`` to ``target``.
 
     Attributes
     ----------
@@ -178,9 +170,9 @@ class Connection:
     target : str
         A neuron or a `Sum`.
     weight : float or (N,) array
-        One number for all cells, or one a stage.
+        One number for all cells, or one per stage.
     template : Template or int
-        The cell in which the source sits; a number of stages where it is no neighbour.
+        Cell of the source; a number of stages if the cell is not a neighbour.
     """
 
     source: str
@@ -190,7 +182,10 @@ class Connection:
 
     @property
     def where(self) -> str:
-        """Whose the source is: nothing, ``@previous`` or ``@next``, or ``@+3`` stages on."""
+        """Location suffix of the source: empty, ``@previous``, ``@next``, or ``@+3``.
+
+        The number is the offset in stages.
+        """
         if self.template == Template.SELF:
             return ""
         if abs(self.template) == 1:
@@ -199,31 +194,29 @@ class Connection:
 
     @property
     def name(self) -> str:
-        """``target<-source``, with what `where` says of the source after it."""
+        """Connection name ``target<-source``, followed by the suffix `where`."""
         return wire_name(self.source, self.target, self.where)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cell:
-    """The wiring that all N stages share.
+    """Wiring common to all N stages.
 
     Attributes
     ----------
-    neurons : tuple of Neuron
     inputs : tuple of str
-        Nodes whose value the user sets from outside.
+        Nodes whose value the user sets.
     blocks : tuple of Block
-        In topological order: a block reads neurons, inputs and earlier blocks only.
-    connections : tuple of Connection
+        Blocks in topological order: a block reads neurons, inputs and earlier blocks only.
     duals : tuple of PIDual
-        Which neurons are PI duals (empty in a network that is no optimiser).
+        PI multiplier neurons (empty in a network that is not an optimiser).
     diodes : tuple of DiodeDual
-        Which neurons are multipliers of inequalities.
+        Multiplier neurons of inequalities.
     objectives : tuple of ObjectiveDual
-        Which shared ones compare objectives, of which the largest is minimised.
+        Shared neurons that compare objectives, of which the largest is minimised.
     chains : tuple of (str, str)
-        For each state component the neurons (q, t) of the chain t_0, q_1, t_1, ..., q_{N-1} that
-        coarse coordinators span.
+        Neurons (q, t) of the chain t_0, q_1, t_1, ..., q_{N-1} of each state component, on which
+        the coarse grids are defined.
 
     Examples
     --------
@@ -247,22 +240,20 @@ class Cell:
 
     @cached_property
     def populations(self) -> dict[str, np.ndarray]:
-        """Rows of the neurons of each population, by its name."""
+        """Neuron rows of each population, by name."""
         names = np.array([neuron.population for neuron in self.neurons])
         return {name: np.flatnonzero(names == name) for name in dict.fromkeys(names.tolist())}
 
     @cached_property
     def scales(self) -> np.ndarray:
-        """(neurons, 2): factor and offset of each neuron's scale."""
+        """Factor and offset of each neuron's scale, (neurons, 2)."""
         return np.array([neuron.scale for neuron in self.neurons]).reshape(-1, 2)
 
     def penalty_weights(self, penalties: Mapping[str, float]) -> dict[str, float]:
-        """Weights of the connections that carry penalties, by name.
+        """Return the weights of penalty connections, by name.
 
-        Parameters
-        ----------
-        penalties : mapping of neuron name to float
-            rho of every PI dual, w of every diode neuron, r of every objective.
+        The penalties are, by neuron, rho of every PI multiplier neuron, w of every rectifying
+        neuron and r of every objective.
         """
         plain = (*self.duals, *self.objectives)
         weights = {dual.path: float(penalties[dual.neuron]) for dual in plain}
@@ -271,29 +262,20 @@ class Cell:
         return weights
 
     def count(self, kind: type) -> int:
-        """How many blocks of a kind (`Sum`, `Product`, `Function`) a cell has."""
+        """Return the number of blocks of a type (`Sum`, `Product`, `Function`) in a cell."""
         return sum(isinstance(block, kind) for block in self.blocks)
 
 
 @lru_cache(maxsize=64)
 def check_cell(cell: Cell, stages: int) -> None:
-    """Refuse a cell that contradicts itself or does not fit a row of so many stages.
+    """Reject a cell that is inconsistent or does not fit the number N of stages.
 
-    A cell that has passed is not looked at again: networks that differ in their inputs share it.
+    The result is cached: networks that differ only in their inputs are checked once.
 
-    Parameters
-    ----------
-    cell : Cell
-    stages : int
-        N.
-
-    Raises
-    ------
-    NetworkError
-        Less than a stage, names that are no text or are used twice, numbers that are no weights,
-        time constants or rails, connections that end nowhere, blocks out of order.
-    UnknownNameError
-        A function block that does not exist.
+    Raises `NetworkError` for less than one stage, names that are not text or not unique, and blocks
+    out of order. The same error is raised for invalid weights, time constants or saturation limits,
+    and for connections with unknown ends. Raises `UnknownNameError` for a function block that does
+    not exist.
     """
     if stages < 1:
         raise NetworkError(f"stages: expected N >= 1, got {stages!r}")
@@ -308,17 +290,9 @@ def check_cell(cell: Cell, stages: int) -> None:
 
 
 def check_text(what: str, text: str) -> None:
-    """Refuse what no file can hold as text: half of a letter, a lone surrogate.
+    """Raise a `NetworkError` for text that files cannot store (a lone surrogate).
 
-    Parameters
-    ----------
-    what : str
-        For the message.
-    text : str
-
-    Raises
-    ------
-    NetworkError
+    The message contains the given description of the text.
     """
     try:
         text.encode()
@@ -329,24 +303,9 @@ def check_text(what: str, text: str) -> None:
 
 
 def per_stage(name: str, value, stages: int) -> np.ndarray:
-    """One finite number a stage, (N,) and read-only, from one number or N of them.
+    """Return one finite number per stage, (N,) and read-only, from one number or N.
 
-    Parameters
-    ----------
-    name : str
-        The field, for the message.
-    value : float or (N,) array
-    stages : int
-        N.
-
-    Returns
-    -------
-    (N,) array
-
-    Raises
-    ------
-    NetworkError
-        If the value is neither one number nor N of them, or not finite.
+    Raises `NetworkError` with the name of the field if the value has another size or is not finite.
 
     Examples
     --------
@@ -377,12 +336,7 @@ def _check_names(cell: Cell) -> None:
 
 
 def check_scale(name: str, scale: Scale) -> None:
-    """Refuse the scale of the neuron or input ``name`` if it stands for no number.
-
-    Raises
-    ------
-    NetworkError
-    """
+    """Raise a `NetworkError` if the scale of neuron or input ``name`` is invalid."""
     if not (np.isfinite(scale).all() and scale.factor != 0):
         raise NetworkError(f"{name}: the factor of {scale!r} must be finite and not zero")
 
@@ -420,7 +374,7 @@ def _check_connections(cell: Cell, stages: int) -> None:
 
 
 def _check_shared(cell: Cell) -> None:
-    """What all cells share has no neighbour, and no place in a chain."""
+    """Raise a `NetworkError` if a shared neuron has neighbour wires or is in a chain."""
     shared = {neuron.name for neuron in cell.neurons if neuron.shared}
     for connection in cell.connections:
         if connection.template != Template.SELF and {connection.source, connection.target} & shared:
@@ -434,7 +388,7 @@ def _check_shared(cell: Cell) -> None:
 
 
 def _is_number(weight: object) -> bool:
-    """Whether it needs no closer look: most weights are one finite number, and cells have many."""
+    """Return True for a finite number, which most weights are; a fast first check."""
     return type(weight) is float and math.isfinite(weight)
 
 
@@ -461,12 +415,7 @@ def _check_order(cell: Cell) -> None:
 
 
 def check_input_scales(scales: Mapping[str, Scale], inputs: Iterable[str]) -> None:
-    """Refuse the scale of an input that there is not, or that stands for no number.
-
-    Raises
-    ------
-    NetworkError
-    """
+    """Raise a `NetworkError` if the scale of an input is invalid or its input unknown."""
     foreign = set(scales) - set(inputs)
     if foreign:
         raise NetworkError(f"input_scales: the cell has no input {', '.join(sorted(foreign))}")
@@ -477,7 +426,7 @@ def check_input_scales(scales: Mapping[str, Scale], inputs: Iterable[str]) -> No
 def warn_outside(
     ranges: Mapping[str, tuple[float, float]], values: Mapping[str, float | np.ndarray]
 ) -> None:
-    """Warn of inputs that lie outside the ranges for which a network was designed."""
+    """Warn about inputs outside the ranges for which a network was designed."""
     for name in set(ranges) & set(values):
         (low, high), value = ranges[name], np.asarray(values[name], float)
         outside = value[(value < low) | (value > high)]
@@ -500,26 +449,20 @@ def check_places(
     left: Iterable[str],
     start: Iterable[str],
 ) -> None:
-    """Refuse names of a network that are none of its cell's, and stages that it does not have.
+    """Reject names that the cell lacks and stages that the network lacks.
+
+    Raises `NetworkError` or `UnknownNameError`.
 
     Parameters
     ----------
-    cell : Cell
-    stages : int
-        N.
     inputs : iterable of str
-        That have a value.
-    ends : iterable of Pin and Absent
+        Inputs that have a value.
     read : iterable of str
-        Inputs that pins and the left end read.
+        Inputs that fixed neurons and the left boundary read.
     left : iterable of str
         Nodes whose value beyond the left end is given.
     start : iterable of str
         Neurons whose initial state is given.
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
     """
     neurons = {neuron.name for neuron in cell.neurons}
     nodes = neurons | set(cell.inputs) | {block.name for block in cell.blocks}
@@ -549,7 +492,7 @@ def check_places(
 
 
 def _check_known(*uses: tuple[str, Iterable[str], set[str]]) -> None:
-    """Refuse a name that is none of those known: (what it is, names, known ones) each."""
+    """Raise an error for unknown names; each use is (description, names, known names)."""
     for where, names, known in uses:
         for name in names:
             if name not in known:

@@ -1,4 +1,4 @@
-"""Neurons that are multipliers of equalities, inequalities and objectives: their nodes."""
+"""Multiplier neurons of equalities, inequalities and objectives, and their nodes."""
 
 from __future__ import annotations
 
@@ -7,30 +7,29 @@ from dataclasses import dataclass
 import numpy as np
 
 ONE = "one"
-"""The source of every bias: a node whose value is 1."""
+"""Source of every bias: a node whose value is 1."""
 
 
 def wire_name(source: str, target: str, where: str = "") -> str:
-    """Name of the connection between two nodes; ``where`` says in which cell the source is."""
+    """Return the connection name of two nodes; ``where`` is the source's cell suffix."""
     return f"{target}<-{source}{where}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PIDual:
-    """The three nodes of a PI dual neuron: m = mu + rho c.
+    """Nodes of a PI multiplier neuron, m = mu + rho c.
 
-    The augmentation rho/2 |c|^2 of the Lagrangian costs no wire of its own: whatever reads the
-    multiplier reads ``multiplier`` instead, and rho is the weight of its connection from
-    ``residual``.
+    The augmentation rho/2 |c|^2 of the Lagrangian needs no additional wire: every reader of the
+    multiplier reads ``multiplier``, and rho is the weight of its connection from ``residual``.
 
     Attributes
     ----------
     neuron : str
-        mu: integrates the residual.
+        Integrator mu of the residual.
     residual : str
-        c: the sum that the constraint makes zero.
+        Sum c, which the constraint makes zero.
     multiplier : str
-        m: the sum that everything else reads.
+        Sum m, which all other nodes read.
 
     References
     ----------
@@ -44,36 +43,37 @@ class PIDual:
 
     @property
     def path(self) -> str:
-        """Name of the connection whose weight is rho."""
+        """Name of the connection with the weight rho."""
         return wire_name(self.residual, self.multiplier)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DiodeDual:
-    r"""The nodes of a diode neuron, the multiplier of an inequality g <= 0: m = max(0, z + w g).
+    r"""Nodes of a rectifying multiplier neuron, m = max(0, z + w g), for a row g <= 0.
 
     .. math:: \tau\, \dot z = (m - z) / w ,
 
-    which is g where the diode conducts and a leak, -z / w, where it does not: z and m vanish with
-    one time constant, tau w. Like rho of a PI dual, w augments the Lagrangian.
+    which is g if the rectifier conducts and a leak, -z / w, if it does not. In the second case z
+    and m vanish with one time constant, tau w. Like rho of a PI multiplier neuron, w augments the
+    Lagrangian.
 
-    That of a soft row g <= 0 stops at the row's price P, m = min(P, max(0, z + w g)), and leaks,
-    with g less d z in the place of g: it rests at m = z, g = d z below the price, and at m = z = P
-    where the row is exceeded by more. In parts that is one amplifier with a resistor across its
-    integrator, and clamped on both sides.
+    The multiplier of a soft row g <= 0 is limited by the penalty weight P, m = min(P, max(0, z + w
+    g)). With the compliance d, g - d z replaces g. The equilibrium is m = z, g = d z below P, and m
+    = z = P if the violation is larger. As a circuit, this is one amplifier with a resistor across
+    its integrator, clamped on both sides.
 
     Attributes
     ----------
     neuron : str
-        z.
+        Integrator z.
     residual : str
-        g: the sum that is not to be positive; of a compliant row, g - d z.
+        Sum g, which must not be positive; for a compliant row, g - d z.
     sum : str
-        z + w g.
+        Sum z + w g.
     multiplier : str
-        m, which everything else reads: the rectifier of the sum, less that of the excess.
+        Multiplier m, which all other nodes read: the rectified sum minus the rectified excess.
     excess : str
-        z + w g - P: the sum that is positive at the price; empty where there is none.
+        Sum z + w g - P, positive at the penalty weight; empty if there is none.
 
     References
     ----------
@@ -89,27 +89,27 @@ class DiodeDual:
 
     @property
     def path(self) -> str:
-        """Name of the connection whose weight is w."""
+        """Name of the connection with the weight w."""
         return wire_name(self.residual, self.sum)
 
     @property
     def leak(self) -> str:
-        """Name of the connection whose weight is -d; a row that is not compliant has none."""
+        """Name of the connection with the weight -d; absent for a row without compliance."""
         return wire_name(self.neuron, self.residual)
 
     @property
     def rail(self) -> str:
-        """Name of the connection whose weight is -P; a row without a price has none."""
+        """Name of the connection with the weight -P; absent without a penalty weight."""
         return wire_name(ONE, self.excess)
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """Names of its blocks."""
+        """Names of the blocks."""
         excess = (self.excess,) if self.excess else ()
         return self.residual, self.sum, *excess, self.multiplier
 
     def weights(self, w: float) -> dict[str, float]:
-        """Weights of its connections, by name; without a path (w = 0) z stands still."""
+        """Return the connection weights by name; z is constant without a path (w = 0)."""
         pull = 1.0 / w if w > 0 else 0.0
         ends = {self.multiplier: pull, self.neuron: -pull}
         wires = {wire_name(s, self.neuron): pull for s, pull in ends.items()}
@@ -118,37 +118,37 @@ class DiodeDual:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ObjectiveDual:
-    r"""The nodes of an objective of which the largest is minimised: a row J - E <= 0.
+    r"""Nodes of an objective of a minimax problem: a row J - E <= 0.
 
     .. math::
         \zeta = \max(0, z + r (J - E)), \qquad \tau_z \dot z = \zeta - z, \qquad
         \tau_J \dot J = \sum_k l_k - J, \qquad \tau_E \dot E = \sum_i \zeta_i - 1 .
 
-    The neurons z, J and E are shared by all cells, each of which has the blocks.
+    The neurons z, J and E are shared by all cells; the blocks exist in each cell.
 
-    At a temperature T > 0 the largest is softened: z is the logarithm of a share and leaks,
+    At a temperature T > 0 the maximum is softened: z is the logarithm of zeta and leaks,
 
     .. math::
         s = z + r (J - E - T z), \qquad \zeta = \exp(s), \qquad \tau_z \dot z = s - z ,
 
-    so that it rests at zeta = exp((J - E) / T), E = T log sum_i exp(J_i / T).
+    with the equilibrium zeta = exp((J - E) / T), E = T log sum_i exp(J_i / T).
 
     Attributes
     ----------
     neuron : str
-        z.
+        Neuron z.
     measure : str
-        J: measures the objective.
+        Neuron J, which measures the objective.
     level : str
-        E: what no objective is above; the same for all.
+        Neuron E, the upper level of all objectives; common to all.
     residual : str
-        J - E, less T z.
+        Sum J - E, minus T z at a temperature.
     sum : str
-        s = z + r (J - E - T z).
+        Sum s = z + r (J - E - T z).
     multiplier : str
-        zeta: the objective's share of the cost.
+        Coefficient zeta of the objective in the cost.
     curve : str
-        Of the multiplier: ``rectify``, or ``exp`` at a temperature.
+        Function of the multiplier: ``rectify``, or ``exp`` at a temperature.
 
     References
     ----------
@@ -168,12 +168,12 @@ class ObjectiveDual:
 
     @property
     def path(self) -> str:
-        """Name of the connection whose weight is r."""
+        """Name of the connection with the weight r."""
         return wire_name(self.residual, self.sum)
 
     @property
     def is_softened(self) -> bool:
-        """Whether there is a temperature."""
+        """True if there is a temperature."""
         return self.curve == "exp"
 
     @property
@@ -183,19 +183,19 @@ class ObjectiveDual:
 
     @property
     def leak(self) -> str:
-        """Name of the connection whose weight is -T; without a temperature there is none."""
+        """Name of the connection with the weight -T; absent without a temperature."""
         return wire_name(self.neuron, self.residual)
 
     def at_rest(self, share: float) -> float:
-        """z where the objective has this ``share`` of the cost."""
+        """Return the equilibrium z for a coefficient zeta of the objective."""
         return float(np.log(share)) if self.is_softened else share
 
     @property
     def neurons(self) -> tuple[str, str, str]:
-        """Names of its neurons."""
+        """Names of the neurons."""
         return self.neuron, self.measure, self.level
 
     @property
     def nodes(self) -> tuple[str, str, str]:
-        """Names of its blocks."""
+        """Names of the blocks."""
         return self.residual, self.sum, self.multiplier

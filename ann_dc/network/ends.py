@@ -1,7 +1,8 @@
-"""The two ends of the row, as data: the cells there are like the others, some neurons are not.
+"""Boundary data of the cell array: fixed and omitted neurons.
 
-A pinned neuron is an input of the problem: q of cell 0 is q_0, a fixed component of t of the last
-cell is q_d. An absent one is what the row is too short for: beta of cell 0. Neither has a state.
+The cells at the boundaries are equal to the others. A fixed neuron is replaced by an input of the
+problem: q of cell 0 is q_0, a fixed component of t of the last cell is q_d. An omitted neuron is
+not needed at the boundary, such as beta of cell 0. Neither has a state.
 """
 
 from __future__ import annotations
@@ -11,14 +12,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pin:
-    """At one stage a neuron is replaced by an input and holds that input's value there.
+    """Fixed neuron: at one stage, an input replaces the neuron.
 
     Attributes
     ----------
-    neuron : str
     stage : int
-        From 0 to N - 1.
-    input : str
+        Stage from 0 to N - 1.
     """
 
     neuron: str
@@ -28,13 +27,12 @@ class Pin:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Absent:
-    """At one stage a neuron is left out; whatever reads it there reads zero.
+    """Omitted neuron at one stage; readers of the neuron read zero there.
 
     Attributes
     ----------
-    neuron : str
     stage : int
-        From 0 to N - 1.
+        Stage from 0 to N - 1.
     """
 
     neuron: str

@@ -1,14 +1,14 @@
-"""The function blocks: each a smooth curve y = g(x) with its derivative and its domain.
+"""Function blocks: smooth curves y = g(x) with derivative and domain.
 
-A formula is written once, for every array library that has the elementary functions (NumPy, torch):
-it takes the library as an argument. Writers of code that have no line of their own for a block read
-the same formula as a tree (`FunctionBlock.trees`). Compiled loops have a switch of their own.
+A formula is written once for every array library that has the elementary functions (NumPy, torch);
+the library is an argument. Code generators without a specific line for a block read the formula as
+a tree (`FunctionBlock.trees`). Compiled loops have a separate switch.
 
-The derivative is given twice because it is needed twice: `slope` as a number, for the Jacobian,
-and `derivative` as a wiring rule, for the adjoint half of a cell, where g'(x) has to be made of
-blocks again. A wiring rule is a sum of terms (coefficient, factors); the factors ``"x"`` and
-``"y"`` are the block's own input and output, any other is a function block on ``"x"`` or on ``"y"``
-written ``"cos(x)"``. A rule that no such sum expresses (atan, asin) is rewritten by the front end.
+The derivative is given in two forms: `slope` as a number, for the Jacobian, and `derivative` as a
+wiring rule, for the adjoint half of a cell, in which g'(x) must be built from blocks. A wiring rule
+is a sum of terms (coefficient, factors). The factors ``"x"`` and ``"y"`` are the input and output
+of the block; any other is a function block on ``"x"`` or on ``"y"``, written ``"cos(x)"``.
+Derivatives that such a sum cannot express (atan, asin) are wired by the front end.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.validation.checked import checked
 
 Library: TypeAlias = Any
-"""An array library: the module ``numpy`` or ``torch``."""
+"""Array library: the module ``numpy`` or ``torch``."""
 Tree: TypeAlias = "str | float | tuple[Any, ...]"
-"""A formula: ``"x"``, ``"y"``, a number, or an operation with its operands."""
+"""Formula: ``"x"``, ``"y"``, a number, or an operation with its operands."""
 ELEMENTARY = {
     name: name for name in ["sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "sinh", "cosh"]
 }
@@ -37,7 +37,7 @@ ELEMENTARY |= {"arctan": "atan", "arcsin": "asin", "arccos": "acos"}
 
 @dataclass(frozen=True, eq=False)
 class _Traced:
-    """A number that keeps the operations which gave it."""
+    """Number that records the operations that produced its value."""
 
     tree: Tree
 
@@ -70,7 +70,7 @@ class _Traced:
 
 
 class _Trace:
-    """The array library of traced numbers."""
+    """Array library of traced numbers."""
 
     def __getattr__(self, name: str) -> Callable[[Any], _Traced]:
         if name not in ELEMENTARY:
@@ -87,20 +87,11 @@ def _tree(operand: Any) -> Tree:
 
 
 def folded(tree: Tree, leaf: Callable[[str | float], str], node: Callable[..., str]) -> str:
-    """Write a tree from the inside out.
+    """Return the text of a tree, written from the leaves to the root.
 
-    Parameters
-    ----------
-    tree : Tree
-    leaf : callable
-        Gives the text of ``"x"``, ``"y"`` or a number.
-    node : callable
-        Gives the text of an operation from its name and the texts of its operands. The operations
-        are ``add``, ``subtract``, ``multiply``, ``divide`` and the values of `ELEMENTARY`.
-
-    Returns
-    -------
-    str
+    ``leaf`` gives the text of ``"x"``, ``"y"`` or a number. ``node`` gives the text of an operation
+    from its name and the texts of its operands. Operations are ``add``, ``subtract``, ``multiply``,
+    ``divide`` and the values of `ELEMENTARY`.
 
     Examples
     --------
@@ -115,12 +106,12 @@ def folded(tree: Tree, leaf: Callable[[str | float], str], node: Callable[..., s
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FunctionBlock:
-    """A memoryless nonlinear block.
+    """Memoryless nonlinear block.
 
     Attributes
     ----------
     name : str
-        What expressions, netlists and files call it.
+        Name in expressions, netlists and files.
     formula, slope_formula : callable
         y = formula(library, x) and dy/dx = slope_formula(library, x, y).
     derivative : tuple of (float, tuple of str), or None
@@ -128,7 +119,7 @@ class FunctionBlock:
     domain : (float, float)
         Open interval of x in which the block is defined.
     has_pole : bool
-        Whether x = 0 is a pole inside the domain, so that x has to stay on its side of it.
+        True if x = 0 is a pole inside the domain, so that x must not change its sign.
     """
 
     name: str
@@ -139,21 +130,19 @@ class FunctionBlock:
     has_pole: bool = False
 
     def value(self, x: Any, library: Library = np) -> Any:
-        """y = g(x), element by element, for arrays of the library of any (also complex) type."""
+        """Return y = g(x) elementwise for library arrays of any (also complex) type."""
         return self.formula(library, x)
 
     def slope(self, x: Any, y: Any, library: Library = np) -> Any:
-        """dy/dx at x, where y = g(x) is known."""
+        """Return dy/dx at x for a known y = g(x)."""
         return self.slope_formula(library, x, y)
 
     @cached_property
     def trees(self) -> tuple[Tree, Tree]:
         """Value and slope as trees of sums, products, quotients and elementary functions.
 
-        Raises
-        ------
-        NetworkError
-            If a formula uses anything else; the message names the function block.
+        Raises `NetworkError` with the name of the function block if a formula uses other
+        operations.
         """
         x, y, library = _Traced("x"), _Traced("y"), _Trace()
         try:
@@ -165,7 +154,7 @@ class FunctionBlock:
 
     @property
     def is_limited(self) -> bool:
-        """Whether there are finite x at which the block is not defined."""
+        """True if the block is undefined at some finite x."""
         return self.has_pole or self.domain != (-math.inf, math.inf)
 
 
@@ -261,28 +250,16 @@ FUNCTIONS: tuple[FunctionBlock, ...] = (
         derivative=None,
     ),
 )
-"""Every function block; its position is the code that the compiled loops switch on."""
+"""Function blocks; the position is the code that the compiled loops switch on."""
 
 CODE = {block.name: code for code, block in enumerate(FUNCTIONS)}
 
 
 @checked
 def function_block(name: str) -> FunctionBlock:
-    """Look a function block up by name.
+    """Return the function block of a name, for instance ``"sin"``.
 
-    Parameters
-    ----------
-    name : str
-        One of `FUNCTIONS`, for instance ``"sin"``.
-
-    Returns
-    -------
-    FunctionBlock
-
-    Raises
-    ------
-    UnknownNameError
-        If there is none of that name; the message lists those that there are.
+    Raises `UnknownNameError` with the existing names if the name is not in `FUNCTIONS`.
 
     Examples
     --------

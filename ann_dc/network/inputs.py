@@ -1,7 +1,7 @@
-"""Many copies of a network that differ in their inputs: other starts, other targets.
+"""Batches of a network that differ in their inputs: initial and terminal states.
 
-Inputs are arrays (B, N), one row a sample. Where an input is an end of a chain, the start follows
-it: a straight line from q_0 to q_d stays one when its ends move.
+Inputs are arrays (B, N), one row per sample. If an input is an end of a chain, the initial guess
+follows: a straight line from q_0 to q_d remains straight when its ends move.
 """
 
 from __future__ import annotations
@@ -16,26 +16,13 @@ from ann_dc.network.network import Network
 
 
 def input_batch(network: Network, inputs: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Every input of the cell as an array (B, N), from those that are given.
+    """Return every input of the cell as an array (B, N), from the given inputs.
 
-    Parameters
-    ----------
-    network : Network
-        Supplies the inputs that are not given.
-    inputs : mapping of input name to number, (B,) or (B, N) array
-        One value a sample, or one a sample and stage. All arrays have the same B.
+    A given input is a number, a (B,) array (one value per sample) or a (B, N) array (one per sample
+    and stage), all with the same B. B is 1 if only single numbers are given. The network supplies
+    the other inputs.
 
-    Returns
-    -------
-    dict of str to (B, N) array
-        For every input of the cell; B is 1 where only single numbers are given.
-
-    Raises
-    ------
-    UnknownNameError
-        If the cell has no such input.
-    NetworkError
-        If the sizes do not agree.
+    Raises `UnknownNameError` if the cell lacks an input, and `NetworkError` if the sizes differ.
 
     Examples
     --------
@@ -79,14 +66,14 @@ def _per_sample(network: Network, name: str, value: Any) -> np.ndarray:
 
 
 class StartMove(NamedTuple):
-    """How the start follows an input: by ``weight`` times the move of its value at a stage.
+    """Displacement of the initial guess: ``weight`` times the change of an input.
 
     Attributes
     ----------
-    input : str
     stage : int
+        Stage at which the value of the input is read.
     weight : (n,) array
-        Network units on both sides.
+        Weights in network units on both sides.
     """
 
     input: str
@@ -95,18 +82,10 @@ class StartMove(NamedTuple):
 
 
 def start_moves(network: Network) -> tuple[StartMove, ...]:
-    """How the ends of the chains carry the start with them.
+    """Return the displacements of the initial guess by the ends of the chains.
 
-    Where an end of a chain moves by some amount, each q and t moves by its share of it, so that a
-    straight line stays one. A chain with a free end moves as a whole.
-
-    Parameters
-    ----------
-    network : Network
-
-    Returns
-    -------
-    tuple of StartMove
+    If an end of a chain moves, each q and t moves by linear interpolation, so a straight line
+    remains straight. A chain with a free terminal end moves as a whole.
     """
     stages = network.stages
     pins = {(pin.neuron, pin.stage): pin.input for pin in network.pins}
@@ -125,17 +104,9 @@ def start_moves(network: Network) -> tuple[StartMove, ...]:
 
 
 def moved_starts(network: Network, inputs: Mapping[str, np.ndarray]) -> np.ndarray:
-    """State vectors (B, n): the network's start, its chains moved with their ends.
+    """Return initial state vectors (B, n), with the chains moved with their ends.
 
-    Parameters
-    ----------
-    network : Network
-    inputs : mapping of str to (B, N) array
-        From `input_batch`.
-
-    Returns
-    -------
-    (B, n) array
+    The inputs are arrays (B, N) from `input_batch`.
 
     Examples
     --------
@@ -157,23 +128,10 @@ def moved_starts(network: Network, inputs: Mapping[str, np.ndarray]) -> np.ndarr
 
 
 def ranges_of(words: Sequence[str], option: str) -> dict[str, tuple[float, float]]:
-    """Read ranges of inputs from words.
+    """Return input ranges from texts of the form ``INPUT=LOW:HIGH``.
 
-    Parameters
-    ----------
-    words : sequence of str
-        Each ``INPUT=LOW:HIGH``.
-    option : str
-        Name of the option that they were given by, for errors.
-
-    Returns
-    -------
-    dict of str to (float, float)
-
-    Raises
-    ------
-    ProblemError
-        If a word is no range, or names an input for the second time.
+    Raises `ProblemError`, with the name of the option, if a text is not a range or repeats an
+    input.
 
     Examples
     --------
@@ -199,21 +157,10 @@ def ranges_of(words: Sequence[str], option: str) -> dict[str, tuple[float, float
 def drawn_values(
     ranges: Mapping[str, tuple[float, float]], count: int, seed: int, *, independent: bool = False
 ) -> np.ndarray:
-    """Draw values of inputs in their ranges.
+    """Return random input values (count, inputs) within their ranges.
 
-    Parameters
-    ----------
-    ranges : mapping of str to (float, float)
-        Lowest and highest value of every input.
-    count : int
-    seed : int
-        The same seed gives the same values on any machine.
-    independent : bool
-        Draw every value independently; by default a scrambled Sobol sequence fills the ranges.
-
-    Returns
-    -------
-    (count, inputs) array
+    The values of a seed are equal on all machines. A scrambled Sobol sequence fills the ranges by
+    default; with ``independent`` every value is drawn independently.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""The network: one cell, N of them in a row, their ends, their inputs, their metric.
+"""Network: an array of N equal cells with boundaries, inputs and a preconditioner.
 
-This record is the only description of a network that there is: the ODE, the recurrent layers,
-the netlist and every export are read off it.
+This record is the only description of a network. The ODE, the recurrent layers, the netlist and
+every export are derived from this record.
 """
 
 from __future__ import annotations
@@ -43,21 +43,10 @@ from ann_dc.validation.values import OrNan, Shape, such_as
 
 
 def listing(title: str, cell: Cell, live: np.ndarray, wires: Wires, kind: Kind) -> str:
-    """Numbers of neurons, blocks, connections and wires of the metric.
+    """Return a text with the numbers of neurons, blocks, connections and wires.
 
-    Parameters
-    ----------
-    title : str
-        Of the network.
-    cell : Cell
-    live : (neurons, N) booleans
-        Which neurons are neither pinned nor absent.
-    wires, kind : Wires and Kind
-        Of the metric.
-
-    Returns
-    -------
-    str
+    ``live`` (neurons, N) is True for neurons that are neither fixed nor omitted. Wires and kind are
+    those of the preconditioner.
     """
     stages = live.shape[1]
     each_way = " each way" if wires.both_ways else ""
@@ -91,40 +80,42 @@ States: TypeAlias = Annotated[np.ndarray, Shape("...", "self.size"), OrNan()]
 NeuronValues: TypeAlias = Annotated[np.ndarray, Shape("...", "neurons", "self.stages"), OrNan()]
 
 COORDINATION = ("t", "beta")
-"""The populations of the paper's upper level."""
+"""Populations of the paper's upper level."""
 
 
 @such_as("ann_dc.design(problem).network")
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Network(Record):
-    """N equal cells in a row.
+    """Array of N equal cells.
 
     Parameters
     ----------
     cell : Cell
+        Wiring of each cell.
     stages : int
-        N >= 1.
+        Number of cells N >= 1.
     inputs : mapping of str to float or (N,) array
-        A value for every input of the cell, in the user's units.
+        Value of every input of the cell, in the user's units.
     input_scales : mapping of str to Scale
-        How the node of an input stands for its value; as it is where nothing is given.
+        Conversion between an input's value and its node; identity by default.
     pins, absent : tuples of Pin and Absent
-        The ends of the row, as data.
+        Boundary data of the array: fixed and omitted neurons.
     left : mapping of node name to input name
-        What a PREVIOUS connection of cell 0 reads (nothing given: zero).
+        Inputs that PREVIOUS connections of cell 0 read; zero by default.
     start : mapping of neuron name to float or (N,) array
-        Initial states, zero where nothing is given.
+        Initial states in network units, zero by default.
     metric : Metric
-        How drives become moves; time constants alone by default.
+        Preconditioner M of dx/ds = M d(x); diagonal (time constants only) by default.
     title : str
+        Title of the network.
     ranges : mapping of str to (float, float)
-        Of the inputs for which it was designed, if for a family of them.
+        Operating range of the inputs for which the network was designed, if any.
 
     Raises
     ------
     NetworkError
-        If the description contradicts itself; the message names the node.
+        If the description is inconsistent; the message names the node.
 
     Examples
     --------
@@ -188,26 +179,26 @@ class Network(Record):
 
     @cached_property
     def node_index(self) -> dict[str, int]:
-        """Row of every node in an array (nodes, ...): neurons, inputs, the constant one, blocks."""
+        """Row of every node in an array (nodes, ...): neurons, inputs, constant, blocks."""
         cell = self.cell
         names = [*self.neuron_index, *cell.inputs, ONE, *(b.name for b in cell.blocks)]
         return dict(zip(names, range(len(names))))
 
     @cached_property
     def input_values(self) -> dict[str, np.ndarray]:
-        """What the nodes of the inputs hold, (N,) each: the inputs in network units."""
+        """Values of the input nodes in network units, (N,) each."""
         return {name: self.input_scale(name).network(given) for name, given in self.inputs.items()}
 
     @checked
     def input_scale(self, name: str) -> Scale:
-        """How the node of an input stands for its value; an UnknownNameError if there is none."""
+        """Return an input's scale between value and node, or raise an `UnknownNameError`."""
         if name not in self.input_scales:
             raise UnknownNameError.of("input", name, self.cell.inputs)
         return self.input_scales[name]
 
     @cached_property
     def live(self) -> np.ndarray:
-        """(neurons, N) booleans: False where a neuron is pinned or absent, or another cell's."""
+        """Booleans (neurons, N): False if fixed, omitted or shared and in another cell."""
         live = np.ones((len(self.cell.neurons), self.stages), bool)
         for end in (*self.pins, *self.absent):
             live[self.neuron_index[end.neuron], end.stage] = False
@@ -216,46 +207,46 @@ class Network(Record):
 
     @cached_property
     def shared(self) -> np.ndarray:
-        """(S,) integers: rows of the neurons that all cells share; they live in the last one."""
+        """Rows (S,) of the shared neurons, which are located in the last cell."""
         return np.flatnonzero([n.shared for n in self.cell.neurons])
 
     @cached_property
     def places(self) -> np.ndarray:
-        """(n, 2) integers: (neuron, stage) of every component of the state vector, by stage."""
+        """Pairs (neuron, stage) of every component of the state vector, by stage, (n, 2)."""
         return np.argwhere(self.live.T)[:, ::-1].copy()
 
     @cached_property
     def state_index(self) -> np.ndarray:
-        """(neurons, N) integers: component of the state vector, -1 where pinned or absent."""
+        """Component of the state vector, (neurons, N) integers; -1 if fixed or omitted."""
         state_index = -np.ones(self.live.shape, np.int64)
         state_index[self.places[:, 0], self.places[:, 1]] = np.arange(self.size)
         state_index[self.shared] = state_index[self.shared, -1:]  # of every cell the same one
         return state_index
 
     def of_population(self, *names: str) -> np.ndarray:
-        """(n,) booleans: which components of the state vector belong to these populations."""
+        """Return (n,) booleans: True for state components of the given populations."""
         inside = [neuron.population in names for neuron in self.cell.neurons]
         return np.array(inside)[self.places[:, 0]]
 
     @property
     def chain_rows(self) -> np.ndarray:
-        """(C, 2) integers: rows of the (q, t) neurons of every chain."""
+        """Rows of the (q, t) neurons of every chain, (C, 2) integers."""
         rows = [[*map(self.neuron_index.get, chain)] for chain in self.cell.chains]
         return np.array(rows, np.int64).reshape(-1, 2)
 
     @property
     def chain_live(self) -> np.ndarray:
-        """(C, 2N) booleans: which positions q_0, t_0, q_1, ... of the chains are live neurons."""
+        """Booleans (C, 2N): True for chain positions q_0, t_0, q_1, ... that are live."""
         return self.live[self.chain_rows].transpose(0, 2, 1).reshape(len(self.cell.chains), -1)
 
     @property
     def size(self) -> int:
-        """Number of live neurons in the row (nodes of the metric not counted)."""
+        """Number of live neurons in the array, without nodes of the preconditioner."""
         return int(self.live.sum())
 
     @checked
     def neuron(self, name: str) -> Neuron:
-        """The neuron of that name.
+        """Return the neuron of a name.
 
         Parameters
         ----------
@@ -269,7 +260,7 @@ class Network(Record):
         Raises
         ------
         UnknownNameError
-            If there is no such neuron; the message lists those that there are.
+            If the neuron is unknown; the message lists the existing ones.
         """
         if name not in self.neuron_index:
             raise UnknownNameError.of("neuron", name, self.neuron_index)
@@ -277,7 +268,7 @@ class Network(Record):
 
     @checked
     def label(self, component: int) -> str:
-        """Name of one component of the state vector, for instance ``mu[3].phi``."""
+        """Return the name of one state component, for instance ``mu[3].phi``."""
         neuron, stage = self.places[component]
         name = self.cell.neurons[neuron]
         suffix = f".{name.component}" if name.component else ""
@@ -285,7 +276,7 @@ class Network(Record):
 
     @cached_property
     def row(self) -> Row:
-        """What the metric has to know of the network."""
+        """Layout of the cell array, the input of the preconditioner."""
         tau = [np.broadcast_to(np.asarray(n.tau, float), self.stages) for n in self.cell.neurons]
         return Row(
             rates=np.where(self.live, 1.0 / np.array(tau).reshape(self.live.shape), 0.0),
@@ -297,11 +288,12 @@ class Network(Record):
 
     @checked
     def pack(self, values: NeuronValues) -> np.ndarray:
-        """State vectors of the live neurons from the values of all.
+        """Return state vectors of the live neurons from the values of all neurons.
 
         Parameters
         ----------
         values : (..., neurons, N) array
+            Values of all neurons.
 
         Returns
         -------
@@ -311,7 +303,10 @@ class Network(Record):
 
     @checked
     def unpack(self, x: States) -> np.ndarray:
-        """Values of all neurons, pinned at inputs, absent at zero, shared the same in all cells.
+        """Return the values of all neurons from state vectors.
+
+        Fixed neurons have the values of their inputs, omitted ones are zero, shared ones are equal
+        in all cells.
 
         Parameters
         ----------
@@ -333,7 +328,7 @@ class Network(Record):
 
     @checked
     def user_units(self, x: States) -> np.ndarray:
-        """State vectors with every neuron's value in the user's units.
+        """Return state vectors in the user's units.
 
         Parameters
         ----------
@@ -359,12 +354,12 @@ class Network(Record):
 
     @checked
     def with_inputs(self, values: Mapping[str, float | np.ndarray]) -> Network:
-        """Same wiring, other values of some inputs, for instance ``{"q_d.x": 3.0}``.
+        """Return the network with other values of some inputs and unchanged wiring.
 
         Parameters
         ----------
         values : mapping of str to float or (N,) array
-            By the name of the input.
+            Values by input name, for instance ``{"q_d.x": 3.0}``.
 
         Returns
         -------
@@ -373,7 +368,7 @@ class Network(Record):
         Raises
         ------
         UnknownNameError
-            If the cell has no such input; the message lists those that it has.
+            If the cell has no such input; the message lists the existing ones.
         NetworkError
             If a value is not finite, or is neither one number nor N of them.
 
@@ -391,7 +386,7 @@ class Network(Record):
 
     @checked
     def with_start(self, x: OwnState) -> Network:
-        """Same network, started from a state vector ``x`` (n,)."""
+        """Return the network with the state vector ``x`` (n,) as initial state."""
         values = self.unpack(np.asarray(x, float))
         return replace(self, start={name: values[i] for name, i in self.neuron_index.items()})
 

@@ -1,7 +1,7 @@
-"""Other wires and other parts in a network: what defects are made of.
+"""Modification of wires and parts of a network, the basis of non-idealities.
 
-Every function gives a new network in which one thing is different, at some stages (``present``,
-(N,) booleans) or at all of them; a network in which nothing would differ comes back as it is.
+Every function returns a new network with one difference, at some stages (``present``, (N,)
+booleans) or at all stages. A network without a difference is returned unchanged.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from ann_dc.network.network import Network
 from ann_dc.scale import Scale
 
 DRIVE = "drive"
-"""Prefix of the sum at which the wires of a neuron arrive that has a slew rate."""
+"""Prefix of the sum that collects the wires of a neuron with a slew rate."""
 
 
 def _tidy(weight) -> float | np.ndarray:
-    """One number where all stages have the same."""
+    """Return one number if all stages have equal weights."""
     weight = np.asarray(weight, float)
     return float(weight.flat[0]) if (weight == weight.flat[0]).all() else weight
 
 
 def wire(source: str, target: str, weight: float | np.ndarray = 1.0) -> Connection:
-    """A connection within the cell."""
+    """Return a connection within the cell."""
     return Connection(source=source, target=target, weight=_tidy(weight))
 
 
 def with_wires(network: Network, wires: list[Connection]) -> Network:
-    """More wires; one that is there already adds to the weight of its double."""
+    """Return the network with more wires; weights of parallel connections are added."""
     together = {c.name: c for c in network.cell.connections}
     wires = [new for new in wires if np.any(new.weight)]
     for new in wires:
@@ -44,21 +44,10 @@ def with_wires(network: Network, wires: list[Connection]) -> Network:
 
 
 def reweighed(network: Network, names: list[str], present: np.ndarray, weight_of) -> Network:
-    """Other weights of some connections at some stages; the same network if they are the same.
+    """Return the network with other weights of named connections at some stages.
 
-    Parameters
-    ----------
-    network : Network
-    names : list of str
-        Of connections.
-    present : (N,) array of bool
-        At which stages.
-    weight_of : callable
-        Of a connection; it gives the new weights, (N,) or one for all.
-
-    Returns
-    -------
-    Network
+    ``weight_of`` gives the new weights of a connection, (N,) or one for all stages. The network is
+    returned unchanged if the weights are equal.
     """
     before, affected = network.cell.connections, set(names)
 
@@ -72,21 +61,10 @@ def reweighed(network: Network, names: list[str], present: np.ndarray, weight_of
 
 
 def retimed(network: Network, names: list[str], present: np.ndarray, tau_of) -> Network:
-    """Other time constants of some neurons at some stages; the same network if they are the same.
+    """Return the network with other time constants of named neurons at some stages.
 
-    Parameters
-    ----------
-    network : Network
-    names : list of str
-        Of neurons.
-    present : (N,) array of bool
-        At which stages.
-    tau_of : callable
-        Of a neuron; it gives the new time constants, (N,) or one for all.
-
-    Returns
-    -------
-    Network
+    ``tau_of`` gives the new time constants of a neuron, (N,) or one for all stages. The network is
+    returned unchanged if the time constants are equal.
     """
     before, affected = network.cell.neurons, set(names)
 
@@ -100,23 +78,16 @@ def retimed(network: Network, names: list[str], present: np.ndarray, tau_of) -> 
 
 
 def arrival(network: Network, node: str) -> str:
-    """Where the wires of a node arrive: at itself, or at the sum that `slew` has put before it."""
+    """Return the target of a node's wires: the node, or the sum added by `slewing`."""
     drive = f"{DRIVE}.{node}"
     return drive if any(block.name == drive for block in network.cell.blocks) else node
 
 
 def conductance(network: Network, target: str, fused: str, scale: Mapping[str, float]):
-    """sum |w| S of a node's wires; in place of the one from a fused sum, those of that sum.
+    """Return sum |w| S over the wires of a node.
 
-    Parameters
-    ----------
-    network : Network
-    target : str
-        The node.
-    fused : str
-        A sum that is no op amp of its own, or "".
-    scale : mapping of node name to float
-        Full scale S of a source, 1 where none is given.
+    A wire from the fused sum, which has no op amp (or ""), is replaced by the wires of that sum.
+    ``scale`` is the full scale S by source, 1 by default.
     """
     total: float | np.ndarray = 0.0
     for c in network.cell.connections:
@@ -128,7 +99,7 @@ def conductance(network: Network, target: str, fused: str, scale: Mapping[str, f
 
 
 def fresh(network: Network, prefix: str, node: str) -> str:
-    """The name ``prefix.node`` for a new node, numbered where it is taken."""
+    """Return the name ``prefix.node`` for a new node, numbered if the name is taken."""
     cell = network.cell
     taken = {n.name.lower() for n in (*cell.neurons, *cell.blocks)} | set(
         map(str.lower, cell.inputs)
@@ -140,7 +111,7 @@ def fresh(network: Network, prefix: str, node: str) -> str:
 
 
 def _with_block(network: Network, block: Block, after: str) -> Network:
-    """One more block, behind the one that it reads; before all of them if that is a neuron."""
+    """Return the network with a block placed after its source, or first for a neuron."""
     names = [b.name for b in network.cell.blocks]
     place = names.index(after) + 1 if after in names else 0
     blocks = (*network.cell.blocks[:place], block, *network.cell.blocks[place:])
@@ -148,7 +119,7 @@ def _with_block(network: Network, block: Block, after: str) -> Network:
 
 
 def _blocks_reading(network: Network, new: str, old: str) -> Network:
-    """Products and functions that read another node in place of the old one."""
+    """Return the network whose products and functions read ``new`` instead of ``old``."""
     blocks = tuple(
         replace(b, **{field: new for field in ("a", "b", "x") if getattr(b, field, "") == old})
         for b in network.cell.blocks
@@ -157,7 +128,7 @@ def _blocks_reading(network: Network, new: str, old: str) -> Network:
 
 
 def _all_reading(network: Network, new: str, old: str) -> Network:
-    """Everything that reads another node in place of the old one, at the left end too."""
+    """Return the network whose readers of ``old`` read ``new``, at the left end too."""
     cell = _blocks_reading(network, new, old).cell
     wires = tuple(replace(c, source=new) if c.source == old else c for c in cell.connections)
     duals = tuple(replace(d, residual=new) if d.residual == old else d for d in cell.duals)
@@ -171,23 +142,10 @@ def _all_reading(network: Network, new: str, old: str) -> Network:
 
 
 def slowed(network: Network, name: str, tau: float, present: np.ndarray, start) -> Network:
-    """A pole behind a node, at some stages.
+    """Return the network with a pole after a neuron or block, at some stages.
 
-    Parameters
-    ----------
-    network : Network
-    name : str
-        A neuron or a block.
-    tau : float
-        Time constant of the pole, in units of network time.
-    present : (N,) array of bool
-        At which stages.
-    start : (N,) array
-        Where the new neuron starts.
-
-    Returns
-    -------
-    Network
+    ``tau`` is the time constant of the pole in units of network time; ``start`` (N,) is the initial
+    state of the new neuron.
     """
     slow = fresh(network, "slow", name)
     seen = slow if present.all() else fresh(network, "seen", name)
@@ -210,19 +168,7 @@ def slowed(network: Network, name: str, tau: float, present: np.ndarray, start) 
 
 
 def amplified(network: Network, name: str, gain: np.ndarray) -> Network:
-    """A gain (N,) behind a block.
-
-    Parameters
-    ----------
-    network : Network
-    name : str
-        Of the block.
-    gain : (N,) array
-
-    Returns
-    -------
-    Network
-    """
+    """Return the network with a gain (N,) after a block."""
     connections = tuple(
         replace(c, weight=_tidy(c.weight * _read(gain, c.template))) if c.source == name else c
         for c in network.cell.connections
@@ -238,34 +184,22 @@ def amplified(network: Network, name: str, gain: np.ndarray) -> Network:
 
 
 def _read(gain: np.ndarray, template: int) -> np.ndarray:
-    """Gains (N,) of what a connection reads; one beyond the ends, where there is no block."""
+    """Return the gains (N,) at a connection's sources; one beyond the ends."""
     place = np.arange(len(gain)) + template
     inside = (place >= 0) & (place < len(gain))
     return np.where(inside, gain[np.clip(place, 0, len(gain) - 1)], 1.0)
 
 
 def stopped(neuron: Neuron, limit: float) -> Neuron:
-    """A neuron with rails at plus and minus ``limit``, or those that it has if they are closer."""
+    """Return a neuron limited to plus and minus ``limit``, or to its closer limits."""
     low, high = max(neuron.limiter.low, -limit), min(neuron.limiter.high, limit)
     return replace(neuron, limiter=Limiter(low=low, high=high))
 
 
 def slewing(network: Network, name: str, largest: np.ndarray, present: np.ndarray) -> Network:
-    """A neuron whose drive is clipped at plus and minus ``largest``, at some stages.
+    """Return the network with a neuron's net input clipped to +-``largest``.
 
-    Parameters
-    ----------
-    network : Network
-    name : str
-        Of the neuron.
-    largest : (N,) array or float
-        Of the drive.
-    present : (N,) array of bool
-        At which stages.
-
-    Returns
-    -------
-    Network
+    ``largest`` is a number or (N,); the clipping applies at the stages ``present``.
     """
     drive, cell = fresh(network, DRIVE, name), network.cell
     arriving = tuple(replace(c, target=drive) if c.target == name else c for c in cell.connections)

@@ -1,8 +1,8 @@
-"""A choice of neurons, blocks or connections, by population, stage and name.
+"""Selection of neurons, blocks or connections by population, stage and name.
 
-A `Selection` says which; `neurons_of`, `blocks_of` and `connections_of` list what can be chosen,
-and `chosen` gives the names and the stages. What does not exist is refused, not left out.
-`clamped_rows` lists neurons by their rails.
+A `Selection` states the criteria; `neurons_of`, `blocks_of` and `connections_of` list the
+selectable items, and `chosen` gives the names and the stages. Unknown names are rejected, not
+omitted. `clamped_rows` lists neurons by their saturation limits.
 """
 
 from __future__ import annotations
@@ -18,22 +18,19 @@ from ann_dc.network.network import Network
 
 @dataclass(frozen=True, kw_only=True)
 class Selection:
-    """A choice of neurons, blocks or connections, which are where their target is.
+    """Selection of neurons, blocks or connections; connections belong to their target.
+
+    Raises `NetworkError` if a field is not a tuple.
 
     Attributes
     ----------
     populations : tuple of str, optional
-        What stands before the dot in the name of a neuron or a sum (``mu``, ``c``), ``product``,
+        Part before the dot in the name of a neuron or a sum (``mu``, ``c``), ``product``,
         ``function``.
     stages : tuple of int, optional
-        From 0 to N - 1.
+        Stages from 0 to N - 1.
     names : tuple of str, optional
-        Of neurons, blocks and connections; a target's name stands for all its connections.
-
-    Raises
-    ------
-    NetworkError
-        If a field is no tuple.
+        Names of neurons, blocks and connections; a target's name selects all its connections.
 
     Examples
     --------
@@ -59,16 +56,19 @@ class Selection:
 EVERYWHERE = Selection()
 
 Known = dict[str, tuple[str, ...]]
-"""What can be chosen: the population of each, and the names that it answers to."""
+"""Selectable items: the population of each, and the names that select the item."""
 
 
 def neurons_of(network: Network) -> Known:
-    """All neurons of a network that can be chosen."""
+    """Return all selectable neurons of a network."""
     return {neuron.name: (neuron.population, neuron.name) for neuron in network.cell.neurons}
 
 
 def blocks_of(network: Network, *kinds: type) -> Known:
-    """All blocks of a network, or those of some kinds (`Sum`, `Product`, `Function`)."""
+    """Return all blocks of a network, or those of given types.
+
+    The types are `Sum`, `Product` and `Function`.
+    """
     return {
         b.name: (
             b.name.partition(".")[0] if isinstance(b, Sum) else type(b).__name__.lower(),
@@ -80,19 +80,16 @@ def blocks_of(network: Network, *kinds: type) -> Known:
 
 
 def connections_of(network: Network) -> Known:
-    """All connections of a network."""
+    """Return all connections of a network."""
     nodes = neurons_of(network) | blocks_of(network)
     return {c.name: (nodes[c.target][0], c.name, c.target) for c in network.cell.connections}
 
 
 def clamped_rows(network: Network) -> np.ndarray:
-    """Return the rows (K,) of the neurons with rails that the metric couples to others.
+    """Return the rows (K,) of limited neurons that the preconditioner couples.
 
-    If there are none, all moves at rails follow from the drives of the neurons alone.
-
-    Parameters
-    ----------
-    network : Network
+    If there are none, all state derivatives at saturation limits follow from the neurons' net
+    inputs alone.
     """
     limits = [(n.limiter.low, n.limiter.high) for n in network.cell.neurons]
     railed = np.isfinite(np.reshape(limits, (-1, 2))).any(axis=1) & network.live.any(axis=1)
@@ -101,24 +98,10 @@ def clamped_rows(network: Network) -> np.ndarray:
 
 
 def chosen(network: Network, where: Selection, known: Known) -> tuple[list[str], np.ndarray]:
-    """Names of what is chosen, and (N,) booleans: at which stages it is.
+    """Return the selected names, and (N,) booleans that mark the selected stages.
 
-    Parameters
-    ----------
-    network : Network
-    where : Selection
-    known : Known
-        What can be chosen, from `neurons_of`, `blocks_of` and `connections_of`.
-
-    Returns
-    -------
-    names : list of str
-    stages : (N,) array of bool
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such population, name or stage; the message lists those that there are.
+    The selectable items are from `neurons_of`, `blocks_of` and `connections_of`. Raises
+    `UnknownNameError` with the existing names if a population, name or stage is unknown.
     """
     _check_exists(network, where, known)
     names = [

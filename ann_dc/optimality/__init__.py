@@ -1,4 +1,4 @@
-"""Is it the optimum? Judged by the problem's own exact derivatives alone."""
+"""Optimality certificates from the exact derivatives of the problem."""
 
 import lazy_loader
 

@@ -1,9 +1,9 @@
-r"""A quick proof that a point is a strict minimum: the augmented Lagrangian is convex there.
+"""Sufficient test for a strict minimum: convexity of the augmented Lagrangian.
 
-Where W + rho A'A - delta I has a Cholesky factor for any one rho, every direction with A d = 0 has
-a curvature d'W d > delta d'd. With the unknowns in the order (q_k, u_k) by stage the matrix is a
-band. Rows of inequalities that are strongly active stand in A too. The reverse does not hold: where
-there is no factor, `by_stages` counts by stages.
+If W + rho A'A - delta I has a Cholesky factor for any one rho, every direction with A d = 0 has
+curvature d'W d > delta d'd. With the unknowns ordered (q_k, u_k) by stage, the matrix is banded. A
+includes the strongly active inequalities. The converse does not hold: without a factor, `by_stages`
+decides.
 
 References
 ----------
@@ -20,22 +20,18 @@ from ann_dc.optimality.expansion import Expansion
 (_factored,) = get_lapack_funcs(("pbtrf",), dtype=np.float64)
 
 PENALTY = 1e4
-"""rho, over the largest curvature."""
+"""rho relative to the largest curvature."""
 CLEAR = 1e-9
-"""delta, over the largest curvature, at least."""
+"""Lower bound of delta relative to the largest curvature."""
 ROUNDING = 100 * np.finfo(float).eps
-"""What a factor may be off by, over the largest entry of the matrix: delta is larger."""
+"""Rounding error of a factor relative to the largest matrix entry; delta exceeds it."""
 
 
 def is_clearly_strict(expansion: Expansion, held: np.ndarray) -> bool:
-    """Whether the reduced Hessian is positive definite beyond doubt.
+    """Return True if the reduced Hessian is positive definite with a clear margin.
 
-    Parameters
-    ----------
-    expansion : Expansion
-        Finite.
-    held : (N+1, R, n+m) array
-        Slopes of rows that hold as equations.
+    The expansion must be finite. `held` (N+1, R, n+m) contains the gradients of the constraints
+    that hold as equations.
     """
     with np.errstate(all="ignore"):
         return _is_definite(expansion, held)
@@ -67,7 +63,7 @@ def _is_definite(expansion: Expansion, rows: np.ndarray) -> bool:
 
 
 def _has_factor(blocks: np.ndarray, ahead: np.ndarray) -> bool:
-    """Whether the symmetric matrix of these blocks, and of those below them, is definite."""
+    """Return True if the symmetric block tridiagonal matrix is positive definite."""
     z, n = blocks.shape[1], ahead.shape[1]
     band = np.zeros((len(blocks), z, z + n))  # LAPACK's layout, transposed: (i, j) at j, i - j
     for column in range(z):

@@ -1,14 +1,15 @@
-r"""Barrier problems of an optimal-control problem: their variables, rows and scales.
+r"""Barrier problems of a control problem: variables, constraints and scales.
 
-With slacks s of the rows g <= 0 (inequalities and control limits), an elastic variable e at the
-price P of a soft row and w at its compliance d, the barrier problem of a parameter t is
+The constraints g <= 0 (inequalities and control limits) have slacks s. A soft constraint has an
+elastic variable e at its penalty weight P and w at its compliance d. The barrier problem of a
+parameter t is
 
 .. math::
     \min\; E(q, u) + \sum \left(P e + \frac{w^2}{2 d}\right) - t \sum (\ln s + \ln e), \qquad
     f(q_k, u_k) = q_{k+1}, \quad g(q_k, u_k) + s = w + e.
 
-Row multipliers z satisfy s z = t, e (P - z) = t and w = d z. Everything is in the problem's
-`natural_scales`; a slot without a row has g = -1, s = 1 and G = 0.
+The multipliers z satisfy s z = t, e (P - z) = t and w = d z. Everything is in the problem's
+`natural_scales`. An empty slot has g = -1, s = 1 and G = 0.
 """
 
 from __future__ import annotations
@@ -26,17 +27,17 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 
 SMALLEST_SLACK = 0.1
-"""First slack of an inequality, in its scale, at least."""
+"""Smallest initial slack of an inequality, in its scale."""
 INSIDE = 0.05
-"""Distance of the first controls from their limits, relative to the range or to the scale."""
+"""Distance of the initial controls from their limits, relative to the range or to the scale."""
 LARGEST_SLOPE = 10.0
-"""Slope of the cost at the start, in its unit, at most: cheap controls have tiny units of cost."""
+"""Largest initial gradient of the cost, in its unit: cheap controls have tiny units of cost."""
 LEAST_MOTION = 0.01
-"""Share of the natural scales to which caution shrinks them, at least."""
+"""Smallest factor by which caution reduces the natural scales."""
 
 
 class Caution(Enum):
-    """Scales that shrink to the motion of the controls at the start, so that steps are no leaps."""
+    """Scales reduced to the initial motion of the controls, to avoid large steps."""
 
     NONE = "none"
     CONTROLS = "of controls"
@@ -44,25 +45,25 @@ class Caution(Enum):
 
 
 class Point(NamedTuple):
-    """Variables of a barrier problem in scales, or a direction of them."""
+    """Variables of a barrier problem in scales, or a direction in these variables."""
 
     q: np.ndarray
-    """(N+1, n)."""
+    """States, (N+1, n)."""
     u: np.ndarray
-    """(N, m)."""
+    """Controls, (N, m)."""
     s: np.ndarray
-    """(N+1, R): slacks of the rows, positive."""
+    """Positive slacks of the constraints, (N+1, R)."""
     w: np.ndarray
-    """(N+1, R): yield of compliant rows."""
+    """Violation of compliant constraints, (N+1, R)."""
     e: np.ndarray
-    """(N+1, R): excess of rows that have a price, positive; zero elsewhere."""
+    """Violation at the penalty weight, (N+1, R); positive, or zero for hard constraints."""
     mu: np.ndarray
-    """(N, n): multipliers of the map."""
+    """Multipliers of the dynamics, (N, n)."""
     z: np.ndarray
-    """(N+1, R): multipliers of the rows, positive and below their price."""
+    """Multipliers of the constraints, (N+1, R); positive and below the penalty weight."""
 
     def moved(self, step: Point, primal: float, dual: float) -> Point:
-        """Return the point after a step: ``dual`` for row multipliers, ``primal`` otherwise."""
+        """Return the point after a step; ``dual`` scales z and ``primal`` the other parts."""
         lengths = (primal,) * 6 + (dual,)
         return Point(*(own + a * move for own, a, move in zip(self, lengths, step)))
 
@@ -74,16 +75,10 @@ class Point(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Barrier:
-    """Scales and rows that all barrier problems of a problem have in common.
+    """Scales and constraints shared by all barrier problems of a problem.
 
-    Attributes
-    ----------
-    problem : OptimalControlProblem
-    frame : Frame
-    units : (r,) array
-        Factors on the inequality rows, so that no slope exceeds one at the start.
-    limits : Slots
-        Rows of all finite control limits; their values are minus the limit, with its sign.
+    `units` (r,) are factors on the inequalities that limit their initial gradient entries to one.
+    `limits` are the constraints of all finite control limits, with minus the signed limit as value.
     """
 
     problem: OptimalControlProblem
@@ -95,7 +90,7 @@ class Barrier:
     def of(
         cls, problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray, caution: Caution
     ) -> Barrier:
-        """Return the barrier problems of a problem, for a start at q (n, N+1) and u (m, N)."""
+        """Return the barrier problems for an initial guess q (n, N+1) and u (m, N)."""
         frame = _frame(problem, q, u, caution)
         barrier = cls(
             problem=problem,
@@ -116,14 +111,14 @@ class Barrier:
         return states.T, (u * self.frame.control + self.frame.zero[n:]).T
 
     def rows(self, q: np.ndarray, u: np.ndarray) -> Slots:
-        """Return all rows at states (N+1, n) and controls (N, m) in scales."""
+        """Return all constraints at states (N+1, n) and controls (N, m) in scales."""
         limits = self.limits
         value = limits.value.copy()
         value[:-1] += (limits.slope[:-1, :, self.problem.n :] @ u[..., None])[..., 0]
         return self._inequalities(*self.users(q, u)).beside(limits._replace(value=value))
 
     def _inequalities(self, states: np.ndarray, controls: np.ndarray) -> Slots:
-        """Return the inequality rows in scales, at a point in the user's units."""
+        """Return the inequalities in scales, at a point in the user's units."""
         r, r_end = len(self.problem.inequalities), len(self.problem.end_inequalities)
         none = np.zeros((r, controls.shape[1])), np.zeros(r_end)
         found = rows_of(self.problem, (states, controls), none, self.frame.factors, self.frame.cost)
@@ -135,7 +130,7 @@ class Barrier:
         )
 
     def start(self, q: np.ndarray, u: np.ndarray, mu: np.ndarray, t: float) -> Point:
-        """Return the first point for q (n, N+1), u (m, N) and mu (n, N) in the user's units.
+        """Return the initial point for q (n, N+1), u (m, N), mu (n, N) in user units.
 
         Fixed ends are exact and controls lie inside their limits.
         """
@@ -167,8 +162,8 @@ class Barrier:
 def _frame(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray, caution: Caution) -> Frame:
     """Return natural scales, limited to half the distance of two bounds.
 
-    With caution they shrink to the motion of the controls at the start. The unit of cost bounds
-    the curvature of the controls and, by `LARGEST_SLOPE`, all slopes.
+    With caution, they are reduced to the initial motion of the controls. The unit of cost bounds
+    the curvature of the controls and, by `LARGEST_SLOPE`, all gradients.
     """
     scales, n = natural_scales(problem), problem.n
     named = scales.states + scales.controls
@@ -194,7 +189,7 @@ def _frame(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray, caution
 
 
 def _limits(limits: np.ndarray, stages: int, n: int) -> Slots:
-    """Return a row for every finite limit (m, 2), at all stages."""
+    """Return a constraint for every finite limit (m, 2), at all stages."""
     controls, sides = np.nonzero(np.isfinite(limits))
     sign = np.where(sides == 0, -1.0, 1.0)
     slots = Slots.empty(stages + 1, len(controls), n + len(limits))

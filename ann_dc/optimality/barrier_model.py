@@ -1,13 +1,13 @@
-r"""Barrier problem at a point: values, derivatives, Newton step and restoration step.
+r"""Barrier problem at a point: values, derivatives, Newton and restoration steps.
 
-The Newton step eliminates row multipliers z and all slacks at their stage, with the weight and the
+The Newton step eliminates the multipliers z and all slacks at their stage, with the weight and the
 shift
 
 .. math::
     \omega = \left(d + \frac{e}{P - z} + \frac{s}{z}\right)^{-1}, \qquad
     h = g - d z + \frac{t}{z} - \frac{t}{P - z}, \qquad \Delta z = \omega (G \Delta x + h),
 
-so that it is one solve of the banded matrix of the certificate, with G' omega G in the Hessian.
+and thus requires one solve of the banded matrix of the certificate, with G' omega G in the Hessian.
 
 References
 ----------
@@ -32,26 +32,20 @@ from ann_dc.optimality.newton import banded_system, equilibrated, solved
 PROXIMITY = 0.1
 """Barrier parameter of a restoration step, relative to the squares of the slacks."""
 SOFTENING = 1e-8
-"""Diagonal of the multipliers where constraints depend on each other."""
+"""Diagonal of the multipliers for dependent constraints."""
 ROUNDING = 1e-15
-"""Pivot over the largest one at which an equilibrated matrix is singular."""
+"""Pivot ratio at which an equilibrated matrix is singular."""
 LARGEST_MOVE = 1e12
-"""Move beyond which a matrix counts as singular."""
+"""Step component above which a matrix counts as singular."""
 LEAST_CURVATURE = 1e-8
-"""Curvature along a step, in scales, at least."""
+"""Smallest curvature along a step, in scales."""
 EPSILON = float(np.finfo(float).eps)
 CENTRED = 1e10
-"""Largest factor between a multiplier and the one that its slack and t call for."""
+"""Largest factor between a multiplier and t divided by its slack."""
 
 
 class Model:
-    """Barrier problem at a point: values, derivatives and steps.
-
-    Parameters
-    ----------
-    barrier : Barrier
-    point : Point
-    """
+    """Barrier problem at a point: values, derivatives and steps."""
 
     def __init__(self, barrier: Barrier, point: Point) -> None:
         self.barrier, self.point = barrier, point
@@ -65,17 +59,17 @@ class Model:
 
     @property
     def is_finite(self) -> bool:
-        """True if the cost, the map and all rows have finite values."""
+        """True if the cost, the dynamics and all constraints have finite values."""
         return bool(np.isfinite(self.cost + self.infeasibility))
 
     @cached_property
     def infeasibility(self) -> float:
-        """Sum of the gaps of the map and of what rows miss."""
+        """Sum of the residuals of dynamics and constraints."""
         return float(np.abs(self.gap).sum() + np.abs(self.miss).sum())
 
     @cached_property
     def cost(self) -> float:
-        """Cost with that of soft rows."""
+        """Cost including that of soft constraints."""
         rows, point = self.rows, self.point
         yielding = np.divide(point.w**2, 2 * rows.compliance, where=rows.compliance > 0,
                              out=np.zeros_like(point.w))  # fmt: skip
@@ -136,8 +130,8 @@ class Model:
     def step(self, t: float, shift: float, *, is_counted: bool = True) -> Point | None:
         """Return the Newton step with a multiple of the identity added to the Hessian.
 
-        None if the shifted Hessian is not positive definite on the null space of the constraints
-        (``is_counted``; otherwise only along the step), or if the step is not finite.
+        Returns None if the step is not finite, or if the shifted Hessian is not positive definite
+        on the null space of the constraints (``is_counted``; otherwise only along the step).
         """
         point, rows, (stages, end) = self.point, self.rows, self.hessian
         n, z = len(end), stages.shape[1]
@@ -175,7 +169,7 @@ class Model:
         )
 
     def approach(self) -> Point | None:
-        """Return the least move that satisfies the linearised constraints."""
+        """Return the smallest step that satisfies the linearised constraints."""
         point, rows, plain = self.point, self.rows, self.plain
         n, z, G = len(plain.end_slope), plain.slope.shape[1], rows.slope
         weight = PROXIMITY / point.s**2
@@ -198,7 +192,10 @@ class Model:
         return step._replace(s=-self.miss - (G @ step.stages[..., None])[..., 0])
 
     def longest(self, step: Point, share: float) -> tuple[float, float]:
-        """Return the longest primal and dual step up to one within a share of the boundary."""
+        """Return the longest primal and dual step up to one, limited by the boundary.
+
+        A step covers at most the fraction ``share`` of the distance to the boundary.
+        """
         point, rows = self.point, self.rows
         priced = np.isfinite(rows.price)
         primal = _until(point.s, step.s, share), _until(point.e[priced], step.e[priced], share)
@@ -207,7 +204,7 @@ class Model:
         return min(primal), min(dual)
 
     def centred(self, point: Point, t: float) -> Point:
-        """Return the point with multipliers within a factor `CENTRED` of t over the slacks."""
+        """Return the point with multipliers limited to t / s times or over `CENTRED`."""
         due = t / point.s
         z = np.clip(point.z, due / CENTRED, due * CENTRED)
         return point._replace(z=np.minimum(z, 0.5 * (point.z + self.rows.price)))
@@ -221,13 +218,13 @@ def _bends_up(expansion: Expansion, step: Point) -> bool:
 
 
 def _until(value: np.ndarray, move: np.ndarray, share: float) -> float:
-    """Return the longest step up to one that goes a share of the way of values to zero."""
+    """Return the longest step up to one that covers a fraction of the way to zero."""
     falling = move < 0.0
     return float(np.min(-share * value[falling] / move[falling], initial=1.0))
 
 
 def _moves(expansion: Expansion, gap: np.ndarray):
-    """Solve the linear-quadratic problem for moves of q, u and mu; None if singular."""
+    """Solve the linear-quadratic problem for steps of q, u and mu; None if singular."""
     n, z = len(expansion.end_slope), expansion.slope.shape[1]
     for softening in (0.0, SOFTENING):
         band, right, is_there = banded_system(expansion, gap)

@@ -1,10 +1,10 @@
-r"""Is the cost bounded below? A descent along paths that meet the constraints, with growing steps.
+"""Boundedness check: descent of the cost along feasible paths with growing steps.
 
-From a feasible path the cost is followed downhill: a step along its slope, projected onto the
-tangent space of the constraints, and back onto the constraints by Gauss-Newton steps. A problem
-without a minimum shows it by example: paths that obey the map and the target, whose cost falls
-and falls while some state or control grows. Inequalities and limits of the controls are kept on
-the way: a step leads along those that it would leave.
+Each step from a feasible path follows the cost gradient projected onto the tangent space of the
+constraints; Gauss-Newton steps then restore feasibility. An unbounded problem is shown by an
+example: paths that satisfy dynamics and target while the cost decreases without end and some state
+or control grows. Inequalities and control limits remain satisfied: a step moves along those that it
+would violate.
 """
 
 from __future__ import annotations
@@ -23,40 +23,36 @@ from ann_dc.problem.scales import natural_scales
 from ann_dc.progress import Progress, silent
 
 BOTTOMLESS = 1e10
-"""Cost below zero, in the scale of the cost, that no problem with a minimum comes to; times the
-distance squared of the farthest row or limit, in scales, where that is more than one."""
+"""Negative cost, in the scale of the cost, that no problem with a minimum reaches; times the
+squared
+distance, in scales, to the farthest constraint or limit if that exceeds one.
+"""
 STEPS = 60
-"""Steps of the descent, at most: a cost without a minimum is far below zero after 20."""
+"""Largest number of descent steps: an unbounded cost is far below zero after 20."""
 PUSHES = (1e-3, 1.0, 1.0, 10.0, 10.0, 100.0)
-"""Random pushes off a point from which no step leads down, over the slope there: saddles first."""
+"""Random perturbations that leave a stationary point, relative to the gradient; saddles first."""
 LAST_PUSHES = range(2, 15)
-"""Powers of ten by which a control of the last stage is pushed, in scales."""
+"""Powers of ten by which a control of the last stage is perturbed, in scales."""
 GROWTH = 4.0
-"""Factor on the length of a step after a success; after a failure the step is divided by it."""
+"""Factor on the step length after a success; divisor after a failure."""
 SHORTEST = 1e-3
-"""Length of a step, in scales, at which the descent is over."""
+"""Step length, in scales, at which the descent ends."""
 REGULAR = 1e-12
-"""Added to the normal matrix of the constraints, which may depend on each other."""
+"""Regularisation of the normal matrix of the constraints, which may be dependent."""
 RESTORED = 1e-6
-"""Violation of the constraints over the largest state that a step may leave."""
+"""Largest constraint violation after a step, relative to the largest state."""
 ROUNDS = 5
-"""In which rows and limits that the steepest descent would leave join the constraints."""
+"""Rounds in which constraints and limits violated by steepest descent are added."""
 RESTORATIONS = 8
-"""Gauss-Newton steps back onto the constraints."""
+"""Gauss-Newton steps that restore feasibility."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Unbounded:
-    """A cost without a minimum, shown by a path.
+    """Unbounded cost, shown by a feasible path.
 
-    Attributes
-    ----------
-    objective : float
-        Cost of a path that meets the constraints, in the user's units.
-    largest : str
-        The state or control that has grown most.
-    message : str
-        The same in a sentence.
+    `objective` is the cost of the path in the user's units, `largest` the state or control that has
+    grown most, and `message` describes the result.
     """
 
     objective: float
@@ -67,25 +63,15 @@ class Unbounded:
 def without_minimum(
     problem: OptimalControlProblem, path: Path, progress: Progress = silent
 ) -> Unbounded | None:
-    """Whether a cost falls without end from a path that meets the constraints.
+    """Return a proof that the cost is unbounded, from a feasible path.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    path : Path
-        That meets the constraints.
-    progress : Progress
-        Takes a line a step.
-
-    Returns
-    -------
-    Unbounded or None
-        None where the descent came to rest, or ran out of steps, and where the start is given and
-        every control has limits on both sides: then a continuous cost has a minimum.
+    Returns None if the descent converged or ran out of steps. Also returns None if the start is
+    given and every control has limits on both sides: a continuous cost then has a minimum.
+    `progress` receives one line per step.
 
     Examples
     --------
-    A control that is rewarded:
+    A control with negative cost:
 
     >>> import sympy as sp
     >>> from ann_dc.problem import OptimalControlProblem, straight_line
@@ -104,7 +90,7 @@ def without_minimum(
 
 
 class _Descent:
-    """A path on its way down."""
+    """Descent of the cost along feasible paths."""
 
     def __init__(self, problem: OptimalControlProblem, path: Path, progress: Progress) -> None:
         self.problem, self.path, self.progress = problem, path, progress
@@ -135,10 +121,10 @@ class _Descent:
         return None
 
     def _last_control(self) -> str:
-        """Return the control of the last stage by which the cost falls without end, if any.
+        """Return the control of the last stage along which the cost is unbounded, if any.
 
-        Each is pushed by itself, together with a free end. The descent does not find these paths:
-        all other stages resist its long steps.
+        Each control is perturbed alone, together with a free end. The descent does not find these
+        paths, because all other stages resist its long steps.
         """
         functions, start = self.problem.functions, self.path
         for control, size in enumerate(self.search.control.ravel()):
@@ -159,7 +145,7 @@ class _Descent:
         return ""
 
     def _room(self) -> float:
-        """Distance of the path to the farthest row or limit, in scales, and at least one."""
+        """Return the distance to the farthest constraint or limit in scales, at least 1."""
         model = self.search.model(self.path)
         ways = np.abs(np.concatenate([model.distance, model.low, model.high]))
         return float(ways[np.isfinite(ways)].max(initial=1.0))
@@ -170,7 +156,7 @@ class _Descent:
         return cost if np.isfinite(cost) else np.inf
 
     def _slope(self) -> np.ndarray:
-        """Of the cost in the free states and the controls, all in scales."""
+        """Return the cost gradient in the free states and the controls, in scales."""
         functions, search, path = self.problem.functions, self.search, self.path
         of_q, of_u = functions.cost_gradient(path.q[:, :-1], path.u)
         of_q = np.column_stack([of_q, functions.terminal(path.q[:, -1])[1]]) * search.state
@@ -178,7 +164,7 @@ class _Descent:
         return np.concatenate([of_q.T[search.free.T], of_u.T.ravel()]) / self.scales.cost
 
     def _direction(self, push: float) -> np.ndarray | None:
-        """Of steepest descent in the tangent space, of length one; pushed off, to leave saddles."""
+        """Return the unit direction of steepest descent, perturbed by `push` at saddles."""
         J, slope = self.search.jacobian(self.path), self._slope()
         noise = self.rng.standard_normal(len(slope))
         push *= max(float(np.linalg.norm(slope)), 1.0)
@@ -200,7 +186,7 @@ class _Descent:
         return direction
 
     def _step(self, direction: np.ndarray) -> bool:
-        """The longest of a few steps that lowers the cost; whether there is one."""
+        """Take the longest of a few steps that lowers the cost; return False if none does."""
         while self.length > SHORTEST:
             ahead = self.search.moved(self.path, self.length * direction)
             if np.isfinite(ahead.violation):
@@ -235,7 +221,7 @@ class _Descent:
 
 
 def _projected(J, held: np.ndarray, slope: np.ndarray) -> np.ndarray | None:
-    """Steepest descent of length one that moves nothing in J, and nothing that is held."""
+    """Return the unit steepest descent in the null space of J, `held` entries fixed."""
     if held.any():
         J, slope = J @ sparse.diags_array(np.where(held, 0.0, 1.0)), np.where(held, 0.0, slope)
     normal = J @ J.T

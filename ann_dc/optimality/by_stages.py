@@ -1,23 +1,21 @@
-r"""Is it a minimum? The sign of the Hessian on the tangent space of the constraints, by stages.
+r"""Second-order test by stages: sign of the Hessian on the tangent space.
 
-What may still be chosen is counted from the end backwards. C_k q_k = 0 is what has to hold at stage
-k so that the fixed end is kept, and V_k the curvature of all that comes after, at its least. With
+A backward recursion eliminates the stages. C_k q_k = 0 is the condition at stage k that the fixed
+end imposes, and V_k the minimal curvature of all later stages. With
 
 .. math:: \delta q_{k+1} = F \delta q_k + B \delta u_k
 
-the part of u_k that C_{k+1} B moves is needed for the end, and what C_{k+1} F leaves over is C_k.
-The rest, w_k, is free, and the tangent space is that of all w_k and of what q_0 leaves free. In
-these coordinates the Hessian falls into blocks (LDL'): the point is a strict minimum exactly
-where every block
+the part of u_k that C_{k+1} B maps to nonzero values is determined by the end; the remainder of
+C_{k+1} F is C_k. The other part, w_k, is free. The tangent space of the constraints consists of all
+w_k and the free components of q_0. In these coordinates the Hessian is block diagonal (LDL'): the
+point is a strict minimum if and only if every block
 
 .. math:: Z^T (W_{uu} + B^T V_{k+1} B) Z, \qquad u = K q + Z w,
 
-is positive definite. It takes a time linear in N, and is exact at fixed, partly fixed and free
-ends, a free start, and constraints that cannot be met or leave nothing free.
-
-A block counts against the size of its terms, in the problem's own scales: units change no answer.
-
-Inequalities that hold as equations, G_k (q_k, u_k) = 0 of a stage, stand below the rows C_{k+1}.
+is positive definite. The run time is linear in N. The test is exact for fixed, partly fixed and
+free ends, a free start, and constraints that are inconsistent or leave no freedom. A block is
+compared with the size of its terms in the scales of the problem, so the result does not depend on
+units. Inequalities that hold as equations, G_k (q_k, u_k) = 0, are appended below the rows C_{k+1}.
 
 References
 ----------
@@ -36,22 +34,22 @@ from ann_dc.jit_functions import kept
 from ann_dc.optimality.expansion import Expansion
 
 FLAT = 1e-12
-"""Curvature, over the size of its terms, between which and its negative there is none."""
+"""Threshold of zero curvature relative to the size of its terms."""
 ROUNDING = 1e-12
-"""What is left of a sum of larger terms, over their size, below which it is zero."""
+"""Threshold below which a sum is zero relative to the size of its terms."""
 DEPENDENT = 1e-9
-"""What is left of a row, over its size, below which it says nothing that others do not."""
+"""Threshold below which a row remainder is linearly dependent, relative to the row."""
 
 _STRICT, _FALLING, _FLAT, _UNKNOWN = range(4)
 
 compiled = kept(no_cfunc_wrapper=True)
-"""Compiled once per machine, cached on disk. Loops compile twice as quickly as slices."""
+"""Decorator: compile once per machine, cached on disk. Loops compile twice as fast as slices."""
 inner = kept(no_cfunc_wrapper=True, no_cpython_wrapper=True)
-"""The same, of what compiled code alone calls."""
+"""Decorator as `compiled`, for functions that only compiled code calls."""
 
 
 class Minimum(Enum):
-    """What the second order says of a point; the value is the sentence that a user reads."""
+    """Result of the second-order test; the value is the sentence that is displayed."""
 
     STRICT = "strict local minimum"
     NOT_A_MINIMUM = "NOT a minimum: the cost falls along a direction that keeps the constraints"
@@ -69,14 +67,10 @@ _ANSWERS = {
 
 
 def counted(expansion: Expansion, rows: np.ndarray) -> Minimum:
-    """What the count by stages says.
+    """Return the result of the second-order test by stages.
 
-    Parameters
-    ----------
-    expansion : Expansion
-        Finite.
-    rows : (N+1, R, n+m) array
-        Slopes of inequalities that hold as equations, zero where there is none.
+    The expansion must be finite. `rows` (N+1, R, n+m) contains the gradients of inequalities that
+    hold as equations, and zeros in empty slots.
     """
     J, W, end = expansion.jacobian, expansion.hessian, expansion.end_hessian
     n, free = len(end), np.flatnonzero(~expansion.fixed_start)
@@ -92,7 +86,7 @@ def counted(expansion: Expansion, rows: np.ndarray) -> Minimum:
 
 @compiled
 def _swept(J, W, G, end, held, first, nothing, is_lifted):
-    """From the end to the start, which is one more stage: q_0 as far as it is free."""
+    """Run the recursion from the end to the start; the free q_0 is one more stage."""
     V, C, found = end, held, _STRICT
     without_cost = np.zeros((first.shape[1], first.shape[1]))
     without_rows = np.zeros((0, first.shape[1]))
@@ -107,7 +101,7 @@ def _swept(J, W, G, end, held, first, nothing, is_lifted):
 
 @inner
 def _stage(J, W, G, V, C, nothing, is_lifted):
-    """V and C of the stage before, and what the block says; they count where it is sound."""
+    """Return V and C of the previous stage and the sign; they need a positive block."""
     n, p = len(V), len(C) + len(G)
     little = DEPENDENT if len(G) else 0.0
     rows, r, sizes = _eliminated(_rows(C, J, G), p, n, little)
@@ -130,7 +124,7 @@ def _stage(J, W, G, V, C, nothing, is_lifted):
 
 @inner
 def _freed(rows, r, p, n):
-    """T with (q, u) = T (q, w): u = Q y, whose first r components q determines, w the others."""
+    """Return T with (q, u) = T (q, w), u = Q y; q fixes the first r of y, w the rest."""
     z = rows.shape[1]
     T = np.zeros((z, z - r))
     for i in range(n):
@@ -146,7 +140,7 @@ def _freed(rows, r, p, n):
 
 @inner
 def _rows(C, J, G):
-    """(C F, C B) above G and (0, I); zero where the terms of an entry cancel to rounding."""
+    """Return (C F, C B) above G and (0, I); entries that cancel to rounding are zero."""
     p, (n, z) = len(C) + len(G), J.shape
     rows = np.zeros((p + z - n, z))
     for i in range(len(G)):
@@ -167,10 +161,10 @@ def _rows(C, J, G):
 
 @inner
 def _eliminated(rows, p, n, little):
-    """C B Q diagonal in its first rows, then zero, above Q (m, m) orthogonal, in u = Q y.
+    """Reduce C B Q to a diagonal above zero rows, in place, with u = Q y.
 
-    Returns the rows, how many components of y they determine, and the largest entry of each on the
-    way.
+    Returns the rows above the orthogonal Q (m, m), the number of components of y that they
+    determine, and the largest entry of each row during elimination.
     """
     z = rows.shape[1]
     sizes, largest = np.zeros(p), np.zeros(p)
@@ -194,7 +188,7 @@ def _eliminated(rows, p, n, little):
 
 @inner
 def _longest(rows, least, first, r):
-    """The row from r on that reads most of the controls from the first on; zero for rounding."""
+    """Return the row from r on with the longest control part; length 0 for rounding."""
     best, longest = r, 0.0
     for i in range(r, len(least)):
         square = 0.0
@@ -207,7 +201,7 @@ def _longest(rows, least, first, r):
 
 @inner
 def _reflect(rows, first, r, length):
-    """Turn the controls so that row r reads the first of those from there on (Householder)."""
+    """Rotate the controls so that row r reads only the first of them (Householder)."""
     z = rows.shape[1]
     v = rows[r].copy()
     v[first] += length if v[first] > 0.0 else -length
@@ -227,7 +221,7 @@ def _reflect(rows, first, r, length):
 
 @inner
 def _remove(rows, at, r, p, n, largest):
-    """Row r out of all rows below it, so that none of them reads its control."""
+    """Eliminate the control of row r from all rows below it."""
     for i in range(r + 1, p):
         factor = rows[i, at] / rows[r, at]
         rows[i, at] = 0.0
@@ -242,7 +236,7 @@ def _remove(rows, at, r, p, n, largest):
 
 @inner
 def _left_over(rows, r, p, n, least):
-    """Rows r to p that say something of the state, their largest entry one."""
+    """Return rows r to p that constrain the state, with a largest entry of one."""
     sizes, count = np.zeros(p), 0
     for i in range(r, p):
         for j in range(n):
@@ -260,7 +254,7 @@ def _left_over(rows, r, p, n, least):
 
 @inner
 def _independent(C):
-    """Rows that say the same as C, no more of them than states."""
+    """Return independent rows that span C, at most as many as states."""
     rows, n = C.copy(), C.shape[1]
     for r in range(min(rows.shape)):
         i, j = _largest(rows, r)
@@ -278,7 +272,7 @@ def _independent(C):
 
 @inner
 def _largest(rows, first):
-    """Where the largest entry is, of the rows from the first on."""
+    """Return the index of the largest entry of the rows from `first` on."""
     i, j = first, 0
     for k in range(first, len(rows)):
         for a in range(rows.shape[1]):
@@ -289,7 +283,7 @@ def _largest(rows, first):
 
 @inner
 def _reduced(M, i, n, little, is_lifted):
-    """Row i of the Cholesky factor of M's block after n, in all columns; what its pivot says."""
+    """Compute row i of the Cholesky factor of M's block after n; return the sign."""
     pivot = M[i, i] + (little if is_lifted else 0.0)
     for j in range(n, i):
         pivot -= M[j, i] * M[j, i]
@@ -309,7 +303,7 @@ def _reduced(M, i, n, little, is_lifted):
 
 @inner
 def _seen(J, W, V, T):
-    """T' (W + J' V J) T: what a stage and all after it cost."""
+    """Return T' (W + J' V J) T, the curvature of a stage and of all later stages."""
     G = _product(J, T)
     WT, VG = _product(W, T), _product(V, G)
     size = T.shape[1]
@@ -326,7 +320,7 @@ def _seen(J, W, V, T):
 
 @inner
 def _size(J, W, V, T, i):
-    """Of what entry (i, i) of T' (W + J' V J) T is the sum."""
+    """Return the sum of absolute terms of entry (i, i) of T' (W + J' V J) T."""
     n, z = J.shape
     moved, total = np.zeros(n), 0.0
     for a in range(z):

@@ -1,17 +1,18 @@
-r"""Is it the optimum? Checked with the problem's own exact derivatives, not with the network.
+r"""Optimality certificate of a point, from the exact derivatives of the problem.
 
-First order: the residuals of (11)-(15), relative,
+The network is not used. First order: the relative residuals of (11)-(15),
 
 .. math:: \max(|c|_\infty / \max|q|,\; |\nabla L|_\infty / \max(|\nabla E|_\infty, |d|_\infty)),
 
-with c all constraints and d all multipliers, every component in the problem's `natural_scales`, so
-that no certificate depends on units. Inequalities have to hold, with multipliers of the right sign
-where they touch and none elsewhere (`complementarity`). Where rows are soft, the optimum is that of
-the softened problem, and `soft_rows` tells which of them are exceeded. Second order: the Hessian of
-the Lagrangian is positive definite on the tangent space of the constraints (`by_stages`). A Newton
-step from the point shows how far the optimum can be, component by component. After the fact: the
-controls alone, fed through f from q_0 (as settled, where it is free), have to arrive at q_d. All of
-it takes a time linear in N.
+where c are all constraints and d all multipliers. Every component is in the problem's
+`natural_scales`, so certificates do not depend on units. Inequalities must hold, with multipliers
+of the right sign if active and zero if inactive (`complementarity`). With soft constraints, the
+optimum is that of the softened problem, and `soft_rows` lists the exceeded constraints.
+
+Second order: the Hessian of the Lagrangian is positive definite on the tangent space of the
+constraints (`by_stages`). A Newton step from the point estimates the distance to the optimum by
+component. Simulation: the controls, applied to f from q_0 (settled value if free), must reach q_d.
+The run time is linear in N.
 """
 
 from __future__ import annotations
@@ -40,39 +41,39 @@ StageStates: TypeAlias = Annotated[np.ndarray, Shape("problem.n", "problem.horiz
 Multipliers: TypeAlias = Annotated[np.ndarray, OrNan()]
 
 LARGEST_RESIDUAL = 1e-8
-"""Relative KKT residual of a certified point."""
+"""Largest relative KKT residual of a certified point."""
 LARGEST_STEP = 1e-4
-"""Relative Newton step of a certified point."""
+"""Largest relative Newton step of a certified point."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Certificate:
-    """What is known about a settled point.
+    """Optimality certificate of a settled point.
 
     Attributes
     ----------
     objective : float
-        E at the settled neurons, in the user's units; with what soft rows cost, and with the
-        largest of several objectives.
+        E at the settled neurons, in the user's units, including the cost of soft constraints and
+        the largest of several objectives.
     constraint_residual, stationarity_residual : float
-        Relative, see the module docstring.
+        Relative first-order residuals, defined in the module docstring.
     minimum : Minimum
-        What the Hessian of the Lagrangian says on the tangent space of the constraints.
+        Sign of the Hessian of the Lagrangian on the tangent space of the constraints.
     newton_step : float
-        How far a Newton step moves a state or a control, at most, relative to the component's own
-        range: an estimate of the distance to the optimum. nan where it is not defined.
+        Largest change of a state or control in a Newton step, relative to the range of the
+        component. Estimates the distance to the optimum; nan if the step is not defined.
     rollout_error : float
-        Largest distance between the end of the roll-out and a fixed component of q_d, in the scale
-        of the component.
+        Simulation error: largest distance between the end of the roll-out and a fixed component of
+        q_d, in the scale of the component.
     rollout : (n, N+1) array
-        The states that the controls produce.
+        States that the controls produce.
     complementarity : Complementarity or None
-        Of inequalities and control limits; None where the problem has none.
+        Residuals of inequalities and control limits; None if the problem has none.
     soft_rows : SoftRows or None
-        Which rows are exceeded, and by how much; None where the problem has none that may be.
+        Exceeded soft constraints and their violations; None if the problem has no soft constraint.
     largest : Largest or None
-        The objectives, of which the largest is minimised; None where the problem has none. First
-        and second order are then those of its cost with their shares.
+        Objectives of a minimax problem; None if the problem has none. First and second order then
+        refer to the cost weighted by the shares of the objectives.
     """
 
     objective: float
@@ -88,32 +89,32 @@ class Certificate:
 
     @property
     def kkt_residual(self) -> float:
-        """The larger of the two first-order residuals."""
+        """Larger of the two relative first-order residuals."""
         return float(np.maximum(self.constraint_residual, self.stationarity_residual))
 
     @property
     def first_order(self) -> bool:
-        """True if the first-order residuals, inequalities and objectives hold."""
+        """True if first-order residuals, inequalities and objectives are within limits."""
         return not self._missed
 
     @property
     def second_order(self) -> bool:
-        """True if the reduced Hessian is positive definite; of an optimum in `first_order` only."""
+        """True if the reduced Hessian is positive definite; optimal with `first_order`."""
         return self.minimum is Minimum.STRICT
 
     @property
     def certified(self) -> bool:
-        """First order, second order, and no component hiding behind another's scale."""
+        """True if first order, second order and Newton step are within their limits."""
         return bool(self.first_order and self.second_order and self.newton_step < LARGEST_STEP)
 
     @property
     def verdict(self) -> str:
-        """Second-order statement in words, which exists only where the first order holds."""
+        """Second-order result in words; not checked if the first order fails."""
         return f"not checked: {self._missed}" if self._missed else self.minimum.value
 
     @property
     def reason(self) -> str:
-        """Why the point is certified, or why not."""
+        """Reason for the certificate or for its refusal."""
         if self._missed:
             return self._missed
         if not self.second_order:
@@ -124,7 +125,7 @@ class Certificate:
 
     @property
     def _missed(self) -> str:
-        """First-order condition that does not hold, in words; empty if all hold."""
+        """Description of the first-order condition that fails; empty if all hold."""
         if not self.kkt_residual < LARGEST_RESIDUAL:
             return f"the KKT residual {self.kkt_residual:.1e} is not below {LARGEST_RESIDUAL:g}"
         for part in (self.complementarity, self.largest):
@@ -159,24 +160,27 @@ def certify(
     zeta_end: Multipliers | None = None,
     *shares: Multipliers,
 ) -> Certificate:
-    """Certificate of a point in the user's units.
+    """Compute the optimality certificate of a point in the user's units.
 
     Parameters
     ----------
     problem : OptimalControlProblem
+        Problem with N stages, n states and m controls.
     q : (n, N) array
         States of the N stages.
     u : (m, N) array
+        Controls of the N stages.
     t : (n, N) array
-        Targets; t_{N-1} is the end.
+        Targets; t_{N-1} is the terminal state.
     mu, beta : (n, N) arrays
-        Multipliers; beta_0 is not used (q_0 is given, or free).
+        Multipliers; beta_0 is not used (q_0 is given or free).
     zeta : (r, N) array, optional
-        Multipliers of ``problem.inequalities``; zero where they are not given.
+        Multipliers of ``problem.inequalities``; default zero.
     zeta_end : (r_e,) array, optional
-        Of ``problem.end_inequalities``. Those of control limits follow from the slopes.
+        Multipliers of ``problem.end_inequalities``; default zero. Multipliers of control limits are
+        computed from the gradient.
     *shares : (p,) array
-        Of ``problem.objectives``, one array; equal ones where it is not given.
+        Weights of ``problem.objectives`` in the minimax cost, one array; default equal.
 
     Returns
     -------
@@ -185,7 +189,7 @@ def certify(
     Raises
     ------
     ArgumentValueError
-        If ``zeta``, ``zeta_end`` or ``shares`` has another shape.
+        If ``zeta``, ``zeta_end`` or ``shares`` has a wrong shape.
 
     References
     ----------
@@ -253,7 +257,7 @@ def _largest(values: np.ndarray) -> float:
 
 
 def _constraints(expansion: Expansion, q: np.ndarray, t: np.ndarray) -> float:
-    """Map, coupling and both ends, over the largest state: everything that has to be zero."""
+    """Return the residual of dynamics and ends relative to the largest state."""
     first, last = expansion.ends
     ends = [
         np.where(expansion.fixed_start, q[:, 0] - first, 0.0),
@@ -267,7 +271,7 @@ def _constraints(expansion: Expansion, q: np.ndarray, t: np.ndarray) -> float:
 
 
 def _stationarity(expansion: Expansion, beta: np.ndarray) -> float:
-    """The slopes of the Lagrangian, over the largest slope of the cost or multiplier."""
+    """Return the Lagrangian gradient relative to the largest gradient or multiplier."""
     n, mu = len(beta), expansion.mu
     beta = (beta.T * (expansion.state / expansion.cost))[1:]
     own = expansion.own_slope()

@@ -1,11 +1,11 @@
-r"""How well a point keeps its inequalities, and whether their multipliers are those of an optimum.
+r"""Complementarity conditions of inequalities at a point.
 
 .. math:: g \le 0, \qquad \zeta \ge 0, \qquad \zeta_i g_i = 0,
 
-each told relative to the problem itself: a distance over the range of what a row reads, a
-multiplier over the largest one, so that nothing depends on units or on how a row was written. The
-limits of a control count like rows. Of a soft row g - d zeta stands in the place of g, and zeta has
-its price as an upper limit.
+A distance is relative to the range of the variables that the constraint reads, a multiplier to the
+largest multiplier. The result therefore does not depend on units or on the scaling of a constraint.
+Control limits count as constraints. For a soft constraint, g - d zeta replaces g, and its penalty
+weight bounds zeta from above.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ import numpy as np
 from ann_dc.optimality.contact import Contact
 
 LARGEST_MISS = 1e-6
-"""Violation, wrong sign and product of a certified point, each."""
+"""Upper limit of violation, wrong sign and product at a certified point."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Complementarity:
-    """The inequalities of a point.
+    """Complementarity residuals of a point.
 
     Attributes
     ----------
     violation : float
-        How far outside its worst row or limit the point lies, over the range of what that reads.
+        Largest violation of a constraint or limit, relative to the range of the variables it reads.
     wrong_sign : float
-        The most negative multiplier over the largest one, as a positive number; or how far one is
-        above the price of its row.
+        Magnitude of the most negative multiplier, or largest excess of a multiplier over its
+        penalty weight, relative to the largest multiplier.
     product : float
-        Largest distance to a row times its multiplier, both so related.
+        Largest product of distance and multiplier, both relative as above.
     strong, weak, inactive : int
-        Rows of all stages and of the end, and controls that have limits: strongly active (they
-        touch and pull), weakly active (they touch), and not.
+        Number of strongly active (touching, nonzero multiplier), weakly active (touching) and
+        inactive constraints. All stages, the end and limited controls are counted.
     """
 
     violation: float
@@ -47,14 +47,7 @@ class Complementarity:
 
     @classmethod
     def of(cls, contact: Contact, size: float) -> Complementarity:
-        """That of the rows around a point.
-
-        Parameters
-        ----------
-        contact : Contact
-        size : float
-            The largest slope or multiplier.
-        """
+        """Compute the residuals; `size` is the largest gradient entry or multiplier."""
         near, strong = contact.near, contact.strong(size)
         largest = lambda values: float(values.max(initial=0.0)) + 0.0  # noqa: E731
         return cls(
@@ -68,17 +61,17 @@ class Complementarity:
 
     @property
     def holds(self) -> bool:
-        """Whether all three are below `LARGEST_MISS`."""
+        """True if all three residuals are below `LARGEST_MISS`."""
         return bool(np.max([self.violation, self.wrong_sign, self.product]) < LARGEST_MISS)
 
     @property
     def counts(self) -> str:
-        """How many rows are active, in words."""
+        """Numbers of active and inactive constraints, as text."""
         return f"{self.strong} strongly active, {self.weak} weakly, {self.inactive} inactive"
 
     @property
     def reason(self) -> str:
-        """What does not hold, in words; empty where all does."""
+        """Description of the first condition that fails; empty if all hold."""
         told = {
             f"an inequality is violated by {self.violation:.1e} of a range": self.violation,
             f"a multiplier has the wrong sign by {self.wrong_sign:.1e} of the largest one":

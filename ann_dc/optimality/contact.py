@@ -1,15 +1,16 @@
-r"""Inequalities around a point: rows and control limits, in the problem's scales, and which touch.
+"""Active inequalities and control limits at a point, in the scales of the problem.
 
-A row g(q, u) <= 0 is divided by the length of its slope in scaled variables: its value is then a
-distance and its multiplier a slope of the cost, and neither depends on how the row was written. The
-distance is related to the range of what the row reads. A limit of a control is a row too; its
-multiplier is what the cost gains by a move outward.
+A constraint g(q, u) <= 0 is divided by the length of its gradient in scaled variables. Its value is
+then a distance and its multiplier a gradient of the cost; neither depends on the scaling of the
+constraint. The distance is relative to the range of the variables that the constraint reads. A
+control limit is also a constraint; its multiplier is the cost decrease per outward displacement.
 
-A soft row rests where g = d zeta, below its price: its value is that of g - d zeta. Where it is at
-its price it is no row any more but a cost, P g (`expansion`).
+A soft constraint is in equilibrium at g = d zeta while zeta is below the penalty weight; its value
+is g - d zeta. At the penalty weight it becomes a cost, P g (`expansion`).
 
-A row touches where its distance is zero, to `NEAR`. It is strongly active where its multiplier is
-clearly positive, and weakly otherwise: it touches by chance, or is about to let go.
+A constraint is active if its distance is zero within `NEAR`. It is strongly active if its
+multiplier is clearly positive, and weakly active otherwise (accidental contact or imminent
+release).
 """
 
 from __future__ import annotations
@@ -22,36 +23,36 @@ import numpy as np
 from ann_dc.problem.declaration import OptimalControlProblem
 
 NEAR = 1e-5
-"""Distance, over the range of what a row reads, at which the row touches."""
+"""Distance below which a constraint is active, relative to the range of its variables."""
 CLEAR = 1e-5
-"""Multiplier of a strongly active row, over the largest slope or multiplier, at least."""
+"""Smallest multiplier of strong activity, relative to the largest gradient or multiplier."""
 CLEARER = 10.0
-"""The same over the row's distance, so that what a solver leaves of both is not taken for one."""
+"""Smallest ratio of multiplier to distance of strong activity; excludes solver residues."""
 SMALLEST_STATE = 0.1
-"""Range of a state, in its scale, at least."""
+"""Smallest range of a state, in its scale."""
 SMALLEST_CONTROL = 1e-6
-"""Range of a control, in its scale, at least: what moves a long chain is small at every stage."""
+"""Smallest range of a control, in its scale: on a long chain every stage needs little."""
 
 
 class Slots(NamedTuple):
-    """Rows in scaled variables, as many slots at every stage; the last stage is q_N."""
+    """Constraints in scaled variables, R slots per stage; the last stage is q_N."""
 
     is_row: np.ndarray
-    """(N+1, R) of bool: which slots hold a row."""
+    """True if the slot contains a constraint, (N+1, R) of bool."""
     value: np.ndarray
-    """(N+1, R): g, negative where there is no row."""
+    """Values of g, (N+1, R); negative in empty slots."""
     slope: np.ndarray
-    """(N+1, R, n+m): of g."""
+    """Gradients of g, (N+1, R, n+m)."""
     zeta: np.ndarray
-    """(N+1, R): multipliers over the cost's scale."""
+    """Multipliers relative to the cost scale, (N+1, R)."""
     compliance: np.ndarray
-    """(N+1, R): of soft rows; zero elsewhere."""
+    """Compliance of soft constraints, otherwise zero, (N+1, R)."""
     price: np.ndarray
-    """(N+1, R): over the cost's scale; infinite where a row has to hold."""
+    """Penalty weight relative to the cost scale, (N+1, R); infinite for hard constraints."""
 
     @classmethod
     def empty(cls, stages: int, slots: int, z: int) -> Slots:
-        """Slots that hold no row."""
+        """Return slots without constraints."""
         size = stages, slots
         return cls(
             is_row=np.zeros(size, bool),
@@ -63,15 +64,15 @@ class Slots(NamedTuple):
         )
 
     def beside(self, other: Slots) -> Slots:
-        """These rows and others of the same stages."""
+        """Return these constraints joined with others of the same stages."""
         return Slots(*(np.concatenate(pair, axis=1) for pair in zip(self, other)))
 
     def pull(self) -> np.ndarray:
-        """(N+1, n+m): what the rows add to the slope of the Lagrangian."""
+        """Return the contribution (N+1, n+m) to the gradient of the Lagrangian."""
         return (self.zeta[:, None] @ self.slope)[:, 0]
 
     def without(self, gone: np.ndarray) -> Slots:
-        """Without some rows: ``gone`` is an (N+1, R) array of bool."""
+        """Return the slots with the constraints in `gone` (N+1, R) of bool removed."""
         if not gone.any():
             return self
         stages, slots, z = self.slope.shape
@@ -86,27 +87,20 @@ class Slots(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Contact:
-    """Rows by slots, with slopes of unit length.
+    """Constraints by slots (N+1, R), with gradients normalised to unit length.
 
     Attributes
     ----------
-    is_row : (N+1, R) array of bool
-        Which slots hold a row.
-    value : (N+1, R) array
-        g over the length of its slope.
-    distance : (N+1, R) array
-        The same over the range of what it reads: positive where the row is violated, infinite where
-        it has no slope and is not zero.
+    value, distance : (N+1, R) arrays
+        g over the length of its gradient, and relative to the range of the variables: positive if
+        violated, infinite if the gradient is zero and the value is not.
     slope : (N+1, R, n+m) array
-        Of unit length in (q_k, u_k), without what an end fixes.
-    multiplier : (N+1, R) array
-        zeta times the length of the slope.
-    product : (N+1, R) array
-        abs(zeta g) over the range of what the row reads.
-    compliance : (N+1, R) array
-        Of a soft row: how far it gives way for a multiplier of one.
-    room : (N+1, R) array
-        What the multiplier of a soft row lacks to its price; infinite elsewhere.
+        Unit gradient in (q_k, u_k), zero in components that an end fixes.
+    multiplier, product : (N+1, R) arrays
+        zeta times the length of the gradient; abs(zeta g) relative to the range of the variables.
+    compliance, room : (N+1, R) arrays
+        Violation of a soft constraint per unit multiplier; difference of its penalty weight and
+        multiplier, infinite for hard constraints.
     """
 
     is_row: np.ndarray
@@ -120,15 +114,10 @@ class Contact:
 
     @classmethod
     def of(cls, slots: Slots, sizes: np.ndarray, is_free: np.ndarray) -> Contact:
-        """Of rows in scaled variables.
+        """Normalise constraints that are given in scaled variables.
 
-        Parameters
-        ----------
-        slots : Slots
-        sizes : (n+m,) array
-            Ranges of states and controls.
-        is_free : (N+1, n+m) array of bool
-            What no end fixes.
+        `sizes` (n+m,) contains the ranges of states and controls. `is_free` (N+1, n+m) is True for
+        variables that no end fixes.
         """
         length = np.sqrt((slots.slope**2).sum(axis=-1))
         is_flat = length == 0.0
@@ -149,27 +138,19 @@ class Contact:
 
     @property
     def near(self) -> np.ndarray:
-        """(N+1, R) array of bool: the rows that touch, or are violated."""
+        """Active or violated constraints, (N+1, R) array of bool."""
         return self.distance >= -NEAR
 
     def strong(self, size: float) -> np.ndarray:
-        """(N+1, R) array of bool: the strongly active rows.
+        """Return the strongly active constraints (N+1, R) of bool.
 
-        Parameters
-        ----------
-        size : float
-            The largest slope or multiplier.
+        `size` is the largest gradient entry or multiplier.
         """
         pull = np.minimum(self.multiplier, self.room) / size
         return self.near & (pull > CLEAR) & (pull > CLEARER * np.abs(self.distance))
 
     def only(self, kept: np.ndarray) -> Contact:
-        """Without all rows but some.
-
-        Parameters
-        ----------
-        kept : (N+1, R) array of bool
-        """
+        """Return the constraints selected by `kept` (N+1, R) of bool."""
         return replace(
             self,
             is_row=self.is_row & kept,
@@ -183,12 +164,12 @@ class Contact:
         )
 
     def pull(self) -> np.ndarray:
-        """(N+1, n+m) array: what the rows add to the slope of the Lagrangian."""
+        """Return the contribution (N+1, n+m) to the gradient of the Lagrangian."""
         return (self.multiplier[:, None] @ self.slope)[:, 0]
 
 
 def sizes_of(q: np.ndarray, u: np.ndarray, limits: np.ndarray) -> np.ndarray:
-    """(n+m,) array: ranges of states (N+1, n) and of controls (N, m) with their limits (m, 2)."""
+    """Return ranges (n+m,) of states (N+1, n) and controls (N, m) with limits (m, 2)."""
     bound = np.where(np.isfinite(limits), np.abs(limits), 0.0).max(axis=1)
     of_states = np.maximum(np.abs(q).max(axis=0), SMALLEST_STATE)
     of_controls = np.maximum(np.abs(u).max(axis=0), np.maximum(bound, SMALLEST_CONTROL))
@@ -202,18 +183,11 @@ def rows_of(
     factors: np.ndarray,
     cost: float,
 ) -> Slots:
-    """Inequality rows of a problem, of the stages and of the end.
+    """Return the inequality constraints of a problem, of the stages and of the end.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    point : (n, N+1) and (m, N) arrays
-        States with the end and controls, in the user's units.
-    zetas : (r, N) and (r_e,) arrays
-    factors : (n+m,) array
-        Of the scales of states and controls.
-    cost : float
-        Of the scale of the cost.
+    `point` contains states (n, N+1) and controls (m, N) in the user's units, `zetas` the
+    multipliers (r, N) and (r_e,). `factors` (n+m,) and `cost` are the scales of states and controls
+    and of the cost.
     """
     (q, u), (zeta, zeta_end), n = point, zetas, problem.n
     rows, end = problem.functions.rows(q[:, :-1], u), problem.functions.end_rows(q[:, -1])
@@ -234,16 +208,10 @@ def rows_of(
 
 
 def limits_of(u: np.ndarray, limits: np.ndarray, slope: np.ndarray, sizes: np.ndarray) -> Slots:
-    """The limits of controls as rows, of each control the nearer one; at the end there are none.
+    """Return the control limits as constraints, the nearer limit of each control.
 
-    Parameters
-    ----------
-    u : (N, m) array
-    limits : (m, 2) array
-        Infinite where there is none.
-    slope : (N, n+m) array
-        Of the Lagrangian without these limits.
-    sizes : (n+m,) array
+    The last stage has none. Shapes: `u` (N, m), `limits` (m, 2), infinite if absent, `sizes`
+    (n+m,). `slope` (N, n+m) is the gradient of the Lagrangian without the limits.
     """
     bounded = np.flatnonzero(np.isfinite(limits).any(axis=1))
     at, each = slope.shape[1] - u.shape[1] + bounded, np.arange(len(bounded))

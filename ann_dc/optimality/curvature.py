@@ -1,9 +1,9 @@
-r"""How strict is a minimum? The smallest eigenvalue of the reduced Hessian, for who asks for it.
+"""Smallest eigenvalue of the reduced Hessian: the strictness of a minimum.
 
-The states are eliminated through the linearised plant, so the matrix is that of the controls and of
-what q_0 leaves free, restricted to those that keep the fixed end and the inequalities that are
-strongly active. It is dense: its eigenvalues take
-a time that grows with the third power of N, where `by_stages` tells their sign in a linear one.
+The linearised plant eliminates the states. The matrix acts on the controls and the free components
+of q_0, restricted to directions that satisfy the fixed end and the strongly active inequalities.
+The matrix is dense: computing its eigenvalues takes a time of order N^3, whereas `by_stages`
+determines their sign in linear time.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.validation.checked import checked
 
 LARGEST_REDUCED = 2000
-"""Number of control values above which it is left out."""
+"""Number of control values above which the eigenvalue is not computed."""
 
 
 @checked
@@ -28,30 +28,18 @@ def smallest_curvature(
     zeta: np.ndarray | None = None,
     zeta_end: np.ndarray | None = None,
 ) -> float:
-    """Smallest eigenvalue of the reduced Hessian relative to its largest, in `natural_scales`.
+    """Return the smallest reduced-Hessian eigenvalue relative to the largest.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    q : (n, N+1) array
-        States with the end.
-    u : (m, N) array
-    mu : (n, N) array
-        Multipliers of the map.
-    zeta : (r, N) array, optional
-        Of the inequalities; zero where they are not given.
-    zeta_end : (r_e,) array, optional
-        Of those of the end.
+    The problem is scaled by `natural_scales`. `q` (n, N+1) includes the end, `u` is (m, N). `mu`
+    (n, N) are the multipliers of the dynamics. `zeta` (r, N) and `zeta_end` (r_e,) are those of the
+    inequalities, zero by default.
 
-    Returns
-    -------
-    float
-        inf where what has to hold leaves no freedom; nan where it is not finite, or N m is above
-        `LARGEST_REDUCED`.
+    Returns inf if the constraints leave no freedom, and nan if the Hessian is not finite or N m
+    exceeds `LARGEST_REDUCED`.
 
     Examples
     --------
-    Least effort of a double integrator costs the same along every direction:
+    Least effort of a double integrator has equal curvature in all directions:
 
     >>> from ann_dc import plants
     >>> problem = plants.double_integrator(N=5)
@@ -73,7 +61,7 @@ def smallest_curvature(
 
 
 def _reduced(expansion: Expansion) -> tuple[np.ndarray, np.ndarray]:
-    """The Hessian in all that is chosen, q_0 as far as it is free before all u; rows held there."""
+    """Return the Hessian in free q_0 and then all u, and the active constraints."""
     stages, n, z = expansion.jacobian.shape
     untied = np.flatnonzero(~expansion.fixed_start)
     size = len(untied) + stages * (z - n)

@@ -1,7 +1,7 @@
-"""Is there anything to be found? Asked where a run stalls, answered in as little time as it takes.
+"""Feasibility and boundedness checks of a problem whose run stalls.
 
-Whether the target can be met is shown once, by a path that meets it. Whether the cost has a minimum
-is asked only where it takes large negative values, since a sum of squares has one.
+Feasibility of the target is shown once, by a path that reaches it. Boundedness is checked only if
+the cost takes large negative values, since a sum of squares has a minimum.
 """
 
 from __future__ import annotations
@@ -19,20 +19,15 @@ from ann_dc.problem.scales import natural_scales
 from ann_dc.progress import Progress, Stopped, silent
 
 SAMPLES = 2000
-"""Points at which the cost is looked at."""
+"""Number of points at which the cost is sampled."""
 SIZES = (1.0, 1e2, 1e4)
-"""Of states and controls there, in their scales."""
+"""Amplitudes of states and controls at these points, in their scales."""
 NEGATIVE = 1e3
-"""Cost below zero, in its scale, from which on it may have no minimum."""
+"""Negative cost, in its scale, beyond which the cost may be unbounded."""
 
 
 class Hopeless(Stopped):
-    """A run was ended since there is nothing that it could find.
-
-    Attributes
-    ----------
-    found : Infeasible or Unbounded
-    """
+    """Raised to end a run of an infeasible or unbounded problem; `found` is the proof."""
 
     def __init__(self, found: Infeasible | Unbounded) -> None:
         super().__init__(found.message)
@@ -44,21 +39,11 @@ class Hopeless(Stopped):
 
 @dataclass(kw_only=True, eq=False)
 class Prospect:
-    """What is known of a problem's prospects, looked at less and less often.
+    """Feasibility and boundedness of a problem, checked at increasing intervals.
 
-    Attributes
-    ----------
-    problem : OptimalControlProblem
-    progress : Progress
-        Takes a line an iteration.
-    feasible : Path or None
-        A path that meets the constraints, once one is known.
-    asked : int
-        How often it was asked.
-    followed : bool
-        Whether the cost has been followed downhill from that path.
-    bottomless : Unbounded or None
-        Where that led to, if to no minimum.
+    `feasible` is a feasible path, once known; `asked` counts the requests. `followed` is True once
+    the boundedness check from that path is done, and `bottomless` is its result. `progress`
+    receives one line per iteration.
     """
 
     problem: OptimalControlProblem
@@ -69,36 +54,24 @@ class Prospect:
     bottomless: Unbounded | None = field(default=None, init=False)
 
     def doubt(self, q: np.ndarray, u: np.ndarray) -> None:
-        """Look at the first, second, fourth, ... time.
+        """Check at the first, second, fourth, ... request.
 
-        Parameters
-        ----------
-        q : (n, N+1) array
-            States with the end, in the user's units, where a run stalls.
-        u : (m, N) array
-
-        Raises
-        ------
-        Hopeless
-            If the target cannot be met, or the cost has no minimum.
+        `q` (n, N+1), with the end, and `u` (m, N) are the state of the stalled run in the user's
+        units. Raises `Hopeless` if the target is infeasible or the cost is unbounded.
         """
         self.asked += 1
         if self.asked & (self.asked - 1) == 0 and (found := self.look(q, u)):
             raise Hopeless(found)
 
     def look(self, q: np.ndarray, u: np.ndarray) -> Infeasible | Unbounded | None:
-        """What makes a problem hopeless, seen from a path; None where nothing was found.
+        """Return the infeasibility or unboundedness found from a path, or None.
 
-        Parameters
-        ----------
-        q : (n, N+1) array
-            States with the end, in the user's units; a path with values that are no numbers is
-            left out.
-        u : (m, N) array
+        `q` (n, N+1) includes the end; `u` is (m, N), in the user's units. A path with non-finite
+        values is ignored.
 
         Examples
         --------
-        A car that cannot steer:
+        A vehicle without steering:
 
         >>> import sympy as sp
         >>> from ann_dc.problem import OptimalControlProblem, straight_line
@@ -123,7 +96,7 @@ class Prospect:
 
     @property
     def _dips(self) -> bool:
-        """Whether the cost takes large negative values somewhere."""
+        """True if the cost takes large negative values at some sample."""
         problem, scales = self.problem, natural_scales(self.problem)
         if problem.objectives:  # one that falls is not the largest
             return False

@@ -1,15 +1,15 @@
-r"""A problem around a point, to second order and in its own scales: what a certificate looks at.
+r"""Second-order expansion of a problem around a point, in its natural scales.
 
-With every state, control and the cost in `natural_scales`, a stage is
+With states, controls and cost in `natural_scales`, a stage is
 
 .. math::
     \delta q_{k+1} = F_k \delta q_k + B_k \delta u_k, \qquad
     \tfrac12 \delta z_k^T W_k \delta z_k + g_k^T \delta z_k, \qquad z_k = (q_k, u_k),
 
-with g the slope of the cost and W the Hessian of l + mu' f. All of it comes from one evaluation of
-the problem's own derivatives. Where the problem has inequalities, W has the curvature of those rows
-too that touch and pull the right way, and `contact` their slopes. A soft row at its price P is a
-part of the cost, P g.
+where g is the gradient of the cost and W the Hessian of l + mu' f. One evaluation of the exact
+derivatives gives all terms. With inequalities, W includes the curvature of the active constraints
+whose multipliers have the right sign, and `contact` contains their gradients. A soft constraint at
+its penalty weight P is part of the cost, P g.
 """
 
 from __future__ import annotations
@@ -26,41 +26,43 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import Scales, natural_scales
 
 SMALLEST = 1e-4
-"""Slope, in its scale, to which residuals of slopes are related at least: all slopes vanish at the
-optimum of a controller that has arrived. The largest curvature along a control is one, so that a
-residual of 1e-8 of it moves that control by 1e-12 of its scale."""
+"""Smallest reference gradient of residuals, in its scale: all gradients vanish once a controller
+has
+arrived. The largest curvature along a control is one, so that a residual of 1e-8 of it moves the
+control by 1e-12 of its scale.
+"""
 
 BEYOND = 1e-6
-"""Distance, over the range of what it reads, from which on a row at its price is a cost."""
+"""Distance relative to the range beyond which a constraint at its penalty weight is a cost."""
 
 
 class Frame(NamedTuple):
-    """Scales and ends that every expansion of a problem has in common."""
+    """Scales and boundary conditions shared by all expansions of a problem."""
 
     fixed_start: np.ndarray
-    """(n,) bool: components that q_0 fixes."""
+    """Components that q_0 fixes, (n,) of bool."""
     fixed: np.ndarray
-    """(n,) bool: components that q_d fixes."""
+    """Components that q_d fixes, (n,) of bool."""
     ends: tuple[np.ndarray, np.ndarray]
-    """q_0 and q_d, a free component at its other end."""
+    """q_0 and q_d; a free component has its value at the other end."""
     state: np.ndarray
-    """(n,): factors of states."""
+    """Scale factors of the states, (n,)."""
     control: np.ndarray
-    """(m,): factors of controls."""
+    """Scale factors of the controls, (m,)."""
     zero: np.ndarray
-    """(n+m,): offsets of states and controls."""
+    """Offsets of states and controls, (n+m,)."""
     cost: float
     """Unit of the cost."""
     of_jacobian: np.ndarray
-    """(n, n+m): factors on the map's Jacobian."""
+    """Factors on the Jacobian of the dynamics, (n, n+m)."""
     of_hessian: np.ndarray
-    """(n+m, n+m): factors on a Hessian of the cost."""
+    """Factors on a Hessian of the cost, (n+m, n+m)."""
     of_slope: np.ndarray
-    """(n+m,): factors on a slope of the cost."""
+    """Factors on a gradient of the cost, (n+m,)."""
     factors: np.ndarray
-    """(n+m,): of states and controls."""
+    """Scale factors of states and controls, (n+m,)."""
     limits: np.ndarray
-    """(m, 2): limits of controls, in scales."""
+    """Scaled control limits, (m, 2)."""
     is_bounded: bool
     """True if the problem has inequalities or control limits."""
 
@@ -95,35 +97,26 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Expansion:
-    """The linear-quadratic problem around a point; stages are the first axis.
+    """Linear-quadratic problem around a point; stages are the first axis.
 
     Attributes
     ----------
     fixed_start, fixed : (n,) arrays of bool
-        Which components q_0 and q_d fix.
+        Components that q_0 and q_d fix.
     ends : two (n,) arrays
-        q_0 and q_d in the user's units, a free component at its other end.
+        q_0 and q_d in the user's units; a free component has its value at the other end.
     state, cost : (n,) array and float
-        One in these scales, in the user's units.
-    q : (N+1, n) array
-        States with the end.
-    u : (N, m) array
-    jacobian : (N, n, n+m) array
-        (F_k, B_k).
-    hessian : (N, n+m, n+m) array
-        W_k.
-    slope : (N, n+m) array
-        g_k.
+        Value of one scaled unit, in the user's units.
+    q, u, mu : (N+1, n), (N, m) and (N, n) arrays
+        States with the end, controls and multipliers of the dynamics.
+    jacobian, hessian, slope : (N, n, n+m), (N, n+m, n+m) and (N, n+m) arrays
+        (F_k, B_k), W_k and g_k.
     end_hessian, end_slope : (n, n) and (n,) arrays
-        Of the terminal cost.
-    mu : (N, n) array
-        Multipliers of the map.
-    map : (n, N) array
-        f(q_k, u_k), in the user's units.
-    objective : float
-        E, in the user's units, with what soft rows cost.
+        Derivatives of the terminal cost.
+    map, objective : (n, N) array and float
+        f(q_k, u_k), and E with the cost of soft constraints, in the user's units.
     contact : Contact or None
-        Inequalities and control limits; None where the problem has none.
+        Inequalities and control limits; None if the problem has none.
     """
 
     fixed_start: np.ndarray
@@ -154,21 +147,11 @@ class Expansion:
         zeta_end: np.ndarray | None = None,
         shares: np.ndarray | None = None,
     ) -> Expansion:
-        """The expansion of a problem.
+        """Expand a problem at a point in the user's units.
 
-        Parameters
-        ----------
-        problem : OptimalControlProblem
-        q : (n, N+1) array
-            States with the end, in the user's units.
-        u : (m, N) array
-        mu : (n, N) array
-        zeta : (r, N) array, optional
-            Multipliers of the inequalities; zero where they are not given.
-        zeta_end : (r_e,) array, optional
-            Of those of the end.
-        shares : (p,) array, optional
-            Of objectives; equal ones where they are not given.
+        `q` (n, N+1) includes the end; `u` is (m, N), `mu` (n, N). The multipliers of the
+        inequalities, `zeta` (r, N), and of the end, `zeta_end` (r_e,), are zero by default. The
+        weights `shares` (p,) of the objectives are equal by default.
         """
         plain = cls.without_rows(problem, q, u, mu, shares)
         if not Frame.of(problem).is_bounded:
@@ -190,7 +173,7 @@ class Expansion:
         shares: np.ndarray | None = None,
         frame: Frame | None = None,
     ) -> Expansion:
-        """Expand a problem without its inequalities and control limits; arguments as in `at`."""
+        """Expand a problem without inequalities and control limits; arguments as in `at`."""
         frame, n = frame or Frame.of(problem), len(q)
         of_state = frame.of_slope[:n]
         with np.errstate(all="ignore"):
@@ -220,7 +203,7 @@ class Expansion:
         point: tuple[np.ndarray, np.ndarray],
         zetas: tuple[np.ndarray, np.ndarray],
     ) -> Expansion:
-        """With the inequalities, of multipliers (r, N) and (r_e,), and the control limits."""
+        """Add the inequalities with multipliers (r, N) and (r_e,), and the control limits."""
         frame, (q, u), (zeta, zeta_end), n = Frame.of(problem), point, zetas, problem.n
         sizes = sizes_of(self.q, self.u, frame.limits)
         is_free = np.ones((len(self.q), len(sizes)), bool)
@@ -246,17 +229,17 @@ class Expansion:
         )
 
     def own_slope(self) -> np.ndarray:
-        """(N, n+m) array: dl/dz + (df/dz)' mu + (dg/dz)' zeta, of every stage's own terms."""
+        """Return dl/dz + (df/dz)' mu + (dg/dz)' zeta (N, n+m) of the terms of each stage."""
         own = self.slope + (self.mu[:, None] @ self.jacobian)[:, 0]
         return own if self.contact is None else own + self.contact.pull()[:-1]
 
     def own_end_slope(self) -> np.ndarray:
-        """(n,) array: the same of the end's own terms."""
+        """Return the corresponding gradient (n,) of the terminal terms."""
         own = self.end_slope
         return own if self.contact is None else own + self.contact.pull()[-1, : len(own)]
 
     def largest_slope(self) -> float:
-        """Return the largest free slope of the cost or multiplier, at least `SMALLEST`."""
+        """Return the largest free gradient of the cost or multiplier, at least `SMALLEST`."""
         slope = self.slope.copy()
         slope[0, : len(self.fixed)][self.fixed_start] = 0.0
         parts = [slope, self.end_slope[~self.fixed], self.mu]
@@ -265,7 +248,7 @@ class Expansion:
         return float(np.max([np.abs(part).max(initial=SMALLEST) for part in parts]))
 
     def largest_curvature(self) -> float:
-        """The largest curvature of anything that is not fixed; one where there is none."""
+        """Return the largest curvature of the free variables; one if there is none."""
         first, end = np.abs(self.hessian[0]), np.abs(self.end_hessian)
         n, held, kept = len(end), self.fixed_start, self.fixed
         first[:n][held] = first[:, :n][:, held] = 0.0
@@ -273,7 +256,7 @@ class Expansion:
         return max(first.max(), np.abs(self.hessian[1:]).max(initial=0.0), end.max()) or 1.0
 
     def condensed(self) -> Expansion:
-        """The same, with strongly active rows that are compliant as a curvature, G' G / d."""
+        """Return the expansion with compliant active constraints as curvature, G' G / d."""
         contact = self.contact
         if contact is None or not contact.compliance.any():
             return self
@@ -289,7 +272,7 @@ class Expansion:
         )
 
     def active_rows(self) -> tuple[np.ndarray, np.ndarray]:
-        """(N+1, R, n+m) slopes of the strongly active rows, and of all that touch; others zero."""
+        """Return gradients (N+1, R, n+m) of strongly active and of all active constraints."""
         contact = self.contact
         if contact is None:
             none = np.zeros((len(self.q), 0, self.slope.shape[1]))
@@ -299,9 +282,10 @@ class Expansion:
 
 
 def _priced(rows: Slots, sizes: np.ndarray, is_free: np.ndarray) -> tuple[Slots, Slots, np.ndarray]:
-    """The rows that hold or are to hold, those that cost their price, and which rows touch.
+    """Split constraints into those to satisfy and those at their penalty weight.
 
-    A soft row that reads only what an end fixes is neither: its cost is a constant.
+    Also returns a mask of active constraints. A soft constraint on fixed end components is in
+    neither group: its cost is a constant.
     """
     contact = Contact.of(rows, sizes, is_free)
     if np.isinf(rows.price).all() and not rows.compliance.any():
@@ -318,5 +302,5 @@ def _priced(rows: Slots, sizes: np.ndarray, is_free: np.ndarray) -> tuple[Slots,
 
 
 def _by_stage(values: np.ndarray, factors: np.ndarray) -> np.ndarray:
-    """(n, m, N) values times factors (n, m), the stages first."""
+    """Return (n, m, N) values times (n, m) factors, stages first."""
     return np.multiply(values.transpose(2, 0, 1), factors, order="C")

@@ -1,9 +1,9 @@
-"""Can the constraints be met at all? A path that does, looked for from several starts.
+"""Feasibility check: search for a path that satisfies all constraints.
 
-Where map and rows are linear, one search that comes to rest above zero is a proof that there is
-none; elsewhere several searches have to agree. With inequalities or limits a search may come to
-rest on the wrong side of an obstacle, or swing the wrong way: then it begins at paths that the
-plant takes by itself, which differ more, and some have to come to rest at the same violation.
+With linear dynamics and constraints, one search that converges to a nonzero violation proves
+infeasibility. Otherwise several searches must agree. With inequalities or limits, a search may
+converge on the wrong side of an obstacle or swing in the wrong direction. Searches then start from
+simulated paths of the plant, which differ more, and some must converge to the same violation.
 """
 
 from __future__ import annotations
@@ -19,36 +19,38 @@ from ann_dc.problem.scales import natural_scales, straight_line
 from ann_dc.progress import Progress, silent
 
 STARTS = (1.0, 1.0, 5.0)
-"""Sizes of the random controls, in their scales, from which further searches begin."""
+"""Amplitudes of the random controls of further initial guesses, in control scales."""
 WAVES = (1.0, 3.0, 10.0, 30.0, 1.0, 3.0)
-"""The same of slow waves of controls, which N stages add up to a scale of the states."""
+"""Amplitudes of slow waves of controls, which N stages sum to one scale of the states."""
 HARMONICS = 3
-"""Sines of which a wave consists."""
+"""Number of sine waves in a wave."""
 AGREE = 3
-"""Searches that have to come to rest at the same violation where there are inequalities."""
+"""Searches that must converge to the same violation if there are inequalities."""
 SAME = 0.01
-"""Share by which their violations may differ."""
+"""Relative difference up to which violations count as equal."""
 
 
 def feasible_path(
     problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray, progress: Progress = silent
 ) -> Path:
-    """The path of least violation that searches from a path and from other starts find.
+    """Return the path of least violation found by searches from several guesses.
 
     Parameters
     ----------
     problem : OptimalControlProblem
+        Problem with n states, m controls and N stages.
     q : (n, N+1) array
-        States with the end, in the user's units: where the first search begins.
+        States with the end, in the user's units: first initial guess.
     u : (m, N) array
+        Controls of the first initial guess, in the user's units.
     progress : Progress
-        Takes a line an iteration.
+        Receives one line per iteration.
 
     Returns
     -------
     Path
-        One that meets the constraints, if any search found one; else the nearest. Where the problem
-        has inequalities or limits, it is at rest only if `AGREE` searches found its violation.
+        A feasible path if any search found one, otherwise the nearest. With inequalities or limits,
+        `at_rest` is True only if `AGREE` searches found its violation.
 
     Examples
     --------
@@ -72,7 +74,7 @@ def feasible_path(
 
 
 def _starts(problem, q, u) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The given path, the straight line, and controls drawn from a seed."""
+    """Yield the given path, the straight line, and seeded random controls."""
     yield q, u
     line, scales = straight_line(problem), natural_scales(problem)
     yield line.q, line.u
@@ -83,7 +85,7 @@ def _starts(problem, q, u) -> Iterator[tuple[np.ndarray, np.ndarray]]:
 
 
 def _wide_starts(problem, q, u) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The given path, the straight line, and what slow waves of controls make of the plant."""
+    """Yield the given path, the straight line, and simulations of slow control waves."""
     yield q, u
     line, rng = straight_line(problem), np.random.default_rng(0)
     yield line.q, line.u

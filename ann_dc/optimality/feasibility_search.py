@@ -1,12 +1,12 @@
-r"""Paths that come as near as they can to what has to hold, by damped Gauss-Newton steps.
+r"""Paths of least constraint violation by damped Gauss-Newton steps.
 
-The map can always be met, by rolling it out; what may be impossible is to arrive. A path and its
+The dynamics can always be satisfied by simulation; the target may be out of reach. A path and its
 controls are moved until the violation
 
 .. math:: \tfrac12 \sum_k \| S^{-1} (f(q_k, u_k) - q_{k+1}) \|^2
 
-vanishes, which proves that the target can be met, or comes to rest above zero: a point from which
-no small change of any control brings the end nearer.
+vanishes, which proves feasibility, or converges above zero, to a point at which no small change of
+a control reduces the terminal error.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from ann_dc.progress import Progress, silent
 MET = 1e-9
 """Violation, in scales of the states, at which the constraints count as met."""
 AT_REST = 1e-7
-"""Slope of the violation over its size below which no control brings the end nearer."""
+"""Gradient of the violation over its size below which the search has converged."""
 STALLED = 1e-3
-"""Share of the violation that `PATIENCE` steps have to gain; some infima are at infinity."""
+"""Relative decrease of the violation due in `PATIENCE` steps; some infima are at infinity."""
 PATIENCE = 10
 ITERATIONS = 200
 """Damped Gauss-Newton steps of one search."""
@@ -36,22 +36,20 @@ SMALLEST_DAMPING, LARGEST_DAMPING = 1e-12, 1e8
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Path:
-    """States and controls of a problem, with how far they violate its constraints.
+    """States and controls of a problem, with their constraint violations.
 
     Attributes
     ----------
-    q : (n, N+1) array
-        States with the end, in the user's units.
-    u : (m, N) array
-        Within their limits.
+    q, u : (n, N+1) and (m, N) arrays
+        States with the end, and controls within their limits, in the user's units.
     gap : (n, N) array
         f(q_k, u_k) - q_{k+1} in scales of the states.
     distance : (r N + r_e,) array
-        Of the inequality rows, stage by stage, then of the end; positive where one is violated.
+        Distances of the inequalities, stage by stage, then of the end; positive if violated.
     size : float
-        Largest state, in its scale, and at least one.
+        Largest state, in its scale, at least one.
     at_rest : bool
-        Whether no small change makes the violation smaller.
+        True if no small change reduces the violation.
     """
 
     q: np.ndarray
@@ -63,27 +61,21 @@ class Path:
 
     @property
     def violation(self) -> float:
-        """Largest gap or distance, in scales; infinite where one is no number."""
+        """Largest gap or distance, in scales; infinite if any value is not finite."""
         largest = float(np.maximum(np.abs(self.gap).max(), self.distance.max(initial=0.0)))
         return largest if np.isfinite(largest) else np.inf
 
     @property
     def met(self) -> bool:
-        """Whether the constraints hold."""
+        """True if the constraints hold."""
         return self.violation < MET * self.size
 
 
 class Search:
-    """Damped Gauss-Newton steps towards paths that meet a problem's constraints.
+    """Damped Gauss-Newton search for paths that satisfy a problem's constraints.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    weight : float
-        Of the map, over that of what may be missed: the inequality rows, or the target where there
-        are none.
-    progress : Progress
-        Takes a line an iteration.
+    `weight` is that of the dynamics relative to the inequalities, or to the target if there are
+    none.
     """
 
     def __init__(
@@ -102,20 +94,20 @@ class Search:
             self.weight[np.array(problem.fixed), -1] = 1.0
 
     def path(self, q: np.ndarray, u: np.ndarray) -> Path:
-        """A path (n, N+1) with its controls (m, N), put within their limits, and its gaps."""
+        """Return the path of states (n, N+1) and clipped controls (m, N), with its gaps."""
         u = np.clip(u, self.low, self.high)
         gap = (self.problem.functions.map(q[:, :-1], u) - q[:, 1:]) / self.state
         size = max(1.0, float(np.abs(q / self.state).max()))
         return Path(q=q, u=u, gap=gap, distance=self.rows.of(q, u), size=size)
 
     def with_ends(self, q: np.ndarray) -> np.ndarray:
-        """States (n, N+1) with the ends of the problem in place."""
+        """Return states (n, N+1) with the boundary conditions of the problem inserted."""
         first, last = self.problem.ends
         ends = np.column_stack([first, np.broadcast_to(last[:, None], (len(last), q.shape[1] - 1))])
         return np.where(self.free, q, ends)
 
     def jacobian(self, path: Path) -> sparse.csr_array:
-        """Of the gaps (stage by stage) in the free states and the controls, all in scales."""
+        """Return the scaled Jacobian of the gaps, by stage, in free states and controls."""
         F, B = self.problem.functions.map_jacobian(path.q[:, :-1], path.u)
         F = F * self.state[None] / self.state[:, None]
         B = B * self.control[None] / self.state[:, None]
@@ -124,7 +116,7 @@ class Search:
         return sparse.csr_array((entries, self.places), shape=self.shape)
 
     def _places(self) -> None:
-        """Where the entries of the Jacobian stand: those of F and B, stage by stage, then -1."""
+        """Set the indices of the Jacobian entries: F and B by stage, then the -1 entries."""
         n, stages = self.problem.n, self.problem.horizon
         m, count = self.problem.m, int(self.free.sum())
         states = np.full((stages + 1, n), -1)
@@ -143,7 +135,7 @@ class Search:
         self.rows = RowDistances(self.problem, np.vstack([columns, at_end]))
 
     def model(self, path: Path) -> LinearModel:
-        """What a small step of the free states and the controls changes."""
+        """Return the linear model of a step of the free states and controls."""
         weight, states = self.weight.T.ravel(), np.full(int(self.free.sum()), np.inf)
         low, high = ((side - path.u) / self.control for side in (self.low, self.high))
         return LinearModel(
@@ -156,7 +148,7 @@ class Search:
         )
 
     def moved(self, path: Path, step: np.ndarray) -> Path:
-        """A path after a step of its free states and its controls, in scales."""
+        """Return the path after a step of its free states and controls, in scales."""
         n, stages = path.gap.shape
         moves = np.zeros(self.free.size)
         count = int(self.free.sum())
@@ -165,14 +157,9 @@ class Search:
         return self.path(q, path.u + self.control * step[count:].reshape(stages, -1).T)
 
     def least_violation(self, q: np.ndarray, u: np.ndarray, iterations: int = ITERATIONS) -> Path:
-        """The path of least violation near one; its ends are put in place first.
+        """Return the path of least violation near a path; its ends are inserted first.
 
-        Parameters
-        ----------
-        q : (n, N+1) array
-        u : (m, N) array
-        iterations : int
-            Gauss-Newton steps, at most.
+        `q` is (n, N+1), `u` (m, N). `iterations` limits the Gauss-Newton steps.
         """
         path, damping, sizes = self.path(self.with_ends(q), u), 1e-3, []
         for _ in range(iterations):
@@ -191,7 +178,7 @@ class Search:
         return path
 
     def _step(self, path: Path, model: LinearModel, damping: float) -> tuple[Path, float]:
-        """One accepted step, with ever more damping until the violation falls."""
+        """Return one accepted step; damping increases until the violation decreases."""
         while damping <= LARGEST_DAMPING:
             try:
                 ahead = self.moved(path, model.step(damping))

@@ -1,8 +1,8 @@
-"""Inequality rows as distances: of all stages, one stage after the other, then of the end.
+"""Inequalities as distances: stage by stage, then the end.
 
-A row g <= 0 is divided by the length of its slope on its boundary, in the problem's scales. What is
-positive then says how far a path would have to move for the row to hold. Soft rows do not have to:
-they are left out.
+A constraint g <= 0 is divided by the length of its gradient on its boundary, in the problem's
+scales. A positive value is the distance that a path must move to satisfy the constraint. Soft
+constraints need not hold and are omitted.
 """
 
 from __future__ import annotations
@@ -20,32 +20,30 @@ from ann_dc.problem.scales import straight_line
 
 
 class WorstStage(NamedTuple):
-    """Where a path comes farthest beyond an inequality."""
+    """Stage of the largest violation of an inequality."""
 
     inequality: Inequality
     distance: float
-    """In scales."""
+    """Distance in scales."""
     excess: float
-    """g, in its own unit."""
+    """Value of g, in its unit."""
     stage: int
-    """N at the end."""
+    """Stage, N at the end."""
 
 
 class RowDistances:
-    """Distances of paths to a problem's rows, positive where one is violated, and their slopes.
+    """Distances of paths to the constraints, positive if violated, with derivatives.
 
     Parameters
     ----------
-    problem : OptimalControlProblem
     columns : (N+1, n+m) array of int
-        Which unknown every state and control of a stage is; -1 where it is none.
+        Index of the unknown of every state and control of a stage; -1 if not an unknown.
 
     Attributes
     ----------
-    count : int
-        Rows of all stages and of the end.
     length : (count,) array
-        What a distance of one is, in the unit of the row.
+        Value of a distance of one, in the unit of the constraint; `count` constraints of all stages
+        and the end.
     """
 
     def __init__(self, problem: OptimalControlProblem, columns: np.ndarray) -> None:
@@ -72,14 +70,14 @@ class RowDistances:
         self.places = row[self.kept], column[self.kept]
 
     def of(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """(count,) distances of a path (n, N+1) with its controls (m, N), in scales."""
+        """Return the distances (count,) of a path (n, N+1) with controls (m, N), scaled."""
         if not self.count:
             return np.zeros(0)
         (rows, _), (end, _) = self._at(q, u)
         return np.concatenate([rows.T.ravel(), end]) / self.length
 
     def jacobian(self, q: np.ndarray, u: np.ndarray, unknowns: int) -> sparse.csr_array:
-        """(count, unknowns): of the distances, in the unknowns."""
+        """Return the derivatives (count, unknowns) of the distances."""
         entries = np.zeros(0)
         if self.count:
             (_, rows), (_, end) = self._at(q, u)
@@ -90,12 +88,9 @@ class RowDistances:
         return sparse.csr_array((entries, self.places), shape=(self.count, unknowns))
 
     def worst(self, distance: np.ndarray) -> list[WorstStage]:
-        """Of every inequality its worst stage, the worst inequality first.
+        """Return the worst stage of every inequality, the worst inequality first.
 
-        Parameters
-        ----------
-        distance : (count,) array
-            Of a path.
+        `distance` (count,) is that of a path.
         """
         rows, at_end = (
             [group[i] for i in kind]
@@ -115,7 +110,7 @@ class RowDistances:
         return sorted(found, key=lambda row: -row.distance)
 
     def _at(self, q: np.ndarray, u: np.ndarray):
-        """Values and slopes of the rows of the stages, and of those of the end."""
+        """Return values and gradients of the constraints of the stages and of the end."""
         functions, (own, at_end) = self.problem.functions, self.kinds
         rows, end = functions.rows(q[:, :-1], u), functions.end_rows(q[:, -1])
         return (rows.value[own], rows.jacobian[own]), (end.value[at_end], end.jacobian[at_end])

@@ -1,8 +1,8 @@
-"""What cannot be met, and by how much: the miss that is left where the map is weighed heavily.
+"""Infeasible targets and constraints, with the smallest violation.
 
-At a path of least violation the map is weighed more and more, until what is left is the miss at the
-end alone. Where there are inequalities, the target is looked at without them first: if some
-controls reach it, what is left is how far such a path has to exceed the rows.
+At a path of least violation, the weight of the dynamics is increased until only the error at the
+end remains. With inequalities, the target is first tested without them. If some controls reach it,
+the result is the violation of the inequalities that such a path requires.
 """
 
 from __future__ import annotations
@@ -20,29 +20,27 @@ from ann_dc.problem.scales import natural_scales
 from ann_dc.progress import Progress, silent
 
 OUT_OF_REACH = 1e-4
-"""Miss of a component at the end, or distance to a row, in scales, from which on it is told."""
+"""Terminal error or distance to a constraint, in scales, above which it is reported."""
 WEIGHTS = (10.0, 100.0, 1000.0)
-"""Of the map over what is missed, in turn, when the nearest path is looked for."""
+"""Successive weights of the dynamics relative to the violations that remain."""
 LONGEST = 60
-"""Letters of a row that is written out in a sentence; of a longer one the name has to do."""
+"""Characters up to which a constraint is written out in a message; longer ones are named."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Infeasible:
-    """A target or inequalities that no controls meet, as far as several searches can tell.
+    """Infeasible target or inequalities, as found by several searches.
 
     Attributes
     ----------
     reached : mapping of str to float
-        Fixed components of q_d that cannot be met, the worst first, and where the path that comes
-        nearest ends instead, in the user's units. Empty where the target can be met by itself.
+        Fixed components of q_d that cannot be met, the worst first, with the terminal value of the
+        nearest `path` in the user's units. Empty if the target alone is feasible.
     exceeded : mapping of str to float
-        Inequalities that cannot be kept then, the worst first, and how far above zero g comes on
-        that path, in the unit of g.
-    path : Path
-        The one that comes nearest.
+        Inequalities that are then violated, the worst first, with the largest g on that path, in
+        the unit of g.
     message : str
-        The same in a sentence.
+        Description of the result.
     """
 
     reached: dict[str, float]
@@ -54,24 +52,25 @@ class Infeasible:
 def out_of_reach(
     problem: OptimalControlProblem, path: Path, progress: Progress = silent
 ) -> Infeasible | None:
-    """Which components of the target, or which inequalities, cannot be met, from a path at rest.
+    """Return the infeasible target components or inequalities of a converged path.
 
     Parameters
     ----------
     problem : OptimalControlProblem
+        Problem to check.
     path : Path
-        Of least violation.
+        Path of least violation.
     progress : Progress
-        Takes a line an iteration.
+        Receives one line per iteration.
 
     Returns
     -------
     Infeasible or None
-        None where the path is not at rest, or misses nothing by more than `OUT_OF_REACH`.
+        None if the path is not at rest, or no violation exceeds `OUT_OF_REACH`.
 
     Examples
     --------
-    A step of a tenth at most, ten times, and a target that is three away:
+    Ten steps of at most 0.1 and a target at distance 3:
 
     >>> import sympy as sp
     >>> from ann_dc.optimality import feasible_path
@@ -114,7 +113,7 @@ def out_of_reach(
 
 
 def _without_rows(problem: OptimalControlProblem) -> OptimalControlProblem:
-    """The same problem with no inequality but the limits of its controls."""
+    """Return the problem with the control limits as its only inequalities."""
     controls = {str(u) for u in problem.controls}
     limits = {name: pair for name, pair in problem.bounds.items() if name in controls}
     bare: dict[str, Any] = {"constraints": (), "terminal_constraints": (), "soft": {}}
@@ -122,7 +121,7 @@ def _without_rows(problem: OptimalControlProblem) -> OptimalControlProblem:
 
 
 def _weighed(problem: OptimalControlProblem, path: Path, progress: Progress) -> Path:
-    """What becomes of a path where the map is weighed heavily."""
+    """Return the least-violation path for increasing weights of the dynamics."""
     with np.errstate(all="ignore"):
         for weight in WEIGHTS:
             path = Search(problem, weight, progress).least_violation(path.q, path.u)
@@ -130,7 +129,7 @@ def _weighed(problem: OptimalControlProblem, path: Path, progress: Progress) -> 
 
 
 def _exceeded(problem: OptimalControlProblem, path: Path) -> Infeasible | None:
-    """The inequalities that a path to the target has to exceed, from one that is weighed."""
+    """Return the inequalities that a weighted path to the target violates."""
     rows = Search(problem).rows.worst(path.distance)
     rows = [row for row in rows if row.distance > OUT_OF_REACH]
     if not rows:
@@ -149,7 +148,7 @@ def _exceeded(problem: OptimalControlProblem, path: Path) -> Infeasible | None:
 
 
 def _limits(problem: OptimalControlProblem, path: Path) -> str:
-    """The limits of controls that a path touches, in words."""
+    """Return the active control limits of a path, as text."""
     told = []
     for control, (low, high), values in zip(problem.controls, problem.control_limits, path.u):
         if np.isin(values, (low, high)).any():
@@ -166,7 +165,7 @@ def _words(row: Inequality) -> str:
 
 
 def _unit_of(problem: OptimalControlProblem, row: Inequality) -> str:
-    """The unit of a row: that of a state or control, where it is one plus a number."""
+    """Return the unit of a constraint that is a state or control plus a number."""
     symbols = [*row.expression.free_symbols]
     is_plain = len(symbols) == 1 and abs(row.expression.diff(symbols[0])) == 1
     return _unit(problem, str(symbols[0])) if is_plain else ""

@@ -1,9 +1,10 @@
-r"""Local optimum of a problem by a primal-dual interior-point method that steps by stages.
+"""Local optimum of a problem by a primal-dual interior-point method.
 
-Newton steps of barrier problems (`model`) whose parameter t decreases. A multiple of the identity
-is added to the Hessian until the count by stages finds it positive definite on the null space of
-the constraints. A filter accepts step lengths; where it accepts none, Gauss-Newton steps reduce the
-infeasibility, and the Hessian's next shift is larger.
+Newton steps solve barrier problems (`model`) with decreasing parameter t; the linear algebra
+proceeds by stages. A multiple of the identity is added to the Hessian until the test by stages
+finds the Hessian positive definite on the null space of the constraints. A filter accepts step
+lengths. If it accepts none, Gauss-Newton steps reduce the infeasibility, and the next shift of the
+Hessian is larger.
 
 References
 ----------
@@ -26,32 +27,32 @@ from ann_dc.problem.scales import straight_line
 from ann_dc.progress import Progress, silent
 
 TOLERANCE = 1e-11
-"""Scaled error of a point that has converged: at weakly active rows a point is off by its root."""
+"""Scaled error of a converged point. A point with weakly active constraints is off by its root."""
 ACCEPTABLE = 1e-8
-"""Scaled error of a point that has converged if rounding spoils the steps after it."""
+"""Scaled error of a converged point if rounding prevents further steps."""
 BARRIER = 0.1
-"""First barrier parameter t."""
+"""Initial barrier parameter t."""
 ITERATIONS = 400
 CENTRALITY = 10.0
 """Error of a barrier problem over t below which t decreases."""
 TO_BOUNDARY = 0.99
-"""Share of the way to the boundary that a step may take, at least."""
+"""Smallest fraction of the distance to the boundary that a step may cover."""
 FIRST_SHIFT, SMALLEST_SHIFT, LARGEST_SHIFT = 1e-4, 1e-8, 1e8
 FORCED_SHIFT, LARGEST_FORCED = 1e-2, 1e8
-"""Shift after a line search that failed, and the largest one that is tried."""
+"""Shift after a failed line search, and the largest shift."""
 MARGIN = 1e-5
-"""Decrease that the filter asks for, relative to the infeasibility."""
+"""Decrease that the filter requires, relative to the infeasibility."""
 ARMIJO = 1e-4
 NEARLY_FEASIBLE = 1e-2
-"""Infeasibility below which a step may count as one that decreases the barrier function alone."""
+"""Infeasibility below which a step may decrease the barrier function alone."""
 RESTORATIONS = 60
-"""Restorations of one search, at most."""
+"""Largest number of restorations of one search."""
 NUDGES = 3
-"""Saddles that one search leaves, at most."""
+"""Largest number of saddle points that one search leaves."""
 NUDGE = 0.01
-"""Distance of the point beside a saddle, in scales."""
+"""Distance of the restart point from a saddle point, in scales."""
 APPROACHES = 40
-"""Gauss-Newton steps of one restoration, at most."""
+"""Largest number of Gauss-Newton steps of one restoration."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,21 +62,13 @@ class Extremum:
     Attributes
     ----------
     converged : bool
-        True if the scaled error is below the tolerance.
-    reason : str
-        Why the search ended.
-    iterations : int
+        True if the scaled error is below the tolerance; otherwise `reason` explains the end.
     objective : float
-        E with the cost of soft rows.
-    q : (n, N+1) array
-        States with the end.
-    u : (m, N) array
-    mu : (n, N) array
-        Multipliers of the map.
-    zeta : (r, N) array
-        Multipliers of the inequalities.
-    zeta_end : (r_e,) array
-        Multipliers of the inequalities of the end.
+        E with the cost of soft constraints.
+    q, u : (n, N+1) and (m, N) arrays
+        States with the end, and controls.
+    mu, zeta, zeta_end : (n, N), (r, N) and (r_e,) arrays
+        Multipliers of the dynamics, of the inequalities and of the terminal inequalities.
     """
 
     converged: bool
@@ -100,29 +93,21 @@ def interior_point(
 ) -> Extremum:
     """Search for a local optimum from a path.
 
+    Method of [1]_ with the elimination by stages of [2]_. Problems with several objectives are not
+    supported. The result is returned for every outcome; check ``converged``.
+
     Parameters
     ----------
-    problem : OptimalControlProblem
-        Without several objectives.
-    q : (n, N+1) array, optional
-        States with the end, in the user's units; the straight line by default.
-    u : (m, N) array, optional
-        Controls, in the user's units; those that fit the straight line by default.
+    q, u : (n, N+1) and (m, N) arrays, optional
+        States with the end, and controls, in the user's units; by default the straight line and the
+        controls that fit it.
     caution : Caution
-        Natural scales can be far too large where a state moves by itself rather than by controls.
+        Reduction of the natural scales, which can be far too large for states that move without
+        control.
     restorations : int
-        Largest number of restorations, which take most of the time where a search fails.
+        Largest number of restorations; they take most of the time of a failing search.
     progress : Progress
-        Takes a line an iteration; it may end the search by raising `Stopped`.
-
-    Returns
-    -------
-    Extremum
-        Whatever the outcome; see ``converged``.
-
-    References
-    ----------
-    [1]_ for the method, [2]_ for the elimination by stages.
+        Receives one line per iteration; it may end the search by raising `Stopped`.
     """
     line = straight_line(problem)
     q, u = line.q if q is None else q, line.u if u is None else u
@@ -163,18 +148,18 @@ class _Search:
         return self.ended(f"not converged in {ITERATIONS} iterations", ITERATIONS)
 
     def note(self) -> None:
-        """Keep the point if its error is the smallest so far."""
+        """Store the point if its error is the smallest so far."""
         if (error := self.model.error(0.0)) < self.smallest:
             self.closest, self.smallest = self.model, error
 
     def ended(self, failure: str, iteration: int) -> Extremum:
-        """Return the result where no step is possible: the closest point if that is acceptable."""
+        """Return the result if no step is possible; use the best point if acceptable."""
         if self.smallest < ACCEPTABLE:
             self.model, failure = self.closest, "converged"
         return self.result(failure, iteration)
 
     def advance(self) -> str:
-        """Take a step, or say why none is possible."""
+        """Take a step, or return the reason for its failure."""
         step = self.step()
         if step is None:
             return "" if self.restored() else "no shift of the Hessian gives a step"
@@ -190,7 +175,7 @@ class _Search:
             self.filter.clear()
 
     def nudge(self) -> None:
-        """Leave a saddle: a start beside it, with its multipliers of the map."""
+        """Restart near a saddle point, with its multipliers of the dynamics."""
         rng, point, barrier = np.random.default_rng(self.nudges), self.model.point, self.barrier
         self.nudges, self.t = self.nudges + 1, BARRIER * NUDGE
         beside = (value + NUDGE * rng.standard_normal(value.shape) for value in (point.q, point.u))
@@ -201,10 +186,10 @@ class _Search:
         self.filter.clear()
 
     def step(self) -> Point | None:
-        """Return a Newton step with a small shift of the Hessian that makes it descend.
+        """Return a Newton step with the smallest tested shift that gives descent.
 
-        Where constraints nearly depend on each other, rounding can make the count fail with any
-        shift: then the curvature along the step decides.
+        With nearly dependent constraints, rounding can make the test by stages fail for every
+        shift. The curvature along the step then decides.
         """
         for is_counted in (True, False):
             shift = 0.0
@@ -260,7 +245,7 @@ class _Search:
         self.filter.append((value, (1 - MARGIN) * infeasibility))
 
     def recovered(self) -> bool:
-        """Restore feasibility or shift the Hessian further, after a failed line search."""
+        """Restore feasibility or increase the Hessian shift after a failed line search."""
         if self.model.infeasibility > 1e-8:
             self.remember()
             if self.restored():

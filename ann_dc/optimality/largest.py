@@ -1,10 +1,11 @@
-r"""Whether a point minimises the largest of several objectives: their shares of the cost.
+r"""Optimality conditions of a minimax objective: cost weights of the objectives.
 
 .. math:: \zeta \ge 0, \qquad \sum_i \zeta_i = 1, \qquad \zeta_i (J_{max} - J_i) = 0,
 
-with w_i J_i in place of J_i where there are weights; differences are told over what the stages add
-to an objective, each by its size, so that nothing depends on units. At a temperature T the last of
-these is zeta_i = exp((J_i - E) / T), where E = T log sum_i exp(J_i / T) is the largest, softened.
+where w_i J_i replaces J_i if there are weights. Differences are relative to the sum over the stages
+of the absolute contributions to an objective, so the result does not depend on units. At a
+temperature T the last condition becomes zeta_i = exp((J_i - E) / T), where E = T log sum_i exp(J_i
+/ T) is the softened maximum.
 """
 
 from __future__ import annotations
@@ -16,24 +17,16 @@ import numpy as np
 from ann_dc.problem.declaration import OptimalControlProblem
 
 LARGEST_MISS = 1e-6
-"""Of the sum, a sign or a product at a certified point."""
+"""Upper limit of the errors of sum, sign and product at a certified point."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Largest:
-    """The objectives of a point.
+    """Objectives of a point.
 
-    Attributes
-    ----------
-    names : tuple of str
-    values : (p,) array
-        w_i J_i, in the user's units.
-    shares : (p,) array
-        zeta.
-    size : float
-        What a difference of objectives is related to.
-    temperature : float
-        T, in the user's units; zero where the largest itself is minimised.
+    `values` (p,) are w_i J_i in the user's units, `shares` (p,) are zeta, and `size` is the
+    reference of differences. `temperature` is T in the user's units, zero if the maximum itself is
+    minimised.
     """
 
     names: tuple[str, ...]
@@ -46,16 +39,9 @@ class Largest:
     def of(
         cls, problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray, shares: np.ndarray | None
     ) -> Largest | None:
-        """Those of a path; None where the problem has no objectives.
+        """Compute the objectives of a path; None if the problem has no objectives.
 
-        Parameters
-        ----------
-        problem : OptimalControlProblem
-        q : (n, N+1) array
-            States with the end.
-        u : (m, N) array
-        shares : (p,) array, optional
-            Equal ones where they are not given.
+        `q` (n, N+1) includes the end, `u` is (m, N). `shares` (p,) are equal by default.
         """
         if not problem.objectives:
             return None
@@ -73,7 +59,7 @@ class Largest:
 
     @property
     def level(self) -> float:
-        """The largest objective, softened at a temperature."""
+        """Largest objective, softened if the temperature is positive."""
         largest = float(self.values.max())
         if not self.temperature:
             return largest
@@ -82,19 +68,19 @@ class Largest:
 
     @property
     def excess(self) -> float:
-        """The level less the sum that the shares make of all objectives."""
+        """Difference of the level and the sum of the objectives weighted by `shares`."""
         return self.level - float(self.shares @ self.values)
 
     @property
     def miss(self) -> float:
-        """How far the sum of shares is from one, or a share below zero, at most."""
+        """Largest deviation of the sum of `shares` from one, or largest negative value."""
         return float(np.max([abs(self.shares.sum() - 1.0), *-self.shares]))
 
     @property
     def product(self) -> float:
-        """The largest share times the relative distance of its objective from where it is due.
+        """Largest product of `shares` and relative distance to the required objective.
 
-        That is the level; at a temperature as much below it as the share is less than one.
+        The distance is relative to `size`. The required value is the level plus T log(zeta_i).
         """
         shares = np.abs(self.shares)
         below = np.log(shares, where=shares > 0, out=np.zeros_like(shares))
@@ -103,12 +89,12 @@ class Largest:
 
     @property
     def holds(self) -> bool:
-        """Whether all is below `LARGEST_MISS`."""
+        """True if all errors are below `LARGEST_MISS`."""
         return bool(np.max([self.miss, self.product]) < LARGEST_MISS)
 
     @property
     def reason(self) -> str:
-        """What does not hold, in words; empty where all does."""
+        """Description of the condition that fails; empty if all hold."""
         if not self.miss < LARGEST_MISS:
             return f"the shares of the objectives miss one, or are negative, by {self.miss:.1e}"
         if not self.product < LARGEST_MISS and self.temperature:
@@ -119,12 +105,12 @@ class Largest:
 
     @property
     def counts(self) -> str:
-        """Every objective with its share, in words."""
+        """Objectives with their shares, as text."""
         told = zip(self.names, self.values, self.shares)
         return ", ".join(f"{name} {value:.6g} (share {share:.4f})" for name, value, share in told)
 
     def as_dict(self) -> dict[str, dict[str, float]]:
-        """Plain data for JSON: value and share of every objective."""
+        """Return value and `share` of every objective as plain data for JSON."""
         told = zip(self.names, self.values.tolist(), self.shares.tolist())
         return {name: {"value": value, "share": share} for name, value, share in told}
 

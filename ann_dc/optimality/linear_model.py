@@ -1,13 +1,14 @@
-r"""What a small step of a path changes, to first order, and the damped step that gains most.
+r"""Linear model of a step of a path, and the damped step of largest gain.
 
-With gaps c that should be zero, distances d that should not be positive and limits of the controls,
+With gaps c that should be zero, distances d that should not be positive and control limits,
 
 .. math::
     \min_s \tfrac12 \|c + C s\|^2 + \tfrac12 \|\max(0, d + D s)\|^2 + \tfrac12 \lambda \|s\|^2,
     \qquad s_{low} \le s \le s_{high}.
 
-Which rows count and which limits hold is found in a few rounds: after each, rows that the step
-would violate join and others leave, and what would leave its limits is held there.
+The active constraints and limits are found in a few rounds. After each round, constraints that the
+step would violate are added and others removed, and unknowns that would exceed their limits are
+fixed there.
 """
 
 from __future__ import annotations
@@ -19,22 +20,15 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 ROUNDS = 10
-"""Of rows and limits, at most; a step that is no gain then is taken again, with more damping."""
+"""Largest number of active-set rounds. A step without gain is repeated with more damping."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearModel:
-    """Gaps, distances and limits around a path, to first order, all in scales.
+    """Linearised gaps, distances and limits around a path, in scales.
 
-    Attributes
-    ----------
-    gap : (E,) array
-    of_gap : (E, K) sparse array
-        Its slopes in the unknowns.
-    distance : (R,) array
-    of_distance : (R, K) sparse array
-    low, high : (K,) arrays
-        Room of a step.
+    `of_gap` (E, K) and `of_distance` (R, K) are the sparse derivatives of `gap` (E,) and `distance`
+    (R,) with respect to the unknowns. `low` and `high` (K,) limit a step.
     """
 
     gap: np.ndarray
@@ -46,22 +40,20 @@ class LinearModel:
 
     @property
     def size(self) -> float:
-        """Root of the gaps and the violated distances, squared."""
+        """Norm of the gaps and the violated distances."""
         over = np.maximum(self.distance, 0.0)
         return float(np.hypot(np.linalg.norm(self.gap), np.linalg.norm(over)))
 
     def slope(self) -> np.ndarray:
-        """(K,) array: of half the violation squared, without what limits hold."""
+        """Return the gradient (K,) of half the squared violation, zero at active limits."""
         slope = self._slope(self.gap, self.distance)
         return np.where(self._holds(slope, np.zeros(len(slope))), 0.0, slope)
 
     def step(self, damping: float) -> np.ndarray:
-        """(K,) array: the step that gains most, for damping over the mean size of the gaps' slopes.
+        """Return the damped step (K,) of largest gain.
 
-        Raises
-        ------
-        RuntimeError
-            If a matrix is singular.
+        The damping is relative to the mean diagonal entry of the normal matrix of the gaps. Raises
+        RuntimeError if a matrix is singular.
         """
         step = np.zeros(len(self.low))
         counts = self.distance > 0.0
@@ -88,7 +80,7 @@ class LinearModel:
         return np.where(slope > 0.0, step <= self.low, step >= self.high)
 
     def _solve(self, step, counts, held, damping: float) -> float:
-        """The step of what is not held, given that of what is."""
+        """Compute the free entries of the step, given the fixed ones."""
         J, gap = self.of_gap, self.gap
         if counts.any():
             J = sparse.csr_array(sparse.vstack([J, self.of_distance[counts]]))

@@ -1,9 +1,10 @@
-r"""What is said of the second order: a quick proof where there is one, else the count by stages.
+"""Second-order test: a sufficient Cholesky test, then the test by stages.
 
-Inequalities that are strongly active have to hold as equations. One that is only weakly active may
-be left on one side: where the Hessian is positive without it, the point is a strict minimum; where
-it is not even positive with it, none; in between the answer remains open. A soft row is no
-equation: at its price it is a cost, P g, and below it, where it is compliant, a curvature G' G / d.
+Strongly active inequalities must hold as equations. A weakly active inequality may be left on one
+side. If the Hessian is positive without it, the point is a strict minimum. If the Hessian is not
+positive even with it, the point is not a minimum. Otherwise the result is open. A soft constraint
+is not an equation: at its penalty weight it is a cost, P g, and below it, if compliant, a curvature
+G' G / d.
 """
 
 from __future__ import annotations
@@ -16,16 +17,9 @@ from ann_dc.optimality.expansion import Expansion
 
 
 def minimum_of(expansion: Expansion) -> Minimum:
-    """What the Hessian of the Lagrangian says on the tangent space of the constraints.
+    """Return the sign of the Hessian on the tangent space of the constraints.
 
-    Parameters
-    ----------
-    expansion : Expansion
-
-    Returns
-    -------
-    Minimum
-        `NOT_CHECKED` where it is not finite.
+    The Hessian is that of the Lagrangian; the result is `NOT_CHECKED` if it is not finite.
     """
     expansion = expansion.condensed()
     curvatures = expansion.jacobian, expansion.hessian, expansion.end_hessian
@@ -40,12 +34,9 @@ def minimum_of(expansion: Expansion) -> Minimum:
 
 
 def minimum_by_stages(expansion: Expansion) -> Minimum:
-    """As `minimum_of`, without looking for a short cut first.
+    """Return the result of `minimum_of` without the sufficient Cholesky test.
 
-    Parameters
-    ----------
-    expansion : Expansion
-        Finite.
+    The expansion must be finite.
     """
     held, touching = expansion.active_rows()
     found = counted(expansion, held)

@@ -1,7 +1,7 @@
-r"""How far is the optimum? The Newton step of the KKT conditions, from the problem's derivatives.
+r"""Distance to the optimum, estimated by a Newton step of the KKT conditions.
 
-A residual is related to one scale for all components, so a small state or a cheap control can hide
-behind a large one. The step that would make every residual vanish,
+A residual is relative to one scale for all components, so errors of a small state or a cheap
+control are hidden by large components. The step that makes every residual vanish,
 
 .. math::
     \begin{pmatrix} W & A^T \\ A & 0 \end{pmatrix}
@@ -9,15 +9,14 @@ behind a large one. The step that would make every residual vanish,
     = -\begin{pmatrix} \nabla_z L \\ c \end{pmatrix}, \qquad
     z = (q_0, \ldots, q_N, u_0, \ldots, u_{N-1}) \text{ where they are free},
 
-has the units of each component, and is compared with that component's own range. If the step leads
-to zero, the optimum has no range, and a share of the component's scale takes its place. With the
-unknowns in the order (q_k, u_k, mu_k) by stage the matrix is a band, and the step takes a time
-linear in N.
+has the units of each component and is compared with the range of that component. If the step leads
+to zero, the optimum has no range, and a fraction of the component's scale replaces it. With the
+unknowns ordered (q_k, u_k, mu_k) by stage, the matrix is banded and the run time is linear in N.
 
-Inequalities that touch are equations of the step, their multipliers unknowns of their stage. One
-whose multiplier would be negative then is let go, and the step is taken again: a point that is held
-by a row which does not pull cannot pass for an optimum, however small that pull is. A compliant
-row gives way in its equation, g - d zeta = 0.
+Active inequalities are equations of the step; their multipliers are unknowns of their stage. A
+constraint whose multiplier would become negative is released, and the step is repeated. A point
+held by a constraint with a wrong multiplier sign is therefore not accepted, however small that
+multiplier is. The equation of a compliant constraint is g - d zeta = 0.
 """
 
 from __future__ import annotations
@@ -35,29 +34,32 @@ from ann_dc.validation.checked import checked
 (solve_band,) = get_lapack_funcs(("gbsv",), dtype=np.float64)
 
 SINGULAR = 1e-13
-"""Smallest pivot over the largest below which a matrix is singular: rounding makes 1e-17 of zero,
-and problems that have one optimum stay above 1e-5."""
+"""Smallest pivot ratio of a regular matrix. Rounding turns zero into 1e-17; problems with one
+optimum
+stay above 1e-5.
+"""
 
 SMALL = 1e-6
-"""Share of the largest component's range that a component is related to at least."""
+"""Smallest reference range of a component relative to the largest component's range."""
 
 VANISHES = 1e-3
-"""Component after a step, over the step, below which it rests at its offset: it has no range there,
-and is related to a share of its scale."""
+"""Component after a step, relative to the step, below which its range is zero and is replaced."""
 
 OF_STATE, OF_CONTROL = 1e-3, 1e-5
-"""Those shares. Residuals of 1e-9 of a state's scale, which a certified point may have at every
-stage, add up along the row; one of 1e-8 of a largest slope of 0.1 moves a control by 1e-9."""
+"""Fractions of the scales that replace a range. Residuals of 1e-9 of a state's scale, admissible
+for a
+certified point at every stage, add up along the stages. A residual of 1e-8 of a largest gradient of
+0.1 moves a control by 1e-9.
+"""
 
 YIELD = 1e-9
-"""What a row of slope one gives way under a multiplier of one, in scales: rows may depend on each
-other, and then share what they carry."""
+"""Compliance of a constraint with unit gradient, in scales: dependent ones divide their load."""
 
 EQUILIBRATIONS = 3
-"""Sweeps of the scaling of a band."""
+"""Sweeps of the equilibration (Ruiz scaling) of a band."""
 
 RELEASES = 20
-"""How often rows are let go, at most."""
+"""Largest number of releases of constraints."""
 
 
 @checked
@@ -69,31 +71,18 @@ def newton_step(
     zeta: np.ndarray | None = None,
     zeta_end: np.ndarray | None = None,
 ) -> float:
-    """Largest relative Newton step of a state or control component; nan where it is not defined.
+    """Return the largest relative Newton step of a state or control component.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    q : (n, N+1) array
-        States with the end.
-    u : (m, N) array
-    mu : (n, N) array
-        Multipliers of the map.
-    zeta : (r, N) array, optional
-        Of the inequalities; zero where they are not given.
-    zeta_end : (r_e,) array, optional
-        Of those of the end.
+    The result is max_i |step of component i| / max(range of component i), over all stages. If the
+    step leads to zero, a fraction of the scale (`OF_STATE`, `OF_CONTROL`) replaces the range. The
+    result is nan if the KKT matrix is singular.
 
-    Returns
-    -------
-    float
-        max_i |step of component i| / max(range of component i), over all stages; a share
-        of its scale (`OF_STATE`, `OF_CONTROL`) takes the place of the range where the step leads to
-        zero. nan at a point where the KKT matrix is singular.
+    `q` (n, N+1) includes the end, `u` is (m, N), and `mu` (n, N) are the multipliers of the
+    dynamics. `zeta` (r, N) and `zeta_end` (r_e,) are those of the inequalities, zero by default.
 
     Examples
     --------
-    The optimal controls of a double integrator, and the same a little off:
+    The optimal controls of a double integrator and a perturbation of 1 %:
 
     >>> from ann_dc import equilibrium, plants, synthesize
     >>> from ann_dc.evaluation import kkt_point
@@ -108,14 +97,10 @@ def newton_step(
 
 
 def step_of(expansion: Expansion, q: np.ndarray) -> float:
-    """Largest relative Newton step at the point of an expansion, as `newton_step`.
+    """Return the largest relative Newton step at the point of an expansion.
 
-    Parameters
-    ----------
-    expansion : Expansion
-        Of the problem at q, u and mu.
-    q : (n, N+1) array
-        States with the end, in the user's units.
+    The expansion is that of the problem at q, u and mu. `q` (n, N+1) includes the end, in the
+    user's units. Definition as in `newton_step`.
     """
     gap = (expansion.map - q[:, 1:]).T / expansion.state
     step, n, z = _step(expansion, gap), len(q), expansion.slope.shape[1]
@@ -125,7 +110,7 @@ def step_of(expansion: Expansion, q: np.ndarray) -> float:
 
 
 def _step(expansion: Expansion, gap: np.ndarray) -> np.ndarray:
-    """The step (N+1, 2n+m+R) of all unknowns; nan where it is not defined."""
+    """Return the step (N+1, 2n+m+R) of all unknowns; nan if it is not defined."""
     contact, z = expansion.contact, expansion.slope.shape[1]
     if contact is None:
         return solved(*banded_system(expansion, gap))
@@ -141,11 +126,12 @@ def _step(expansion: Expansion, gap: np.ndarray) -> np.ndarray:
 
 
 def banded_system(expansion: Expansion, gap: np.ndarray):
-    """KKT matrix as a band, right-hand side (N+1, 2n+m+R), and which unknowns there are.
+    """Return the banded KKT matrix, the right-hand side (N+1, 2n+m+R) and a mask.
 
-    Block k is (q_k, u_k, zeta_k, mu_k); of the last one there are q_N and zeta_N alone. The band
-    has LAPACK's layout, transposed: column j has entry (i, j) at 2 w + i - j, with w entries on
-    either side of the diagonal. A component that is fixed has a row and a column of the identity.
+    Block k is (q_k, u_k, zeta_k, mu_k); the last block contains only q_N and zeta_N. The band has
+    LAPACK's layout, transposed: column j has entry (i, j) at 2 w + i - j, with w entries on either
+    side of the diagonal. A fixed component has a row and a column of the identity. The mask is True
+    for existing unknowns.
     """
     stages, n, z = expansion.jacobian.shape
     contact, each = expansion.contact, np.arange(n)
@@ -182,7 +168,7 @@ def banded_system(expansion: Expansion, gap: np.ndarray):
 
 @lru_cache(maxsize=64)
 def _fixed(stages: int, n: int, z: int, start: bytes, end: bytes, held: bytes):
-    """Columns of what is fixed, columns and entries of its rows in the band, and what is not."""
+    """Return columns and band indices of fixed unknowns, and the mask of the others."""
     rows = np.frombuffer(held, bool).reshape(stages + 1, -1)
     at = z + rows.shape[1]
     w = n + at - 1
@@ -197,7 +183,7 @@ def _fixed(stages: int, n: int, z: int, start: bytes, end: bytes, held: bytes):
 
 @lru_cache(maxsize=256)
 def _places(w: int, row: int, column: int, rows: int, columns: int):
-    """Where the entries of a block stand in a band: a row and a column to begin at, how many."""
+    """Return the band indices of a block that begins at `row` and `column`."""
     i, j = row + np.arange(rows)[:, None], column + np.arange(columns)
     return np.broadcast_to(j, (rows, columns)), 2 * w + i - j
 
@@ -205,7 +191,7 @@ def _places(w: int, row: int, column: int, rows: int, columns: int):
 def equilibrated(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the band D K D with row maxima near one, and the diagonal of D.
 
-    Ruiz scaling of a symmetric matrix: barrier terms span many orders of magnitude.
+    Ruiz scaling of a symmetric matrix; barrier terms span many orders of magnitude.
     """
     size, width = columns.shape
     w = width // 3
@@ -233,7 +219,7 @@ def solved(
 
 
 def _relative(moves: np.ndarray, values: np.ndarray, least: float) -> float:
-    """Return the largest move (N, components) of a component over its range."""
+    """Return the largest step (N, components) of a component relative to its range."""
     moved, size, left = (np.abs(x).max(axis=0) for x in (moves, values, values + moves))
     floor = SMALL * np.maximum(size.max(), SMALL)
     size = np.maximum(size, np.where(left < VANISHES * moved, np.maximum(least, floor), floor))

@@ -1,12 +1,11 @@
-"""The same problem on this CPU: IPOPT and fatrop through CasADi, for the price of a circuit.
+"""Reference solutions and CPU times of IPOPT and fatrop through CasADi.
 
-IPOPT's optimum comes with its multipliers, so that a certificate can be held against it.
+IPOPT's optimum includes its multipliers, so a certificate can be compared with it. fatrop is an
+interior-point method that exploits the stage structure and is the fastest free solver of its kind;
+a circuit should not be compared with IPOPT alone.
 
-fatrop is an interior-point method that exploits the stages, the fastest free solver of its kind: a
-circuit that is compared with IPOPT alone is compared with the wrong one.
-
-A soft row has two slacks a stage, which stand after the controls: g <= s + y, at a cost of
-P s + y^2 / (2 d). The multiplier of that row is zeta.
+A soft constraint has two slacks per stage, placed after the controls: g <= s + y, at a cost of P s
++ y^2 / (2 d). Its multiplier is zeta.
 """
 
 from __future__ import annotations
@@ -37,24 +36,16 @@ _EXACT = {
         "bound_relax_factor": 0.0,
     },
 }
-"""Without the room that IPOPT gives bounds by itself."""
+"""Options without the relaxation of bounds that IPOPT applies by default."""
 _TOLERANCES = 1e-12, 1e-9
-"""The second where rounding ends the search with the first."""
+"""Tolerances; the second applies if rounding ends the search with the first."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SolverTiming:
-    """What a solver took for a problem.
+    """Median time in seconds of a solver (``"IPOPT"`` or ``"fatrop"``) for a problem.
 
-    Attributes
-    ----------
-    name : str
-        ``"IPOPT"`` or ``"fatrop"``.
-    seconds : float
-        Median of a solve.
-    iterations : int
-    objective : float
-        What it found, in the user's units.
+    `objective` is that of its solution, in the user's units.
     """
 
     name: str
@@ -65,18 +56,19 @@ class SolverTiming:
 
 @checked
 def time_solvers(problem: OptimalControlProblem, repeats: int = 20) -> tuple[SolverTiming, ...]:
-    """Time the solvers that are there, from a straight line to the target.
+    """Time the installed reference solvers, starting on a straight line to the target.
 
     Parameters
     ----------
     problem : OptimalControlProblem
+        Problem to solve.
     repeats : int
-        Solves a solver; the median counts.
+        Number of solves per solver; the median is reported. Default 20.
 
     Returns
     -------
     tuple of SolverTiming
-        Empty without CasADi (``pip install 'ann_dc[reference]'``); solvers that fail are left out.
+        Empty without CasADi (``pip install 'ann_dc[reference]'``); solvers that fail are omitted.
 
     References
     ----------
@@ -138,20 +130,14 @@ def _timed(ca: Any, name: str, plugin: str, options: dict, program, bounds, repe
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReferencePoint:
-    """An optimum that IPOPT found, with the multipliers of a certificate.
+    """Optimum found by IPOPT with its multipliers, in the user's units.
 
     Attributes
     ----------
-    objective : float
-        In the user's units, as everything here.
-    q, t : (n, N) arrays
-        States of the N stages, and of those after them.
-    u : (m, N) array
-    mu, beta : (n, N) arrays
-    zeta : (r, N) array
-        Multipliers of the inequalities.
-    zeta_end : (r_e,) array
-        Of those of the end.
+    q, t, u : (n, N), (n, N) and (m, N) arrays
+        States of the N stages, states after each stage, and controls.
+    mu, beta, zeta, zeta_end : (n, N), (n, N), (r, N) and (r_e,) arrays
+        Multipliers; zeta are those of the inequalities, zeta_end those of the end.
     """
 
     objective: float
@@ -165,7 +151,7 @@ class ReferencePoint:
 
     @property
     def kkt(self) -> tuple[np.ndarray, ...]:
-        """What `certify` takes after the problem."""
+        """Arguments of `certify` after the problem."""
         return self.q, self.u, self.t, self.mu, self.beta, self.zeta, self.zeta_end
 
 
@@ -173,20 +159,10 @@ class ReferencePoint:
 def ipopt_point(
     problem: OptimalControlProblem, q: np.ndarray | None = None, u: np.ndarray | None = None
 ) -> ReferencePoint | None:
-    """IPOPT's optimum of a problem, to all digits that it can tell.
+    """Return IPOPT's optimum of a problem, to the smallest tolerance it reaches.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    q : (n, N+1) array, optional
-        Where it starts; a straight line to the target unless told.
-    u : (m, N) array, optional
-        Zero unless told.
-
-    Returns
-    -------
-    ReferencePoint or None
-        None where it finds none, or there is no CasADi.
+    The initial guess is `q` (n, N+1), by default a straight line to the target, and `u` (m, N), by
+    default zero. Returns None if no optimum is found or CasADi is not installed.
 
     Examples
     --------
@@ -214,17 +190,11 @@ def ipopt_point(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Shooting:
-    """Multiple shooting, ordered by stage as fatrop wants it.
+    """Multiple shooting program, ordered by stage as fatrop requires.
 
-    Attributes
-    ----------
-    problem : OptimalControlProblem
-    program : dict
-        As `casadi.nlpsol` takes it.
-    kinds : list of str
-        What each of its constraints is: of the "map", an "end" that is fixed, a "row" or "last".
-    slack, end_slack : Slacks
-        Of the soft rows of a stage, and of the end.
+    `program` is the argument of `casadi.nlpsol`. `kinds` names the kind of each constraint: "map",
+    "end" (fixed), "row" or "last". `slack` and `end_slack` are the slacks of the soft constraints
+    of a stage and of the end.
     """
 
     problem: OptimalControlProblem
@@ -267,7 +237,7 @@ class _Shooting:
         return cls(problem=problem, program=program, kinds=kinds, **slacks)
 
     def bounds(self, q: np.ndarray | None = None, u: np.ndarray | None = None) -> dict:
-        """What the solver is called with: a start (n, N+1) and (m, N), and all limits."""
+        """Return the call arguments: initial guess (n, N+1) and (m, N), and all limits."""
         problem = self.problem
         low, high = problem.control_limits.T
         line = np.linspace(*problem.ends, problem.horizon + 1).T if q is None else q
@@ -282,13 +252,13 @@ class _Shooting:
         }
 
     def _by_stage(self, q: np.ndarray, u: np.ndarray, slack: float) -> np.ndarray:
-        """States (n, N+1), controls (m, N) and slacks in the program's order."""
+        """Return states (n, N+1), controls (m, N) and slacks in the program's order."""
         of_stages = np.full((self.slack.count, u.shape[1]), slack)
         end = np.full(self.end_slack.count, slack)
         return np.concatenate([np.concatenate([q[:, :-1], u, of_stages]).T.ravel(), q[:, -1], end])
 
     def point(self, answer: Any) -> ReferencePoint:
-        """A solver's answer in the names of a certificate."""
+        """Return a solver's result in the variables of a certificate."""
         n, m, N = self.problem.n, self.problem.m, self.problem.horizon
         x, dual = (answer[name].full().ravel() for name in ("x", "lam_g"))
         width = n + m + self.slack.count
@@ -312,7 +282,7 @@ def _places(fixed: Sequence[bool]) -> list[int]:
 
 
 def _functions(ca: Any, problem: OptimalControlProblem):
-    """Map, stage cost, terminal cost, inequality rows and those of the end, as CasADi functions."""
+    """Return dynamics, stage cost, terminal cost and inequalities as CasADi functions."""
     if problem.objectives:
         raise ProblemError(
             f"objectives: {problem.name} has {', '.join(problem.objective_names)}, and the "

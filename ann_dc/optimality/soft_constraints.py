@@ -1,8 +1,9 @@
-"""Soft rows at a point: what they cost, and which of them are exceeded, by how much.
+"""Soft constraints at a point: cost and violations.
 
-A soft row is exceeded where it has reached its price, and by g = d zeta below it where it is
-compliant. Neither is a fault of the point, which is the optimum of the softened problem; but a row
-that was meant to hold does not, so it is told, in the row's own unit.
+A soft constraint is exceeded if its multiplier has reached the penalty weight; if compliant, it is
+also exceeded below the weight, by g = d zeta. Neither is an error of the point, which is the
+optimum of the softened problem. The violation is reported in the unit of the constraint because the
+constraint does not hold.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.inequality import Inequality
 
 AT_PRICE = 1e-6
-"""Share of the price below which a multiplier may be missing from it and still count as there."""
+"""Relative distance within which a multiplier counts as equal to the penalty weight."""
 
 
 class _Row(NamedTuple):
-    """A soft row at the stages where it stands; the last stage is q_N."""
+    """Soft constraint at its stages; the last stage is q_N."""
 
     row: Inequality
     g: np.ndarray
@@ -32,22 +33,18 @@ class _Row(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SoftRows:
-    """The soft rows of a point.
+    """Soft constraints of a point.
 
     Attributes
     ----------
-    at_price : int
-        Rows of all stages and of the end that are exceeded at their price.
-    yielding : int
-        Compliant rows that are exceeded below it.
+    at_price, yielding : int
+        Number of constraints, of all stages and the end, exceeded at their penalty weight; number
+        of compliant ones exceeded below it.
     cost : float
-        What they add to the objective, in its unit.
-    worst : str
-        Name of the row that is exceeded most, in units of its own g; empty where none is.
-    excess : float
-        By how much, in the unit of the row.
-    stage : int
-        At which stage, N at the end.
+        Contribution to the objective, in its unit.
+    worst, excess, stage : str, float and int
+        Constraint with the largest violation in units of its g (empty if none is exceeded), this
+        violation, and its stage, N at the end.
     """
 
     at_price: int
@@ -64,14 +61,10 @@ class SoftRows:
         point: tuple[np.ndarray, np.ndarray],
         zetas: tuple[np.ndarray, np.ndarray],
     ) -> SoftRows | None:
-        """Those of a problem at a point; None where it has none.
+        """Evaluate the soft constraints at a point; None if the problem has none.
 
-        Parameters
-        ----------
-        problem : OptimalControlProblem
-        point : (n, N+1) and (m, N) arrays
-            States with the end and controls, in the user's units.
-        zetas : (r, N) and (r_e,) arrays
+        `point` contains states (n, N+1), end included, and controls (m, N) in the user's units,
+        `zetas` the multipliers (r, N) and (r_e,).
         """
         rows = _soft_rows(problem, *point, *zetas)
         if not rows:
@@ -99,7 +92,7 @@ class SoftRows:
 
     @property
     def told(self) -> str:
-        """How many are exceeded, and which one most, in words."""
+        """Numbers of exceeded constraints and the largest violation, as text."""
         if not self.worst:
             return "all kept"
         found = [f"{self.at_price} exceeded at their price"] if self.at_price else []
@@ -115,14 +108,10 @@ class SoftRows:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Slacks:
-    """The slacks of soft rows, as solvers that know no prices have them: g <= sum of slacks.
+    """Slacks of soft constraints for solvers without penalties: g <= sum of slacks.
 
-    Attributes
-    ----------
-    share : (r, S) array
-        Of every slack in every row.
-    price, stiffness : (S,) arrays
-        What a slack costs, price s + stiffness s^2 / 2.
+    `share` (r, S) is the coefficient of every slack in every constraint. The cost of a slack s is
+    price s + stiffness s^2 / 2.
     """
 
     share: np.ndarray
@@ -131,12 +120,7 @@ class Slacks:
 
     @classmethod
     def of(cls, rows: Sequence[Inequality]) -> Slacks:
-        """One for what costs the price, one for what the row gives way, where it has them.
-
-        Parameters
-        ----------
-        rows : sequence of r Inequality
-        """
+        """Return one slack per finite penalty weight and per compliance of r constraints."""
         found = []
         for place, soft in enumerate(row.soft for row in rows):
             if soft is not None and math.isfinite(soft.price):
@@ -149,23 +133,18 @@ class Slacks:
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of slacks."""
         return len(self.price)
 
     def cost(self, ca: Any, slack: Any) -> Any:
-        """What they cost, in the unit of the objective."""
+        """Return the cost of the slacks, in the unit of the objective."""
         return ca.dot(self.price, slack) + ca.dot(self.stiffness, slack**2) / 2
 
 
 def penalty(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray) -> float:
-    """What the soft rows of a path cost, in the unit of the objective.
+    """Return the cost of the soft constraints of a path, in the unit of the objective.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    q : (n, N+1) array
-        States with the end.
-    u : (m, N) array
+    `q` (n, N+1) includes the end; `u` is (m, N).
     """
     none = np.zeros((len(problem.inequalities), problem.horizon))
     rows = _soft_rows(problem, q, u, none, np.zeros(len(problem.end_inequalities)))

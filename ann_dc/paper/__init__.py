@@ -1,7 +1,7 @@
-"""The paper's own example, run by run: what holds, and what its printed equations give.
+"""Example of the paper: runs of the corrected and of the printed equations.
 
-`example` has the runs of the whole network, `paths` what Figures 4 and 5 draw of them, `replans`
-the two-level iterations of Figure 6, and `around` what of their plans is driven among obstacles.
+`example` contains the runs of the whole network and `paths` the data of Figures 4 and 5. `replans`
+contains the two-level iterations of Figure 6, and `around` the paths driven among obstacles.
 """
 
 import lazy_loader

@@ -1,12 +1,12 @@
-"""Figures 4 and 5 among obstacles: IV.C as printed, with legs, and discs in one network.
+"""Figures 4 and 5 with obstacles: IV.C as printed, with segments, and discs.
 
-IV.C follows a plan until an obstacle comes into sight, and then the next one, which begins at
-q_obs + delta. The way from where the robot is to there is in no plan. As printed it is left out;
-here it is planned, too, by a network of its own. The third way is one network whose constraints are
-the obstacles: what it finds is certified.
+IV.C follows a plan until an obstacle is detected. The next plan begins at q_obs + delta. The path
+from the robot to this point belongs to no plan. As printed it is omitted. In the second variant a
+separate network plans this segment (leg). The third variant is one network with the obstacles as
+constraints, whose result is certified.
 
-The paper gives no radius. A disc is kept from points of the way between nodes, too, so that whole
-segments are clear.
+The paper gives no radius. Points between nodes also satisfy the disc constraints, so whole segments
+are clear.
 """
 
 from __future__ import annotations
@@ -24,15 +24,16 @@ from ann_dc.solution.solution import Solution
 from ann_dc.solver import solve
 
 SIGHT = 0.6
-"""How near an obstacle is when it appears, in m: less than from node to node of T_0."""
+"""Detection distance of an obstacle in m, smaller than the node spacing of T_0."""
 RADIUS = 0.25
 """Radius of the obstacles, in m."""
 LEG = 3
-"""Stages of the way to q_obs + delta."""
+"""Stages of the segment to q_obs + delta."""
 CHECKED = 0.0, 1 / 3, 2 / 3
-"""Points between one node and the next that are kept off the obstacles, as shares of the way."""
+"""Constrained points between two nodes, as fractions of the distance."""
 APART = 0.36
-"""Distance of these points from the centres, in m; segments between them are clear, too."""
+"""Distance of these points from the centres, in m; the segments between them are then also clear.
+"""
 
 
 class Piece(NamedTuple):
@@ -41,7 +42,7 @@ class Piece(NamedTuple):
     Attributes
     ----------
     q : (n, K + 1) array
-        States, at least the one that it begins with.
+        States; at least the initial state.
     u : (m, K) array
         Controls.
     """
@@ -52,19 +53,18 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Around:
-    """Three ways around the obstacles of a case.
+    """Three variants of the path around the obstacles of a case.
 
     Attributes
     ----------
-    plans : Plans
     printed : list of Piece
-        IV.C to the letter; between the pieces nothing is planned.
+        IV.C as printed, without plans between the pieces.
     drive : Piece
-        The same with its legs: a way that can be driven.
+        IV.C with segments, a path that can be driven.
     legs : list of Solution
-        Runs of the networks that plan the legs.
+        Runs of the networks that plan the segments.
     discs : Solution
-        The obstacles as constraints of one network.
+        Run of one network with the obstacles as constraints.
     """
 
     plans: Plans
@@ -75,17 +75,20 @@ class Around:
 
     @property
     def ways(self) -> dict[str, Piece]:
-        """Ways that can be driven, by name."""
+        """Paths that can be driven, by name."""
         return {"with legs": self.drive, "discs": whole(self.discs)}
 
     @property
     def leap(self) -> float:
-        """Length of what the printed way leaves out, in m."""
+        """Length omitted by the printed path, in m."""
         ends = pairwise(piece.q[:2] for piece in self.printed)
         return float(sum(np.linalg.norm(b[:, 0] - a[:, -1]) for a, b in ends))
 
     def room(self, way: Piece) -> float:
-        """Smallest distance of the segments of a way from an obstacle's edge, in m."""
+        """Return the smallest distance of the path from an obstacle's edge, in m.
+
+        Whole segments count.
+        """
         centres = obstacles(self.plans)
         a, b = way.q[:2, :-1].T[:, None], way.q[:2, 1:].T[:, None]
         step = b - a
@@ -95,22 +98,16 @@ class Around:
         return float(apart.min()) - RADIUS
 
     def error(self, way: Piece) -> float:
-        """Largest distance of a way from where its own controls lead, in the units of states."""
+        """Return the largest distance of a path from a simulation of its controls.
+
+        The distance is in the units of the states.
+        """
         led = self.discs.problem.functions.rollout(way.q[:, 0], way.u)
         return float(np.abs(led - way.q).max())
 
 
 def around(plans: Plans, problem: OptimalControlProblem, progress: Progress = silent) -> Around:
-    """Plan a case in the three ways.
-
-    Parameters
-    ----------
-    plans : Plans
-        With x and y as its first two states.
-    problem : OptimalControlProblem
-        Whose plans they are.
-    progress : Progress
-    """
+    """Plan a case in the three variants; the first two states are x and y."""
     printed = driven(plans)
     short, legs = problem.with_horizon(LEG), []
     for before, after in pairwise(printed):
@@ -129,13 +126,10 @@ def around(plans: Plans, problem: OptimalControlProblem, progress: Progress = si
 
 
 def with_discs(problem: OptimalControlProblem, centres: np.ndarray) -> OptimalControlProblem:
-    """The problem with obstacles (M, 2), kept off every node and off points between nodes.
+    """Return the problem with disc constraints at obstacle centres (M, 2).
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        With x and y as its first two states.
-    centres : (M, 2) array
+    The first two states are x and y. The constraints apply to every node and to points between
+    nodes.
     """
     rows = {}
     for number, centre in enumerate(centres.tolist()):
@@ -147,32 +141,28 @@ def with_discs(problem: OptimalControlProblem, centres: np.ndarray) -> OptimalCo
 
 
 def whole(solution: Solution) -> Piece:
-    """States with the end, and controls, of a solution."""
+    """Return the states including the final state, and the controls, of a solution."""
     states, controls = solution.problem.states, solution.problem.controls
     return Piece(*(np.stack([solution[str(s)] for s in of]) for of in (states, controls)))
 
 
 def _joined(pieces: list[Piece], legs: list[Piece]) -> Piece:
-    """One way: pieces, and a leg between each of them and the next."""
+    """Return one path of the pieces with the segments between them."""
     parts = [part for pair in zip(pieces, legs) for part in pair] + [pieces[-1]]
     q = np.hstack([part.q[:, :-1] for part in parts] + [parts[-1].q[:, -1:]])
     return Piece(q, np.hstack([part.u for part in parts]))
 
 
 def obstacles(plans: Plans) -> np.ndarray:
-    """Centres (M, 2) of a case's obstacles: nodes of T_0."""
+    """Return the centres (M, 2) of a case's obstacles, which are nodes of T_0."""
     return plans.states[0][:2, list(plans.case.stages)].T
 
 
 def driven(plans: Plans) -> list[Piece]:
-    """Return the driven piece of every plan, up to the last node without a new obstacle in sight.
+    """Return the driven piece of each plan, up to the last node before a detection.
 
-    A plan that meets no new obstacle is driven to its end; those after it are not begun.
-
-    Parameters
-    ----------
-    plans : Plans
-        With x and y as its first two states.
+    The first two states are x and y. A plan without a new obstacle is driven to its end, and later
+    plans are not started.
     """
     pieces = []
     for q, u, centre in zip(plans.states, plans.controls, [*obstacles(plans), None]):

@@ -1,10 +1,10 @@
-"""The paper's car as a whole network: two runs that hold, and four that say why the others do not.
+"""Paper's car as a whole network: two valid runs and four failing ones.
 
-The corrected equations with designed gains hold, for both wheel bases. (16) and (17) to the letter
-have neither a penalty nor time constants: rho = 0, tau = 1. The same with the gains of the
-corrected network shows that rho does not save them. Without dB/dq (S3) alone the plan is a straight
-line. And the corrected equations on the plain network, started near the optimum, say why gains
-matter.
+The corrected equations with designed gains are valid for both wheel bases. Equations (16) and (17)
+as printed have neither penalty nor time constants (rho = 0, tau = 1). A run of the printed
+equations with the gains of the corrected network shows that rho does not make them valid. Without
+dB/dq (S3) alone the plan is a straight line. The corrected equations on the plain network, started
+near the optimum, show the need for gains.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from ann_dc.solver import solve
 from ann_dc.synthesis.synthesis import synthesize
 
 OFF = 0.01
-"""How far from the optimum the plain network starts, as a share of every neuron's value."""
+"""Initial deviation of the plain network, as a fraction of every neuron's optimal value."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PaperRun:
-    """One row of the table: a ``label``, a solution, and how its remark begins."""
+    """Row of the table: a `label`, a solution, and the beginning of its remark."""
 
     label: str
     solution: Solution
@@ -38,20 +38,25 @@ class PaperRun:
 
 
 def corrected_runs(progress: Progress = silent) -> Iterator[PaperRun]:
-    """The equations that hold, with designed gains, for both wheel bases."""
+    """Yield runs of the corrected equations with designed gains, for both wheel bases."""
     for label, problem in {"corrected D=1": car(), "corrected D=0.5": car(D=0.5)}.items():
         tell = lambda line, label=label: progress(f"{label}: {line}")  # noqa: E731
         yield PaperRun(label=label, solution=solve(problem, progress=tell))
 
 
 def demonstrations(optimum: Solution, progress: Progress = silent) -> Iterator[PaperRun]:
-    """What does not work, and need not be watched for long; all of them with D = 1.
+    """Yield short runs of the failing variants, all with D = 1.
 
     Parameters
     ----------
     optimum : Solution
-        Of the corrected equations.
+        Solution of the corrected equations.
     progress : Progress
+        Callable that receives progress lines. Default: no output.
+
+    Returns
+    -------
+    Iterator[PaperRun]
 
     Examples
     --------
@@ -80,6 +85,6 @@ def demonstrations(optimum: Solution, progress: Progress = silent) -> Iterator[P
 
 
 def _near(optimum: Solution) -> Start:
-    """A start with every neuron a little off its optimum."""
+    """Return an initial guess with every neuron slightly off its optimum."""
     values = {name: (1 + OFF) * rows.T for name, rows in optimum.populations.items()}
     return Start(q=values["q"], u=values["u"], mu=values["mu"], beta=values["beta"])

@@ -1,4 +1,4 @@
-"""What Figures 4 and 5 draw: paths in the plane, and the controls that go with them, as numbers."""
+"""Data of Figures 4 and 5: paths in the plane and their controls."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import OrNan, Shape
 
 REACH = 1.6
-"""A network that runs away is drawn while no x or y is larger than so many times the target's."""
+"""Limit of x and y, relative to the largest target component, up to which a diverging run is drawn.
+"""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Path:
-    """Where something goes, whoever has planned it.
+    """Path in the plane with its controls.
 
     Attributes
     ----------
     name : str
-        As a legend has it.
+        Legend entry.
     x, y : (N + 1,) array
-        In the problem's units.
+        Positions in the problem's units.
     controls : (m, N) array
-        Held from stage to stage.
+        Piecewise constant controls by stage.
 
     Examples
     --------
@@ -43,7 +44,10 @@ class Path:
 
 @checked
 def path_of(solution: Solution, name: str, sample: int = -1) -> Path:
-    """What the q neurons say at a sample of the run, by default the last, with t_{N-1} after."""
+    """Return the path of the q neurons at a sample of the run, followed by t_{N-1}.
+
+    The default is the last sample.
+    """
     run, controls = solution.trajectory, map(str, solution.problem.controls)
     x, y = (np.append(run[f"q.{s}"][sample], run[f"t.{s}"][sample, -1]) for s in ("x", "y"))
     u = np.stack([run[f"u.{s}"][sample] for s in controls])
@@ -52,7 +56,7 @@ def path_of(solution: Solution, name: str, sample: int = -1) -> Path:
 
 @checked
 def rolled_out(solution: Solution, name: str) -> Path:
-    """Where the last controls lead."""
+    """Return the simulated path of the final controls."""
     states = [str(s) for s in solution.problem.states]
     x, y = (solution.certificate.rollout[states.index(s)] for s in ("x", "y"))
     return Path(name=name, x=x, y=y, controls=solution.populations["u"].T)
@@ -60,7 +64,7 @@ def rolled_out(solution: Solution, name: str) -> Path:
 
 @checked
 def run_away(solution: Solution, count: int = 3) -> list[Path]:
-    """Moments of a run before it leaves the picture, named by the network's time."""
+    """Return moments of a diverging run within the figure, named by network time."""
     run, ends = solution.trajectory, [v or 0.0 for v in solution.problem.q_d or ()]
     largest = REACH * max(map(abs, ends))
     size = np.maximum(*(np.abs(run[f"q.{s}"]).max(axis=1) for s in ("x", "y")))

@@ -1,9 +1,9 @@
-"""The two-level iterations of Figure 6: lambda, A and B of every plan, and to the letter.
+"""Two-level iterations of Figure 6: lambda, A and B of every plan, and as printed.
 
-Whenever an obstacle appears, IV.C plans anew from q_obs + delta to the same target. The obstacle
-itself is in no equation: a plan is the example with another q_0. So a case is the list of its
-starts. The paper gives no places; here obstacles stand on nodes of T_0, the plan without them, and
-delta = (-0.3, 0.3, 0, 0) leads past on the outer side of its bend.
+When an obstacle is detected, IV.C plans again from q_obs + delta to the same target. The obstacle
+itself is in no equation: a plan is the example with another q_0. A case is therefore the list of
+its initial states. The paper gives no positions. Here obstacles lie on nodes of T_0, the plan
+without obstacles, and delta = (-0.3, 0.3, 0, 0) passes on the outer side of the bend.
 """
 
 from __future__ import annotations
@@ -38,28 +38,29 @@ from ann_dc.two_level.upper_gains import UpperMap
 from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator, OracleCoordinator
 
 SHARE = 0.5
-"""lambda as a share of |B/A|; where B < 0 a half lowers Theta most."""
+"""lambda as a fraction of |B/A|; for B < 0 one half decreases Theta most."""
 ROUNDS = 20
-"""Outer iterations of every plan that are shown."""
+"""Outer iterations shown for every plan."""
 FIXED_ROUNDS = 80
-"""Outer iterations of one fixed gain, in which (21) is shown."""
+"""Outer iterations with one fixed gain, which demonstrate (21)."""
 NEWTON_ROUNDS = 25
 TRIED = np.geomspace(1e-3, 10.0, 41)
 NEAR = 0.1
-"""How far from the solution towards the line one gain starts: farther off stages fall to others."""
+"""Start of the one-gain run, as a fraction of the way from the solution to the interpolated guess.
+Farther off, stages settle to other equilibria.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """Obstacles that appear one after the other.
+    """Obstacles that appear one after another.
 
     Attributes
     ----------
-    name : str
     stages : tuple of int
-        At which nodes of T_0 they stand.
+        Nodes of T_0 with obstacles.
     delta : tuple of float
-        From an obstacle to where the robot plans anew, a number for each state.
+        Offset from an obstacle to the new initial state, one number per state.
     """
 
     name: str
@@ -67,7 +68,7 @@ class Case:
     delta: tuple[float, ...] = (-0.3, 0.3, 0.0, 0.0)
 
     def starts(self, plan: np.ndarray) -> np.ndarray:
-        """q_0 of every plan T_0, T_1, ...: (M + 1, n) of the states (n, N + 1) of T_0.
+        """Return q_0 of every plan T_0, T_1, ... (M + 1, n) from states (n, N + 1) of T_0.
 
         Examples
         --------
@@ -82,25 +83,26 @@ CASES = (
     Case(name="(a) four obstacles", stages=(2, 4, 5, 7)),
     Case(name="(b) three obstacles", stages=(3, 6, 7)),
 )
-"""Those of Figure 6."""
+"""Cases of Figure 6."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plans:
-    """A case, planned.
+    """Plans of a case.
 
     Attributes
     ----------
-    case : Case
     starts : (M + 1, n) array
-        q_0 of every plan, in the user's units.
+        q_0 of every plan, in user units.
     run : TwoLevelRun
-        A sample a plan, with lambda of (33).
+        One sample per plan, with lambda of (33).
     newton : TwoLevelRun
-        The same plans with a Newton coordinator, which finds the solutions that (33) needs.
+        Runs of the same plans with a Newton coordinator, which computes the solutions required by
+        (33).
     states : (M + 1, n, N + 1) array
-        Of the solutions, in the user's units.
+        States of the solutions, in user units.
     controls : (M + 1, m, N) array
+        Controls of the solutions, in user units.
     """
 
     case: Case
@@ -113,21 +115,20 @@ class Plans:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Iterations:
-    """Everything that is said of the two levels.
+    """Results on the two-level algorithm.
 
     Attributes
     ----------
-    cases : tuple of Plans
     letter : TwoLevelRun
-        (28)-(30) to the letter with (33), of T_0.
+        (28)-(30) as printed with (33), for T_0.
     gradient, newton : TwoLevelRun
         T_0 with two fixed gains, and with Newton's method; both settle.
     common : TwoLevelRun
-        Near the solution with one fixed gain for both, of which (21) speaks.
+        Run near the solution with one fixed gain for t and beta, the subject of (21).
     following : Following
-        The rate of Theorem IV.1.
+        Rate of Theorem IV.1.
     hypothesis, printed_hypothesis : Hypothesis
-        Of Theorem IV.2, with the matrices that hold and with diag(0.99, 0.1).
+        Hypothesis of Theorem IV.2 with the valid matrices, and with diag(0.99, 0.1).
     """
 
     cases: tuple[Plans, ...]
@@ -143,13 +144,18 @@ class Iterations:
 def iterations(
     problem: OptimalControlProblem | None = None, progress: Progress = silent
 ) -> Iterations:
-    """Run every case of Figure 6, and look at both theorems.
+    """Run every case of Figure 6 and evaluate both theorems.
 
     Parameters
     ----------
     problem : OptimalControlProblem, optional
-        The paper's car by default.
+        Problem. Default: the paper's car.
     progress : Progress
+        Callable that receives progress lines. Default: no output.
+
+    Returns
+    -------
+    Iterations
 
     Examples
     --------
@@ -188,21 +194,19 @@ def iterations(
 
 
 def one_gain(network: Network, settled: np.ndarray) -> Gradient:
-    """(17) with lambda_t = lambda_beta, as (20) has it: the best of a few at the solution (n,)."""
+    """Return (17) with lambda_t = lambda_beta as in (20), the best of a few gains.
+
+    The gain is selected by the spectral radius at the solution (n,).
+    """
     upper = UpperMap(network=network, settled=settled)
     gain = float(min(TRIED, key=lambda gain: upper.radius(gain, gain)))
     return Gradient(lambda_t=gain, lambda_beta=gain)
 
 
 def replanned(designed: Design, problem: OptimalControlProblem, case: Case) -> Plans:
-    """All plans of a case at once, with one frozen network.
+    """Compute all plans of a case in one batch with one network of fixed gains.
 
-    Parameters
-    ----------
-    designed : Design
-        Of the problem with q_0 as a neuron.
-    problem : OptimalControlProblem
-    case : Case
+    The design has q_0 as a neuron.
     """
     network = designed.network
     starts = case.starts(_plan(network, designed.state))
@@ -223,13 +227,9 @@ def replanned(designed: Design, problem: OptimalControlProblem, case: Case) -> P
 
 
 def to_the_letter(problem: OptimalControlProblem, settled: np.ndarray) -> TwoLevelRun:
-    """(28)-(30) as printed, on the plain Lagrangian, with lambda = |B/A| of (33).
+    """Run (28)-(30) as printed on the plain Lagrangian with lambda = |B/A| of (33).
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    settled : (n,) array
-        The solution of the corrected network with q_0 as a neuron, in network units.
+    `settled` (n,) is the solution of the corrected network with q_0 as a neuron, in network units.
     """
     form = replace(
         switch("S14"), lower_level=LowerForm.LITERAL, coupling_adds=True, coupling_reads_next=True
@@ -241,6 +241,6 @@ def to_the_letter(problem: OptimalControlProblem, settled: np.ndarray) -> TwoLev
 
 
 def _plan(network: Network, x: np.ndarray) -> np.ndarray:
-    """States (n, N + 1) of a state vector, in the user's units."""
+    """Return the states (n, N + 1) of a state vector in user units."""
     values = neuron_values(network, x)
     return np.vstack([values["q"], values["t"][-1:]]).T

@@ -1,10 +1,11 @@
-"""Four pictures of a solution: where it goes, what drives it, how it settled, and why so fast.
+"""Figures of solutions, designs, Pareto fronts and circuits.
 
-One of a design: why it is slow; one of a design for a family of inputs, and one of a front. And two
-of circuits: the voltages of one, and the ladder of all levels.
+Four figures show a solution: trajectory, controls, settling and spectrum. One shows the diagnosis
+of a design, one a design over an operating range, and one a front. Two show circuits: voltages, and
+the level comparison.
 
-Every function returns a `matplotlib.figure.Figure` of its own: no pyplot, no global state, nothing
-to close. Runs that did not settle are drawn as far as they are finite.
+Every function returns a separate `matplotlib.figure.Figure`, without pyplot or global state, so no
+figure needs closing. Runs that did not settle are drawn as far as they are finite.
 """
 
 from ann_dc.plotting.circuit import circuit

@@ -1,4 +1,4 @@
-"""A circuit on its way from reset to rest: voltages of all neurons, and what the controls miss."""
+"""Figure of a circuit run from reset: neuron voltages and control errors."""
 
 from __future__ import annotations
 
@@ -30,21 +30,28 @@ from ann_dc.validation.checked import checked
 COLOURS = {"q": BLUE, "u": VERMILION, "mu": PURPLE, "t": SKY, "beta": GREEN}
 
 SHORTEST = 0.01
-"""Time that is drawn, relative to the run, at least: a circuit at rest settles at once."""
+"""Smallest drawn duration relative to the run; a circuit that starts in equilibrium settles at
+once.
+"""
 
 LOWEST = 1e-10
-"""Errors below it are drawn there."""
+"""Lower limit of drawn errors."""
 
 
 @checked
 def circuit(run: CircuitRun, problem: OptimalControlProblem) -> Figure:
-    """Voltages of all neurons, and how far the controls are from their end.
+    """Plot the voltages of all neurons, and the distance of the controls to their end.
 
     Parameters
     ----------
     run : CircuitRun
+        Simulated circuit.
     problem : OptimalControlProblem
-        What it solves, for the title.
+        Problem that the circuit solves, for the title.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     run = run.timed
     figure = new_figure(7.6, 5.6)
@@ -85,7 +92,7 @@ def circuit(run: CircuitRun, problem: OptimalControlProblem) -> Figure:
 
 
 def _share(probe: Trajectory) -> str:
-    """The size of the controls as a label has it, in lines of a few words."""
+    """Return the size of the controls as a wrapped label."""
     size = probe.size_in_words
     told = "the largest" if size == "the largest one" else size
     return fill(f"(share of {told})", 36)

@@ -1,4 +1,4 @@
-"""What drives the solution: every control over time."""
+"""Figure of the controls over time."""
 
 from __future__ import annotations
 
@@ -24,9 +24,18 @@ from ann_dc.validation.checked import checked
 
 @checked
 def controls(solution: Solution) -> Figure:
-    """Every control over time, held constant for a sampling interval, between its bounds.
+    """Plot every control over time, piecewise constant, between its bounds.
 
-    A bound that is farther off than the control's values are apart is left out.
+    A bound is omitted if its distance exceeds the range of the control's values.
+
+    Parameters
+    ----------
+    solution : Solution
+        Solution to plot.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     names = [str(u) for u in solution.problem.controls]
     figure = new_figure(6.4, 1.2 + 1.6 * max(len(names), 1.6))

@@ -1,4 +1,4 @@
-"""Why a design is slow: its spectrum beside the limit, its slowest modes, its weakest rows."""
+"""Figure of a design diagnosis: spectrum, slowest modes and weakest constraints."""
 
 from __future__ import annotations
 
@@ -30,30 +30,36 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.validation.checked import checked
 
 LINES = (BLUE, VERMILION, PURPLE, SKY, ORANGE, GREEN)
-"""Colours of the neurons that lead a mode."""
+"""Colours of the leading neurons of a mode."""
 
 LEADING = 5
-"""Neurons of a mode that are drawn in colour; the others are grey."""
+"""Number of neurons of a mode drawn in colour; the others are grey."""
 
 PLAIN = FuncFormatter(lambda value, _: f"{value:g}")
 
 BELOW = "#CFE8DF"
-"""What a penalty covers: shadow stiffness between -w/2 and w."""
+"""Colour of the range that a penalty covers: multiplier sensitivity between -w/2 and w."""
 
 
 @checked
 def diagnosis(found: Diagnosis, problem: OptimalControlProblem | None = None) -> Figure:
-    """The picture of `ann_dc.analyse`.
+    """Plot the diagnosis computed by `ann_dc.analyse`.
 
-    Left: the eigenvalues in units of the spectral radius, with the rate of settling and the limit
-    of half the radius; and the shadow stiffness of every row beside what its penalty covers, all of
-    it between -w/2 and w. Right: the slowest modes over the horizon, neuron by neuron.
+    Left, the eigenvalues in units of the spectral radius, with the settling rate and the limit of
+    half the radius. Below, the multiplier sensitivity (inverse Schur complement) of every
+    constraint and the range between -w/2 and w that its penalty covers. Right, the slowest modes
+    over the horizon by neuron.
 
     Parameters
     ----------
     found : Diagnosis
+        Diagnosis to plot.
     problem : OptimalControlProblem, optional
-        What the design is for, for the title; a network knows no dt.
+        Problem of the design, for the title; a network does not contain dt.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     figure = new_figure(11.0, 6.4)
     modes = found.slowness.modes

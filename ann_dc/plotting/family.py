@@ -1,4 +1,4 @@
-"""What one network does for many inputs: for a family of them, or for the weights of a front."""
+"""Figures of a design over an operating range and of a Pareto front."""
 
 from __future__ import annotations
 
@@ -26,19 +26,24 @@ from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.validation.checked import checked
 
 PAIRS = 3
-"""Pairs of inputs, or of objectives, that are drawn."""
+"""Number of pairs of inputs or objectives drawn."""
 
 
 @checked
 def family(designed: FamilyDesign) -> Figure:
-    """The picture of a design for a family, on its held-out inputs.
+    """Plot a design over an operating range on its held-out inputs.
 
-    Left: the share of inputs that has settled by a time. Right: the inputs, pair by pair, with
-    their settling; those that fail as crosses.
+    Left, the fraction of inputs settled by a given time. Right, the inputs in pairs with their
+    settling times; failing inputs are crosses.
 
     Parameters
     ----------
     designed : FamilyDesign
+        Design to plot.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     found, problem = designed.validation, designed.family.problem
     names = list(designed.family.ranges)
@@ -92,19 +97,24 @@ def _plane(axes: Axes, found: Validation, problem: OptimalControlProblem, pair: 
 
 
 def _named(problem: OptimalControlProblem, name: str) -> str:
-    """An input with the unit of its state."""
+    """Return an input name with the unit of its state."""
     return with_unit(name, problem.unit(name.partition(".")[2] or name))
 
 
 @checked
 def front(found: Front) -> Figure:
-    """The picture of a front: objectives pair by pair, and the share of each along it.
+    """Plot a Pareto front: objectives in pairs, and the fraction of each along it.
 
-    Points that are not certified are crosses; lines mark the ideal and the nadir.
+    Points without certificate are crosses. Lines mark the ideal and the nadir point.
 
     Parameters
     ----------
     found : Front
+        Front to plot.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     pairs = list(itertools.combinations(range(len(found.names)), 2))[:PAIRS]
     figure = new_figure(3.7 * (1 + len(pairs)), 3.6)
@@ -143,7 +153,7 @@ def _against(axes: Axes, found: Front, first: int, second: int) -> None:
 
 
 def _counted(axes: Axes, found: Front) -> None:
-    """Shares of the cost, stacked, over the weight of the first objective."""
+    """Plot stacked fractions of the cost over the weight of the first objective."""
     quiet(axes)
     order = np.argsort(found.weights[:, 0], kind="stable")
     below = np.zeros(len(found))

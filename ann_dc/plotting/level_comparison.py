@@ -1,4 +1,4 @@
-"""The ladder of fidelity, a line a rung: what was predicted beside what ngspice measured."""
+"""Figure of a level comparison: predictions and ngspice measurements by level."""
 
 from __future__ import annotations
 
@@ -18,13 +18,20 @@ from ann_dc.validation.values import NotEmpty
 
 @checked
 def ladder(done: Annotated[list[Measured], NotEmpty()], problem: OptimalControlProblem) -> Figure:
-    """Error and settling time of every level: what was predicted, and what ngspice measured.
+    """Plot the predicted and measured error and settling time of every model level.
+
+    Measurements are made with ngspice.
 
     Parameters
     ----------
     done : list of Measured
+        Results by level; not empty.
     problem : OptimalControlProblem
-        What every level solves, for the title.
+        Problem solved at every level, for the title.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     figure = new_figure(9.0, 1.2 + 0.26 * len(done))
     error, settling = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))

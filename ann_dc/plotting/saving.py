@@ -1,4 +1,4 @@
-"""Pictures as files: PNG, the whole file or nothing, same figure same bytes."""
+"""Atomic and reproducible output of figures as PNG files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,19 @@ from ann_dc.validation.checked import checked
 
 @checked
 def save(figure: Figure, path: str | Path) -> Path:
-    """Write a figure as PNG: same figure, same bytes.
+    """Write a figure as a PNG file; equal figures give equal bytes.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        Figure to write.
+    path : str or Path
+        File. Missing folders are created.
+
+    Returns
+    -------
+    Path
+        Path of the file.
 
     Raises
     ------
@@ -35,12 +47,14 @@ def save(figure: Figure, path: str | Path) -> Path:
 
 @checked
 def save_all(solution: Solution, folder: str | Path) -> list[Path]:
-    """Write all four pictures as PNG into a folder, which is created where it is missing.
+    """Write all four figures of a solution as PNG files into a folder.
 
     Parameters
     ----------
     solution : Solution
+        Solution to plot.
     folder : str or Path
+        Folder; created if missing.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""How the network settled: neurons and KKT residual over network time, beside the prediction."""
+"""Figure of settling: neurons and KKT residual over network time, with prediction."""
 
 from __future__ import annotations
 
@@ -42,23 +42,35 @@ POPULATION = {
     "z": (ORANGE, "-"),
     "z_end": (INK, "-"),
 }
-"""Colour and line of each population; t lies on q, and beta on mu, so theirs are broken."""
+"""Colour and line style of each population. Lines of t and beta are broken because they coincide
+with
+q and mu.
+"""
 
 FIRST_INSTANT = 1.0
-"""Of network time as it is drawn: what a residual loses before it gets no decades of the axis."""
+"""Initial interval of the plotted network time that the residual axis need not cover."""
 
 THIN_LINES = 300
-"""Single neurons drawn behind their population, at most."""
+"""Largest number of single neurons drawn behind their population."""
 
 
 @checked
 def settling(solution: Solution) -> Figure:
-    """How the neurons approach their last values, and how the KKT residual falls.
+    """Plot the distance of neurons from their final values, and the KKT residual.
 
-    Network time is counted in the fastest time constants, 1 / spectral radius, where there is a
-    spectrum. The dashed line is the spectrum's prediction, with nothing fitted to the run; the
-    settling time is marked where the residual last falls below the run's tolerance. A residual that
-    falls by decades within the first of these time constants leaves the picture at the top.
+    Network time is in fastest time constants (1 / spectral radius) if a spectrum exists. The dashed
+    line is the prediction of the spectrum, without any fit to the run. A mark shows the settling
+    time, at which the residual last falls below the tolerance of the run. A residual that falls by
+    decades within the first of these time constants exceeds the axis.
+
+    Parameters
+    ----------
+    solution : Solution
+        Solution to plot.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     figure = new_figure(7.6, 6.2)
     neurons, residual = figure.subplots(2, 1, sharex=True)
@@ -78,7 +90,7 @@ def settling(solution: Solution) -> Figure:
 
 
 def _neurons(axes: Axes, solution: Solution, radius: float) -> None:
-    """Distance to the last value, relative to the largest distance of the population."""
+    """Plot the distance to the final value, relative to the population's largest."""
     run, time = solution.trajectory, radius * solution.trajectory.time
     with np.errstate(all="ignore"):
         distance = drawable(np.abs(run.states - run.states[-1]))
@@ -146,6 +158,6 @@ def _predicted(axes: Axes, found: Spectrum | None, end: float) -> None:
 
 
 def _prediction(solution: Solution) -> Spectrum | None:
-    """The spectrum, where the run came near enough to an equilibrium for it to mean something."""
+    """Return the spectrum if the run ended sufficiently close to an equilibrium."""
     ended_early = solution.status.outcome in (Outcome.DIVERGED, Outcome.LEFT_DOMAIN)
     return None if ended_early else final_spectrum(solution)

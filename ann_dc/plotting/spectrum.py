@@ -1,4 +1,4 @@
-"""Why it settled so fast, or not at all: the eigenvalues of the network where the run ended."""
+"""Figure of the eigenvalues of the network at the end of a run."""
 
 from __future__ import annotations
 
@@ -26,10 +26,19 @@ from ann_dc.validation.checked import checked
 
 @checked
 def spectrum(solution: Solution) -> Figure:
-    """Eigenvalues of the frozen network's flow where the run ended.
+    """Plot the eigenvalues of the flow with fixed gains at the end of the run.
 
-    Blue ones decay, vermilion ones grow. The circle is the spectral radius (the fastest time
-    constant), the dashed line the abscissa (the rate of settling).
+    Blue eigenvalues decay and vermilion ones grow. The circle is the spectral radius (fastest time
+    constant), and the dashed line is the abscissa (settling rate).
+
+    Parameters
+    ----------
+    solution : Solution
+        Solution to plot.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
     """
     figure = new_figure(7.0, 4.4)
     axes = figure.subplots()
@@ -50,7 +59,7 @@ def spectrum(solution: Solution) -> Figure:
 
 
 def final_spectrum(solution: Solution) -> Spectrum | None:
-    """The spectrum where the run ended, None where there is none."""
+    """Return the spectrum at the end of the run; None if it does not exist."""
     if not (np.abs(solution.trajectory.final) < LARGEST).all():
         return None
     with np.errstate(all="ignore"):

@@ -1,4 +1,4 @@
-"""The house style: colours, axes, legends, titles; what every picture and demo draws with."""
+"""Common style of all figures: colours, axes, legends and titles."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from ann_dc.validation.checked import checked
 
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, PURPLE, INK, GREY = "#56B4E9", "#CC79A7", "#222222", "#8A8A8A"
-"""Okabe and Ito's palette: distinct for every kind of colour vision."""
+"""Palette of Okabe and Ito, distinct for every kind of colour vision."""
 
 LARGEST = 1e100
-"""Values beyond it are left out of a picture."""
+"""Magnitude above which values are omitted from a figure."""
 
 FASTEST = "network time (fastest time constants)"
-"""Network time, counted in what the fastest mode needs; no seconds, whatever the problem."""
+"""Label of network time in units of the fastest mode; it is not in seconds for any problem."""
 
 UNSCALED = "network time (unit time constants)"
-"""Network time as the network counts it: in time constants of a neuron with tau = 1."""
+"""Label of network time in time constants of a neuron with tau = 1."""
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -35,13 +35,29 @@ _LEGEND = {"frameon": False, "fontsize": 8, "borderaxespad": 0.0}
 
 @checked
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure in inches that makes room for its own labels."""
+    """Return an empty figure with size in inches and automatic space for labels.
+
+    Parameters
+    ----------
+    width, height : float
+        Size in inches.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
     return Figure(figsize=(width, height), layout="constrained", facecolor="white")
 
 
 @checked
 def quiet(axes: Axes) -> None:
-    """The house style: two spines, a light grid behind the data, small ticks."""
+    """Apply the common style: two spines, a light grid behind the data, small ticks.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Axes to modify.
+    """
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(GREY)
     axes.grid(color="#E6E6E6", lw=0.6)
@@ -53,7 +69,7 @@ def quiet(axes: Axes) -> None:
 
 @checked
 def with_unit(name: str, unit: str) -> str:
-    """``name (unit)``, or the name alone where no unit was declared.
+    """Return ``name (unit)``, or the name alone without a declared unit.
 
     >>> with_unit("x", "m"), with_unit("a", "m/s^2"), with_unit("x", "")
     ('x (m)', 'a (m/s²)', 'x')
@@ -64,7 +80,17 @@ def with_unit(name: str, unit: str) -> str:
 
 @checked
 def time_label(problem: OptimalControlProblem) -> str:
-    """What stands on an axis of the plant's time."""
+    """Return the axis label of the plant's time.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+        Problem with its unit of time.
+
+    Returns
+    -------
+    str
+    """
     return with_unit("time k dt", problem.time_unit)
 
 
@@ -72,8 +98,23 @@ def time_label(problem: OptimalControlProblem) -> str:
 def caption(
     problem: OptimalControlProblem, form: str = "corrected", step: float | None = None
 ) -> str:
-    """What is drawn: name, form of the equations unless corrected, N and dt, or what was chosen.
+    """Return the caption: name, form unless corrected, N, and dt or the chosen step.
 
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+        Problem shown in the figure.
+    form : str
+        Form of the equations. Default "corrected".
+    step : float or None
+        Step length chosen by the network. Default None, for a fixed dt.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
     >>> from ann_dc import plants
     >>> caption(plants.car())
     'car: N = 9, dt = 0.1 s'
@@ -86,7 +127,17 @@ def caption(
 
 @checked
 def title(solution: Solution) -> str:
-    """The caption, and below it how the run ended."""
+    """Return the caption with the outcome of the run on the next line.
+
+    Parameters
+    ----------
+    solution : Solution
+        Solution shown in the figure.
+
+    Returns
+    -------
+    str
+    """
     words = solution.status.outcome.name.lower().replace("_", " ")
     if solution.status.settled or solution.certified:
         kind = "certified optimum" if solution.certified else "NOT certified"
@@ -100,12 +151,23 @@ def title(solution: Solution) -> str:
 
 @checked
 def headline(figure: Figure, words: str) -> None:
-    """The title over all panels, on the left."""
+    """Set a left-aligned title above all panels.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        Figure to modify.
+    words : str
+        Title.
+    """
     figure.suptitle(words, x=0.02, ha="left", fontsize=10)
 
 
 def limit_lines(axes: Axes, bounds: Iterable[Any]) -> None:
-    """Thin dashed lines at bounds, where they are no farther off than what is drawn is wide."""
+    """Draw thin dashed lines at bounds.
+
+    A bound is omitted if its distance exceeds the range of the drawn values.
+    """
     low, high = axes.get_ylim()
     for bound in bounds:
         if 2 * low - high <= bound <= 2 * high - low:
@@ -113,12 +175,15 @@ def limit_lines(axes: Axes, bounds: Iterable[Any]) -> None:
 
 
 def legend_beside(axes: Axes) -> None:
-    """A legend that covers no data."""
+    """Add a legend outside the data."""
     axes.legend(**_LEGEND, loc="upper left", bbox_to_anchor=(1.02, 1.0))
 
 
 def legend_below(figure: Figure, most: int = 12) -> None:
-    """One legend for all panels, each label once, at most so many a line; none without labels."""
+    """Add one legend for all panels, with at most `most` labels per line.
+
+    Each label occurs once. Without labels no legend is added.
+    """
     found: dict[str, Artist] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels()):
@@ -132,6 +197,6 @@ def legend_below(figure: Figure, most: int = 12) -> None:
 
 
 def drawable(values: np.ndarray) -> np.ndarray:
-    """Values with everything that is not finite, or beyond reason, left out."""
+    """Return values with non-finite and excessively large ones replaced by gaps."""
     values = np.asarray(values, float)
     return np.where(np.abs(values) < LARGEST, values, np.nan)

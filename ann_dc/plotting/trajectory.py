@@ -1,4 +1,4 @@
-"""Where the solution goes: the plan in the plane and every state over time."""
+"""Figure of the trajectory: the plan in the plane and every state over time."""
 
 from __future__ import annotations
 
@@ -27,29 +27,30 @@ from ann_dc.solution.solution import Solution
 from ann_dc.validation.checked import checked
 
 HEADINGS = ("phi", "theta", "psi")
-"""States that are drawn as arrows in the plane of x and y."""
+"""States drawn as arrows in the plane of x and y."""
 
 MARKED = 60
-"""Stages up to which each has its dot."""
+"""Largest number of stages with one dot each."""
 
 FORBIDDEN = "#E3E3E3"
 GRID = 240
-"""Points a side at which inequalities of the plane are looked at."""
+"""Grid points per side at which inequalities of the plane are evaluated."""
 
 
 @checked
 def trajectory(solution: Solution) -> Figure:
-    """Plan in the plane, and every state over time next to the roll-out of the controls.
+    """Plot the plan in the plane, and every state with a simulation of the controls.
 
     Parameters
     ----------
     solution : Solution
+        Solution to plot.
 
     Returns
     -------
     matplotlib.figure.Figure
-        The plane shows x and y where the problem has them, else its first two states. What
-        inequalities of these two alone forbid is grey, and bounds of states are dashed.
+        The plane shows x and y, or the first two states if the problem lacks them. Regions excluded
+        by inequalities of these two states alone are grey, and bounds of states are dashed.
     """
     states = [str(s) for s in solution.problem.states if s not in solution.problem.handed_on]
     columns = 1 if len(states) <= 5 else 2
@@ -102,13 +103,16 @@ def _plane(axes: Axes, solution: Solution, pair: tuple[str, str]) -> None:
 
 
 def _is_map(solution: Solution, pair: tuple[str, str]) -> bool:
-    """Whether the plane is one of positions in one unit, where angles are what they look like."""
+    """Return True if both axes are positions in one unit, so that angles are true."""
     across, up = (solution.problem.unit(name) for name in pair)
     return pair == ("x", "y") and across == up
 
 
 def _ends(solution: Solution, rows: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Some components of q_0 and of q_d; where a free q_0 settled, nan where q_d is free."""
+    """Return components of q_0 and q_d; settled values for a free q_0.
+
+    A free q_d gives nan.
+    """
     problem = solution.problem
     start = np.where(problem.fixed_start, problem.ends[0], solution.populations["q"][0])
     target = [np.nan if value is None else value for value in problem.q_d or ()]
@@ -116,7 +120,7 @@ def _ends(solution: Solution, rows: list[int]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _headings(axes: Axes, solution: Solution, pair: tuple[str, str]) -> None:
-    """Arrows along the heading, where the plane is one of positions and there is a heading."""
+    """Draw heading arrows if the axes are positions and a heading exists."""
     states = [str(s) for s in solution.problem.states]
     heading = next((h for h in HEADINGS if h in states), None)
     if heading is None or not _is_map(solution, pair):
@@ -131,7 +135,7 @@ def _headings(axes: Axes, solution: Solution, pair: tuple[str, str]) -> None:
 
 
 def _forbidden(axes: Axes, solution: Solution, pair: tuple[str, str]) -> None:
-    """In grey, where an inequality that reads these two states alone does not hold."""
+    """Shade the region in which an inequality of these two states alone is violated."""
     problem = solution.problem
     names = [{str(s) for s in row.expression.free_symbols} for row in problem.inequalities]
     own = [read <= {*pair} for read in names]

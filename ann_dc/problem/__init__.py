@@ -1,4 +1,4 @@
-"""What is to be solved: declarations in the user's symbols, plants, problem files, starts."""
+"""Problem definition: symbolic declaration, plants, problem files and starts."""
 
 import lazy_loader
 

@@ -1,9 +1,9 @@
-"""SymPy assumptions of a declaration's symbols: kept as bounds, or refused.
+"""SymPy assumptions of declared symbols: stored as bounds, or rejected.
 
-SymPy simplifies formulas with what a symbol is assumed to be: sqrt(x**2) becomes x if x is
-positive. A network solves for real numbers that vary continuously, so that an assumption of any
-other kind (integer, nonzero, imaginary) does not hold. A sign holds if it is a bound. Inputs have
-no bounds, so that a sign of theirs is refused.
+SymPy simplifies formulas with the assumptions of a symbol: sqrt(x**2) becomes x if x is positive. A
+network solves for real numbers that vary continuously, so other assumptions (integer, nonzero,
+imaginary) would be violated. A sign assumption is valid only as a bound. Inputs have no bounds, so
+a sign assumption of an input is rejected.
 """
 
 from __future__ import annotations
@@ -24,24 +24,16 @@ SIGNS = {
     for extended in ("", "extended_")
     for sign in ("positive", "negative", "nonnegative", "nonpositive", "zero", "nonzero")
 }
-"""Assumptions about the side of zero."""
+"""Assumptions about the sign of a symbol."""
 
 
 def bounds_assumed(
     bounds: Mapping[str, tuple[float, float]], symbols: Sequence[sp.Symbol]
 ) -> dict[str, tuple[float, float]]:
-    """Return the bounds of states and controls with those that their assumptions mean.
+    """Return the bounds of states and controls, with those implied by assumptions.
 
-    Parameters
-    ----------
-    bounds : mapping of str to (low, high)
-    symbols : sequence of Symbol
-        States and controls.
-
-    Raises
-    ------
-    ProblemError
-        If an assumption is not a bound, or contradicts one; the message names the symbol.
+    Raises `ProblemError` with the name of the symbol if an assumption is not a bound or contradicts
+    a bound.
 
     Examples
     --------
@@ -63,7 +55,10 @@ def bounds_assumed(
 
 
 def check_inputs(inputs: Iterable[sp.Symbol]) -> None:
-    """Raise a ProblemError if an input has a sign: a network takes any value of its inputs."""
+    """Raise a `ProblemError` if an input has a sign assumption.
+
+    A network accepts any value of its inputs.
+    """
     for symbol in inputs:
         if _range(symbol) != NO_BOUND:
             raise ProblemError(
@@ -74,7 +69,7 @@ def check_inputs(inputs: Iterable[sp.Symbol]) -> None:
 
 
 def _range(symbol: sp.Symbol) -> tuple[float, float]:
-    """Return what a symbol's assumptions leave of the real numbers."""
+    """Return the interval of real numbers that a symbol's assumptions allow."""
     signs = {fact: value for fact, value in symbol.assumptions0.items() if fact in SIGNS}
     try:
         signed = sp.Symbol(symbol.name, real=True, **signs)
@@ -93,7 +88,7 @@ def _range(symbol: sp.Symbol) -> tuple[float, float]:
 
 
 def _told(symbol: sp.Symbol) -> str:
-    """Return the assumptions that a user gave, without those that follow from others."""
+    """Return the assumptions that the user gave, without those implied by others."""
     facts = {f: v for f, v in symbol.assumptions0.items() if REAL.get(f) != v}
     for fact, value in sorted(facts.items(), key=lambda item: (not item[1], len(item[0]))):
         implied = sp.Symbol(symbol.name, **{fact: value}).assumptions0

@@ -1,7 +1,7 @@
-"""How steep a row g <= 0 is on its boundary, where a path comes nearest to it.
+"""Slope of a row g <= 0 at the point of its boundary that is nearest to a path.
 
-Divided by that, a row is a distance, however it was written and wherever the path is: at the centre
-of a disc its slope is zero.
+A row divided by this slope is a distance, independent of how the row is written and of the position
+of the path. The slope on the path itself is unsuitable: it is zero at the centre of a disc.
 """
 
 from __future__ import annotations
@@ -16,33 +16,30 @@ from ann_dc.problem.functions import ProblemFunctions
 Rows: TypeAlias = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Values (r, K) and slopes (r, n, K) of rows at points (n, K)."""
 TOWARDS = 8
-"""Newton steps from a point to the boundary of a row."""
+"""Number of Newton steps from a point to the boundary of a row."""
 THERE = 0.01
-"""At most so far from the boundary, in scales, is a point on it."""
+"""Largest distance from the boundary, in scales, at which a point counts as on the boundary."""
 
 
 def boundary_slopes(
     functions: ProblemFunctions, q: np.ndarray, u: np.ndarray, factors: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lengths (r,) and (r_e,) of the rows' slopes on their boundaries, of stages and of the end.
+    """Return slope lengths (r,) and (r_e,) of stage and end rows on their boundaries.
+
+    An entry is one if no boundary is found.
 
     Parameters
     ----------
-    functions : ProblemFunctions
     q : (n, N+1) array
-        States with the end: the points whose nearest is taken.
+        States including the end; each row uses the boundary point nearest to any of them.
     u : (m, N) array
+        Controls of the path.
     factors : (n+m,) array
-        Of the scales of states and controls: slopes are those in scaled variables.
-
-    Returns
-    -------
-    (r,) and (r_e,) arrays
-        One where no boundary is found.
+        Scale factors of states and controls; slopes refer to the scaled variables.
 
     Examples
     --------
-    A disc of radius 2, from its centre and from beside it:
+    A disc of radius 2, from its centre and from points next to the centre:
 
     >>> import ann_dc, sympy as sp
     >>> x, a = sp.symbols("x a")
@@ -74,9 +71,10 @@ def _all_on_boundary(rows: Rows, z: np.ndarray, factors: np.ndarray) -> np.ndarr
 
 
 def _on_boundary(rows: Rows, row: int, z: np.ndarray, factors: np.ndarray) -> float:
-    """Length of a row's slope on its boundary, at that which is nearest of the points (n, K).
+    """Return the slope length of a row at its boundary point nearest to (n, K) points.
 
-    A row that is flat at all of them, as a product is at zero, is looked at from a scale beside.
+    If no boundary is found from the points, for example because the row is flat there (a product at
+    zero), the search restarts one scale away.
     """
     for began in (z, z + factors):
         length, way, left = _towards(rows, row, began, factors)
@@ -89,7 +87,7 @@ def _on_boundary(rows: Rows, row: int, z: np.ndarray, factors: np.ndarray) -> fl
 def _towards(
     rows: Rows, row: int, began: np.ndarray, factors: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Length (K,) of a row's slope where Newton steps lead to, the way there, and |value| there."""
+    """Return slope lengths (K,) after Newton steps, distances moved and abs(values)."""
     z = began
     with np.errstate(all="ignore"):
         for _ in range(TOWARDS):

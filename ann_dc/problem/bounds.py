@@ -1,7 +1,7 @@
-"""Bounds of states and controls: a number below, a number above, or none.
+"""Bounds of states and controls: a lower bound, an upper bound, or none.
 
-A bound of a control limits its neuron. A bound of a state is a row, at every stage and at the end
-where that is free.
+A bound of a control limits its neuron. A bound of a state is a row at every stage, and at the end
+if the state is free there.
 """
 
 from __future__ import annotations
@@ -18,28 +18,22 @@ from ann_dc.problem.fields import is_finite, is_vector
 from ann_dc.problem.inequality import Inequality, excess, row_name
 
 ROOM = "room_{}"
-"""Input that gives a row room at stages where nothing can change it (`decomposition.held`)."""
+"""Input that relaxes a row at stages at which no variable can change the row
+(`decomposition.held`).
+"""
 NO_BOUND = (-math.inf, math.inf)
 
 Bounds: TypeAlias = Mapping[str, Any]
-"""(low, high) by name."""
+"""Pair (low, high) by name."""
 
 End: TypeAlias = Sequence[float | None] | None
 
 
 def bounds_of(given: Any, symbols: Sequence[sp.Symbol]) -> dict[str, tuple[float, float]]:
-    """(low, high) by name, infinite where there is none.
+    """Return the checked bounds (low, high) by name, infinite if a bound is missing.
 
-    Parameters
-    ----------
-    given : mapping of str or Symbol to (low, high)
-    symbols : sequence of Symbol
-        What may have bounds: states first.
-
-    Raises
-    ------
-    ProblemError
-        If a name is none of theirs, or its bounds are no two numbers, the lower one first.
+    The symbols that may have bounds are given with the states first. Raises `ProblemError` if a
+    name is not among them, or if its bounds are not two numbers with the lower one first.
     """
     if not isinstance(given, Mapping):
         raise ProblemError(
@@ -60,7 +54,7 @@ def bounds_of(given: Any, symbols: Sequence[sp.Symbol]) -> dict[str, tuple[float
 
 
 def widths(bounds: Bounds, symbols: Sequence[sp.Symbol]) -> np.ndarray:
-    """Return the distances of two bounds, infinite without one of them, a number a symbol."""
+    """Return the width high - low of each symbol, infinite if a bound is missing."""
     low, high = np.array([bounds.get(symbol.name, NO_BOUND) for symbol in symbols], float).T
     return high - low
 
@@ -97,20 +91,18 @@ def rows_of(
     soft: Any = None,
     inputs: Iterable[sp.Symbol] = (),
 ) -> tuple[Inequality, ...]:
-    """Relations that were checked, then ``x_low`` and ``x_high`` of bounded states, as rows.
+    """Return checked relations, then ``x_low``, ``x_high`` of bounded states, as rows.
 
     Parameters
     ----------
-    relations : mapping of str to relation
-    bounds : mapping of str to (low, high)
     states : sequence of Symbol
-        Those whose bounds are to hold.
+        States whose bounds become rows.
     in_states : function, optional
-        A formula, as states, controls and inputs alone say it.
+        Rewrites a formula in states, controls and inputs only.
     soft : mapping of str to Soft, optional
         Rows that may be violated, by name.
     inputs : iterable of Symbol
-        Those named `ROOM` give their rows room.
+        Inputs; those named `ROOM` relax their rows.
     """
     named = {symbol.name: symbol for symbol in inputs}
     rows = {name: in_states(excess(relation)) for name, relation in relations.items()}
@@ -132,7 +124,7 @@ def rows_of(
 
 
 def limits_of(bounds: Bounds, controls: Sequence[sp.Symbol]) -> np.ndarray:
-    """Bounds (m, 2) of the controls, infinite where there is none; read-only."""
+    """Return the bounds (m, 2) of the controls, infinite if there is none; read-only."""
     limits = np.array([bounds.get(u.name, NO_BOUND) for u in controls], float)
     limits.setflags(write=False)
     return limits

@@ -1,8 +1,8 @@
-"""What a step length that is chosen adds to a declaration: a state that every stage hands on.
+"""Carried state: the extra state of a declaration with an optimised step length.
 
-A declaration keeps what the user wrote, in his own symbols, and one component more: it is free at
-both ends and its map is itself. A declaration that has been completed is left as it is, so that
-`dataclasses.replace` works.
+The declaration contains the user's components and one more. The extra component is free at both
+ends and its map is the identity. A completed declaration is not changed, so `dataclasses.replace`
+works.
 """
 
 from __future__ import annotations
@@ -20,13 +20,12 @@ from ann_dc.problem.step_length import Coordinate, StepLength
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HandedOn:
-    """What stands after the user's own components: nothing where the step length is given.
+    """Completion of a declaration with the carried state, if the step length is free.
 
     Attributes
     ----------
     own : tuple of Symbol
         The user's states.
-    step : StepLength or None
 
     Examples
     --------
@@ -41,12 +40,9 @@ class HandedOn:
 
     @classmethod
     def of(cls, states: tuple[sp.Symbol, ...], dt: float | StepLength) -> HandedOn:
-        """Of a declaration's states, with the handed-on one or without.
+        """Return the completion of a declaration, with or without the carried state.
 
-        Raises
-        ------
-        ProblemError
-            If a state was handed on for a step length that is now given.
+        Raises `ProblemError` if a carried state exists but the step length is now given.
         """
         if isinstance(dt, StepLength):
             own = states[:-1] if states[-1] == dt.coordinate else states
@@ -60,21 +56,21 @@ class HandedOn:
 
     @property
     def states(self) -> tuple[sp.Symbol, ...]:
-        """All n states."""
+        """States of the completed declaration, n in total."""
         return self.own if self.step is None else (*self.own, self.step.coordinate)
 
     @property
     def symbols(self) -> tuple[sp.Symbol, ...]:
-        """What formulas may name besides states, controls and inputs."""
+        """Symbols that formulas may name in addition to states, controls and inputs."""
         return () if self.step is None else (self.step.symbol,)  # type: ignore[return-value]
 
     @property
     def units(self) -> dict[str, str]:
-        """The unit of the state that is handed on: it is a plain number."""
+        """Unit of the carried state, which is dimensionless."""
         return {} if self.step is None else {str(self.step.coordinate): "1"}
 
     def check_symbol(self, given: Sequence[sp.Symbol]) -> None:
-        """A ProblemError where the step length's symbol is also one of these."""
+        """Raise a `ProblemError` if the step length's symbol is among the given ones."""
         for symbol in self.symbols:
             if symbol.name.lower() in [s.name.lower() for s in given]:
                 raise ProblemError(
@@ -85,7 +81,10 @@ class HandedOn:
     def stage_map(
         self, dynamics: Any, map: Any, known: set[sp.Symbol]
     ) -> tuple[str, tuple[sp.Expr, ...]]:
-        """Which of the two is given, and its n components, checked; or a ProblemError."""
+        """Return "dynamics" or "map" and its n checked components.
+
+        Raises `ProblemError` if neither or both are given, or if the number of components is wrong.
+        """
         if (dynamics is None) == (map is None):
             raise ProblemError(
                 f"dynamics, map: {'neither' if map is None else 'both'} given; give the continuous "
@@ -103,23 +102,24 @@ class HandedOn:
         return name, self.after(checked, last)
 
     def end(self, name: str, given: Any) -> tuple[Any, ...]:
-        """An end by its name, q_0 or q_d, which may be None: a value a state, or None where free.
+        """Return the values of q_0 or q_d per state, None if free.
 
-        Raises
-        ------
-        ProblemError
+        A missing q_d is free in all components. Raises `ProblemError` for invalid values.
         """
         if given is None and name == "q_d":
             given = (None,) * len(self.own)
         return self.after(one_a_state(name, self.of_own(given, None), self.own), None)
 
     def of_own(self, given: Any, last: Any) -> Any:
-        """What is given for the user's states; ``last`` is what a completed one has at its end."""
+        """Return the values of the user's states, without the value of a carried state.
+
+        The carried state is recognised by its value ``last``.
+        """
         completed = self.step is not None and is_vector(given, len(self.own) + 1)
         return given[: len(self.own)] if completed and _is(given[len(self.own)], last) else given
 
     def after(self, checked: Sequence[Any], last: Any) -> tuple[Any, ...]:
-        """What was checked for the user's states, and ``last`` for the one handed on."""
+        """Return the checked values of the user's states, plus ``last`` if completed."""
         return tuple(checked) if self.step is None else (*checked, last)
 
 

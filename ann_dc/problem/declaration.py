@@ -1,11 +1,12 @@
-r"""What is to be solved: a discrete-time optimal-control problem, declared with SymPy symbols.
+r"""Declaration of a discrete-time optimal-control problem with SymPy symbols.
 
 .. math::
     \min \sum_{k=0}^{N-1} l(q_k, u_k) + l_N(q_N) + \max_i w_i \sum_{k=0}^{N-1} l_i(q_k, u_k)
     \quad\text{s.t.}\quad q_{k+1} = f(q_k, u_k),\; q_{0,i} \text{ given and }
     q_{N,i} = q_{d,i} \text{ where they are fixed,}\; g(q_k, u_k) \le 0,\; g_N(q_N) \le 0.
 
-This is (5) to (7) and (23) of the paper, with what they leave out: ends and inequalities.
+These are equations (5) to (7) and (23) of the paper, extended by general boundary conditions and
+inequalities.
 """
 
 from __future__ import annotations
@@ -56,70 +57,76 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import such_as
 
 HOLD = "hold_{}"
-"""Input that weighs how a control is held where it has no effect (`decomposition.held`)."""
+"""Input that weights the holding of a control at stages at which it has no effect
+(`decomposition.held`).
+"""
 
 
 @such_as("ann_dc.plants.car()")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OptimalControlProblem(Measured, Several, Record):
-    """A discrete-time optimal-control problem in the user's own symbols.
+    """Discrete-time optimal-control problem in the user's symbols.
 
     Parameters
     ----------
     states, controls : sequence of sympy.Symbol
-        The n components of q and the m components of u; each needs its own identifier.
+        The n components of q and the m components of u; each needs a unique identifier.
     dynamics : sequence of n expressions, optional
-        Continuous right-hand side F; the forward Euler rule (4) makes the map q + dt F(q, u).
+        Right-hand side F of the continuous dynamics; the forward Euler rule (4) gives the map q +
+        dt F(q, u).
     map : sequence of n expressions, optional
-        The map f(q, u) = q_{k+1} itself. Give either ``dynamics`` or ``map``.
+        Discrete dynamics f(q, u) = q_{k+1}. Give either ``dynamics`` or ``map``.
     dt : float or StepLength
-        Sampling interval, in seconds unless ``units`` say otherwise. With ``map`` it only labels
-        the time axis and says which factor the printed slips S4 and S6 leave out; it may then be
-        left at 1. A `StepLength` is chosen with the rest: formulas may name it, and the problem
-        has one more state, free at both ends, which comes after the user's own.
+        Sampling interval in the unit of ``"time"`` (seconds by default). With ``map``, it only
+        labels the time axis and defines the factor that the printed errata S4 and S6 omit; it may
+        then remain 1. A `StepLength` makes the interval an optimisation variable: formulas may name
+        it, and a state that is free at both ends is appended to the user's states.
     cost : expression
-        Stage cost l(q, u), summed over k = 0..N-1; nothing where there are objectives only.
+        Stage cost l(q, u), summed over k = 0..N-1; omit it if there are objectives only.
     terminal_cost : expression
         Cost of the last state q_N, in the state symbols.
     horizon : int
         Number of stages N >= 1.
     q_0 : sequence of n floats or None
-        The state at the start; a component that is None is free, and chosen with the rest.
+        Initial state; a component that is None is free and optimised.
     q_d : sequence of n floats or None, or None
-        The state to be reached; a component that is None is free, None frees all of them.
+        Terminal state; a component that is None is free, None frees all of them.
     inputs : mapping of sympy.Symbol to float or sequence of N floats
-        Further symbols of cost and dynamics whose value (one for all stages, or one a stage) may
-        change without rewiring the network: a reference, a weight, a measured disturbance.
+        Further symbols of cost and dynamics, such as a reference, a weight or a measured
+        disturbance. One value for all stages, or one per stage; the values may change without
+        rewiring the network.
     name : str
-        What tables and files call the problem.
+        Name of the problem in tables and files.
     units : mapping of str or sympy.Symbol to str
-        Units of measure: words such as "m/s^2" ("1" for a plain number) of states, controls and
-        inputs, of "cost", and of "time" ("s" unless told). They stand in figures and reports and
-        change no number.
+        Units of measure, such as "m/s^2" ("1" for a dimensionless number), of states, controls,
+        inputs, "cost" and "time" ("s" by default). They appear in figures and reports and change no
+        number.
     scales : mapping of str or sympy.Symbol to float or Scale
-        What a network value of 1 stands for, set by hand, by state, control or "cost"; a `Scale`
-        sets the value of a network's zero too. Others follow from the problem (`scales_of`).
+        Value that a network value of 1 represents, by state, control or "cost"; a `Scale` also sets
+        the value of a network's zero. The others are derived from the problem (`scales_of`).
     constraints, terminal_constraints : sequence of relations, or mapping of str to relation
-        Smooth inequalities, such as ``x**2 + y**2 >= 1``: of states, controls and inputs, which
-        hold at the stages 0..N-1, and of states and inputs, which hold at q_N. Where they have no
-        names they are called g1, g2, ... and end1, end2, ...
+        Smooth inequalities such as ``x**2 + y**2 >= 1``. ``constraints`` are in states, controls
+        and inputs and apply at the stages 0..N-1; ``terminal_constraints`` are in states and inputs
+        and apply at q_N. Unnamed relations are called g1, g2, ... and end1, end2, ...
     bounds : mapping of str or sympy.Symbol to (low, high)
-        Of states, at every stage and where the end is free, and of controls; None for no bound.
+        Bounds of states (at every stage, and at the end if it is free) and of controls; None for no
+        bound.
     soft : Soft or float, or mapping of str to Soft or float, optional
-        Rows that may be violated: the price of all, or by name (bounds: ``x_low``, ``x_high``).
+        Rows that may be violated: one penalty weight for all, or by name (bounds: ``x_low``,
+        ``x_high``).
     objectives : mapping of str to expression, or sequence of expressions
-        Stage costs l_i(q, u) of objectives, of which the largest sum is minimised together with
-        the cost; at least two. Where they have no names they are called J1, J2, ...
+        Stage costs l_i(q, u) of at least two objectives; the largest sum is minimised together with
+        the cost. Unnamed objectives are called J1, J2, ...
     weights : mapping of str to float, or sequence of floats
-        w_i >= 0 with the sum one; 1 for all without. They are inputs, called weight_J1, ...
+        Weights w_i >= 0 with sum one; 1 for all if omitted. They are inputs, called weight_J1, ...
     temperature : float
-        T > 0 softens the largest: T log sum_i exp(w_i J_i / T) is minimised in its place, which is
-        above it by T log p at most. Zero, the default, is the largest itself.
+        T > 0 softens the maximum: T log sum_i exp(w_i J_i / T) is minimised instead, which exceeds
+        the maximum by at most T log p. Zero, the default, minimises the maximum itself.
 
     Raises
     ------
     ProblemError
-        With the name of the field, what was given, and what to do.
+        If a field is invalid. The message gives the field, the value and a remedy.
 
     References
     ----------
@@ -198,7 +205,7 @@ class OptimalControlProblem(Measured, Several, Record):
 
     @cached_property
     def f(self) -> tuple[sp.Expr, ...]:
-        """The n components of the map q_{k+1} = f(q_k, u_k): ``map``, or Euler (4)."""
+        """Discrete dynamics q_{k+1} = f(q_k, u_k), n components: ``map``, or Euler (4)."""
         if self.dynamics is None:
             return tuple(self._in_states(e) for e in self.map or ())
         step = getattr(self.dt, "expression", self.dt)
@@ -206,39 +213,39 @@ class OptimalControlProblem(Measured, Several, Record):
 
     @cached_property
     def l(self) -> sp.Expr:  # noqa: E743
-        """The stage cost l(q_k, u_k), in states, controls and inputs, and shares of objectives."""
+        """Stage cost l(q_k, u_k) in states, controls and inputs, with weighted objectives."""
         return self._in_states(self.cost) + self._shared_cost
 
     @cached_property
     def l_N(self) -> sp.Expr:
-        """The terminal cost l_N(q_N), in states and inputs alone."""
+        """Terminal cost l_N(q_N) in states and inputs only."""
         return self._in_states(self.terminal_cost)
 
     @cached_property
     def inequalities(self) -> tuple[Inequality, ...]:
-        """The r rows g(q_k, u_k) <= 0 of a stage: `constraints`, then bounds of states."""
+        """Rows g(q_k, u_k) <= 0 of a stage (r of them): `constraints`, then state bounds."""
         given = self._in_states, self.soft, self.inputs
         return rows_of(self.constraints, self.bounds, self.states, *given)
 
     @cached_property
     def end_inequalities(self) -> tuple[Inequality, ...]:
-        """The rows g(q_N) <= 0: `terminal_constraints`, then bounds of states that are free."""
+        """Rows g(q_N) <= 0 of the end: `terminal_constraints`, then bounds of free states."""
         free = [s for s, fixed in zip(self.states, self.fixed) if not fixed]
         return rows_of(self.terminal_constraints, self.bounds, free, self._in_states, self.soft)
 
     @cached_property
     def control_limits(self) -> np.ndarray:
-        """(m, 2): the bounds of every control, infinite where there is none."""
+        """Bounds (m, 2) of the controls, infinite if there is none."""
         return limits_of(self.bounds, self.controls)
 
     def _in_states(self, formula: sp.Expr) -> Any:
-        """A formula in which a step length that is chosen stands as its state has it."""
+        """Return a formula with an optimised step length replaced by its state expression."""
         dt: Any = self.dt
         return formula if isinstance(dt, float) else formula.xreplace({dt.symbol: dt.expression})
 
     @property
     def held(self) -> tuple[sp.Symbol, ...]:
-        """Controls that are held at stages where they have no effect (`decomposition.held`)."""
+        """Controls that are held at stages without effect (`decomposition.held`)."""
         return tuple(c for c in self.controls if sp.Symbol(HOLD.format(c)) in self.inputs)
 
     @property
@@ -253,35 +260,36 @@ class OptimalControlProblem(Measured, Several, Record):
 
     @property
     def fixed_start(self) -> tuple[bool, ...]:
-        """(n,) booleans: for each state component, whether q_0 fixes it at the start."""
+        """Booleans (n,): True for each state component that q_0 fixes."""
         return tuple(value is not None for value in self.q_0)
 
     @property
     def fixed(self) -> tuple[bool, ...]:
-        """(n,) booleans: for each state component, whether q_d fixes it at the end."""
+        """Booleans (n,): True for each state component that q_d fixes."""
         return tuple(value is not None for value in self.q_d)  # type: ignore[union-attr]
 
     @property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
-        """(q_0, q_d) as arrays (n,), a free component at its other end.
+        """Boundary values (q_0, q_d) as arrays (n,).
 
-        One that is free at both ends stands at zero, or at the offset of its scale set by hand.
+        A free component has the value of its other end. A component that is free at both ends is
+        zero, or the offset of its `Scale`.
         """
         return both_ends(self.q_0, self.q_d or (), [self.scales.get(str(s)) for s in self.states])
 
     @property
     def handed_on(self) -> tuple[sp.Symbol, ...]:
-        """The state of a step length that is chosen, which every stage hands on; else nothing."""
+        """State of an optimised step length, carried from stage to stage; otherwise empty."""
         return (self.dt.coordinate,) if isinstance(self.dt, StepLength) else ()
 
     @property
     def known_scales(self) -> np.ndarray:
-        """(n,) scales of states that are known before the problem is looked at; nan elsewhere."""
+        """Scales (n,) of states that are known in advance (step length); nan elsewhere."""
         return np.array([SCALE if s in self.handed_on else np.nan for s in self.states])
 
     @cached_property
     def functions(self) -> ProblemFunctions:
-        """The problem as NumPy functions with exact derivatives."""
+        """Problem as NumPy functions with exact derivatives."""
         return ProblemFunctions(
             states=self.states,
             controls=self.controls,
@@ -294,18 +302,25 @@ class OptimalControlProblem(Measured, Several, Record):
         )
 
     def with_inputs(self, /, *, q_0=None, q_d=None, **inputs) -> OptimalControlProblem:
-        """Same wiring, other data: a new start, a new target, or new values of named inputs.
+        """Return the problem with other boundary conditions or input values.
+
+        The wiring of the network is the same.
 
         Parameters
         ----------
         q_0, q_d : sequence of n floats or None, optional
+            New initial and terminal state; None leaves the state unchanged.
         **inputs : float or sequence of N floats
             Values of declared inputs, by the name of their symbol.
+
+        Returns
+        -------
+        OptimalControlProblem
 
         Raises
         ------
         ProblemError
-            If an input is not declared, or a value is not one that a declaration takes.
+            If an input is not declared, or a value would be invalid in a declaration.
         """
         given = {**self.inputs, **inputs_by_name(inputs, [*self.inputs])}
         other = replace(
@@ -322,7 +337,10 @@ class OptimalControlProblem(Measured, Several, Record):
 
     @checked
     def with_horizon(self, horizon: int) -> OptimalControlProblem:
-        """Same problem over another number N of stages, with the same dt."""
+        """Return the problem with another number N of stages and the same dt.
+
+        An input that varies from stage to stage must fit the new horizon.
+        """
         # an input that was given once fits any horizon
         constant = {s: v if np.ptp(v) else np.min(v) for s, v in self.inputs.items()}
         return replace(self, horizon=horizon, inputs=constant)

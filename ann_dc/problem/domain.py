@@ -1,7 +1,7 @@
-"""Domain of a problem: paths at which map, cost and inequalities have finite slopes.
+"""Domain of a problem: paths with finite slopes of map, cost and inequalities.
 
-``log(c)`` and its slope are not finite at c = 0, ``sqrt(a**2 + b**2)`` has no slope where a and b
-are zero. A start there is moved into the domain.
+For example, ``log(c)`` and its slope are not finite at c = 0, and ``sqrt(a**2 + b**2)`` has no
+slope at a = b = 0. An initial guess outside the domain is moved into the domain.
 """
 
 from __future__ import annotations
@@ -13,25 +13,17 @@ import numpy as np
 import sympy as sp
 
 SIZES = (1.0, 0.1, 10.0, 0.01, 100.0)
-"""Controls that are tried where the cheapest ones lie outside the domain."""
+"""Trial sizes of controls, used if the cheapest controls lie outside the domain."""
 HALVINGS = 20
-"""Halvings of a step that leads out of the domain, at most."""
+"""Maximum number of halvings of a step that leads out of the domain."""
 
 
 def terms(problem: Any, q: np.ndarray, u: np.ndarray) -> list[tuple[str, Any, np.ndarray]]:
-    """Return map, cost and inequalities at a path: name, expression, and where they are defined.
+    """Return map, cost and inequalities on a path and the stages that have values.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    q : (n, N) array
-        States without the end, in the user's units.
-    u : (m, N) array
-
-    Returns
-    -------
-    list of (str, sympy expressions, (N,) array of bool)
-        True where value and slope are finite.
+    Each item is (name, expressions, defined stages). States q (n, N), without the end, and controls
+    u (m, N) are in the user's units. The defined stages are (N,) booleans: True if value and slope
+    are finite.
     """
     functions = problem.functions
     rows = zip(problem.inequalities, *functions.rows(q, u))
@@ -51,31 +43,21 @@ def _finite(parts: Iterable[np.ndarray], stages: int) -> np.ndarray:
 
 
 def defined(problem: Any, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Return the stages (N,) at which all values and slopes are finite, as booleans.
+    """Return (N,) booleans: True if all values and slopes of a stage are finite.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    q : (n, N) array
-        States without the end, in the user's units.
-    u : (m, N) array
+    States q (n, N), without the end, and controls u (m, N) are in the user's units.
     """
     with np.errstate(all="ignore"):
         return np.all([good for _, _, good in terms(problem, q, u)], axis=0)
 
 
 def into_domain(problem: Any, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Return controls that are moved into the domain at the stages that are not in it.
+    """Return controls (m, N), moved into the domain at stages that lie outside.
 
-    To the middle of their limits, or else to the first of `SIZES`, with equal or alternating signs,
-    at which the most stages are defined.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    q : (n, N) array
-        States without the end, in the user's units.
-    u : (m, N) array
+    A control moves to the middle of its limits, or otherwise to a value of `SIZES`, with equal or
+    alternating signs. The first value at which all stages are defined is used; if there is none,
+    the value with the most defined stages. States q (n, N), without the end, are in the user's
+    units.
     """
     bad = ~defined(problem, q, u)
     if not bad.any():
@@ -97,15 +79,10 @@ def into_domain(problem: Any, q: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 
 def within_domain(problem: Any, q: np.ndarray, u: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Return ``u + step``, with the step halved at stages at which it leads out of the domain.
+    """Return ``u + step``, with the step halved at stages that leave the domain.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    q : (n, N) array
-        States without the end, in the user's units.
-    u, step : (m, N) arrays
-        Controls in the domain, and what is added to them.
+    The controls u (m, N) lie in the domain; states q (n, N), without the end, are in the user's
+    units. After `HALVINGS` halvings the step of a stage is zero.
     """
     share, bad = np.ones(u.shape[1]), np.zeros(u.shape[1], bool)
     for _ in range(HALVINGS):
@@ -117,13 +94,10 @@ def within_domain(problem: Any, q: np.ndarray, u: np.ndarray, step: np.ndarray) 
 
 
 def culprit(expressions: Iterable[Any], values: dict[Any, float]) -> str:
-    """Return the first function in some expressions that is not finite with its slope, as text.
+    """Return the first function that is not finite with its slope, as text.
 
-    Parameters
-    ----------
-    expressions : iterable of sympy.Expr
-    values : dict of symbol to float
-        States, controls and inputs.
+    The values of states, controls and inputs are given by symbol. The text is empty if all
+    functions are finite.
 
     Examples
     --------

@@ -1,15 +1,15 @@
-r"""How far every state moves, by a linear-quadratic model along a path with its ends held.
+r"""Excursion of every state: a linear-quadratic model along a path with fixed ends.
 
 The path of least cost from end to end is the mean of a Gaussian bridge, a random walk with density
-exp(-E) whose ends are held, and the variance of that bridge says how far states stray from the mean
-where that costs little. With V_k the Hessian of the cost to go,
+exp(-E) whose ends are fixed. The variance of the bridge measures the distance that states deviate
+from the mean at small cost. With V_k the Hessian of the cost to go,
 
 .. math::
     X_{k+1} = G_k X_k G_k^T + B_k (R + B_k^T V_{k+1} B_k)^{-1} B_k^T, \qquad
     G_k = F_k - B_k (R + B_k^T V_{k+1} B_k)^{-1} B_k^T V_{k+1} F_k .
 
-Held ends are stiff in V_N and zero in X_0; what q_0 leaves free has V_0^{-1}. It is covariant:
-states, controls or a cost in other units give the same variance in those units.
+Fixed ends are stiff in V_N and zero in X_0; components that q_0 leaves free have V_0^{-1}. The
+variance is covariant: a change of units of states, controls or cost only changes its units.
 """
 
 from __future__ import annotations
@@ -17,15 +17,17 @@ from __future__ import annotations
 import numpy as np
 
 STIFF = 1e8
-"""How many times stiffer a held end is than what the controls can reach."""
+"""Stiffness of a fixed end relative to the reach of the controls."""
 HELD = 1e-6
-"""Share of what the controls can reach below which a state that moves so little is held."""
+"""Motion relative to the reach of the controls below which a state counts as fixed."""
 FLAT = 1e-9
-"""Curvature over the largest one below which a cost says nothing of what q_0 leaves free."""
+"""Curvature relative to the largest one below which the cost does not determine a free component of
+q_0.
+"""
 EXPLOSION = 1e30
-"""Variance over that of a map which does not grow; beyond, F says nothing of how far states go."""
+"""Variance relative to that of a non-growing map, above which F does not predict the excursions."""
 GROWTH = 30.0
-"""Growth of a disturbance beyond which earlier controls do not count in what controls reach."""
+"""Growth of a disturbance beyond which earlier controls are omitted from the reach."""
 
 
 def bridge_variance(
@@ -36,28 +38,23 @@ def bridge_variance(
     fixed: np.ndarray,
     loose: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Variance (n, N) of q_1..q_N on a Gaussian bridge with density exp(-E).
+    """Return the variance (n, N) of q_1..q_N on a Gaussian bridge of density exp(-E).
+
+    The variance is zero for a state that no control moves and at the fixed end. It is infinite for
+    a component that is free at q_0 if no cost limits its excursion.
 
     Parameters
     ----------
-    F : (n, n, N) array
-        df/dq along a path.
-    B : (n, m, N) array
-        df/du along it.
+    F, B : (n, n, N) and (n, m, N) arrays
+        df/dq and df/du along a path.
     Q : (n, N+1) array
-        Curvature of the cost in q_0..q_N, not negative.
+        Curvature of the cost in q_0..q_N, non-negative.
     R : (m,) array
         Curvature of the cost in the controls, positive.
     fixed : (n,) booleans
-        Which components are held at q_N.
+        True for components that are fixed at q_N.
     loose : (n,) booleans, optional
-        Which components are free at q_0; none by default.
-
-    Returns
-    -------
-    (n, N) array
-        Zero for a state that nothing moves; zero at the held end; infinite for a component that is
-        free at q_0 where no cost says how far it may go.
+        True for components that are free at q_0; none by default.
 
     Examples
     --------
@@ -84,7 +81,7 @@ def _variance(
     fixed: np.ndarray,
     loose: np.ndarray | None,
 ) -> np.ndarray:
-    """The recursion, whatever F does."""
+    """Return the variance by the recursion, without a limit on the growth of F."""
     n, m, stages = B.shape
     B = B / np.sqrt(R)[:, None]
     reached = _reached(F, B)
@@ -111,7 +108,10 @@ def _variance(
 
 
 def _at_start(V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse of the Hessian of the cost to go in what q_0 leaves free; what it says nothing of."""
+    """Return the covariance of free components of q_0 and the undetermined entries.
+
+    The covariance is the inverse of the Hessian of the cost to go in these components.
+    """
     size = np.sqrt(np.maximum(V.diagonal(), 0.0))
     size = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
     values, vectors = np.linalg.eigh(size[:, None] * V * size)
@@ -121,7 +121,7 @@ def _at_start(V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _reached(F: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """(n,): diagonal of the controllability Gramian at the end, of the last stages."""
+    """Return the diagonal (n,) of the terminal controllability Gramian (last stages)."""
     total, after = np.zeros(len(F)), np.eye(len(F))
     for k in range(F.shape[-1] - 1, -1, -1):
         total += ((after @ B[:, :, k]) ** 2).sum(axis=1)

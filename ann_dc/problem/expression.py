@@ -1,11 +1,14 @@
-"""Mathematics written as text, read without ever being evaluated as code.
+"""Mathematical expressions as text, parsed without evaluating the text as code.
 
-A problem file holds ``"sin(phi) * nu - 0.1 * x"``. Python's own grammar turns the text into a
-syntax tree; a whitelist turns the tree into a SymPy expression, and whatever is not on the list
-is refused by name. Whatever a declaration in Python may hold is read, and as the same expression:
-sums and products as a whole, a minus before a product as one of its factors. Size is limited before
-the text is parsed, and numbers before they are computed, so a hostile file costs no more time than
-a plain one.
+A problem file contains, for example, ``"sin(phi) * nu - 0.1 * x"``. Python's grammar turns the text
+into a syntax tree. A whitelist turns the tree into a SymPy expression and rejects other syntax by
+name.
+
+Every expression that a Python declaration accepts is read as the same expression. Sums and products
+are each read as a whole; a minus before a product is one of its factors.
+
+The text size is limited before parsing, and numbers are limited before they are computed. A hostile
+file therefore costs no more time than an ordinary one.
 """
 
 from __future__ import annotations
@@ -31,12 +34,12 @@ FUNCTIONS = {
         sp.asinh, sp.acosh, sp.atanh, sp.sec, sp.csc, sp.cot, sp.sech, sp.csch, sp.coth,
     )
 }  # fmt: skip
-"""Functions an expression may call, each with one argument."""
+"""Functions that an expression may call, each with one argument."""
 
 NON_SMOOTH_NAMES = frozenset(
     ("abs", "fabs", "max", "min", "clip", "relu", "sign", "sgn", "step", "heaviside")
 ).union(("floor", "ceil", "ceiling", "round", "mod", "piecewise"))
-"""Functions people ask for that have no derivative somewhere."""
+"""Common functions that lack a derivative at some point."""
 
 MAX_CHARACTERS = 10_000
 MAX_PARENTHESES = 100
@@ -44,7 +47,7 @@ MAX_TREE_DEPTH = 250
 MAX_EXPONENT = 1000
 MAX_MAGNITUDE = 1e300
 MAX_BITS = 4000
-"""Of the numerator or the denominator of an exact number."""
+"""Maximum number of bits of the numerator or the denominator of an exact number."""
 
 _SIGNS: dict[type, int] = {ast.UAdd: 1, ast.USub: -1}
 _SUM, _PRODUCT = (ast.Add, ast.Sub), (ast.Mult, ast.Div)
@@ -53,24 +56,17 @@ _SUM, _PRODUCT = (ast.Add, ast.Sub), (ast.Mult, ast.Div)
 def parse_expression(text: str, symbols: Mapping[str, sp.Expr], where: str) -> sp.Expr:
     """Read a mathematical expression from text.
 
+    Raises `ExpressionError` with the field, the rejected piece of text and the allowed syntax.
+
     Parameters
     ----------
     text : str
-        Numbers, the given names, ``pi``, ``+ - * / **``, parentheses, and calls of `FUNCTIONS`.
-        An exponent that is a number lies between -1000 and 1000.
+        Numbers, the given names, ``pi``, ``+ - * / **``, parentheses, and calls of `FUNCTIONS`. A
+        numeric exponent lies between -1000 and 1000.
     symbols : mapping of str to sympy.Expr
-        What each name stands for: a symbol, or a number for a parameter.
+        Meaning of each name: a symbol, or a number for a parameter.
     where : str
-        The field the text comes from, such as ``"dynamics.v"``; errors begin with it.
-
-    Returns
-    -------
-    sympy.Expr
-
-    Raises
-    ------
-    ExpressionError
-        With the field, the piece of text that was refused, and what is allowed.
+        Field of the text, such as ``"dynamics.v"``; errors begin with this name.
 
     Examples
     --------
@@ -83,7 +79,7 @@ def parse_expression(text: str, symbols: Mapping[str, sp.Expr], where: str) -> s
 
 
 def _checked_text(text: str, where: str) -> str:
-    """Refuse what is too large or not made of plain characters; join lines."""
+    """Return the text with joined lines; reject text that is too large or not plain."""
     if not isinstance(text, str):
         raise ExpressionError(f'{where}: expected text such as "2*sin(x)", got {text!r}')
     if len(text) > MAX_CHARACTERS:
@@ -132,7 +128,7 @@ def _syntax_tree(source: str, where: str) -> ast.expr:
 
 
 def _levels(tree: ast.AST) -> Iterator[list[ast.AST]]:
-    """The nodes of a syntax tree, level by level; a sum or a product as a whole is one level."""
+    """Yield the nodes of a syntax tree by level; a whole sum or product is one level."""
     level = [tree]
     while level:
         yield level
@@ -152,7 +148,7 @@ def _is_binary(node: ast.AST, operators: tuple[type[ast.operator], ...]) -> bool
 
 
 def _chained(node: Any, operators: tuple) -> list[tuple[ast.operator | None, ast.expr]]:
-    """The operands of a sum or a product, from left to right, each with what stands before it."""
+    """Return the operands of a sum or product in order, each with its operator."""
     found: list[tuple[ast.operator | None, ast.expr]] = []
     while _is_binary(node, operators):
         found.append((node.op, node.right))
@@ -173,7 +169,7 @@ def _short(text: str, length: int = 60) -> str:
 
 @dataclass(frozen=True)
 class _Reader:
-    """Turns the syntax tree of one source text into a SymPy expression, node by node."""
+    """Converter of the syntax tree of one source text into a SymPy expression."""
 
     source: str
     symbols: Mapping[str, sp.Expr]
@@ -223,7 +219,7 @@ class _Reader:
         return sp.Mul(*self._factors(node, inverse=False))
 
     def _factors(self, node: ast.expr, *, inverse: bool) -> Iterator[sp.Expr]:
-        """Factors of a product, of which a minus is one; of a divisor, each by itself."""
+        """Yield the factors of a product, including a minus; each of a divisor separately."""
         while isinstance(node, ast.UnaryOp) and type(node.op) in _SIGNS:
             yield sp.Integer(_SIGNS[type(node.op)])
             node = node.operand
@@ -247,7 +243,7 @@ class _Reader:
         return power
 
     def _check_power(self, node: ast.expr, base: sp.Expr, exponent: sp.Expr) -> None:
-        """Refuse a power whose number would be too long to compute, before it is computed."""
+        """Reject a power that is too long, before the number is computed."""
         if not exponent.is_number:
             return
         self._check_exponent(node, exponent)
@@ -290,7 +286,7 @@ class _Reader:
             )
 
     def _bounded(self, node: ast.expr, result: sp.Expr) -> sp.Expr:
-        """Refuse a constant, or constant factor, that is no real number of ordinary size."""
+        """Reject a constant or constant factor that is not a real number of ordinary size."""
         number = result if result.is_number else result.as_coeff_Mul()[0]
         if number.is_Rational and _bits(number) > MAX_BITS:
             raise self._too_long(node)
@@ -324,7 +320,7 @@ def _bits(number: Any) -> int:
 
 
 def _value(number: sp.Expr) -> float:
-    """The number as a float, nan where it is not real."""
+    """Return the number as a float, nan if it is not real."""
     try:
         value = complex(number)
     except OverflowError:
@@ -335,7 +331,7 @@ def _value(number: sp.Expr) -> float:
 
 
 def _described(node: ast.AST) -> str:
-    """What a refused piece of syntax is called, for instance "an attribute"."""
+    """Return the name of a rejected piece of syntax, for instance "an attribute"."""
     kinds = {
         ast.Attribute: "an attribute",
         ast.IfExp: "a conditional",

@@ -1,7 +1,7 @@
-"""What each field of a declaration may hold: names, numbers, formulas, values, units of measure.
+"""Validation of declaration fields: names, numbers, formulas, values, units.
 
-Every function takes what a user gave and returns it as the problem keeps it, or raises a
-`ProblemError` that names the field, says what was given, and what to give instead.
+Every function takes a user's value and returns the value as the problem stores it. Otherwise it
+raises a `ProblemError` with the field, the value and the expected value.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ann_dc.scale import Scale
 FORMULA_NAMES: frozenset[str] = frozenset(
     ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
 ).union(("pi",))
-"""What a formula that is written as text means by itself."""
+"""Names with a predefined meaning in formulas that are written as text."""
 
 NO_SYMBOL: dict[str, str] = {
     **dict.fromkeys(
@@ -30,12 +30,12 @@ NO_SYMBOL: dict[str, str] = {
     ),
     **dict.fromkeys(("nan", "inf"), "tables and files write a number that way"),
 }
-"""Names that no symbol may have, and why."""
+"""Names that are reserved for all symbols, with the reason."""
 
 NO_INPUT = {"one": "the node behind every constant is called so"} | dict.fromkeys(
     ("q_0", "q_d"), "with_inputs and --set mean an end of the problem by it"
 )
-"""Names that a state or a control may have, but no input, and why."""
+"""Names that a state or a control may have but an input may not, with the reason."""
 
 MAX_HORIZON = 1_000_000
 
@@ -53,20 +53,20 @@ UNFIT = (
     ),
     ((sp.nan, sp.oo, -sp.oo, sp.zoo, sp.I), "is not a finite real expression"),
 )
-"""Parts that no formula may have, and why."""
+"""Parts that a formula must not contain, with the reason."""
 
 UNITS_OF_ALL = ("cost", "time")
-"""What has a unit of measure besides states, controls and inputs."""
+"""Quantities that have a unit of measure in addition to states, controls and inputs."""
 
 LONGEST_UNIT = 24
-"""Letters of a unit, at most: it stands on an axis."""
+"""Maximum number of letters of a unit, because it labels an axis."""
 
 MARKUP = frozenset("$\\[]")
-"""What figures and reports would read as mathematics or as colours."""
+"""Characters that figures and reports would interpret as mathematics or colours."""
 
 
 def symbols(name: str, given) -> tuple[sp.Symbol, ...]:
-    """Symbols as a tuple; a ProblemError where there are none, or others than symbols."""
+    """Return a non-empty tuple of symbols, or raise a `ProblemError`."""
     if isinstance(given, sp.Symbol):
         given = (given,)
     if isinstance(given, str) or not isinstance(given, Sequence) or len(given) == 0:
@@ -81,7 +81,7 @@ def symbols(name: str, given) -> tuple[sp.Symbol, ...]:
 
 
 def check_names(given: Sequence[sp.Symbol], inputs: Sequence[sp.Symbol]) -> None:
-    """A ProblemError where a name is no identifier, means something else, or stands twice."""
+    """Raise a `ProblemError` if a name is not an identifier, reserved or used twice."""
     seen: set[str] = set()
     for symbol in (*given, *inputs):
         text = symbol.name
@@ -107,14 +107,14 @@ def check_names(given: Sequence[sp.Symbol], inputs: Sequence[sp.Symbol]) -> None
 
 
 def text(name: str, given) -> str:
-    """Text, or a ProblemError."""
+    """Return a text, or raise a `ProblemError` if the value is not a string."""
     if not isinstance(given, str):
         raise ProblemError(f"{name}: expected text, got {given!r}")
     return given
 
 
 def whole_stages(given) -> int:
-    """N as an int from 1 to MAX_HORIZON, or a ProblemError."""
+    """Return N as an int from 1 to MAX_HORIZON, or raise a `ProblemError`."""
     whole = isinstance(given, numbers.Integral) and not isinstance(given, bool)
     if not whole or not 1 <= int(given) <= MAX_HORIZON:
         raise ProblemError(
@@ -124,14 +124,14 @@ def whole_stages(given) -> int:
 
 
 def positive(name: str, given) -> float:
-    """A positive finite float, or a ProblemError."""
+    """Return a positive finite float, or raise a `ProblemError`."""
     if not is_finite(given) or float(given) <= 0:
         raise ProblemError(f"{name}: expected a positive finite number, got {given!r}")
     return float(given)
 
 
 def is_finite(given) -> bool:
-    """Whether a value is a real number, not a bool, that a float can hold."""
+    """Return True if a value is a real number, not a bool, and finite as a float."""
     if isinstance(given, bool) or not isinstance(given, (numbers.Real, sp.Expr)):
         return False
     try:
@@ -141,7 +141,7 @@ def is_finite(given) -> bool:
 
 
 def is_vector(given, length: int) -> bool:
-    """Whether a value is a list-like of this length; a mapping has no order to rely on."""
+    """Return True if a value is list-like with this length; a mapping has no order."""
     return (
         isinstance(given, Sized)
         and not isinstance(given, (str, Mapping, Set))
@@ -150,7 +150,7 @@ def is_vector(given, length: int) -> bool:
 
 
 def smooth_expression(name: str, given, known: set[sp.Symbol]) -> sp.Expr:
-    """A smooth real SymPy expression in known symbols, or a ProblemError."""
+    """Return a smooth real expression in known symbols, or raise a `ProblemError`."""
     if isinstance(given, (str, bool)):
         raise ProblemError(
             f"{name}: {given!r} is not a SymPy expression; build it from symbols (text is read "
@@ -176,7 +176,7 @@ def smooth_expression(name: str, given, known: set[sp.Symbol]) -> sp.Expr:
 
 
 def one_a_state(name: str, given, states) -> tuple:
-    """A finite float for each state, None for a free one; or a ProblemError."""
+    """Return a finite float per state, None if free, or raise a `ProblemError`."""
     if not is_vector(given, len(states)):
         raise ProblemError(
             f"{name}: {len(states)} values expected, one for each of "
@@ -194,7 +194,7 @@ def one_a_state(name: str, given, states) -> tuple:
 def both_ends(
     q_0: Sequence[float | None], q_d: Sequence[float | None], scales: Sequence[float | Scale | None]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(q_0, q_d) as arrays (n,), a free component at its other end, or else at its offset."""
+    """Return (q_0, q_d) as arrays (n,); a free component has its other end or offset."""
     places = [scale.offset if isinstance(scale, Scale) else 0.0 for scale in scales]
     given = [*zip(q_0, q_d, places)]
     first = [(q if d is None else d) if a is None else a for a, d, q in given]
@@ -203,7 +203,7 @@ def both_ends(
 
 
 def values_a_stage(given, horizon: int) -> dict[sp.Symbol, np.ndarray]:
-    """(horizon,) read-only values of every input, or a ProblemError."""
+    """Return read-only values (horizon,) of every input, or raise a `ProblemError`."""
     if not isinstance(given, Mapping):
         raise ProblemError(f"inputs: expected a mapping of symbol to value, got {given!r}")
     checked: dict[sp.Symbol, np.ndarray] = {}
@@ -233,7 +233,7 @@ def _numbers(given) -> np.ndarray:
 def inputs_by_name(
     given: Mapping[str, object], declared: Sequence[sp.Symbol]
 ) -> dict[sp.Symbol, object]:
-    """Values by the symbols of declared inputs, given by their names; or a ProblemError."""
+    """Return values of declared inputs by symbol, or raise a `ProblemError`."""
     by_name = {str(symbol): symbol for symbol in declared}
     unknown = set(given) - set(by_name)
     if unknown:
@@ -245,12 +245,10 @@ def inputs_by_name(
 
 
 def measures(given, names: Sequence[str]) -> dict[str, str]:
-    """Units of measure by name, as text that every figure and report can show.
+    """Return units of measure by name, as text that every figure and report can show.
 
-    Raises
-    ------
-    ProblemError
-        If a name is neither one of ``names`` nor "cost" or "time", or a unit is no short text.
+    Raises `ProblemError` if a name is neither one of ``names`` nor "cost" or "time", or if a unit
+    is not a short text.
     """
     if not isinstance(given, Mapping):
         raise ProblemError(
@@ -277,7 +275,7 @@ def measures(given, names: Sequence[str]) -> dict[str, str]:
 
 
 def _measure(name: str, given) -> str:
-    """One unit of measure, without blanks at its ends."""
+    """Return one unit of measure without surrounding blanks."""
     if not isinstance(given, str):
         raise ProblemError(
             f'units[{name}]: expected text such as "m/s", got {given!r}; a unit is a word and '
@@ -298,12 +296,10 @@ def _measure(name: str, given) -> str:
 
 
 def scales_by_hand(given, names: Sequence[str]) -> dict[str, float | Scale]:
-    """Scales by name: a positive number, or a `Scale` with an offset too.
+    """Return scales by name: a positive number, or a `Scale` with an offset.
 
-    Raises
-    ------
-    ProblemError
-        If a name is neither one of ``names`` nor "cost", or a scale is not positive and finite.
+    Raises `ProblemError` if a name is neither one of ``names`` nor "cost", or if a scale is not
+    positive and finite.
     """
     if not isinstance(given, Mapping):
         raise ProblemError(

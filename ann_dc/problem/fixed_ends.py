@@ -1,7 +1,7 @@
-"""Inequalities that q_0 or q_d breaks already: nothing that a network chooses could make them hold.
+"""Inequalities that q_0 or q_d already violates and that no solution can satisfy.
 
-A row of the stages is looked at in stage 0, one of the end in q_N, each where the end fixes all
-states that it names and no control stands in it. Soft rows may be broken.
+A stage row is checked in stage 0 and an end row at q_N, if the end fixes all states of the row and
+the row contains no control. Soft rows may be violated.
 """
 
 from __future__ import annotations
@@ -16,7 +16,10 @@ from ann_dc.problem.bounds import NO_BOUND, Bounds
 from ann_dc.problem.inequality import Inequality, row_name
 
 ROUNDING = 1e-9
-"""Of the terms of a row, and of one: an end may lie on the boundary, to rounding."""
+"""Rounding tolerance relative to the sum of one and the magnitudes of a row's terms; an end may lie
+on
+the boundary.
+"""
 
 
 def check_ends(
@@ -26,22 +29,11 @@ def check_ends(
     inputs: Mapping[sp.Symbol, Any],
     bounds: Bounds,
 ) -> None:
-    """Refuse rows and bounds that the ends break, whatever is chosen, unless they are soft.
+    """Raise an error for hard rows and bounds that the boundary conditions violate.
 
-    Parameters
-    ----------
-    states : sequence of n symbols
-    rows : two sequences of Inequality
-        Those of the stages, and those of the end.
-    ends : two sequences of n floats or None
-        q_0 and q_d.
-    inputs : mapping of Symbol to (N,) array
-    bounds : mapping of str to (low, high)
-
-    Raises
-    ------
-    ProblemError
-        With the name of the row, its value and the states that it reads.
+    The rows are those of the stages and those of the end; the ends are q_0 and q_d, with None for a
+    free component. Raises `ProblemError` with the name of the row, its value and the states in it.
+    Soft rows are not checked.
 
     Examples
     --------
@@ -75,7 +67,7 @@ def check_ends(
 def _check_bounds(
     end: str, name: str, value: float | None, bounds: Bounds, soft: Collection[str]
 ) -> None:
-    """A ProblemError where q_0 or q_d lies outside the bounds of its state."""
+    """Raise a `ProblemError` if q_0 or q_d lies outside the bounds of its state."""
     low, high = bounds.get(name, NO_BOUND)
     below = value is not None and value < low and row_name(name, "low") not in soft
     above = value is not None and value > high and row_name(name, "high") not in soft
@@ -87,7 +79,7 @@ def _check_bounds(
 
 
 def _fault(row: Inequality, known: dict[Any, Any]) -> str:
-    """What is wrong with a row where all that it reads is known; empty where it holds."""
+    """Return a description of a row's violation for known values, empty if satisfied."""
     terms = [term.evalf(subs=known) for term in sp.Add.make_args(row.expression)]
     value = sp.Add(*terms)
     if not (value.is_real and value.is_finite):

@@ -1,8 +1,9 @@
-"""SymPy expressions as text that `parse_expression` reads back.
+"""Serialisation of SymPy expressions as text that `parse_expression` reads.
 
-An expression is a few lines: a part that would make a line too long, or too deep, is a line of its
-own with a name that no symbol can have, ``_1``, and the lines below say the name. Sums and products
-are written in halves, so that no line nests deeply; a number keeps all its digits.
+An expression becomes a few lines. A part that would make a line too long or too deep becomes a
+separate line. Later lines refer to this line by a name that no symbol can have, such as ``_1``.
+Sums and products are written in halves, so that lines do not nest deeply. A number retains all its
+digits.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ from ann_dc.errors import ExpressionError
 from ann_dc.problem.expression import FUNCTIONS, MAX_CHARACTERS, parse_expression
 
 LONGEST_PART = MAX_CHARACTERS // 8
-"""Characters from which on a part of an expression becomes a line."""
+"""Length in characters from which a part of an expression becomes a separate line."""
 DEEPEST_PART = 20
-"""Parentheses within each other from which on it does, too."""
+"""Depth of nested parentheses from which a part becomes a separate line."""
 
 IN_OTHER_WORDS: dict[str, Callable[[Any], Any]] = {
     "sec": lambda x: 1 / sp.cos(x),
@@ -31,26 +32,15 @@ IN_OTHER_WORDS: dict[str, Callable[[Any], Any]] = {
     "asinh": lambda x: sp.log(x + sp.sqrt(x**2 + 1)),
     "atanh": lambda x: sp.log((1 + x) / (1 - x)) / 2,
 }
-"""Functions for which the parser has no word and the network no block, in terms of those that they
-have."""
+"""Functions that parser and network blocks do not provide, expressed in functions that they
+provide.
+"""
 
 
 def lines_of(expression: sp.Expr) -> tuple[str, ...]:
-    """An expression as lines of text, the last of which is its value.
+    """Return an expression as lines of text, the last of which is its value.
 
-    Parameters
-    ----------
-    expression : sympy.Expr
-
-    Returns
-    -------
-    tuple of str
-        One, where the expression is no larger than a page.
-
-    Raises
-    ------
-    ExpressionError
-        If it has a function that the parser does not know.
+    A small expression is one line. Raises `ExpressionError` if the parser does not know a function.
 
     Examples
     --------
@@ -64,25 +54,10 @@ def lines_of(expression: sp.Expr) -> tuple[str, ...]:
 
 
 def expression_of(lines: Sequence[str], symbols: Mapping[str, sp.Expr], where: str) -> sp.Expr:
-    """The expression that some lines say.
+    """Return the expression that lines written by `lines_of` represent.
 
-    Parameters
-    ----------
-    lines : sequence of str
-        At least one, as `lines_of` writes them.
-    symbols : mapping of str to sympy.Expr
-        What each name stands for.
-    where : str
-        The field the text comes from; errors begin with it.
-
-    Returns
-    -------
-    sympy.Expr
-
-    Raises
-    ------
-    ExpressionError
-        If there is no line, or one that is no expression.
+    The symbols give the meaning of each name; errors begin with the field of the text. Raises
+    `ExpressionError` if the lines are empty, or if a line is not an expression.
 
     Examples
     --------
@@ -100,7 +75,7 @@ def expression_of(lines: Sequence[str], symbols: Mapping[str, sp.Expr], where: s
 
 
 class _Writer:
-    """Writes one expression; what is too large for its place becomes a line."""
+    """Writer of one expression; parts that are too large become separate lines."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -126,7 +101,7 @@ class _Writer:
         return self._call(expression)
 
     def _halves(self, parts: Sequence[Any], sign: str) -> str:
-        """A sum or a product, the halves of a long one in parentheses."""
+        """Return a sum or product, with the halves of a long one in parentheses."""
         if len(parts) > 4:
             middle = len(parts) // 2
             halves = self._halves(parts[:middle], sign), self._halves(parts[middle:], sign)
@@ -135,14 +110,14 @@ class _Writer:
         return sign.join(texts).replace("+-", "-")
 
     def _in_line(self, text: str) -> str:
-        """The text, or the name of a line that says it."""
+        """Return the text, or the name of a new line that contains the text."""
         if len(text) <= LONGEST_PART and _depth(text) <= DEEPEST_PART:
             return text
         self.lines.append(text)
         return f"_{len(self.lines)}"
 
     def _product(self, product: Any) -> str:
-        """The number first, and the rest together: 2*(x*(y + 1)) is not multiplied out."""
+        """Return a product with the number first, so that 2*(x*(y + 1)) is not expanded."""
         number, rest = product.as_coeff_Mul()
         is_exact = not number.is_Float
         if is_exact and number == 1:
@@ -185,7 +160,7 @@ class _Writer:
 
 
 def _number(number: Any) -> str:
-    """A number with all its digits."""
+    """Return a number with all its digits."""
     if number.is_Integer:
         return str(number)
     if number.is_Rational:
@@ -198,7 +173,6 @@ def _number(number: Any) -> str:
 
 
 def _depth(text: str) -> int:
-    """Parentheses within each other."""
     deepest = depth = 0
     for character in text:
         depth += (character == "(") - (character == ")")

@@ -1,6 +1,6 @@
-"""Inequalities that a user writes: SymPy relations, each with a name, as g <= 0.
+"""Inequality constraints: named SymPy relations, converted to rows g <= 0.
 
-A strict relation counts as its closure: an optimum may lie on the boundary.
+A strict relation is replaced by its closure, because an optimum may lie on the boundary.
 """
 
 from __future__ import annotations
@@ -17,32 +17,31 @@ from ann_dc.problem.fields import check_names, smooth_expression
 from ann_dc.problem.soft import Soft
 
 PREFIXES = {"constraints": "g", "terminal_constraints": "end"}
-"""What relations that have no name are called, with a number."""
+"""Prefixes of the numbered names of unnamed relations."""
 
 SIGNS = {"<=": sp.Le, "<": sp.Lt, ">=": sp.Ge, ">": sp.Gt}
-"""Inequalities as text writes them."""
+"""Relation signs in text form."""
 
 NO_INEQUALITIES = {
     sp.Equality: "an equality; let the map, q_0 or q_d say it, or give room on either side of it",
     sp.Unequality: "no inequality, and smooth on neither side; write <= or >=",
     sp.logic.boolalg.BooleanFunction: "a combination of relations; give every one by itself",
 }
-"""Other relations: what they are, and what to do."""
+"""Unsupported relations with a description and a remedy."""
 
 Relations: TypeAlias = Mapping[str, sp.Rel] | Sequence[sp.Rel]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Inequality:
-    """A row g <= 0.
+    """Row g <= 0.
 
     Attributes
     ----------
-    name : str
     expression : sympy.Expr
-        g, in states, controls and inputs.
+        Function g in states, controls and inputs.
     soft : Soft or None
-        What it costs to violate it; None where it has to hold.
+        Cost of a violation; None for a hard constraint.
 
     Examples
     --------
@@ -68,25 +67,21 @@ class Inequality:
 def relations_of(
     field: str, given: Any, known: set[sp.Symbol], data: set[sp.Symbol], bounds: Collection[str]
 ) -> dict[str, sp.Rel]:
-    """Relations by name, each a smooth inequality.
+    """Return relations by name, each a smooth inequality.
+
+    Raises `ProblemError` if a relation is not a smooth inequality, contains no variable to
+    optimise, or has an invalid name.
 
     Parameters
     ----------
     field : str
-        One of `PREFIXES`; errors begin with it.
-    given : mapping of str to relation, or sequence of relations
+        One of `PREFIXES`; errors begin with this name.
     known : set of Symbol
-        What a relation may name.
+        Symbols that a relation may contain.
     data : set of Symbol
-        Those of them that are given numbers: a relation names another one too.
+        Subset of ``known`` with given values; a relation needs at least one other symbol.
     bounds : collection of str
-        What has bounds: their rows have names, too.
-
-    Raises
-    ------
-    ProblemError
-        If one is no smooth inequality, or names nothing that can be chosen, or its own name is not
-        a plain one.
+        Names of bounded quantities, whose rows also have names.
     """
     relations = _named(field, given)
     taken = [row_name(bounded, side) for bounded in bounds for side in ("low", "high")]
@@ -103,7 +98,7 @@ def relations_of(
 
 
 def row_name(bounded: str, side: str) -> str:
-    """What the row of a bound is called; a double "_" is what netlists write before a stage."""
+    """Return the row name of a bound, free of the double "_" reserved for netlists."""
     return f"{bounded.rstrip('_')}_{side}"
 
 
@@ -129,13 +124,13 @@ def _check_names(field: str, names: Sequence[Any]) -> None:
 
 
 def excess(relation: Any) -> sp.Expr:
-    """g of a relation that says g <= 0."""
+    """Return g of a relation that is equivalent to g <= 0."""
     left, right = relation.args
     return right - left if isinstance(relation, (sp.Ge, sp.Gt)) else left - right
 
 
 def _excess(where: str, relation: Any) -> sp.Expr:
-    """The same of anything; a ProblemError where it is no inequality."""
+    """Return g of an object, or raise a `ProblemError` if it is not an inequality."""
     if isinstance(relation, tuple(SIGNS.values())):
         return excess(relation)
     if isinstance(relation, (bool, np.bool_, sp.logic.boolalg.BooleanAtom)):

@@ -1,6 +1,6 @@
-"""Where a network starts: on the straight line from q_0 to q_d, with controls that fit.
+"""Initial guess of a network: straight line from q_0 to q_d with fitted controls.
 
-A start is given in the user's units; what it does not give (the duals) starts at zero.
+An initial guess is in the user's units. Values that are not given (the multipliers) start at zero.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Index, Shape, such_as
 
 SPREAD = 0.1
-"""Deviation of a random start from the straight line, over the distance of the ends."""
+"""Deviation of a random initial guess from the straight line, relative to the distance of the ends.
+"""
 LEAST_SPREAD = 0.01
-"""The same in scales, for controls and for states whose ends are nearer; they stray that far."""
+"""Smallest such deviation in scales, used for controls and for states whose ends are closer."""
 
 
 @such_as("ann_dc.line_start(problem)")
@@ -32,11 +33,11 @@ class Start:
     Attributes
     ----------
     q : (n, N+1) array
-        States, with the end.
+        States, including the end.
     u : (m, N) array
         Controls.
     mu, beta : (n, N) array, optional
-        Multipliers of the map and of the coupling; zero where none are given.
+        Multipliers of the map and of the coupling; zero by default.
 
     Examples
     --------
@@ -58,15 +59,16 @@ class Start:
 
 @checked
 def line_start(problem: OptimalControlProblem) -> Start:
-    """Straight line from q_0 to q_d, free components at their other end, controls that fit.
+    """Return the straight line from q_0 to q_d with fitted controls.
 
-    A component that is free at both ends starts at zero, or at the offset of a scale set by hand.
-    The controls are one Gauss-Newton step, from those that cost least, towards
-    f(q_k, u_k) = q_{k+1}.
+    A free component has the value of its other end. A component that is free at both ends starts at
+    zero, or at the offset of its `Scale`. The controls are one Gauss-Newton step, from those of
+    least cost, towards f(q_k, u_k) = q_{k+1}.
 
     Parameters
     ----------
     problem : OptimalControlProblem
+        Problem to solve.
 
     Returns
     -------
@@ -84,11 +86,12 @@ def line_start(problem: OptimalControlProblem) -> Start:
 
 @checked
 def zero_start(problem: OptimalControlProblem) -> Start:
-    """Everything at zero but q_0; where f has no value there, every state at q_0.
+    """Return zero values except q_0; if f is undefined there, every state is q_0.
 
     Parameters
     ----------
     problem : OptimalControlProblem
+        Problem to solve.
 
     Returns
     -------
@@ -113,14 +116,16 @@ def zero_start(problem: OptimalControlProblem) -> Start:
 
 @checked
 def random_start(problem: OptimalControlProblem, rng: np.random.Generator | Index) -> Start:
-    """The straight line, disturbed, between the same ends.
+    """Return the straight line with random deviations between the same ends.
 
-    States deviate by a tenth of |q_d - q_0|, or a hundredth of their scale where that is more,
-    controls by a hundredth of their scale; the deviations are normal.
+    Deviations are normally distributed. The standard deviation of states is a tenth of abs(q_d -
+    q_0), or a hundredth of their scale if that is larger; that of controls is a hundredth of their
+    scale.
 
     Parameters
     ----------
     problem : OptimalControlProblem
+        Problem to solve.
     rng : numpy.random.Generator or int
         A generator, or the seed of a new one.
 
@@ -147,17 +152,10 @@ def random_start(problem: OptimalControlProblem, rng: np.random.Generator | Inde
 
 
 def check_start(problem: OptimalControlProblem, start: Start) -> None:
-    """Refuse a start at which map, cost, an inequality or one of their slopes has no finite value.
+    """Reject an initial guess outside the domain or of the wrong size.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    start : Start
-
-    Raises
-    ------
-    ProblemError
-        Naming the stage, and what to do; or where it is a start of a problem of another size.
+    Raises `ProblemError` with the stage and a remedy if map, cost, an inequality or one of their
+    slopes is not finite. Also raised if the guess has the size of another problem.
     """
     expected = (problem.n, problem.horizon + 1), (problem.m, problem.horizon)
     if (start.q.shape, start.u.shape) != expected:

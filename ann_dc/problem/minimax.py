@@ -1,18 +1,19 @@
-r"""Several objectives, of which the largest is minimised, beside a cost that they have in common.
+r"""Minimax objectives: the largest of several objectives plus a common cost.
 
 .. math::
     \min\; \sum_k l(q_k, u_k) + l_N(q_N) + \max_i w_i J_i, \qquad J_i = \sum_k l_i(q_k, u_k),
 
-which is (6) of the paper. At an optimum it is the problem of the one cost
+which is (6) of the paper. At an optimum this is the problem with the single cost
 
-.. math:: l + \sum_i \zeta_i w_i l_i, \qquad \zeta_i \ge 0, \qquad \sum_i \zeta_i = 1,
+.. math:: l + \sum_i \zeta_i w_i l_i, \qquad \zeta_i \ge 0, \qquad \sum_i \zeta_i = 1.
 
-whose *shares* zeta are zero for every objective that is not the largest. A problem tells its cost
-so, with shares that its network finds; by itself it has equal ones.
+The coefficients zeta (`Several.shares`) are zero for objectives that are not the largest. The cost
+of a problem contains them as symbols; the network determines their values, and the problem itself
+uses equal ones.
 
-At a temperature T > 0 the largest is softened to T log sum_i exp(w_i J_i / T). Its shares are
-proportional to exp(w_i J_i / T); it lies above the largest, by T log p at most, and so does its
-optimum.
+At a temperature T > 0 the maximum is softened to T log sum_i exp(w_i J_i / T), and zeta_i is
+proportional to exp(w_i J_i / T). The soft maximum exceeds the maximum by at most T log p, and so
+does its optimum.
 """
 
 from __future__ import annotations
@@ -33,26 +34,15 @@ Objectives: TypeAlias = Mapping[str, sp.Expr] | Sequence[sp.Expr]
 Weights: TypeAlias = Mapping[str, float] | Sequence[float]
 
 WHOLE = 1e-9
-"""How far from one the sum of weights may be."""
+"""Tolerance of the sum of weights, which must be one."""
 
 
 def objectives_of(given: Any, known: set[sp.Symbol], chosen: set[sp.Symbol]) -> dict[str, sp.Expr]:
-    """Objectives by name, each a smooth stage cost.
+    """Return objectives by name, each a smooth stage cost.
 
-    Parameters
-    ----------
-    given : mapping of str to expression, or sequence of expressions
-        Those without names are called J1, J2, ...
-    known : set of Symbol
-        What an objective may name.
-    chosen : set of Symbol
-        Those of them that are states and controls: it names one.
-
-    Raises
-    ------
-    ProblemError
-        If there is only one, or one is no smooth expression, or names nothing that can be chosen,
-        or its own name is not a plain one.
+    Unnamed objectives are called J1, J2, ... An objective contains only ``known`` symbols and at
+    least one of the ``chosen`` states and controls. Raises `ProblemError` if there is only one
+    objective, or if one is not smooth, contains no state or control, or has an invalid name.
     """
     named = _by_name("objectives", given)
     if len(named) == 1:
@@ -77,18 +67,10 @@ def objectives_of(given: Any, known: set[sp.Symbol], chosen: set[sp.Symbol]) -> 
 
 
 def weights_of(given: Any, objectives: Any) -> dict[str, float]:
-    """Weights by the name of their objective; none where none are given.
+    """Return weights by the name of their objective; empty if none are given.
 
-    Parameters
-    ----------
-    given : mapping of str to float, sequence of floats, or None
-    objectives : mapping or sequence
-        As they were given.
-
-    Raises
-    ------
-    ProblemError
-        If there is not one for each objective, none negative, with the sum one.
+    Raises `ProblemError` unless there is one non-negative weight per objective and their sum is
+    one.
     """
     if given is None or (isinstance(given, Mapping) and not given):
         return {}
@@ -115,18 +97,9 @@ def weights_of(given: Any, objectives: Any) -> dict[str, float]:
 
 
 def temperature_of(given: Any, objectives: Any) -> float:
-    """The temperature as a float.
+    """Return the temperature as a float.
 
-    Parameters
-    ----------
-    given : float
-    objectives : mapping or sequence
-        As they were given.
-
-    Raises
-    ------
-    ProblemError
-        If it is no number from zero on, or softens nothing.
+    Raises `ProblemError` if the value is negative or not a number, or without objectives.
     """
     if not (is_finite(given) and given >= 0):
         raise ProblemError(f"temperature: expected zero or a positive number, got {given!r}")
@@ -136,7 +109,7 @@ def temperature_of(given: Any, objectives: Any) -> float:
 
 
 def weight_inputs(weights: Mapping[str, float]) -> dict[sp.Symbol, float]:
-    """Weights as inputs of a network, which may change without rewiring it."""
+    """Return weights as network inputs, which may change without rewiring."""
     return {_weight(name): weight for name, weight in weights.items()}
 
 
@@ -160,7 +133,7 @@ def _share(name: str) -> sp.Symbol:
 
 
 class Several:
-    """What a problem says of its objectives."""
+    """Objectives of a problem."""
 
     if TYPE_CHECKING:
         objectives: Any
@@ -174,36 +147,36 @@ class Several:
 
     @property
     def named_objectives(self) -> dict[str, sp.Expr]:
-        """As they were given, by name."""
+        """Objectives by name, unscaled."""
         return dict(self.objectives)
 
     @property
     def named_weights(self) -> dict[str, float]:
-        """By the name of the objective; none where there are none."""
+        """Weights by the name of the objective; empty if there are none."""
         return dict(self.weights)
 
     @property
     def objective_names(self) -> tuple[str, ...]:
-        """Of all objectives."""
+        """Names of all objectives."""
         return tuple(self.objectives)
 
     @property
     def stage_objectives(self) -> dict[str, sp.Expr]:
-        """w_i l_i by name, in states, controls and inputs alone; w_i is 1 without weights."""
+        """Terms w_i l_i by name, in states, controls and inputs; w_i is 1 without weights."""
         weigh = _weight if self.weights else lambda _: sp.S.One
         return {n: weigh(n) * self._in_states(e) for n, e in self.objectives.items()}
 
     @property
     def shares(self) -> dict[sp.Symbol, np.ndarray]:
-        """Equal shares of all objectives, (N,) each, by the symbol that the cost has for them."""
+        """Equal coefficients zeta of all objectives, (N,) each, by symbol."""
         return self.shared_by(np.full(len(self.objectives), 1.0 / max(len(self.objectives), 1)))
 
     def shared_by(self, shares: np.ndarray) -> dict[sp.Symbol, np.ndarray]:
-        """Given ``shares`` (p,) by the symbols of the cost, the same at every stage."""
+        """Return given coefficients (p,) by symbol, constant over the stages."""
         return {_share(n): np.full(self.horizon, z) for n, z in zip(self.objectives, shares)}
 
     def objective_values(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """w_i J_i (p,) of a path, states ``q`` (n, N+1) with q_N and controls ``u`` (m, N).
+        """Return w_i J_i (p,) of a path ``q`` (n, N+1) with q_N, ``u`` (m, N).
 
         Examples
         --------
@@ -218,7 +191,7 @@ class Several:
         return self.objective_stages(q, u).sum(axis=1)
 
     def objective_stages(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """What every stage adds to them, (p, N)."""
+        """Return the contribution of every stage to the objectives, (p, N)."""
         count = len(self.objectives)
         if not count:
             return np.zeros((0, self.horizon))
@@ -227,15 +200,15 @@ class Several:
         return np.array(told[1:]) - told[0]
 
     def functions_with(self, shares: np.ndarray | None) -> ProblemFunctions:
-        """The problem's functions with these ``shares`` (p,); equal ones where none are given."""
+        """Return the problem functions with coefficients (p,), equal ones if None."""
         if shares is None:
             return self.functions
         return self.functions.with_inputs({**self.inputs, **self.shared_by(shares)})
 
     def related(self, ideal: np.ndarray, nadir: np.ndarray) -> Any:
-        """With objectives of 0 at the ``ideal`` (p,) and 1 at the ``nadir``, and equal weights.
+        """Return the problem normalised to 0 at the ``ideal`` (p,) and 1 at the ``nadir``.
 
-        The largest of them is minimised, whatever the temperature.
+        The objectives have equal weights and zero temperature, so their maximum is minimised.
         """
         given = zip(self.named_objectives.items(), np.asarray(ideal), np.asarray(nadir))
         objectives = {
@@ -248,7 +221,7 @@ class Several:
         return replace(problem, objectives=objectives, weights=weights, temperature=0.0)
 
     def weighed(self, factors: np.ndarray) -> Any:
-        """With a sum of all objectives, times ``factors`` (p,), for a cost."""
+        """Return the problem whose cost includes all objectives times ``factors`` (p,)."""
         cost = sp.Add(*(float(w) * e for w, e in zip(factors, self.named_objectives.values())))
         problem: Any = self
         whole = problem.cost + cost
@@ -260,6 +233,6 @@ class Several:
         return sp.Add(*(s * e for s, e in zip(self.shares, self.stage_objectives.values())))
 
     def _weights_among(self, inputs: Mapping[sp.Symbol, Any]) -> dict[str, Any] | None:
-        """Weights as the inputs have them."""
+        """Return the weights in the given inputs, or None if there are none."""
         found = {n: np.unique(inputs[_weight(n)]) for n in self.weights}
         return {n: v.item() if v.size == 1 else v for n, v in found.items()} or None

@@ -1,10 +1,12 @@
-r"""Plants to control: each function declares one optimal-control problem.
+"""Example plants: each function declares one optimal-control problem.
 
-The car is the paper's example; the others range from linear to chaotic and are the suite that
-every backend must solve. Each declaration reads like its textbook equation and doubles as an
-example of how to declare a problem. All take the horizon ``N``, the sampling interval ``dt`` (in
-seconds; a plant in dimensionless form counts in its own time), the start ``q_0`` and the target
-``q_d`` (None frees a component). Each knows its units of measure.
+The car is the paper's example. The others range from linear to chaotic systems; every backend must
+solve all of them. Each declaration follows its textbook equation and is an example of a
+declaration.
+
+All functions take the horizon ``N``, the sampling interval ``dt`` (in seconds; dimensionless plants
+use dimensionless time), the initial state ``q_0`` and the terminal state ``q_d`` (None frees a
+component). Each plant declares its units of measure.
 
 >>> print(get("unicycle")(N=10))
 unicycle: 3 states (x, y, theta), 2 controls (v, omega), 10 stages of 0.1 s
@@ -34,7 +36,7 @@ from ann_dc.validation.checked import checked
 
 @checked
 def names() -> tuple[str, ...]:
-    """The names of all plants, sorted.
+    """Return the names of all plants, sorted.
 
     Returns
     -------
@@ -50,7 +52,7 @@ def names() -> tuple[str, ...]:
 
 @checked
 def get(name: str) -> Callable[..., OptimalControlProblem]:
-    """The function that declares the plant of this name.
+    """Return the function that declares the plant with this name.
 
     Parameters
     ----------
@@ -60,12 +62,13 @@ def get(name: str) -> Callable[..., OptimalControlProblem]:
     Returns
     -------
     callable
-        Of keyword arguments only, all with defaults; it gives an `OptimalControlProblem`.
+        Function of keyword-only arguments, all with defaults, that returns an
+        `OptimalControlProblem`.
 
     Raises
     ------
     UnknownNameError
-        Listing the names that exist.
+    If the name is unknown; the message lists the existing names.
 
     Examples
     --------
@@ -80,14 +83,15 @@ def get(name: str) -> Callable[..., OptimalControlProblem]:
 
 @checked
 def double_integrator(*, dt=0.1, N=20, q_0=(0, 0), q_d=(1, 0)) -> OptimalControlProblem:
-    """A mass on a rail: position x, speed v, acceleration a, least effort. Has a closed form.
+    """Declare minimum-effort motion of a mass on a rail (closed-form solution).
 
-    The discrete optimum's acceleration falls along a straight line.
+    The states are position x and speed v, the control is the acceleration a. In the discrete
+    optimum, the acceleration decreases linearly in time.
 
     Parameters
     ----------
     dt, N, q_0, q_d
-        Sampling interval, horizon, start, target.
+        Sampling interval, horizon, initial state, terminal state.
 
     Returns
     -------
@@ -112,18 +116,18 @@ def lq(
     *, seed=1, spectral_radius=0.9, state_weight=1.0,
     dt=1.0, N=20, q_0=(1, -1, 0.5, 2), q_d=(0.5, 0, -0.5, 1),
 ) -> OptimalControlProblem:  # fmt: skip
-    """A random linear map q_{k+1} = A q + B u with quadratic cost.
+    """Declare a random linear map q_{k+1} = A q + B u with quadratic cost.
 
     Parameters
     ----------
     seed : int
         Seed of the standard normal entries of A (4, 4), then of B (4, 2), which is halved.
     spectral_radius : float
-        What A is scaled to; above 1 the plant is unstable.
+        Spectral radius to which A is scaled; above 1 the plant is unstable.
     state_weight : float
-        c in the stage cost (c q'q + u'u) / 2.
+        Weight c in the stage cost (c q'q + u'u) / 2.
     dt, N, q_0, q_d
-        Label of the time axis, horizon, start, target.
+        Label of the time axis, horizon, initial state, terminal state.
 
     Returns
     -------
@@ -145,16 +149,16 @@ def lq(
 
 @checked
 def pendulum(*, effort=0.0375, dt=0.075, N=40, q_0=(np.pi, 0), q_d=(0, 0)) -> OptimalControlProblem:
-    """Swing a hanging pendulum upright with least effort; theta = 0 is up.
+    """Declare the minimum-effort swing-up of a hanging pendulum; theta = 0 is up.
 
-    The torque is that over the moment of inertia.
+    The torque is divided by the moment of inertia.
 
     Parameters
     ----------
     effort : float
         Weight of torque**2; the default dt / 2 makes the sum an integral over time.
     dt, N, q_0, q_d
-        Sampling interval, horizon, start, target.
+        Sampling interval, horizon, initial state, terminal state.
 
     Returns
     -------
@@ -168,14 +172,14 @@ def pendulum(*, effort=0.0375, dt=0.075, N=40, q_0=(np.pi, 0), q_d=(0, 0)) -> Op
 def pendulum_state_cost(
     *, rate_weight=0.2, height_weight=0.5, dt=0.075, N=40, q_0=(np.pi, 0), q_d=(0, 0)
 ) -> OptimalControlProblem:
-    """The same swing-up that also pays for speed and for not being upright.
+    """Declare the pendulum swing-up with additional costs of speed and deviation.
 
     Parameters
     ----------
     rate_weight, height_weight : float
-        Weights of omega**2 and of 1 - cos(theta) beside torque**2; the sum is halved.
+        Weights of omega**2 and of 1 - cos(theta) relative to torque**2; the sum is halved.
     dt, N, q_0, q_d
-        Sampling interval, horizon, start, target.
+        Sampling interval, horizon, initial state, terminal state.
 
     Returns
     -------
@@ -201,7 +205,7 @@ def cart_pole(
     *, M=1.0, m=0.3, l=0.5, g=9.81, effort=0.002,  # noqa: E741
     dt=0.04, N=50, q_0=(0, 0, 0, 0), q_d=(0.5, np.pi, 0, 0),
 ) -> OptimalControlProblem:  # fmt: skip
-    """Swing up a pole by pushing the cart it hangs from; theta = 0 is down.
+    """Declare the swing-up of a pole that hangs from a driven cart; theta = 0 is down.
 
     Parameters
     ----------
@@ -212,7 +216,7 @@ def cart_pole(
     effort : float
         Weight of force**2.
     dt, N, q_0, q_d
-        Sampling interval, horizon, start, target.
+        Sampling interval, horizon, initial state, terminal state.
 
     Returns
     -------
@@ -235,14 +239,14 @@ def cart_pole(
 
 @checked
 def van_der_pol(*, weight=0.05, dt=0.1, N=40, q_0=(1, 0), q_d=(0, 0)) -> OptimalControlProblem:
-    """Bring the Van der Pol oscillator to rest.
+    """Declare the stabilisation of a Van der Pol oscillator.
 
     Parameters
     ----------
     weight : float
-        Multiplies x**2 + v**2 + drive**2.
+        Factor of x**2 + v**2 + drive**2.
     dt, N, q_0, q_d
-        Sampling interval, horizon, start, target.
+        Sampling interval, horizon, initial state, terminal state.
 
     Returns
     -------
@@ -262,19 +266,19 @@ def two_link_arm(
     *, a1=0.5, a2=0.125, a3=0.125, friction=0.1, effort=0.02, rate_weight=0.002,
     dt=0.04, N=30, q_0=(0, 0.5, 0, 0), q_d=(1, 1.2, 0, 0),
 ) -> OptimalControlProblem:  # fmt: skip
-    r"""A horizontal two-link arm, :math:`M(q)\ddot q = u - h(q, \dot q) - d\,\dot q`.
+    r"""Declare a two-link arm, :math:`M(q)\ddot q = u - h(q, \dot q) - d\,\dot q`.
 
     Parameters
     ----------
     a1, a2, a3 : float
-        Inertias: M = [[a1 + 2 a3 cos, a2 + a3 cos], [a2 + a3 cos, a2]] of the elbow angle, in
-        kg m^2.
+        Inertias in kg m^2, with M = [[a1 + 2 a3 cos, a2 + a3 cos], [a2 + a3 cos, a2]] of the elbow
+        angle. The arm is horizontal.
     friction : float
         Viscous friction d of both joints.
     effort, rate_weight : float
         Weights of the squared torques and of the squared joint rates.
     dt, N, q_0, q_d
-        Sampling interval, horizon, start, target.
+        Sampling interval, horizon, initial state, terminal state.
 
     Returns
     -------
@@ -305,15 +309,15 @@ def two_link_arm(
 
 @checked
 def cstr(*, dt=0.1, N=30, q_0=(0.9, 1.05), q_d=(0.55, 1.35)) -> OptimalControlProblem:
-    """A stirred-tank reactor with an exothermic Arrhenius reaction, cooled by its jacket.
+    """Declare a jacket-cooled stirred-tank reactor with an exothermic reaction.
 
-    Concentration, temperature, coolant temperature and time are dimensionless; the cost tracks the
-    operating point (0.6, 1.3) with the coolant near 1.
+    The reaction rate follows the Arrhenius law. Concentration, temperature, coolant temperature and
+    time are dimensionless. The cost tracks the operating point (0.6, 1.3) with the coolant near 1.
 
     Parameters
     ----------
     dt, N, q_0, q_d
-        Sampling interval, horizon, start, target.
+        Sampling interval, horizon, initial state, terminal state.
 
     Returns
     -------

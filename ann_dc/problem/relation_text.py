@@ -1,7 +1,7 @@
-"""Inequalities as text: ``x**2 + y**2 >= 1``, or two in one, ``-1 <= x - y <= 1``.
+"""Inequalities as text: ``x**2 + y**2 >= 1`` or, double, ``-1 <= x - y <= 1``.
 
-Each side is a formula, which `parse_expression` reads: nothing in it is ever executed, and no side
-is compared with another here.
+`parse_expression` reads each side as a formula. The text is never executed, and the sides are not
+evaluated or compared here.
 """
 
 from __future__ import annotations
@@ -17,33 +17,20 @@ from ann_dc.problem.inequality import SIGNS, row_name
 
 SIGN = re.compile("([<>]=?)")
 LONGEST = 60
-"""Letters of a text that an error repeats."""
+"""Maximum number of letters of a text that an error message repeats."""
 
 
 def parse_relations(
     name: str, text: object, symbols: Mapping[str, sp.Expr], where: str
 ) -> dict[str, sp.Rel]:
-    """Read an inequality from text, or two whose middle is the same.
+    """Read a single or double inequality from text.
 
-    Parameters
-    ----------
-    name : str
-        What it is called; of two, the one below is called ``name_low``, the other ``name_high``.
-    text : str
-        Formulas with ``<=``, ``<``, ``>=`` or ``>`` between them.
-    symbols : mapping of str to sympy.Expr
-        What each name in it stands for.
-    where : str
-        The field the text comes from; errors begin with it.
+    A double inequality gives ``name_low`` and ``name_high``. Formulas are separated by ``<=``,
+    ``<``, ``>=`` or ``>``. The symbols give the meaning of each name; errors begin with the field
+    of the text.
 
-    Returns
-    -------
-    dict of str to relation
-
-    Raises
-    ------
-    ExpressionError
-        If it is no inequality, or three formulas are not in order.
+    Raises `ExpressionError` if the text is not an inequality, or if three formulas are not in
+    order.
 
     Examples
     --------

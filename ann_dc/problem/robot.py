@@ -1,4 +1,4 @@
-"""Robots that drive in a plane: how they move, what they can, what they would rather do."""
+"""Robots that drive in a plane: dynamics, limits and cost weights."""
 
 from __future__ import annotations
 
@@ -19,26 +19,24 @@ from ann_dc.validation.values import NotNegative, Positive, such_as
 @such_as("ann_dc.problem.car_robot()")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Robot:
-    """A robot in continuous time: dq/dt = F(q, u), its first two states its place (x, y).
+    """Robot in continuous time, dq/dt = F(q, u), with position (x, y) as first states.
+
+    Raises `WorldError` if the position is missing, a control has no limits, or the robot moves with
+    zero controls.
 
     Attributes
     ----------
-    states, controls : sequence of sympy.Symbol
     dynamics : sequence of sympy expressions
-        F. With all controls zero it stands still: that is how it brakes.
+        Right-hand side F. The robot must not move if all controls are zero, because it brakes in
+        this way.
     bounds : mapping of name to (low, high)
-        Of controls and states, as of a problem; every control has finite ones.
+        Bounds of controls and states, as in a problem; those of controls are finite.
     radius : float
-        Of the disc that contains it.
+        Radius of the disc that contains the robot.
     effort : mapping of name to float
-        What a plan pays for a control or a state, weight times its square over two, a second.
+        Cost rate of a control or a state: weight times its square over two, per second.
     rolling : mapping of name to float
-        Controls about whose smaller values F is not linearised: a car that stands cannot steer.
-
-    Raises
-    ------
-    WorldError
-        If it has no place, a control has no limits, or it does not stand still.
+        Smallest magnitude of a control at which F is linearised; a stationary car cannot steer.
     """
 
     states: Sequence[sp.Symbol]
@@ -66,12 +64,12 @@ class Robot:
 
     @cached_property
     def limits(self) -> np.ndarray:
-        """(m, 2): lowest and highest value of every control."""
+        """Lowest and highest value (m, 2) of every control."""
         return self._bounds(self.controls)
 
     @cached_property
     def state_limits(self) -> np.ndarray:
-        """(n, 2): lowest and highest value of every state."""
+        """Lowest and highest value (n, 2) of every state."""
         return self._bounds(self.states)
 
     def _bounds(self, symbols: Sequence[sp.Symbol]) -> np.ndarray:
@@ -80,14 +78,14 @@ class Robot:
         return np.array([[e if p is None else p for p, e in zip(pair, ends)] for pair in pairs])
 
     def stepped(self, dt: float | sp.Symbol) -> tuple[sp.Expr, ...]:
-        """q after dt, by the midpoint rule."""
+        """Return q after dt by the midpoint rule."""
         step = sp.sympify(dt)
         half = {q: q + sp.sympify(F) * step / 2 for q, F in zip(self.states, self.dynamics)}
         middle = [sp.sympify(F).xreplace(half) for F in self.dynamics]
         return tuple(q + step * F for q, F in zip(self.states, middle))
 
     def steps(self, dt: float) -> ProblemFunctions:
-        """The midpoint rule in numbers, with its derivatives; compiled once a step."""
+        """Return the numerical midpoint rule with derivatives, compiled once per step dt."""
         return _steps(self, dt)
 
 
@@ -114,20 +112,20 @@ def car_robot(
     steering: Positive = 0.6,
     steering_rate: Positive = 3.0,
 ) -> Robot:
-    """The paper's car: x, y, heading phi and steering varphi, driven by nu and eta.
+    """Return the paper's car: x, y, heading phi, steering varphi; controls nu and eta.
 
     Parameters
     ----------
     wheel_base : float
-        D, in metres.
+        Wheel base D in metres.
     radius : float
-        In metres.
+        Radius of the enclosing disc in metres.
     speed, reverse : float
-        Largest nu ahead and back, in m/s.
+        Largest forward and backward speed nu in m/s.
     steering : float
-        Largest |varphi|, in rad.
+        Largest abs(varphi) in rad.
     steering_rate : float
-        Largest |eta|, in rad/s.
+        Largest abs(eta) in rad/s.
 
     References
     ----------
@@ -162,16 +160,10 @@ def unicycle_robot(
     reverse: NotNegative = 0.0,
     turning: Positive = 2.5,
 ) -> Robot:
-    """A robot on two driven wheels: x, y and heading theta, driven by nu and omega.
+    """Return a two-wheeled robot: x, y and heading theta; controls nu and omega.
 
-    Parameters
-    ----------
-    radius : float
-        In metres.
-    speed, reverse : float
-        Largest nu ahead and back, in m/s.
-    turning : float
-        Largest |omega|, in rad/s.
+    Radius in metres, largest forward and backward speed nu in m/s, largest abs(omega) (``turning``)
+    in rad/s.
 
     Examples
     --------

@@ -1,10 +1,12 @@
-"""What a robot plans, as a problem whose every number of the moment is an input.
+"""Planning problem of a robot, with all momentary values as network inputs.
 
-The map is linear about a reference path, q' = c + A q + B u: what varies of A, B and c is an input
-of every cell. Obstacles are half-planes, b - a'p <= 0: a, b are inputs too, in so many slots. So
-one network with one wiring plans in any world: what changes from period to period is its inputs.
+In the `LINEAR` form, the map is linearised about a reference path, q' = c + A q + B u. The varying
+entries of A, B and c are inputs of every cell. Obstacles are half-planes, b - a'p <= 0, in a fixed
+number of slots; a and b are also inputs. One network with one wiring therefore plans in any world;
+only its inputs change from period to period.
 
-Or, to compare, the map is the robot's own and obstacles are discs, (R^2 - |p - o|^2) / 2R <= 0.
+For comparison, the `NONLINEAR` form uses the robot's nonlinear map and discs as obstacles, (R^2 -
+|p - o|^2) / 2R <= 0.
 """
 
 from __future__ import annotations
@@ -22,18 +24,18 @@ from ann_dc.problem.robot import Robot
 from ann_dc.problem.soft import Soft
 
 FAR = 100.0
-"""Of an empty slot: what it holds lies so far away, in the world's unit of length."""
+"""Distance of the obstacle in an empty slot, in the world's unit of length."""
 
 
 class Entry(NamedTuple):
-    """An entry of the map's Jacobian that varies along a path.
+    """Entry of the map's Jacobian that varies along a path.
 
     Attributes
     ----------
     name : str
-        Of its input.
+        Name of its input.
     row, column : int
-        Of the Jacobian (n, n+m).
+        Position in the Jacobian (n, n+m).
     """
 
     name: str
@@ -42,15 +44,14 @@ class Entry(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A map q' of a stage in symbols, and what of it are inputs.
+    """Symbolic map q' of a stage and its inputs.
 
     Attributes
     ----------
-    map : tuple of sympy expressions
     entries : tuple of Entry
-        Of A and B.
+        Inputs in A and B.
     shifts : tuple of (str, int)
-        Inputs c, and the states whose map they are in.
+        Inputs c and the indices of their states.
     """
 
     map: tuple[sp.Expr, ...]
@@ -59,13 +60,14 @@ class Step(NamedTuple):
 
 
 class Form(NamedTuple):
-    """What the cells of a planning network hold; see `LINEAR` and `NONLINEAR`.
+    """Form of the cells of a planning network; see `LINEAR` and `NONLINEAR`.
 
     Attributes
     ----------
     step : callable (Robot, dt) to Step
+        Map of a stage.
     row : callable (x, y, and three inputs) to sympy expression
-        Of an obstacle: zero or less where a place (x, y) is clear of it.
+        Row of an obstacle, zero or less if a position (x, y) is clear of the obstacle.
     nowhere : (float, float, float)
         The three inputs of an empty slot.
     """
@@ -77,24 +79,20 @@ class Form(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Planning:
-    """A planning problem and where its inputs come from; see `planning_problem`.
+    """Planning problem and the sources of its inputs; see `planning_problem`.
 
     Attributes
     ----------
-    problem : OptimalControlProblem
-    robot : Robot
-    form : Form
-        Of its cells.
     steps : ProblemFunctions
-        The robot's map, which is linearised.
+        Map of the robot, which is linearised.
     step : Step
-        That of the cells.
+        Map of the cells.
     dt : float
-        Seconds a stage.
+        Duration of a stage in seconds.
     slots : int
-        Obstacles a cell.
+        Number of obstacles per cell.
     soft : Soft
-        What it costs to break a row.
+        Cost of a row violation.
     """
 
     problem: OptimalControlProblem
@@ -107,11 +105,9 @@ class Planning:
     soft: Soft
 
     def model_inputs(self, q: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
-        """Values (..., N) of the inputs A, B and c about references, put within the limits.
+        """Return the inputs A, B and c (..., N) at references clipped to the limits.
 
-        Parameters
-        ----------
-        q, u : (n, ..., N) and (m, ..., N) arrays
+        The references q and u have shapes (n, ..., N) and (m, ..., N).
         """
         shape, n = q.shape[1:], len(q)
         q, u = (
@@ -131,12 +127,9 @@ class Planning:
         return values | {name: shift[row].reshape(shape) for name, row in self.step.shifts}
 
     def slot_inputs(self, rows: np.ndarray) -> dict[str, np.ndarray]:
-        """Values (..., N) of the inputs of the slots.
+        """Return the slot inputs (..., N) for rows (..., N, slots, 3).
 
-        Parameters
-        ----------
-        rows : (..., N, slots, 3) array
-            Of the form: a_x, a_y and b, or o_x, o_y and R.
+        The last axis contains a_x, a_y and b of half-planes, or o_x, o_y and R of discs.
         """
         return {
             name: rows[..., slot, part]
@@ -146,12 +139,12 @@ class Planning:
 
     @staticmethod
     def goal_inputs(goal: np.ndarray) -> dict[str, np.ndarray]:
-        """Values (...) of the inputs of the goal (..., 2)."""
+        """Return the goal inputs (...) for goals (..., 2)."""
         return {"goal_x": goal[..., 0], "goal_y": goal[..., 1]}
 
 
 def _linear_step(robot: Robot, dt: float) -> Step:
-    """q' = c + A q + B u; what of A and B does not vary is no input."""
+    """Return q' = c + A q + B u; constant entries of A and B are not inputs."""
     symbols = (*robot.states, *robot.controls)
     jacobian = sp.Matrix(robot.stepped(dt)).jacobian(symbols)
     entries, shifts, step = [], [], []
@@ -183,10 +176,11 @@ def _disc(x, y, o_x, o_y, R) -> sp.Expr:
 
 
 LINEAR = Form(_linear_step, _half_plane, (1.0, 0.0, -FAR))
-"""The map linear about a reference path, obstacles as half-planes: in contact the optimum attracts.
-"""
+"""Map linear about a reference path, obstacles as half-planes; in contact the optimum is stable."""
 NONLINEAR = Form(_own_step, _disc, (2 * FAR, 0.0, FAR))
-"""The robot's own map, obstacles as discs: fewer inputs, but in contact the optimum may repel."""
+"""Nonlinear map of the robot, obstacles as discs: fewer inputs, but in contact the optimum may be
+unstable.
+"""
 
 
 def planning_problem(
@@ -200,24 +194,22 @@ def planning_problem(
     soft: Soft,
     form: Form = LINEAR,
 ) -> Planning:
-    """The problem that a robot solves every period.
+    """Return the problem that a robot solves in every control period.
 
     Parameters
     ----------
-    robot : Robot
     horizon : int
-        Stages N.
+        Number of stages N.
     dt : float
-        Seconds a stage.
+        Duration of a stage in seconds.
     slots : int
-        Obstacles a cell.
+        Number of obstacles per cell.
     pull : float
-        Weight of the squared distance to the goal, a stage.
+        Weight of the squared distance to the goal, per stage.
     reach : float
-        How far a plan may lead: the scale of x and y.
+        Largest distance of a plan, the scale of x and y.
     soft : Soft
-        What it costs to break a row, in units of the cost by length (or by unit of a state).
-    form : Form
+        Cost of a row violation, in units of the cost per length (or per unit of a state).
     """
     step, place = form.step(robot, dt), robot.states[:2]
     goal = sp.symbols("goal_x goal_y")
@@ -260,13 +252,12 @@ def _slot_names(slot: int) -> tuple[str, str, str]:
 
 
 def _effort(robot: Robot) -> list[sp.Expr]:
-    """What a stage pays for its states and controls."""
     symbols = (*robot.states, *robot.controls)
     return [sp.Float(robot.effort.get(z.name, 0.0)) / 2 * z**2 for z in symbols]
 
 
 def _scales(robot: Robot, reach: float) -> dict[str, float]:
-    """Place by the reach, what is bounded by its bounds, the rest by one."""
+    """Return the scales: reach for the position, bounds if finite, otherwise one."""
     symbols = (*robot.states, *robot.controls)
     limits = np.abs(np.vstack([robot.state_limits, robot.limits])).max(axis=1)
     sizes = np.where(np.isfinite(limits), limits, 1.0)
@@ -275,19 +266,10 @@ def _scales(robot: Robot, reach: float) -> dict[str, float]:
 
 
 def leg_problem(robot: Robot, *, stages: int, reach: float) -> OptimalControlProblem:
-    """The problem of a leg: from a state to a place, with the least effort, in a time of its own.
+    """Return the minimum-effort problem of a segment: from a state to a position.
 
-    Parameters
-    ----------
-    robot : Robot
-    stages : int
-    reach : float
-        The scale of x and y, and how far this leg leads.
-
-    Returns
-    -------
-    OptimalControlProblem
-        With an input ``h``, the seconds of a stage.
+    The duration is adjustable by the input ``h``, the seconds of a stage. ``reach`` is the length
+    of the segment and the scale of x and y.
     """
     h = sp.Symbol("h")
     aside = len(robot.states) - 2

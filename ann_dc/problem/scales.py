@@ -1,13 +1,15 @@
-r"""Scales: the problem's own measure of every state, control and of the cost, near one.
+r"""Scales of states, controls and cost, chosen so that network values are near one.
 
-The network computes with :math:`\hat q = (q - c) / S`, :math:`v = (u - u_0) / U` and
-:math:`\hat E = E / E_0`. A state has one scale for its whole chain, from two things that the
-declaration knows: how far its ends lie apart, and how far it strays in between where that costs
-little, which is the variance of a Gaussian bridge along the straight line (`excursions`). Then U
-makes the largest control effect :math:`|S^{-1} \partial f / \partial v|` one, and E_0 the largest
-:math:`\partial^2 \hat E / \partial v^2`. Offsets are q_0 and the controls that cost least.
+The network computes with :math:`\hat q = (q - c) / S`, :math:`v = (u - u_0) / U` and :math:`\hat E
+= E / E_0`. A state has one scale for its whole chain. The scale combines the distance of the ends
+with the excursion between them at small cost. The excursion is derived from the variance of a
+Gaussian bridge along the straight line (`excursions`).
 
-The scales are covariant: the same problem in other units has the same network.
+U makes the largest control effect :math:`|S^{-1} \partial f / \partial v|` one, and E_0 makes the
+largest :math:`\partial^2 \hat E / \partial v^2` one. Offsets are q_0 and the controls of least
+cost.
+
+The scales are covariant: the network of a problem does not depend on its units.
 """
 
 from __future__ import annotations
@@ -26,26 +28,32 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import such_as
 
 NEARLY = 0.05
-"""Span over straying below which the ends of a state nearly meet."""
+"""Span relative to the excursion below which the ends of a state nearly coincide."""
 WIDEST = 10.0
-"""Scale of a state over the distance of its bounds, at most, if the map explodes on the line."""
+"""Largest scale of a state relative to its bound distance, a limit for maps that explode on the
+line.
+"""
 MOST = 1e4
-"""The same for controls, whose scales grow with the number of stages."""
+"""Largest scale of a control relative to its bound distance; control scales grow with the number of
+stages.
+"""
 ROUNDS = 3
-"""How often controls and scales are fitted to each other; the second round changes little."""
+"""Number of alternating fits of controls and scales; the second round changes little."""
 
 
 @such_as("ann_dc.problem.scales_of(problem)")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scales:
-    """How network values stand for the user's: of every state chain, every control, the cost.
+    """Scales between network values and the user's values of a problem.
 
     Attributes
     ----------
     states : tuple of n Scale
+        One scale per state chain.
     controls : tuple of m Scale
+        One scale per control.
     cost : float
-        The user's cost that a network's objective of 1 stands for.
+        User's cost that a network objective of 1 represents.
 
     Examples
     --------
@@ -60,26 +68,26 @@ class Scales:
 
     @classmethod
     def none(cls, problem: OptimalControlProblem) -> Scales:
-        """The user's own units of a problem: every factor is one, every offset zero."""
+        """Return identity scales for a problem: factors one, offsets zero."""
         return cls(states=(Scale(),) * problem.n, controls=(Scale(),) * problem.m, cost=1.0)
 
     @property
     def multipliers(self) -> tuple[Scale, ...]:
-        """Of mu and beta of every chain: cost by state."""
+        """Scales of mu and beta of every chain: cost divided by state."""
         return tuple(Scale(self.cost / scale.factor) for scale in self.states)
 
     @property
     def state_factors(self) -> np.ndarray:
-        """(n,)."""
+        """Scale factors of the states, (n,)."""
         return np.array([scale.factor for scale in self.states])
 
     @property
     def control_factors(self) -> np.ndarray:
-        """(m,)."""
+        """Scale factors of the controls, (m,)."""
         return np.array([scale.factor for scale in self.controls])
 
     def replaced(self, problem: OptimalControlProblem) -> Scales:
-        """These scales with those that a problem sets by hand."""
+        """Return these scales with the user-defined scales of a problem substituted."""
         given = problem.scales
 
         def chosen(name: str, own: Scale) -> Scale:
@@ -95,26 +103,13 @@ class Scales:
 
 @checked
 def natural_scales(problem: OptimalControlProblem) -> Scales:
-    """The scales of a problem from its ends, its map and its cost, whatever it sets by hand.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    """
+    """Return the scales derived from ends, map and cost, ignoring user-defined scales."""
     return straight_line(problem).scales
 
 
 @checked
 def scales_of(problem: OptimalControlProblem) -> Scales:
-    """The scales in which a problem is wired: those that it sets by hand, or else natural ones.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-
-    Returns
-    -------
-    Scales
+    """Return the scales of a problem: user-defined ones, otherwise natural ones.
 
     Examples
     --------
@@ -129,15 +124,14 @@ def scales_of(problem: OptimalControlProblem) -> Scales:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StraightLine:
-    """The straight line between the ends, what it takes to follow it, and its scales.
+    """Straight line between the ends with fitted controls and scales.
 
     Attributes
     ----------
     q : (n, N+1) array
-        In the user's units.
+        States in the user's units.
     u : (m, N) array
-        Controls that fit: one Gauss-Newton step from those that cost least.
-    scales : Scales
+        Controls after one Gauss-Newton step from those of least cost.
     """
 
     q: np.ndarray
@@ -147,12 +141,14 @@ class StraightLine:
 
 @lru_cache(maxsize=64)
 def straight_line(problem: OptimalControlProblem) -> StraightLine:
-    """Straight line from q_0 to q_d, free components at their other end; controls and scales.
+    """Return the straight line from q_0 to q_d with its controls and scales.
+
+    A free component has the value of its other end.
 
     Parameters
     ----------
     problem : OptimalControlProblem
-        Inputs that hold controls without effect do not count.
+        Problem; inputs that hold ineffective controls are set to zero.
     """
     with np.errstate(all="ignore"):
         problem = problem.with_inputs(**{HOLD.format(c): 0.0 for c in problem.held})
@@ -162,24 +158,17 @@ def straight_line(problem: OptimalControlProblem) -> StraightLine:
 
 
 def fitting_controls(problem: OptimalControlProblem, q: np.ndarray) -> np.ndarray:
-    """Controls that follow a path as nearly as one Gauss-Newton step from the cheapest ones says.
+    """Return controls (m, N) that approximately follow a path q (n, N+1).
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    q : (n, N+1) array
-        States with the end, in the user's units.
-
-    Returns
-    -------
-    (m, N) array
+    The controls result from one Gauss-Newton step from those of least cost. States include the end
+    and are in the user's units.
     """
     with np.errstate(all="ignore"):
         return _Path(problem, q).controls(natural_scales(problem).state_factors)
 
 
 class _Path:
-    """A path while its controls and the scales of the states are fitted to each other."""
+    """Path with an alternating fit of its controls and the state scales."""
 
     def __init__(self, problem: OptimalControlProblem, q: np.ndarray) -> None:
         self.problem, self.functions, self.q = problem, problem.functions, q
@@ -192,7 +181,7 @@ class _Path:
         self.price = self.control_curvature
 
     def fitted(self) -> StraightLine:
-        """Controls that fit and scales, in turn."""
+        """Return the line with alternately fitted controls and scales."""
         scale = np.where(self.span > 0, self.span, np.inf)
         self._look(self.controls(scale))
         for _ in range(ROUNDS):
@@ -207,11 +196,14 @@ class _Path:
         return self.q[:, :-1]
 
     def _hessian(self, u: np.ndarray) -> np.ndarray:
-        """Of the cost along the line, (n+m, n+m, N)."""
+        """Return the Hessian (n+m, n+m, N) of the cost along the line."""
         return self.functions.hessian(self._from, u, np.zeros_like(self.q[:, 1:]))
 
     def _cheapest(self) -> np.ndarray:
-        """Controls (m, N) at which the cost along the line is least, from zero; in its domain."""
+        """Return the controls (m, N) of least cost along the line, within the domain.
+
+        One Newton step from zero is used.
+        """
         n, u = self.problem.n, np.zeros((self.problem.m, self.problem.horizon))
         _, slope = self.functions.cost_gradient(self._from, u)
         for k, own in enumerate(np.moveaxis(self._hessian(u)[n:, n:], -1, 0)):
@@ -223,7 +215,7 @@ class _Path:
         return into_domain(self.problem, self._from, u)
 
     def _look(self, u: np.ndarray) -> None:
-        """Slopes and curvatures along the line with other controls."""
+        """Compute slopes and curvatures along the line at given controls."""
         n = self.problem.n
         F, B = self.functions.map_jacobian(self._from, u)
         slope, push = self.functions.cost_gradient(self._from, u)
@@ -235,13 +227,14 @@ class _Path:
         self.control_curvature = np.maximum(_finite(own[n:]), 0.0).max(axis=-1)
 
     def _effect(self, scale: np.ndarray) -> np.ndarray:
-        """(m,): largest |S^-1 df/du| along the line."""
+        """Return the largest |S^-1 df/du| along the line, (m,)."""
         return np.sqrt(((self.B / scale[:, None, None]) ** 2).sum(axis=0)).max(axis=-1)
 
     def _control_cost(self, scale: np.ndarray) -> np.ndarray:
-        """Return R (m,): curvature of the cost, or that of others with the same effect.
+        """Return the curvature R (m,) of the cost in the controls.
 
-        Infinite if neither is known. Without any price, that of the states which are moved counts.
+        An unknown entry is that of other controls with the same effect, or infinite if these are
+        unknown too. If no control has a cost, the curvature of the affected states is used.
         """
         R, effect = self.control_curvature, self._effect(scale) ** 2
         if not (R > 0).any():
@@ -253,7 +246,7 @@ class _Path:
         return np.where(known, R, np.where(guess > 0, guess, np.inf))
 
     def _price_of_states(self) -> np.ndarray:
-        """(m,): curvature that a push on each control meets in the states after it, at most."""
+        """Return the largest cost curvature (m,) of later states per control impulse."""
         W, price = np.diag(self.curvature[:, -1]), np.zeros(self.problem.m)
         for k in range(self.problem.horizon - 1, -1, -1):
             F, B = self.F[:, :, k], self.B[:, :, k]
@@ -262,9 +255,10 @@ class _Path:
         return _finite(price)
 
     def controls(self, scale: np.ndarray) -> np.ndarray:
-        """Return controls that take q_k to q_{k+1} as nearly as one least-squares step says.
+        """Return controls that take q_k to q_{k+1} after one least-squares step.
 
-        States are measured in their scales, controls by their cost. The cheapest, if f is infinite.
+        States are measured in their scales, controls by their cost. The controls of least cost are
+        returned if f is not finite.
         """
         if not np.isfinite(self.gap).all():
             return self.cheapest
@@ -279,15 +273,15 @@ class _Path:
         return bridge_variance(self.F, self.B, self.curvature, price, self.fixed, self.loose)
 
     def _straying(self, scale: np.ndarray) -> np.ndarray:
-        """(n,): how far each state strays from the line; infinite where no control moves it."""
+        """Return the excursion of each state from the line, (n,); infinite if not driven."""
         variance = self._variance(scale)
         strays = np.sqrt(variance.mean(axis=1))
         return np.where(np.isfinite(strays) & (strays > 0), strays, np.inf)
 
     def _in_common(self, scale: np.ndarray) -> np.ndarray:
-        """Return (n,) geometric means of how far states stray and how far their ends lie apart.
+        """Return the geometric means (n,) of state excursions and end distances.
 
-        Ends that nearly meet tell nothing: towards a span of zero straying alone counts.
+        For nearly coinciding ends the mean tends to the excursion alone as the span tends to zero.
         """
         moved, span = np.isfinite(scale), self.span
         scale = scale * self._shared_factor(scale)
@@ -297,7 +291,10 @@ class _Path:
         return self._of_given(np.where(moved, mean, np.where(span > 0, span, scale)))
 
     def _shared_factor(self, scale: np.ndarray) -> float:
-        """Return what makes the largest motion over its scale one: span, or else a guess."""
+        """Return the factor that makes the largest motion over its scale one.
+
+        The motion is the span, or otherwise an estimate.
+        """
         drift = np.abs(_finite(self.gap)).sum(axis=1)
         pulled = (self._variance(scale) * np.abs(self.slope[:, 1:])).max(axis=1)
         start = np.abs(self.q[:, 0])
@@ -308,7 +305,7 @@ class _Path:
         return 1.0
 
     def _of_given(self, scale: np.ndarray) -> np.ndarray:
-        """Measure a state that no control moves by its effect on others, its drift or its place."""
+        """Return scales in which undriven states are given by effect, drift or position."""
         coupled = np.sqrt((self.F**2).mean(axis=-1)) * self.problem.horizon
         moved, complete = np.isfinite(scale), np.where(np.isnan(self.known), scale, self.known)
         for i in map(int, np.flatnonzero(~moved & np.isnan(self.known))):
@@ -334,7 +331,7 @@ class _Path:
         )
 
     def _cost(self, scale: np.ndarray, control: np.ndarray) -> float:
-        """Largest curvature of the cost in the controls; or else in the states, or its slope."""
+        """Return the largest cost curvature in controls, or in states, or the slope."""
         for measure in (
             self.price * control**2,
             self.curvature.max(axis=-1) * scale**2,

@@ -1,7 +1,7 @@
-"""A problem as plain data: every field of a declaration, its formulas as text.
+"""Serialisation of a problem: all fields of a declaration, with formulas as text.
 
-What is written is declared again when it is read, so that it is checked as any declaration is. A
-new field of `OptimalControlProblem` gets its place here, in the record and in the two functions.
+Reading repeats the declaration, so all checks of a declaration apply. A new field of
+`OptimalControlProblem` must be added here, in the record and in both functions.
 """
 
 from __future__ import annotations
@@ -29,15 +29,7 @@ Formula = tuple[str, ...]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WrittenStep:
-    """The fields of a `StepLength`.
-
-    Attributes
-    ----------
-    low : float
-    high : float or None
-    guess : float
-    symbol : str
-    """
+    """Fields of a `StepLength`."""
 
     low: float
     high: float | None
@@ -47,13 +39,12 @@ class WrittenStep:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WrittenRelation:
-    """An inequality.
+    """Serialised inequality: two formulas and a sign.
 
     Attributes
     ----------
-    left, right : formula
     sign : str
-        Between them: one of `SIGNS`.
+        Relation between the formulas, one of `SIGNS`.
     """
 
     left: Formula
@@ -63,13 +54,12 @@ class WrittenRelation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WrittenSoft:
-    """The fields of a `Soft`.
+    """Fields of a `Soft`.
 
     Attributes
     ----------
     price : float or None
-        None where it is infinite.
-    compliance : float
+        Penalty weight; None if infinite.
     """
 
     price: float | None
@@ -78,31 +68,20 @@ class WrittenSoft:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WrittenProblem:
-    """The fields of an `OptimalControlProblem` as text, numbers and arrays.
+    """Fields of an `OptimalControlProblem` as text, numbers and arrays.
 
     Attributes
     ----------
-    name : str
-    states, controls : tuple of str
     assumptions : mapping of str to mapping of str to bool
-        What SymPy is to assume of a symbol, for instance that it is positive.
+        SymPy assumptions of each symbol, for instance that it is positive.
     dynamics, map : tuple of n formulas, or None
-    cost, terminal_cost : formula
-    horizon : int
-    dt : float or None
+        Continuous or discrete dynamics.
     step : WrittenStep or None
-        Instead of dt where it is a decision.
-    q_0, q_d : tuple of n floats or None
+        Replaces dt if the step length is optimised.
     inputs : mapping of str to (N,) array
-    units : mapping of str to str
+        Input values per stage.
     scales : mapping of str to tuple of float
-        A factor, and the offset where there is one.
-    constraints, terminal_constraints : mapping of str to WrittenRelation
-    bounds : mapping of str to tuple of two floats
-    soft : mapping of str to WrittenSoft
-    objectives : mapping of str to formula
-    weights : mapping of str to float
-    temperature : float
+        Factor, followed by the offset if there is one.
     """
 
     name: str
@@ -131,20 +110,9 @@ class WrittenProblem:
 
 
 def written(problem: OptimalControlProblem) -> WrittenProblem:
-    """A problem as plain data.
+    """Return a problem as plain data.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-
-    Returns
-    -------
-    WrittenProblem
-
-    Raises
-    ------
-    ExpressionError
-        If it has a function that the parser does not know.
+    Raises `ExpressionError` if the problem has a function that the parser does not know.
 
     Examples
     --------
@@ -189,7 +157,7 @@ def written(problem: OptimalControlProblem) -> WrittenProblem:
 def _of_users(
     given: Mapping[str, Any], problem: OptimalControlProblem, own: list[sp.Symbol]
 ) -> dict[str, Any]:
-    """What the user declared by name, without what a step length adds."""
+    """Return the user's fields by name, without the additions of a step length."""
     added = {str(s) for s in problem.states} - {str(s) for s in own}
     return {name: value for name, value in given.items() if name not in added}
 
@@ -212,20 +180,9 @@ def _soft(given: WrittenSoft) -> Soft:
 
 
 def declared(given: WrittenProblem) -> OptimalControlProblem:
-    """The problem that was written.
+    """Return the problem that plain data describes.
 
-    Parameters
-    ----------
-    given : WrittenProblem
-
-    Returns
-    -------
-    OptimalControlProblem
-
-    Raises
-    ------
-    ProblemError
-        If what is written is no problem; the message begins with the field.
+    Raises `ProblemError` if the data are not a valid problem; the message begins with the field.
 
     Examples
     --------
@@ -273,7 +230,7 @@ def declared(given: WrittenProblem) -> OptimalControlProblem:
 
 
 def _said_of(symbol: sp.Symbol) -> dict[str, bool]:
-    """What is assumed of a symbol, besides what is of every one."""
+    """Return the assumptions of a symbol, without those common to all symbols."""
     return {word: said for word, said in symbol.assumptions0.items() if word != "commutative"}
 
 

@@ -1,14 +1,14 @@
-r"""Soft inequalities: rows g <= 0 that may be violated, at a price.
+r"""Soft inequality constraints: penalised violation of rows g <= 0.
 
-Instead of having to hold, such a row costs (Huber's function of what it is exceeded by)
+A soft row is replaced by a penalty (Huber function of the violation)
 
 .. math::
     p(g) = \begin{cases} 0 & g \le 0 \\ g^2 / (2 d) & 0 < g \le d P \\
     P g - d P^2 / 2 & d P < g \end{cases}
 
-with P its price and d its compliance; without compliance p(g) = P max(0, g), the exact L1 penalty.
-Its multiplier zeta lies between 0 and P, and g = d zeta where it lies below P: the row is kept as
-it would be otherwise, or to g = d zeta, wherever that costs less than the price a unit.
+with the penalty weight P (`price`) and the compliance d. Without compliance p(g) = P max(0, g), the
+exact L1 penalty. The multiplier zeta lies between 0 and P, and g = d zeta if zeta < P. The row is
+therefore satisfied exactly, or to g = d zeta, wherever that costs less than P per unit.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from ann_dc.errors import ProblemError
 from ann_dc.problem.fields import is_finite, positive
 
 Softness: TypeAlias = Any
-"""A `Soft` or a price, of all rows or of every row by its name."""
+"""A `Soft` or a penalty weight, of all rows or of each row by name."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Soft:
-    """What it costs to violate an inequality: ``soft=Soft(price=30)``.
+    """Penalty of a violated inequality: ``soft=Soft(price=30)``.
 
     Parameters
     ----------
     price : float
-        P, positive, in units of the cost by unit of the row (what stands on the left of ``<= 0``);
-        infinite where only the compliance counts.
+        Penalty weight P, positive, in units of the cost per unit of the row (the left side of ``<=
+        0``). Infinite, the default, if only the compliance is used.
     compliance : float
-        d, how far the row gives way for a multiplier of one: zero or positive, finite.
+        Compliance d, the violation per unit of the multiplier; non-negative, finite.
 
     Raises
     ------
     ProblemError
-        If the price is not positive, the compliance negative or not finite, or there is neither.
+        If the price is not positive, the compliance is negative or not finite, or both are missing.
 
     Examples
     --------
@@ -71,12 +71,12 @@ class Soft:
             )
 
     def cost(self, g: np.ndarray) -> np.ndarray:
-        """p(g), element by element, in the unit of the cost.
+        """Return the penalty p(g) elementwise, in the unit of the cost.
 
         Parameters
         ----------
         g : array
-            In the row's own unit.
+            Values of the row in its unit.
         """
         over = np.maximum(g, 0.0)
         if not self.compliance:
@@ -93,21 +93,19 @@ class Soft:
 
 
 def soft_of(given: Any, rows: Collection[Any], limited: Collection[str]) -> dict[str, Soft]:
-    """Soft rows by name.
+    """Return soft rows by name.
+
+    Raises `ProblemError` if the problem has no rows, a name is unknown, or a value is not a penalty
+    weight.
 
     Parameters
     ----------
     given : Soft, float, or mapping of str to either or to a table of both numbers
-        A number is a price; one without a name is that of all rows.
+        A number is a penalty weight; a value without a name applies to all rows.
     rows : collection of str
         Names of the rows.
     limited : collection of str
-        Controls with limits.
-
-    Raises
-    ------
-    ProblemError
-        If there is nothing to soften, no row of that name, or what is given is no price.
+        Controls with limits, which cannot be soft.
     """
     if not isinstance(given, Mapping):
         if not rows:
@@ -133,7 +131,7 @@ def soft_of(given: Any, rows: Collection[Any], limited: Collection[str]) -> dict
 
 
 def _soft(where: str, given: Any) -> Soft:
-    """One that is given as such, as a price, or as a table of both numbers."""
+    """Return a `Soft` given as such, as penalty weight, or as table of both numbers."""
     if isinstance(given, Soft):
         return given
     table = given if isinstance(given, Mapping) else {"price": given}

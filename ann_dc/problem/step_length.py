@@ -1,16 +1,18 @@
-r"""A step length that is chosen with the rest: one number for all stages, between two bounds.
+r"""Optimised step length: one number for all stages, between two bounds.
 
-Bounds of a state would be rows of every stage; the network chooses an angle z instead, from which
-the step length follows,
+Bounds of a state would be rows of every stage. The network optimises an angle z instead, which
+gives the step length
 
 .. math::
     h = \tfrac{low + high}{2} + \tfrac{high - low}{2} \sin(z + z_0), \qquad
     h = low + c\,(\sqrt{(z + \sqrt 3)^2 + 1} - 1)
 
-where there is no upper bound: h keeps to its bounds whatever z is, and z = 0 is the guess. At a
-bound the slope is zero and the curvature is not, so an optimum that lies there is a stationary
-point with a finite z, to which a network settles as to any other (a map that reaches its bounds at
-infinity, as tanh, would leave z drifting for ever).
+where the second form applies without an upper bound. The step length satisfies its bounds for every
+z, and z = 0 is the guess.
+
+At a bound the slope is zero and the curvature is not. An optimum at a bound is therefore a
+stationary point with a finite z, and the network settles there as usual. A map that reaches its
+bounds at infinity, such as tanh, would let z drift indefinitely.
 
 References
 ----------
@@ -31,30 +33,30 @@ from ann_dc.errors import ProblemError
 from ann_dc.problem.fields import check_names, positive
 
 SUFFIX = "_free"
-"""What is added to the symbol's name to name z."""
+"""Suffix of the symbol's name that gives the name of z."""
 SCALE = math.pi
-"""How far z goes, from bound to bound: what a network value of 1 stands for."""
+"""Scale of z, the distance from bound to bound that a network value of 1 represents."""
 FIRST_GUESS = 10.0
-"""The guess over the lower bound, where there is no upper one."""
+"""Ratio of the guess to the lower bound without an upper bound."""
 AT_BOUND = 1e-6
-"""Share of the way from bound to guess below which a step length is at its bound."""
+"""Fraction of the distance from bound to guess below which a step length is at its bound."""
 
 
 class Coordinate(sp.Symbol):
-    """The state z of a step length that is chosen, told from a user's state by its type."""
+    """State z of an optimised step length, distinguished from user states by its type."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StepLength:
-    """A sampling interval that the network chooses: ``dt=StepLength(low=0.02, high=0.5)``.
+    """Optimised sampling interval: ``dt=StepLength(low=0.02, high=0.5)``.
 
-    Every realisation has it as one more state, which every stage hands on unchanged and which is
-    free at both ends. That costs four neurons a stage, where a bus along the row would cost one in
-    all; but their wires reach the next stage and no further, so that a cell stays like the others
-    and metrics, circuits and weight files need nothing new. A `Start` has a row for it, the last
-    one, zero at the guess.
+    Every realisation represents the interval as one more state, carried unchanged from stage to
+    stage and free at both ends. This costs four neurons per stage; a bus along the network would
+    cost one in total. However, the wires only reach the next stage, so all cells remain alike.
+    Preconditioners, circuits and weight files therefore need no extension. A `Start` has one more
+    row for z, the last one, zero at the guess.
 
     Parameters
     ----------
@@ -63,19 +65,19 @@ class StepLength:
     high : float, optional
         Upper bound; none by default.
     guess : float, optional
-        Where a network starts, between the bounds. The geometric mean of the bounds by default, or
-        ten times the lower one.
+        Initial value between the bounds. By default the geometric mean of the bounds, or ten times
+        the lower bound.
     symbol : sympy.Symbol or str
-        What the problem's formulas may call it, "h" by default.
+        Name of the interval in the problem's formulas, "h" by default.
 
     Raises
     ------
     ProblemError
-        If a bound is not positive or not finite, or they contradict each other or the guess.
+        If a bound is not positive or not finite, or if bounds and guess contradict each other.
 
     Examples
     --------
-    A mass that is to stop after one metre, where every second costs as much as an effort:
+    A mass that stops after one metre, with a cost rate of time in addition to effort:
 
     >>> import ann_dc
     >>> x, v, a, h = sp.symbols("x v a h")
@@ -117,20 +119,21 @@ class StepLength:
 
     @property
     def coordinate(self) -> Coordinate:
-        """z, the state that is handed on: the symbol's name with "_free"."""
+        """Carried state z: the symbol's name with the suffix "_free"."""
         return Coordinate(f"{self.symbol}{SUFFIX}")
 
     @property
     def expression(self) -> sp.Expr:
-        """h as a formula of `coordinate`."""
+        """Step length h as a formula of `coordinate`."""
         return self._map(self.coordinate, sp)
 
     def length(self, z: Any) -> np.ndarray:
-        """h (...,) from values of z (...,).
+        """Return h for values of z.
 
         Parameters
         ----------
         z : array_like
+            Values of the carried state (...,); the result has the same shape.
 
         Examples
         --------
@@ -148,11 +151,12 @@ class StepLength:
         return middle + half * library.sin(z + math.asin((guess - middle) / half))
 
     def bound_at(self, length: float) -> str:
-        """Which bound a step length lies at: "lower", "upper", or nothing.
+        """Return the bound at which a step length lies: "lower", "upper" or "".
 
         Parameters
         ----------
         length : float
+            Step length in the unit of dt.
 
         Examples
         --------
@@ -174,18 +178,14 @@ class StepLength:
 
 
 def step_length(given: Any) -> float | StepLength:
-    """A sampling interval: a positive number, or a `StepLength` as it is; or a ProblemError."""
+    """Return a positive number or a `StepLength` unchanged, or raise a `ProblemError`."""
     return given if isinstance(given, StepLength) else positive("dt", given)
 
 
 def stage_times(dt: float | StepLength, q: np.ndarray) -> np.ndarray:
-    """When stages begin and end (N+1,), from 0 on, in the unit of dt.
+    """Return the limits (N+1,) of stages in time, from 0, in the unit of dt.
 
-    Parameters
-    ----------
-    dt : float or StepLength
-    q : (n, N+1) array
-        States; the last of them knows the step length where it is chosen.
+    The last row of the states q (n, N+1) contains an optimised step length.
 
     Examples
     --------
@@ -198,12 +198,9 @@ def stage_times(dt: float | StepLength, q: np.ndarray) -> np.ndarray:
 
 
 def mean_length(dt: float | StepLength, q: np.ndarray) -> float:
-    """Length of a stage: dt, or the mean of what was chosen (one number, where it has settled).
+    """Return the length of a stage: dt, or the mean of an optimised step length.
 
-    Parameters
-    ----------
-    dt : float or StepLength
-    q : (n, N+1) array
-        States; the last of them knows the step length where it is chosen.
+    The optimised lengths of all stages are equal after settling. They are in the last row of the
+    states q (n, N+1).
     """
     return float(stage_times(dt, q)[-1]) / (q.shape[-1] - 1) if isinstance(dt, StepLength) else dt

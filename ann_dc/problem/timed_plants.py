@@ -1,7 +1,7 @@
-"""Plants that take the time that suits them: every second has a price beside the effort.
+"""Plants with free final time: the cost is time plus effort.
 
-Each function declares one optimal-control problem, as `ann_dc.problem.plants` says, which lists
-them among all plants.
+Each function declares one optimal-control problem in the manner of `ann_dc.problem.plants`, which
+lists these plants.
 """
 
 from __future__ import annotations
@@ -22,24 +22,21 @@ def car_free_time(
     *, time_weight=1.0, gamma=0.1, low=0.02, high=2.0, dt=None, N=9,
     q_0=(0, 0, 0, 0), q_d=(5, 5, 0, 0),
 ) -> OptimalControlProblem:  # fmt: skip
-    r"""The paper's car, which parks when it suits: time and effort together are least.
+    r"""Declare the paper's car with free final time: minimum time plus effort.
 
     .. math:: \min \int_0^T w + \tfrac12 (\nu^2 + \eta^2)\, dt
 
     Parameters
     ----------
     time_weight : float
-        Price w of a second.
+        Cost w of a second.
     gamma : float
-        Damping in 1/s, as the car has it.
+        Damping in 1/s, as in the car.
     low, high : float
-        Bounds of a sampling interval that is free, in seconds.
+        Bounds of a free sampling interval in seconds.
     dt, N, q_0, q_d
-        Sampling interval (free: chosen between its bounds), horizon, start, target.
-
-    Returns
-    -------
-    OptimalControlProblem
+        Sampling interval (free by default: optimised between its bounds), horizon, initial state,
+        terminal state.
 
     Examples
     --------
@@ -55,22 +52,20 @@ def car_free_time(
 def pendulum_free_time(
     *, time_weight=20.0, low=0.02, high=0.25, dt=None, N=20, q_0=(math.pi, 0), q_d=(0, 0)
 ) -> OptimalControlProblem:
-    """Swing a hanging pendulum upright when it suits: time and effort together are least.
+    """Declare the pendulum swing-up with free final time: minimum time plus effort.
 
-    With a high price of time it swings up at once; with a low one it swings to and fro.
+    With a high cost of time the pendulum swings up at once; with a low one it first swings back and
+    forth.
 
     Parameters
     ----------
     time_weight : float
-        Price of a second, where half the squared torque is that of effort.
+        Cost of a second, relative to an effort of half the squared torque.
     low, high : float
-        Bounds of a sampling interval that is free, in seconds.
+        Bounds of a free sampling interval in seconds.
     dt, N, q_0, q_d
-        Sampling interval (free: chosen between its bounds), horizon, start, target.
-
-    Returns
-    -------
-    OptimalControlProblem
+        Sampling interval (free by default: optimised between its bounds), horizon, initial state,
+        terminal state.
     """
     theta, omega, torque = sp.symbols("theta omega torque")
     given = OptimalControlProblem(
@@ -89,6 +84,6 @@ def _step(dt, low, high) -> float | StepLength:
 def _timed(
     problem: OptimalControlProblem, name: str, weight: float, step: float | StepLength
 ) -> OptimalControlProblem:
-    """The problem with its cost as a rate, and a price of time beside it."""
+    """Return the problem with its cost as a rate plus a cost of time."""
     h = step.symbol if isinstance(step, StepLength) else step
     return replace(problem, name=name, dt=step, cost=h * (weight + problem.cost))

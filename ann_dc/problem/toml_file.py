@@ -1,53 +1,54 @@
-"""Problems as text: a TOML file becomes an `OptimalControlProblem`.
+"""Problems as text: conversion of a TOML file to an `OptimalControlProblem`.
 
-A file says what a declaration says, with formulas as text (`expression.parse_expression`), so it
-may come from anyone: nothing in it is ever executed. TOML wants plain keys before tables::
+A file contains the fields of a declaration with formulas as text (`expression.parse_expression`).
+The text is never executed, so files from unknown sources are safe. TOML requires plain keys before
+tables::
 
     states = ["x", "v"]
     controls = ["a"]
-    dt = 0.1                # or {low = 0.02, high = 0.5}: chosen, and called h in formulas
+    dt = 0.1                # or {low = 0.02, high = 0.5}: optimised, called h in formulas
     horizon = 20
     q_0 = [0, 0]
     q_d = [1, "free"]
     cost = "weight * a**2"
 
-    [parameters]            # optional; numbers that formulas, ends and bounds may name,
-    weight = 0.5            # or formulas of numbers and the parameters before: "2*pi/3"
+    [parameters]            # optional; numbers for formulas, ends and bounds,
+    weight = 0.5            # or formulas of numbers and earlier parameters: "2*pi/3"
 
     [dynamics]              # or [map]
     x = "v"
     v = "a - drag"
 
-    [inputs]                # optional; one number, or one for each stage
+    [inputs]                # optional; one number, or one per stage
     drag = 0.0
 
-    [units]                 # optional; words for figures and reports
+    [units]                 # optional; units in figures and reports
     x = "m"
     cost = "J"
     time = "s"
 
-    [scales]                # optional; what a network value of 1 stands for, set by hand
+    [scales]                # optional; value that a network value of 1 represents
     x = 1000.0              # or [1000.0, 20.0], with the value of a network's zero
 
-    [constraints]           # optional; they hold at every stage; or a list of texts
+    [constraints]           # optional; at every stage; or a list of texts
     wall = "x + v**2 <= 2"
-    speed = "-1 <= v <= 1"  # two in one: speed_low and speed_high
+    speed = "-1 <= v <= 1"  # double inequality: speed_low and speed_high
 
-    [terminal_constraints]  # optional; they hold at the end, of states and inputs
+    [terminal_constraints]  # optional; at the end, in states and inputs
     near = "(x - 1)**2 + v**2 <= 0.01"
 
     [bounds]                # optional; of states and controls
     a = [-2, "none"]
 
-    [soft]                  # optional; rows that may be violated, each with its price
+    [soft]                  # optional; rows that may be violated, each with its penalty weight
     wall = 30.0             # or {price = 30.0, compliance = 0.001}, one of them or both
 
-    [objectives]            # beside cost or instead; the largest is minimised; or a list, with
-    effort = "a**2"         # weights = [0.4, 0.6] of the same form if they have some
+    [objectives]            # with or without cost; the largest is minimised; or a list, with
+    effort = "a**2"         # weights = [0.4, 0.6] of the same form if there are weights
     error = "(x - 1)**2"
 
-Before the tables stand a price of all rows, ``soft = 30.0``, and the temperature that softens the
-largest of objectives, ``temperature = 0.1``.
+Two further keys precede the tables: a penalty weight of all rows, ``soft = 30.0``, and the
+temperature that softens the largest of objectives, ``temperature = 0.1``.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ def load_problem(path: str | os.PathLike[str]) -> OptimalControlProblem:
     Parameters
     ----------
     path : path-like
-        The file. Its stem names the problem unless the file has a ``name``.
+        File to read. Its stem names the problem unless the file has a ``name``.
 
     Returns
     -------
@@ -109,7 +110,7 @@ def load_problem(path: str | os.PathLike[str]) -> OptimalControlProblem:
     Raises
     ------
     FileFormatError
-        If there is no such file, or it is not TOML in UTF-8 of at most 1 MB.
+        If the file is missing, or is not TOML in UTF-8 of at most 1 MB.
     ProblemError
         If the file's content is not a problem; the message begins with the path and the field.
 
@@ -189,7 +190,7 @@ def _check_keys(table: Mapping) -> None:
 
 
 def _step(given: object) -> Any:
-    """A number, or the bounds of a step length that is chosen."""
+    """Return a number, or the bounds of an optimised step length."""
     if not isinstance(given, Mapping):
         return given
     known = [field.name for field in fields(StepLength)]
@@ -231,7 +232,10 @@ def _parameters(given: object, symbols: Mapping[str, sp.Symbol]) -> dict[str, sp
 
 
 def _value(field: str, given: object, numbers: Mapping[str, sp.Expr], word: str) -> object:
-    """A number, or None for a word; other text is a formula of numbers and parameters."""
+    """Return a number, or None for the given word; other text is a formula.
+
+    Formulas contain numbers and parameters only.
+    """
     if given == word:
         return None
     if not isinstance(given, str):
@@ -250,7 +254,6 @@ def _is_number(value: object) -> bool:
 
 
 def _formula(field: str, given: object, terms: Mapping[str, sp.Expr]) -> sp.Expr:
-    """Read a formula; a bare number is one too."""
     return parse_expression(
         str(given) if _is_number(given) else given,  # type: ignore[arg-type]
         terms,
@@ -268,7 +271,7 @@ def _formulas(
 
 
 def _per_state(field: str, given: object, states: Sequence[str]) -> list:
-    """Turn a list, or a table with every state exactly once, into a list in the states' order."""
+    """Return a list, or a table with every state exactly once, in the states' order."""
     if isinstance(given, Mapping):
         missing = [name for name in states if name not in given]
         unknown = [name for name in given if name not in states]
@@ -298,13 +301,13 @@ def _input(name: str, given: object) -> float | list[float]:
 
 
 def _scales(table: Mapping[str, Any]) -> dict[str, Any]:
-    """A list of two numbers is a factor and an offset."""
+    """Return scales; a list of two numbers is a factor and an offset."""
     pair = lambda value: isinstance(value, list) and len(value) == 2  # noqa: E731
     return {name: Scale(*value) if pair(value) else value for name, value in table.items()}
 
 
 def _relations(field: str, table: Mapping, terms: Mapping[str, sp.Expr]) -> dict[str, sp.Rel]:
-    """A table of texts, or a list of them, which are numbered."""
+    """Return relations from a table of texts, or from a list, which is numbered."""
     given = table.get(field, {})
     if isinstance(given, list):
         given = {f"{PREFIXES[field]}{number}": text for number, text in enumerate(given, 1)}
@@ -318,7 +321,7 @@ def _relations(field: str, table: Mapping, terms: Mapping[str, sp.Expr]) -> dict
 
 
 def _objectives(given: object, terms: Mapping[str, sp.Expr]) -> Any:
-    """A table of formulas, or a list of them, which are numbered."""
+    """Return objectives from a table of formulas, or from a list, which is numbered."""
     if isinstance(given, list):
         given = {f"J{number}": text for number, text in enumerate(given, 1)}
     table = _table("objectives", given)
@@ -326,7 +329,7 @@ def _objectives(given: object, terms: Mapping[str, sp.Expr]) -> Any:
 
 
 def _bounds(table: Mapping[str, Any], numbers: Mapping[str, sp.Expr]) -> dict[str, Any]:
-    """Pairs of numbers, of which "none" is none."""
+    """Return pairs of numbers, with None for "none"."""
     for name, pair in table.items():
         if not isinstance(pair, list) or not all(_is_number(v) or isinstance(v, str) for v in pair):
             raise ProblemError(

@@ -1,4 +1,4 @@
-"""What is measured in what: the words that stand beside numbers, and change none of them."""
+"""Units of measure of a problem: labels of numbers without effect on values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ann_dc.validation.checked import checked
 
 
 class Measured:
-    """What a problem says of its units of measure."""
+    """Units of measure of a problem."""
 
     if TYPE_CHECKING:
         states: Any
@@ -25,38 +25,32 @@ class Measured:
 
     @property
     def time_unit(self) -> str:
-        """Unit of measure of dt, "s" unless told."""
+        """Unit of measure of dt, "s" by default."""
         return self.units.get("time", "s")
 
     @property
     def interval(self) -> str:
-        """dt with its unit, such as "0.1 s", or "0.02 to 0.5 s" where it is chosen."""
+        """Sampling interval with its unit: "0.1 s", or "0.02 to 0.5 s" if optimised."""
         return self.timed(str(self.dt) if isinstance(self.dt, StepLength) else f"{self.dt:g}")
 
     def timed(self, number: str) -> str:
-        """A number with the unit of dt."""
+        """Return a number with the unit of dt."""
         return number + (f" {self.time_unit}" if self.time_unit != "1" else "")
 
     @property
     def cost_unit(self) -> str:
-        """Unit of measure of the objective; empty where none was declared."""
+        """Unit of measure of the objective; empty if undeclared."""
         return self.units.get("cost", "")
 
     @checked
     def unit(self, name: str) -> str:
-        """Unit of measure of a state, control, input or neuron; empty where none was declared.
+        """Return the unit of measure of a state, control, input or neuron.
 
-        A multiplier has the unit of the cost over that of its state; an inequality's has none.
+        The unit is empty if undeclared. A multiplier has the unit of the cost divided by the unit
+        of its state; a multiplier of an inequality has no unit.
 
-        Parameters
-        ----------
-        name : str
-            For instance "x", or as the network calls its neurons: "q.x", "u.a", "mu.x".
-
-        Raises
-        ------
-        UnknownNameError
-            If there is no such name; the message lists what there is.
+        The name is, for example, "x", or the network's neuron name "q.x", "u.a" or "mu.x". Raises
+        `UnknownNameError` with the list of names if the name is unknown.
 
         Examples
         --------

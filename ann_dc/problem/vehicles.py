@@ -1,7 +1,7 @@
-r"""Plants that move: the paper's car, other wheeled robots, a quadrotor, a spacecraft.
+"""Vehicle plants: the paper's car, wheeled robots, a quadrotor, a spacecraft.
 
-Each function declares one optimal-control problem, as `ann_dc.problem.plants` says, which lists
-them among all plants.
+Each function declares one optimal-control problem in the manner of `ann_dc.problem.plants`, which
+lists these plants.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ HALF = sp.Rational(1, 2)
 def car(
     *, D=1.0, c_over_m=1.0, gamma=0.1, dt=0.1, N=9, q_0=(0, 0, 0, 0), q_d=(5, 5, 0, 0)
 ) -> OptimalControlProblem:
-    r"""The paper's car: position (x, y), heading phi, steering angle varphi.
+    r"""Declare the paper's car: position (x, y), heading phi, steering angle varphi.
 
     .. math:: \dot q = \frac{c}{m} B(q) u - \gamma q
 
@@ -30,13 +30,10 @@ def car(
     c_over_m : float
         Input gain c/m.
     gamma : float
-        Damping in 1/s; (3) applies it to every state, so ``q_d`` is no rest point unless it is 0.
+        Damping in 1/s; (3) applies it to every state, so ``q_d`` is not an equilibrium unless gamma
+        is 0.
     dt, N, q_0, q_d
-        Sampling interval, horizon, start, target.
-
-    Returns
-    -------
-    OptimalControlProblem
+        Sampling interval, horizon, initial state, terminal state.
 
     References
     ----------
@@ -63,16 +60,9 @@ def car(
 
 @checked
 def unicycle(*, dt=0.1, N=20, q_0=(0, 0, 0), q_d=(2, 1, 0)) -> OptimalControlProblem:
-    """A wheeled robot that turns on the spot: speed v and turning rate omega, least effort.
+    """Declare a wheeled robot that turns on the spot with minimum effort.
 
-    Parameters
-    ----------
-    dt, N, q_0, q_d
-        Sampling interval, horizon, start, target.
-
-    Returns
-    -------
-    OptimalControlProblem
+    The controls are the speed v and the turning rate omega.
     """
     v, omega = sp.symbols("v omega")
     return _unicycle("unicycle", HALF * (v**2 + omega**2), dt=dt, N=N, q_0=q_0, q_d=q_d)
@@ -89,7 +79,9 @@ def unicycle_soft_obstacle(
     q_0=(0, 0, 0),
     q_d=(3, 1, 0),
 ) -> OptimalControlProblem:
-    """A unicycle that pays for coming near a point: passing left and right are two optima.
+    """Declare a unicycle with a cost near a point, passed on the left or the right.
+
+    The two passages are two optima.
 
     Parameters
     ----------
@@ -98,13 +90,7 @@ def unicycle_soft_obstacle(
     centre : pair of floats
         Position of the obstacle in metres.
     width : float
-        The bump is exp(-distance**2 / width), in square metres.
-    dt, N, q_0, q_d
-        Sampling interval, horizon, start, target.
-
-    Returns
-    -------
-    OptimalControlProblem
+        Width of the cost exp(-distance**2 / width), in square metres.
     """
     x, y, v, omega = sp.symbols("x y v omega")
     bump = sp.exp(-((x - centre[0]) ** 2 + (y - centre[1]) ** 2) / width)
@@ -127,18 +113,10 @@ def _unicycle(name, cost, *, dt, N, q_0, q_d) -> OptimalControlProblem:
 def bicycle(
     *, steering_weight=2.0, dt=0.1, N=30, q_0=(0, 0, 0, 1), q_d=(4, 1.5, 0, 1)
 ) -> OptimalControlProblem:
-    """A kinematic bicycle of unit wheel base: heading psi, speed v, acceleration a, steering delta.
+    """Declare a kinematic bicycle of unit wheel base.
 
-    Parameters
-    ----------
-    steering_weight : float
-        Weight of delta**2 in the stage cost; the acceleration costs a**2 / 2.
-    dt, N, q_0, q_d
-        Sampling interval, horizon, start, target.
-
-    Returns
-    -------
-    OptimalControlProblem
+    The states include heading psi and speed v; the controls are acceleration a, with cost a**2 / 2,
+    and steering delta, with ``steering_weight`` times delta**2.
     """
     states = sp.symbols("x y psi v")
     _, _, psi, v = states
@@ -155,20 +133,10 @@ def bicycle(
 def planar_quadrotor(
     *, g=9.81, effort=0.025, dt=0.05, N=30, q_0=(0,) * 6, q_d=(1, 1, 0, 0, 0, 0)
 ) -> OptimalControlProblem:
-    """A quadrotor in a vertical plane, from hover to hover; two thrusts over its mass.
+    """Declare a quadrotor in a vertical plane, from hover to hover.
 
-    Parameters
-    ----------
-    g : float
-        Gravity in m/s^2; each rotor hovers at g / 2.
-    effort : float
-        Weight of the squared deviation of each thrust from hover.
-    dt, N, q_0, q_d
-        Sampling interval, horizon, start, target.
-
-    Returns
-    -------
-    OptimalControlProblem
+    The controls are two thrusts divided by the mass. Gravity g is in m/s^2; each rotor hovers at g
+    / 2. ``effort`` is the weight of the squared deviation of each thrust from hover.
     """
     states = sp.symbols("x y theta v_x v_y omega")
     _, _, theta, v_x, v_y, omega = states
@@ -193,18 +161,10 @@ def planar_quadrotor(
 def orbit_transfer(
     *, dt=0.06, N=100, q_0=(1, 0, 1), q_d=(1.5, 0, 1.5**-0.5)
 ) -> OptimalControlProblem:
-    """Raise a circular orbit with thrust in the radial and the tangential direction.
+    """Declare the raising of a circular orbit by radial and tangential thrust.
 
-    Units make the gravitational parameter and the radius of the first orbit 1.
-
-    Parameters
-    ----------
-    dt, N, q_0, q_d
-        Sampling interval, horizon, start, target: radius, radial and tangential speed.
-
-    Returns
-    -------
-    OptimalControlProblem
+    Units make the gravitational parameter and the radius of the first orbit 1. The states are
+    radius, radial speed and tangential speed.
     """
     r, v_r, v_t = states = sp.symbols("r v_r v_t")
     a_r, a_t = sp.symbols("a_r a_t")

@@ -1,6 +1,7 @@
-"""What is said of a result: tables for a terminal, and JSON.
+"""Reports of results: terminal tables and JSON.
 
-The command line prints what these modules return; they know nothing of it.
+The command line prints the objects that these modules return. The modules do not depend on the
+command line.
 """
 
 import lazy_loader

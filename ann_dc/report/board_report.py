@@ -1,4 +1,4 @@
-"""Answers to several questions about one circuit: their tables, one verdict, one JSON file."""
+"""Combined report of several analyses of one circuit: tables, verdict and JSON."""
 
 from __future__ import annotations
 
@@ -14,33 +14,34 @@ from ann_dc.report.json_file import write_json
 
 
 class Answer(Protocol):
-    """What a question about a circuit brings."""
+    """Result of one analysis of a circuit."""
 
     @property
     def good(self) -> bool:
-        """Whether the circuit does what was asked for."""
+        """True if the circuit meets the requirement."""
         ...
 
     def tables(self) -> list[Table]:
-        """What is printed."""
+        """Return the tables to print."""
         ...
 
     def as_dict(self) -> dict:
-        """For the JSON file."""
+        """Return the content of the JSON file."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoardReport:
-    """All that was asked of one circuit.
+    """Results of all requested analyses of one circuit.
 
     Attributes
     ----------
     problem : str
-        What the circuit solves.
+        Name of the problem that the circuit solves.
     backend : SpiceBackend
-        Says what it is built of.
+        Backend that defines the parts.
     answers : sequence of Answer
+        Results of the analyses.
     """
 
     problem: str
@@ -49,15 +50,15 @@ class BoardReport:
 
     @property
     def good(self) -> bool:
-        """Whether every answer is."""
+        """True if every result is good."""
         return all(answer.good for answer in self.answers)
 
     def tables(self) -> list[Table]:
-        """What is printed."""
+        """Return the tables to print."""
         return [shown for answer in self.answers for shown in answer.tables()]
 
     def as_dict(self) -> dict:
-        """For the JSON file."""
+        """Return the content of the JSON file."""
         backend = self.backend
         found = {
             "problem": self.problem,
@@ -70,12 +71,9 @@ class BoardReport:
         return found
 
     def write(self, *, json_file: Path | None = None) -> list[Path]:
-        """Write the JSON file, and say so.
+        """Write the JSON file and return its path in a list.
 
-        Raises
-        ------
-        OutputError
-            If it cannot be written.
+        Raises `OutputError` if the file cannot be written.
         """
         if json_file is None:
             return []

@@ -1,4 +1,4 @@
-"""What one cell of a network is wired of: neurons, blocks and ends, each with what it reads."""
+"""Listing of one cell of a network: neurons, blocks, boundaries and their inputs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ann_dc.si_prefixes import counted, lasting
 
 
 def cell_listing(network: Network) -> list[Any]:
-    """A sentence, a table of neurons, a table of blocks, and the inputs and ends as text."""
+    """Return a heading, tables of neurons and blocks, and a text of the boundaries."""
     cell = network.cell
     arriving: dict[str, list[str]] = {}
     for wire in cell.connections:
@@ -51,12 +51,7 @@ def _computes(block: Block, arriving: Mapping[str, list[str]]) -> str:
 
 
 def scale_table(problem: OptimalControlProblem) -> Table:
-    """What a network value of 1 stands for, and what a network's zero, name by name.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    """
+    """Return a table of the physical values of network one and network zero, by name."""
     scales = scales_of(problem)
     shown = table("scale of", "a network value of 1 is", "a network's zero is", dense=True)
     named = [
@@ -71,16 +66,9 @@ def scale_table(problem: OptimalControlProblem) -> Table:
 
 
 def remarks(problem: OptimalControlProblem) -> list[str]:
-    """What a declaration says beside its equations: of a step length, of inequalities and bounds.
+    """Return descriptions of the step length, inequalities and bounds of a problem.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-
-    Returns
-    -------
-    list of str
-        A text each; none where nothing is declared.
+    The list is empty if none are declared.
 
     Examples
     --------
@@ -107,7 +95,7 @@ def remarks(problem: OptimalControlProblem) -> list[str]:
 
 
 def _step_sentence(problem: OptimalControlProblem) -> str:
-    """A step length that is chosen: its bounds, the formula that keeps them, where it starts."""
+    """Return the bounds, formula and initial guess of a variable step length."""
     step: Any = problem.dt
     guess, total = (
         problem.timed(f"{value:.4g}") for value in (step.guess, problem.horizon * step.guess)

@@ -1,4 +1,4 @@
-"""A circuit study in words: the tables that ``ann-dc circuit`` prints, and the files it writes."""
+"""Report of a circuit study: the tables and files of ``ann-dc circuit``."""
 
 from __future__ import annotations
 
@@ -30,22 +30,23 @@ from ann_dc.si_prefixes import counted, engineering
 from ann_dc.solution.solution import certificate_of, units_of
 
 STRAYS, LEAKS = 10e-12, 10e6
-"""Farads below which strays of a board count, and ohms above which its surface does."""
+"""Farads below which parasitic capacitance matters, and ohms above which board leakage matters."""
 KEPT = 1e-6
-"""Relative residual of the constraints from which on a circuit says that it violates them."""
+"""Relative constraint residual above which the report states a violation."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircuitReport:
-    """A circuit that was studied, in words.
+    """Report of a circuit study.
 
     Attributes
     ----------
     problem : OptimalControlProblem
-        What the circuit solves.
+        Problem that the circuit solves.
     backend : SpiceBackend
-        That built it.
+        Backend that built the circuit.
     found : CircuitStudy
+        Result of the study.
     """
 
     problem: OptimalControlProblem
@@ -54,7 +55,7 @@ class CircuitReport:
 
     @cached_property
     def proof(self) -> Certificate | None:
-        """The certificate of where the circuit settled."""
+        """Optimality certificate of the settled state; None without a simulation."""
         if self.found.run is None:
             return None
         trajectory = self.found.run.trajectory
@@ -62,11 +63,11 @@ class CircuitReport:
 
     @property
     def good(self) -> bool:
-        """Whether the circuit finds the optimum, or is predicted to, or nothing was asked."""
+        """True if the circuit finds or is predicted to find the optimum, or is unassessed."""
         return self.found.near or self.found.unknown
 
     def tables(self) -> list[Table]:
-        """What is printed."""
+        """Return the tables to print."""
         tables = [named_rows(self._circuit() | self._behaviour() | self._errors())]
         tables += [self._budget()] if self.found.items else []
         return [*tables, self._loops()] if self.found.loops else tables
@@ -95,12 +96,12 @@ class CircuitReport:
         }
 
     def _parts(self) -> str:
-        """What its op amps and multipliers can do, as far as that is limited."""
+        """Return the limits of its op amps and multipliers; empty for ideal parts."""
         level = self.backend.level
         return f" ({level.datasheet})" if level.models != "ideal" else ""
 
     def _a_volt(self) -> str:
-        """What a volt at the output of every control stands for."""
+        """Return the value of 1 V at the output of every control."""
         units, told = units_of(self.problem, self.found.circuit.schematic.network), []
         for name, scale in self.found.circuit.control_scales.items():
             unit = units.get(name, "").removeprefix("1")
@@ -109,7 +110,7 @@ class CircuitReport:
         return ", ".join(told) or "not told: the network has no controls"
 
     def _conditions(self) -> dict[str, object]:
-        """Where it stands, if that is not in a room."""
+        """Return the operating conditions if they differ from the nominal ones."""
         level = self.backend.level
         stands = level.conditions
         if stands == NOMINAL:
@@ -124,13 +125,16 @@ class CircuitReport:
         }
 
     def _metric(self) -> dict[str, object]:
-        """What the metric demands of its wires, or why that is not told; nothing without wires."""
+        """Return the wire requirements of the preconditioner, or why they are unknown.
+
+        The row is omitted for preconditioners without wires.
+        """
         if self.found.undemanded:
             return {"metric": f"no demand on its wires is told: {self.found.undemanded}"}
         return {} if self.found.demand is None else {"metric": self.found.demand}
 
     def _values(self) -> str:
-        """Ranges of resistors and capacitors, as op amps have them."""
+        """Return the ranges of resistors and capacitors."""
         ohms, farads = self.found.circuit.ranges
         ohms = self.backend.series.nearest(np.array(ohms))
         strays = f" (below {engineering(STRAYS, 'F', 3)} strays count)" * bool(farads[0] < STRAYS)
@@ -166,7 +170,10 @@ class CircuitReport:
         }
 
     def _verdict(self) -> dict[str, object]:
-        """Whether the circuit finds the optimum, and else why not: what the exit code says."""
+        """Return the row of the verdict, with the reason if the optimum is not found.
+
+        The verdict determines the exit code.
+        """
         why = self.found.shortcoming
         if self.found.unknown:
             return {"near optimum": Text("unknown: neither simulated nor predicted", "yellow")}
@@ -250,7 +257,7 @@ class CircuitReport:
         return shown
 
     def as_dict(self) -> dict:
-        """For the JSON file."""
+        """Return the content of the JSON file."""
         found, level = self.found, self.backend.level
         return {
             "problem": self.problem.name,
@@ -308,7 +315,7 @@ class CircuitReport:
         curves: Path | None = None,
         json_file: Path | None = None,
     ) -> list[Path]:
-        """Write what was asked for; the files that were written."""
+        """Write the requested files and return their paths."""
         if deck is not None:
             write_whole(deck, self.found.deck.text.encode())
         if bill is not None:
@@ -326,7 +333,7 @@ class CircuitReport:
 
 
 def assumed(level: Level) -> dict[str, str]:
-    """A row that says which tolerances are assumed, where a level states none.
+    """Return a row with the assumed tolerances if the level does not state any.
 
     >>> from ann_dc.hardware.parts import macro, presets
     >>> assumed(macro()).keys(), assumed(presets.get("opa192_ad734")).keys()
@@ -336,7 +343,7 @@ def assumed(level: Level) -> dict[str, str]:
 
 
 def parts_in_words(backend: SpiceBackend) -> str:
-    """Which parts the circuits of a backend have.
+    """Return a description of the parts of a backend's circuits.
 
     >>> from ann_dc.hardware.parts import E96
     >>> parts_in_words(SpiceBackend()), parts_in_words(SpiceBackend(seed=3, series=E96))

@@ -1,4 +1,4 @@
-"""What is said of the two-level algorithm: settled or not, how soon, and was that foreseen."""
+"""Report of the two-level algorithm: settling and its prediction."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ LEVELS = {
     "iterated": "iterated: forward Euler (16) until the stages stand still",
     "linearised": "linearised stages, which follow the coordinator",
 }
-"""Upper and lower levels, as a person reads them."""
+"""Descriptions of the upper and lower levels."""
 
 
 def coordination_table(found: Coordination | Undesigned) -> Table | Text:
-    """Everything that `coordinate` prints."""
+    """Return the table that ``ann-dc coordinate`` prints."""
     if isinstance(found, Undesigned):
         return Text(found.message, "red")
     proof = found.certificate
@@ -84,7 +84,10 @@ def _following(found: Coordination) -> str:
 
 
 def ratios(found: Coordination) -> tuple[float, float]:
-    """Largest |e_v| and |e_mu| of the run over |e_t, e_beta|: Theorem IV.1, measured."""
+    """Return the largest ratios |e_v| and |e_mu| over |e_t, e_beta| of the run.
+
+    The ratios are the measured rates of Theorem IV.1.
+    """
     distances = found.run.distances
     if distances is None:
         return np.nan, np.nan
@@ -116,7 +119,7 @@ def _theta(found: Coordination) -> str:
 
 
 def as_dict(found: Coordination | Undesigned) -> dict[str, Any]:
-    """Plain data for JSON."""
+    """Return plain data for JSON."""
     if isinstance(found, Undesigned):
         return {
             "problem": found.problem.name,
@@ -164,7 +167,7 @@ def as_dict(found: Coordination | Undesigned) -> dict[str, Any]:
 
 
 def iterations_table(found: Iterations) -> Table:
-    """Figure 6 and both theorems in words."""
+    """Return a table of Figure 6 and of both theorems."""
     cases = {plans.case.name: _plans_text(plans) for plans in found.cases}
     return named_rows(
         {
@@ -210,7 +213,7 @@ def _letter_text(run: TwoLevelRun) -> str:
 
 
 def iterations_dict(found: Iterations) -> dict[str, Any]:
-    """The same as plain data."""
+    """Return the data of Figure 6 and of both theorems for JSON."""
     return {
         "theorem_IV_1_rates": [found.following.v, found.following.mu],
         "theorem_IV_2_holds": found.hypothesis.holds,

@@ -1,4 +1,4 @@
-"""Corners in words: a row a place."""
+"""Table of PVT corners: one row per operating condition."""
 
 from __future__ import annotations
 
@@ -17,18 +17,17 @@ from ann_dc.report.circuit import assumed, parts_in_words
 from ann_dc.report.tables import table
 
 WIDE = 3
-"""Spreads of its worst control that the largest error of a circuit rarely exceeds."""
+"""Standard deviations of the worst control that the largest circuit error rarely exceeds."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CornerTable:
-    """A circuit at many places.
+    """Report of a circuit at several operating conditions.
 
     Attributes
     ----------
-    corners : sequence of Corner
     backend : SpiceBackend
-        Says what the circuit is built of.
+        Backend that defines the parts.
     """
 
     corners: Sequence[Corner]
@@ -36,11 +35,11 @@ class CornerTable:
 
     @property
     def good(self) -> bool:
-        """Whether the circuit settles near the optimum everywhere."""
+        """True if the circuit settles near the optimum at all operating conditions."""
         return all(corner.near for corner in self.corners)
 
     def tables(self) -> list[Table]:
-        """What is printed."""
+        """Return the tables to print."""
         columns = (
             "C",
             "supply",
@@ -70,7 +69,7 @@ class CornerTable:
         return [shown]
 
     def _drift(self) -> str:
-        """What several temperatures do to the spread, in a clause; nothing of a single one."""
+        """Return the effect of temperature on the spread; empty for one temperature."""
         spreads = {corner.spread for corner in self.corners if math.isfinite(corner.spread)}
         if not spreads or len({c.conditions.temperature for c in self.corners}) == 1:
             return ""
@@ -79,7 +78,7 @@ class CornerTable:
         return "resistors and offsets of op amps drift; of multipliers no drift is known"
 
     def _doubt(self) -> str:
-        """What tolerances do to the verdict, in a clause."""
+        """Return the effect of tolerances on the verdict."""
         if all(math.isnan(corner.spread) for corner in self.corners):
             level = self.backend.level
             drawn = level.emulated and not level.transistors
@@ -96,12 +95,12 @@ class CornerTable:
         )
 
     def as_dict(self) -> dict:
-        """For the JSON file."""
+        """Return the content of the JSON file."""
         return {"corners": [asdict(corner) | {"near": corner.near} for corner in self.corners]}
 
 
 def _figures(corner: Corner) -> tuple[float, str, str, str, Text, Text, str, str]:
-    """What is shown of a corner, but its supply, which often changes nothing."""
+    """Return the displayed values of a corner except the supply, which rarely matters."""
     return (
         corner.conditions.temperature,
         corner.conditions.process,
@@ -115,7 +114,7 @@ def _figures(corner: Corner) -> tuple[float, str, str, str, Text, Text, str, str
 
 
 def told(value: float, form: str) -> str:
-    """A number in a form, or a dash where there is none.
+    """Format a number; return a dash if it is not finite.
 
     >>> told(0.25, "{:.1%}"), told(math.nan, "{:g}")
     ('25.0%', '-')

@@ -1,4 +1,4 @@
-"""What is said of a design, for one problem or a family: what was compared, why, how well."""
+"""Report of a gain design for one problem or an operating range."""
 
 from __future__ import annotations
 
@@ -20,16 +20,11 @@ from ann_dc.report.tables import span, table
 from ann_dc.weights.network_file import save as save_network
 
 SHOWN = 12
-"""Candidates in the table, the fastest ones."""
+"""Number of candidates in the table, fastest first."""
 
 
 def candidate_table(design: Design) -> Table:
-    """What the design compared, the fastest first; the frozen one is marked.
-
-    Parameters
-    ----------
-    design : Design
-    """
+    """Return a table of the compared candidates, fastest first; the best is marked."""
     shown = table("metric", "rho", "ratio", "from the start (fastest time constants)", dense=True)
     for candidate in design.candidates[:SHOWN]:
         frozen = " (frozen)" if candidate is design.best else ""
@@ -45,7 +40,7 @@ def candidate_table(design: Design) -> Table:
 
 
 def _settling(candidate: Candidate) -> str:
-    """What became of a rehearsal; it is for those alone that can be the fastest."""
+    """Return the result of a trial run; only potentially fastest candidates have one."""
     if np.isnan(candidate.settling):
         return "not tried"
     return f"{candidate.settling:.0f}" if candidate.settling < np.inf else "not, or later"
@@ -58,23 +53,10 @@ def write_design(
     folder: Path,
     progress: Progress = silent,
 ) -> list[Path]:
-    """Write a design into a folder that is there; the files that were written.
+    """Write a design into an existing folder and return the paths of the files.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        What the design is for.
-    design : Design
-    found : Diagnosis or None
-        Joins the JSON file, and is drawn.
-    folder : Path
-        Of design.json, network.npz and why.png.
-    progress : Progress
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written.
+    The files are design.json, network.npz and why.png. A diagnosis is added to the JSON file and
+    plotted. Raises `OutputError` if a file cannot be written.
     """
     written = [folder / "design.json", folder / "network.npz"]
     why = {} if found is None else {"why": diagnosis_dict(found)}
@@ -89,7 +71,7 @@ def write_design(
 
 
 def design_dict(design: Design) -> dict[str, Any]:
-    """Plain data for JSON: gains, spectrum, candidates; network units."""
+    """Return gains, spectrum and candidates in network units as plain data for JSON."""
     names = [neuron.name for neuron in design.network.cell.neurons]
     return {
         "network": design.network.title,
@@ -117,7 +99,7 @@ def design_dict(design: Design) -> dict[str, Any]:
 
 
 def diagnosis_dict(found: Diagnosis) -> dict[str, Any]:
-    """Plain data for JSON: rows, modes, remedies; network units."""
+    """Return rows, modes and remedies in network units as plain data for JSON."""
     slowness = found.slowness
     return {
         "ratio": slowness.ratio,
@@ -162,19 +144,10 @@ def _penalties(design: Design, candidate: Candidate) -> np.ndarray:
 
 
 def write_family(designed: FamilyDesign, folder: Path, progress: Progress = silent) -> list[Path]:
-    """Write a design for a family into a folder that is there; the files that were written.
+    """Write a design over an operating range into a folder and return the paths.
 
-    Parameters
-    ----------
-    designed : FamilyDesign
-    folder : Path
-        Of design.json, network.npz and family.png.
-    progress : Progress
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written.
+    The folder must exist. The files are design.json, network.npz and family.png. Raises
+    `OutputError` if a file cannot be written.
     """
     from ann_dc import plotting  # loads matplotlib
 
@@ -186,7 +159,7 @@ def write_family(designed: FamilyDesign, folder: Path, progress: Progress = sile
 
 
 def family_dict(designed: FamilyDesign) -> dict[str, Any]:
-    """Plain data for JSON: ranges, gains, share, settling, and every input that fails."""
+    """Return ranges, gains, settled fraction, settling and failing inputs for JSON."""
     names = [neuron.name for neuron in designed.network.cell.neurons]
     found, low_high = designed.validation, designed.validation.interval
     return {

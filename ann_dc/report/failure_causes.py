@@ -1,4 +1,4 @@
-"""How points ended, by cause, and which stand out: the slowest, and the worst for a metric."""
+"""Outcomes of cases by cause, and outliers: slowest and worst cases."""
 
 from __future__ import annotations
 
@@ -13,22 +13,21 @@ from ann_dc.report.study_columns import Column
 from ann_dc.study.records import MESSAGE, OUTCOME
 
 MOST = 14
-"""Causes that are told apart."""
+"""Largest number of distinguished causes."""
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 
 
 class Cause(NamedTuple):
-    """Points that ended alike.
+    """Cases with the same cause.
 
     Attributes
     ----------
-    outcome : str
     points : int
-        How many.
+        Number of cases.
     row : int
-        Of an example.
+        Record of an example.
     message : str
-        What the example says.
+        Message of the example.
     """
 
     outcome: str
@@ -38,14 +37,10 @@ class Cause(NamedTuple):
 
 
 def causes(findings: Findings) -> list[Cause]:
-    """Outcomes by cause, the most frequent first.
+    """Return the outcomes by cause, most frequent first.
 
-    Messages that differ in numbers only are one cause; what comes behind the first few causes is
-    one more, told by its count.
-
-    Parameters
-    ----------
-    findings : Findings
+    Messages that differ only in numbers have one cause. Causes beyond the first ones are merged
+    into one with their count.
     """
     count = len(findings)
     outcomes, messages = (
@@ -71,24 +66,15 @@ def causes(findings: Findings) -> list[Cause]:
 
 
 def slowest(findings: Findings, most: int) -> np.ndarray:
-    """Rows of the points that took longest, the slowest first.
-
-    Parameters
-    ----------
-    findings : Findings
-    most : int
-    """
+    """Return the records of the slowest cases, slowest first."""
     column = findings.seconds
     return np.zeros(0, int) if column is None else _largest(column.numbers, most)
 
 
 def worst(about: Limit | Column, most: int) -> np.ndarray:
-    """Rows that are furthest outside a limit, or have the largest values; the worst first.
+    """Return the records farthest outside a limit or with the largest values.
 
-    Parameters
-    ----------
-    about : Limit or Column
-    most : int
+    The worst record is first.
     """
     return _largest(about.beyond if isinstance(about, Limit) else about.numbers, most)
 

@@ -1,4 +1,4 @@
-"""What the spec of a study says of its rows: which keep which item, and which keep all of it."""
+"""Specification of a study applied to its records, limit by limit and as a whole."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ann_dc.yields import Yield, ends_of
 
 
 class Limit(NamedTuple):
-    """One item of a spec.
+    """One limit of a specification.
 
     Attributes
     ----------
     column : Column
-        The metric that has to keep it.
+        Limited metric.
     low, high : float
-        The ends of what is good; infinite where there is none.
+        Limits; infinite if open.
     """
 
     column: Column
@@ -30,18 +30,21 @@ class Limit(NamedTuple):
 
     @property
     def ends(self) -> tuple[float, ...]:
-        """The finite ends."""
+        """Finite limits."""
         return tuple(end for end in (self.low, self.high) if np.isfinite(end))
 
     @property
     def met(self) -> np.ndarray:
-        """Rows (rows,) whose value keeps it; nan does not."""
+        """Mask (rows,) of records within the limits; nan is outside."""
         numbers = self.column.as_numbers
         return (numbers >= self.low) & (numbers <= self.high)
 
     @property
     def beyond(self) -> np.ndarray:
-        """How far (rows,) outside, in the metric's unit; negative inside, nan without a number."""
+        """Excess (rows,) over the limit in the metric's unit.
+
+        Negative inside; nan without a number.
+        """
         numbers = self.column.as_numbers
         return np.maximum(self.low - numbers, numbers - self.high)
 
@@ -55,12 +58,7 @@ class Limit(NamedTuple):
 
 
 def limits(findings: Findings) -> tuple[Limit, ...]:
-    """The items of a study's spec whose metrics were measured.
-
-    Parameters
-    ----------
-    findings : Findings
-    """
+    """Return the limits of the specification whose metrics were measured."""
     spec = findings.identity.get("spec") or {}
     columns = findings.columns
     return tuple(
@@ -69,12 +67,7 @@ def limits(findings: Findings) -> tuple[Limit, ...]:
 
 
 def settled(findings: Findings) -> np.ndarray:
-    """Rows (rows,) of points that settled.
-
-    Parameters
-    ----------
-    findings : Findings
-    """
+    """Return the mask (rows,) of settled cases."""
     outcome = findings.columns.get(OUTCOME)
     if outcome is None or outcome.codes is None:
         return np.zeros(len(findings), bool)
@@ -82,24 +75,14 @@ def settled(findings: Findings) -> np.ndarray:
 
 
 def within(findings: Findings) -> np.ndarray:
-    """Rows (rows,) of points that settled and keep every item of the spec.
-
-    Parameters
-    ----------
-    findings : Findings
-    """
+    """Return the mask (rows,) of settled cases that satisfy every limit."""
     return np.logical_and.reduce([settled(findings), *(limit.met for limit in limits(findings))])
 
 
 def yield_of(findings: Findings, good: np.ndarray, among: np.ndarray | None = None) -> Yield:
-    """Count the good rows, with the interval of their share.
+    """Return the yield of good records with its confidence interval.
 
-    Parameters
-    ----------
-    findings : Findings
-    good : array (rows,) of bool
-    among : array of int, optional
-        Rows that count; all by default.
+    By default all records count; `among` selects others by index.
     """
     frame = findings.frame if among is None else findings.frame.iloc[among]
     good = good if among is None else good[among]

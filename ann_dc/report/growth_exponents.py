@@ -1,7 +1,7 @@
-"""How a metric grows with a setting: the slope of log(metric) over log(setting), with its interval.
+"""Growth of metrics with settings: slope of log(metric) over log(setting).
 
-The fit is the line of least squares through all points that have both; its interval is Student's
-at 95 %. Other settings that vary count as scatter.
+The slope is fitted by least squares to all cases with both values. Its interval is Student's at 95
+%. Variation of other settings counts as scatter.
 """
 
 from __future__ import annotations
@@ -16,17 +16,11 @@ from ann_dc.report.study_columns import Column
 from ann_dc.study.exponents import FEWEST, Exponent, exponent_of
 
 DECADE = 10.0
-"""Ratio that a setting has to span."""
+"""Ratio that the values of a setting must span."""
 
 
 class Growth(NamedTuple):
-    """metric ~ setting^p.
-
-    Attributes
-    ----------
-    metric, setting : Column
-    exponent : Exponent
-    """
+    """Power law metric ~ setting^p."""
 
     metric: Column
     setting: Column
@@ -34,11 +28,9 @@ class Growth(NamedTuple):
 
 
 def exponents(findings: Findings) -> list[Growth]:
-    """Of every metric, and of the wall time, in every setting that spans a decade; clearest first.
+    """Return the exponents of metrics and wall time over settings, clearest first.
 
-    Parameters
-    ----------
-    findings : Findings
+    Settings must span a decade.
     """
     seconds = () if findings.seconds is None else (findings.seconds,)
     metrics = [metric for metric in (*findings.metrics, *seconds) if metric.numbers is not None]
@@ -56,13 +48,7 @@ def _fits(metrics: Iterable[Column], settings: Iterable[Column]) -> Iterable[Gro
 
 
 def fit(metric: Column, setting: Column) -> Growth | None:
-    """How a metric grows with a setting; None where it has too few values, or stays the same.
-
-    Parameters
-    ----------
-    metric, setting : Column
-        Of numbers.
-    """
+    """Fit a metric over a numeric setting; None for too few or constant values."""
     assert metric.numbers is not None
     assert setting.numbers is not None
     if len(metric.distinct) < 2:

@@ -1,4 +1,4 @@
-"""Converters in words: what they cost, and how a circuit starts without sources for it."""
+"""Report of converters: their error and time, and the cold start of the circuit."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ from ann_dc.report.tables import named_rows, verdict_text
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InterfaceTable:
-    """What an interface costs.
+    """Report of the cost of an interface.
 
     Attributes
     ----------
     cost : InterfaceCost
+        Errors and times.
     backend : SpiceBackend
-        Says what the circuit is built of.
+        Backend that defines the parts.
     """
 
     cost: InterfaceCost
@@ -32,12 +33,12 @@ class InterfaceTable:
 
     @property
     def good(self) -> bool:
-        """Whether the circuit settles, and its controls are near the optimum as they are read."""
+        """True if the circuit settles and its controls as read are near the optimum."""
         error = noisy(self.cost.total_error, self.cost.noise)
         return error < NEAR and math.isfinite(self.cost.settling_time)
 
     def tables(self) -> list[Table]:
-        """What is printed."""
+        """Return the tables to print."""
         cost, chosen = self.cost, self.cost.interface
         rows: dict[str, object] = {}
         if self.backend.seed is not None:
@@ -83,7 +84,7 @@ class InterfaceTable:
         )
 
     def as_dict(self) -> dict:
-        """For the JSON file."""
+        """Return the content of the JSON file."""
         cost = self.cost
         more = {
             "rounded": {name: values.tolist() for name, values in cost.rounded.items()},

@@ -1,4 +1,4 @@
-"""What stays on disk: whole files or nothing, and a sentence where that fails."""
+"""Atomic output of strict JSON, and checks of output paths."""
 
 from __future__ import annotations
 
@@ -14,19 +14,16 @@ from ann_dc.errors import OutputError
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write strict JSON (no NaN, no Infinity), the whole file or nothing.
+    """Write strict JSON (no NaN, no Infinity) atomically.
 
-    Raises
-    ------
-    OutputError
-        If the file cannot be written; what was there before stays.
+    Raises `OutputError` if the file cannot be written; an existing file is then unchanged.
     """
     text = json.dumps(_strict(content), indent=2, allow_nan=False) + "\n"
     write_whole(path, text.encode("utf-8"))
 
 
 def _strict(value: Any) -> Any:
-    """Plain JSON data: numbers that JSON does not know become null."""
+    """Return plain JSON data, with null for non-finite numbers."""
     if isinstance(value, Mapping):
         return {str(key): _strict(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -37,12 +34,9 @@ def _strict(value: Any) -> Any:
 
 
 def make_room(file: Path | None) -> None:
-    """Before a long run: the file's folder exists, and the file is no folder.
+    """Create the folder of an output file before a long run.
 
-    Raises
-    ------
-    OutputError
-        If the file is a folder, or its folder cannot be made or written to.
+    Raises `OutputError` if the path is a folder, or its folder cannot be created or written.
     """
     if file is None:
         return

@@ -1,4 +1,4 @@
-"""The ladder report in words: one problem at every level of fidelity, as a table and as JSON."""
+"""Report of a level comparison: a problem at every model level, as table and JSON."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ from ann_dc.report.tables import measured, table
 
 
 def ladder_table(done: list[Measured], title: str) -> Table:
-    """Prediction beside measurement, rung by rung; single defects are indented."""
+    """Return a table of predictions and measurements by level.
+
+    Levels with a single non-ideality are indented.
+    """
     shown = table(dense=True)
     shown.title = title
     shown.add_column("level", overflow="fold")
@@ -37,7 +40,7 @@ def ladder_table(done: list[Measured], title: str) -> Table:
 
 
 def as_dict(m: Measured) -> dict:
-    """One rung for the JSON file."""
+    """Return the content of one level for the JSON file."""
     return {
         "rung": m.name,
         "error": m.error,
@@ -60,14 +63,7 @@ def write_ladder(
     figure: Path | None,
     json_file: Path | None,
 ) -> list[Path]:
-    """Write what was asked for; the files that were written.
-
-    Parameters
-    ----------
-    done : list of Measured
-    problem : OptimalControlProblem
-    figure, json_file : Path or None
-    """
+    """Write the requested files and return their paths."""
     if figure is not None:
         plotting.save(plotting.ladder(done, problem), figure)
     if json_file is not None:
@@ -76,12 +72,12 @@ def write_ladder(
 
 
 def _settling_error(m: Measured) -> float:
-    """Seconds; nan where nothing was simulated."""
+    """Return the settling-time error in seconds; nan without a simulation."""
     return float("nan") if m.run is None else m.run.settling_error
 
 
 def _settling(m: Measured) -> str:
-    """Microseconds: of a circuit, the digits that its steps were fine enough for."""
+    """Return the settling time in microseconds, with the digits the steps resolve."""
     if m.run is None or not math.isfinite(m.settling):
         return _figure(m.settling * 1e6, ".4g")
     return measured(1e6 * m.settling, 1e6 * m.run.settling_error)

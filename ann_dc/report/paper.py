@@ -1,4 +1,4 @@
-"""The paper's car example, a line a run: what settles, what does not, and what is said of it."""
+"""Report of the paper's car example: one row per run, with its outcome."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Time constants are those of the settling: unit ones (tau = 1), and the network's
 
 
 def paper_table(runs: list[PaperRun]) -> Table:
-    """Objective, residuals, settling and outcome of every run."""
+    """Return a table of objective, residuals, settling and outcome of every run."""
     shown = table(
         "run", "objective", "KKT\nresidual", "roll-out\nerror", "unit time\nconstants",
         "fastest\ntime\nconstants", "what happened", dense=True,
@@ -46,7 +46,7 @@ def _row(run: PaperRun) -> tuple[str, ...]:
 
 
 def around_table(cases: Sequence[Around]) -> Table:
-    """Figures 4 and 5 in words: the ways around the obstacles of every case."""
+    """Return a table of the paths around the obstacles of Figures 4 and 5."""
     return named_rows({f"Figure 4 {case.plans.case.name}": _around_text(case) for case in cases})
 
 
@@ -63,7 +63,7 @@ def _around_text(case: Around) -> str:
 
 
 def around_dict(cases: Sequence[Around]) -> dict[str, Any]:
-    """The same as plain data: obstacles, paths, controls and margins."""
+    """Return obstacles, paths, controls and margins of Figures 4 and 5 as plain data."""
     return {case.plans.case.name: _case_dict(case) for case in cases}
 
 

@@ -1,4 +1,4 @@
-"""The problems that come with the package, read off their docstrings and their parameters."""
+"""Listing of the shipped problems, from their docstrings and parameters."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ COMMON = {
     "q_0": "State at the start; 'free' leaves a component open.",
     "q_d": "State at the end; 'free' leaves a component open.",
 }
-"""What the parameters that every plant has mean."""
+"""Meaning of the parameters that every plant has."""
 
 
 def plant_table(known: Iterable[Plant]) -> Table:
-    """All plants, a row each."""
+    """Return a table with one row per plant."""
     listed = table("plant", "states", "controls", "N", "dt", "what it is", dense=True)
     listed.columns[0].no_wrap = True
     listed.columns[1].min_width = listed.columns[2].min_width = 13
@@ -39,14 +39,7 @@ def plant_table(known: Iterable[Plant]) -> Table:
 
 
 def plant_page(plant: Plant, defaults: Mapping[str, str]) -> list[Any]:
-    """One plant: what it is, its parameters, and how to change them.
-
-    Parameters
-    ----------
-    plant : callable
-    defaults : mapping of parameter to str
-        As they are typed.
-    """
+    """Return the description, parameters (with typed defaults) and use of a plant."""
     meanings = _documented(plant) | COMMON
     parameters = table("parameter", "default", "meaning")
     for parameter, default in defaults.items():
@@ -58,14 +51,14 @@ def plant_page(plant: Plant, defaults: Mapping[str, str]) -> list[Any]:
 
 
 def _summary(plant: Plant) -> str:
-    """The first sentence of a plant's docstring, without its mark-up."""
+    """Return the first sentence of a plant's docstring without mark-up."""
     paragraph = " ".join((inspect.getdoc(plant) or "").split("\n\n")[0].split())
     plain = re.sub(r",? ?:math:`[^`]*`|``", "", paragraph)
     return re.split(r"(?<=\.)\s", plain)[0]
 
 
 def _documented(plant: Plant) -> dict[str, str]:
-    """The numpydoc section Parameters as a table."""
+    """Return the numpydoc section Parameters by parameter."""
     _, _, section = (inspect.getdoc(plant) or "").partition("Parameters\n----------\n")
     meanings: dict[str, str] = {}
     names: list[str] = []

@@ -1,7 +1,7 @@
-"""Medians and bands: what a metric does where a setting has a value, or lies between two.
+"""Medians and quantile bands of a metric over the values or ranges of a setting.
 
-A setting of few values has a group a value. One of many values is cut into groups of as many
-points each.
+A setting with few values has one group per value. A setting with many values is divided into groups
+of equal size.
 """
 
 from __future__ import annotations
@@ -14,29 +14,28 @@ import numpy as np
 from ann_dc.report.study_columns import Column
 
 FEW = 40
-"""Different values of a setting that are a group each."""
+"""Largest number of different values with one group each."""
 REPEATED = 5
-"""Points a group from which on it has a band."""
+"""Cases per group required for a band."""
 IN_A_GROUP = 50
-"""Points in a group that is cut out of many values."""
+"""Smallest number of cases per group of a divided setting."""
 MOST_GROUPS = 30
 SMALLEST_CLUSTER = 0.2
-"""Share of the points of a group that a cluster has at least."""
+"""Smallest fraction of the cases of a group in a cluster."""
 GAP = 0.25
-"""Share of the range of a group between its clusters."""
+"""Gap between clusters, as a fraction of the range of the group."""
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 class Combination(NamedTuple):
-    """Rows of one combination of the other settings.
+    """Records of one combination of the other settings.
 
     Attributes
     ----------
     label : str
-        Values of these settings; empty if there are none.
-    rows : array of int
+        Values of these settings; empty without settings.
     is_whole : bool
-        True if no other setting varies within it.
+        True if no other setting varies within the combination.
     """
 
     label: str
@@ -45,17 +44,16 @@ class Combination(NamedTuple):
 
 
 class Band(NamedTuple):
-    """Quantiles of a metric by groups of rows.
+    """Quantiles of a metric by groups of records.
 
     Attributes
     ----------
     at : array (groups,)
-        The setting: the value, or the median of the group.
+        Value of the setting, or median of the group.
     quantiles : array (5, groups)
-        Of the metric, at 5, 25, 50, 75 and 95 %.
-    counts : array (groups,) of int
+        Quantiles of the metric at 5, 25, 50, 75 and 95 %.
     clustered : array (groups,) of bool
-        True for a group of two clusters, whose median lies where there may be no point.
+        True for a group of two clusters, whose median may not be close to any case.
     """
 
     at: np.ndarray
@@ -65,12 +63,9 @@ class Band(NamedTuple):
 
 
 def groups(setting: Column) -> np.ndarray | None:
-    """The group (rows,) of every row, from 0 on, -1 where it has no number; None for too few rows.
+    """Return the group (rows,) of every record, from 0; None for too few records.
 
-    Parameters
-    ----------
-    setting : Column
-        Of numbers.
+    The group is -1 if the setting has no number.
     """
     assert setting.numbers is not None
     count = len(setting.values)
@@ -88,12 +83,7 @@ def groups(setting: Column) -> np.ndarray | None:
 
 
 def band(setting: Column, metric: Column) -> Band | None:
-    """What a metric does over a setting of numbers; None where there are too few points.
-
-    Parameters
-    ----------
-    setting, metric : Column
-    """
+    """Return the band of a metric over a numeric setting; None for too few cases."""
     assert metric.numbers is not None
     group = groups(setting)
     if group is None:
@@ -108,16 +98,10 @@ def band(setting: Column, metric: Column) -> Band | None:
 def combinations(
     settings: Sequence[Column], rows: np.ndarray, most: int
 ) -> list[Combination] | None:
-    """Split rows by the combinations of settings; None if words have more than ``most`` of them.
+    """Split records by combinations of settings; None for more than `most` of text.
 
-    All settings of words split the rows, and those of numbers as long as there are not too many
-    combinations: a median over several of them may lie where there is no point.
-
-    Parameters
-    ----------
-    settings : sequence of Column
-    rows : array of int
-    most : int
+    All text settings split the records. Numeric settings split them as long as there are not too
+    many combinations. A median over several combinations may not be close to any case.
     """
     codes = np.zeros((len(rows), 0), int)
     chosen: list[Column] = []
@@ -139,7 +123,7 @@ def combinations(
 
 
 def _codes(setting: Column) -> np.ndarray:
-    """Return the number (rows,) of each row's value among the distinct ones, or of its word."""
+    """Return the index (rows,) of each record's value among the distinct values."""
     if setting.numbers is not None:
         return np.searchsorted(setting.distinct, setting.numbers)
     assert setting.codes is not None
@@ -154,25 +138,19 @@ def _valued(setting: Column, row: int) -> str:
 
 
 def boxes(setting: Column, metric: Column) -> Band:
-    """What a metric does where a setting has each of its words; `Band.at` has their codes.
+    """Return quantiles of a metric for each value of a text setting.
 
-    Parameters
-    ----------
-    setting, metric : Column
+    `Band.at` contains the codes of the values.
     """
     assert setting.codes is not None
     return _quantiles(metric, setting.codes, metric.finite)
 
 
 def is_clustered(values: np.ndarray) -> bool:
-    """Return True if values form two clusters, each of a fifth of them at least.
+    """Return True if values form two clusters, each with at least a fifth of them.
 
-    The gap between the clusters is a quarter of the range, and larger than 1.5 (1 + ln n) / n of
-    the range; the largest gap of n evenly distributed values is about ln(n) / n.
-
-    Parameters
-    ----------
-    values : array (n,)
+    The gap between the clusters exceeds a quarter of the range and 1.5 (1 + ln n) / n of the range.
+    The largest gap of n uniformly distributed values is about ln(n) / n.
 
     Examples
     --------
@@ -189,12 +167,7 @@ def is_clustered(values: np.ndarray) -> bool:
 
 
 def strength(setting: Column, metric: Column) -> float:
-    """The share of the variance of a metric's ranks that its groups tell, from 0 to 1.
-
-    Parameters
-    ----------
-    setting, metric : Column
-    """
+    """Return the fraction of a metric's rank variance explained by groups, 0 to 1."""
     from scipy.stats import rankdata
 
     assert metric.numbers is not None
@@ -211,14 +184,14 @@ def strength(setting: Column, metric: Column) -> float:
 
 
 def _quarters(setting: Column) -> np.ndarray:
-    """Four groups of a setting that has few rows."""
+    """Return four groups of a setting with few records."""
     assert setting.numbers is not None
     ranks = np.searchsorted(setting.distinct, setting.numbers)
     return np.where(setting.finite, ranks * 4 // len(setting.distinct), -1)
 
 
 def _quantiles(column: Column, group: np.ndarray, known: np.ndarray) -> Band:
-    """Quantiles of the known values in every group that has any."""
+    """Return the quantiles of the known values in every non-empty group."""
     values = column.as_numbers
     order = np.argsort(group[known], kind="stable")
     ordered, codes = values[known][order], group[known][order]

@@ -1,4 +1,4 @@
-"""What is said of a solution: certified or not, why, how fast, with which gains."""
+"""Report of a solution: certificate, diagnosis, settling time and gains."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ from ann_dc.weights.network_file import save as save_network
 
 
 def report_table(solution: Solution, backend: Backend | None = None) -> Table:
-    """Everything that `solve` prints; of the backend's own, nothing where it is not known."""
+    """Return the table that ``ann-dc solve`` prints.
+
+    Rows of the backend are omitted if the backend is unknown.
+    """
     proof = solution.certificate
     rows = {
         "problem": solution.problem,
@@ -78,7 +81,7 @@ def _times(solution: Solution, recurrence: str | None) -> dict[str, str]:
 
 
 def _recurrence(backend: Backend | None) -> str | None:
-    """How recurrent steps are made; None in continuous time."""
+    """Return a description of the recurrent steps; None for continuous time."""
     if backend is None or isinstance(backend, OdeBackend):
         return None
     if not isinstance(backend, RecurrentBackend):
@@ -116,18 +119,17 @@ def write_solution(
     folder: Path | None = None,
     progress: Progress = silent,
 ) -> list[Path]:
-    """Write what was asked for; the files that were written.
+    """Write the requested files and return their paths.
 
     Parameters
     ----------
-    solution : Solution
     plot : Path, optional
         Folder of the figures.
     json_file, curves, network : Path, optional
-        The result, every neuron over time (.csv or .npz), and the frozen network.
+        Files of the result, of all neurons over time (.csv or .npz), and of the network with its
+        gains.
     folder : Path, optional
-        Everything, for `load_solution`.
-    progress : callable
+        Folder with the complete solution for `load_solution`.
     """
     written: list[Path] = []
     if plot is not None:

@@ -1,4 +1,4 @@
-"""What a study found, as its page needs it: what was asked, the table, and some curves."""
+"""Data of a study page: study declaration, table and selected trajectories."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from ann_dc.study.records import HEAD, POINT, SECONDS, TAIL
 from ann_dc.study.store import Store
 
 KEPT = 24
-"""Points whose curves a page shows."""
+"""Cases whose trajectories a page shows."""
 LOOKED_AT = 2000
-"""Points that are asked for curves at most."""
+"""Largest number of cases that are searched for trajectories."""
 
 SAYS = {
     "point": ("", "Number of the point, in the order of the design."),
@@ -35,18 +35,18 @@ SAYS = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Findings:
-    """What a study found.
+    """Data of a study for its page.
 
     Attributes
     ----------
     place : str
-        The folder of its store, as a command names it.
+        Folder of the store, as named in a command.
     identity : mapping
-        What was asked: title, subject, over, fixed, metrics, settings, spec, seed.
+        Declaration: title, subject, over, fixed, metrics, settings, spec, seed.
     frame : pandas.DataFrame
-        A row a point.
+        One row per case.
     curves : mapping of int to mapping of str to array (m,)
-        Of some points: values over time, by name.
+        Trajectories of some cases by name.
     """
 
     place: str
@@ -56,17 +56,7 @@ class Findings:
 
     @classmethod
     def of(cls, store: Store) -> Findings:
-        """What a store holds.
-
-        Parameters
-        ----------
-        store : Store
-
-        Raises
-        ------
-        PandasMissing
-            If pandas is not installed.
-        """
+        """Return the data of a store; raise `PandasMissing` if pandas is not installed."""
         try:
             import pandas  # noqa: F401
         except ImportError as error:
@@ -83,12 +73,12 @@ class Findings:
 
     @property
     def title(self) -> str:
-        """What the study is called."""
+        """Title of the study."""
         return str(self.identity.get("title") or "Study")
 
     @cached_property
     def columns(self) -> Mapping[str, Column]:
-        """All columns, by name."""
+        """Columns by name."""
         told = dict(self.identity.get("settings") or {}) | dict(self.identity.get("metrics") or {})
         found = {}
         for name in self.frame.columns:
@@ -101,48 +91,43 @@ class Findings:
 
     @cached_property
     def metrics(self) -> tuple[Column, ...]:
-        """Columns that were measured, in the order of the study."""
+        """Measured columns, in the order of the study."""
         asked = self.identity.get("metrics") or {}
         return tuple(self.columns[name] for name in asked if name in self.columns)
 
     @cached_property
     def settings(self) -> tuple[Column, ...]:
-        """Columns that were set."""
+        """Columns of settings."""
         others = {*HEAD, *TAIL, *(metric.name for metric in self.metrics)}
         return tuple(column for name, column in self.columns.items() if name not in others)
 
     @cached_property
     def varied(self) -> tuple[Column, ...]:
-        """Settings that are not the same at all points."""
+        """Settings that differ between cases."""
         return tuple(column for column in self.settings if len(column.distinct) > 1)
 
     @property
     def seconds(self) -> Column | None:
-        """What the points took."""
+        """Wall time of the cases, in seconds."""
         return self.columns.get(SECONDS)
 
     @cached_property
     def points(self) -> np.ndarray:
-        """Numbers of the points, a row each."""
+        """Case number of each record."""
         return self.frame[POINT].to_numpy()
 
     def repeating(self, row: int) -> str:
-        """The command that repeats the point of a row.
-
-        Parameters
-        ----------
-        row : int
-        """
+        """Return the command that repeats the case of a record."""
         return f"{self.command} --point {self.points[row]}"
 
     @property
     def command(self) -> str:
-        """The command that runs this study, without a point."""
+        """Command that runs this study, without a case number."""
         return f"ann-dc study {shlex.quote(self.place)}"
 
 
 def _some_curves(store: Store, points: Iterable[int]) -> dict[int, Mapping[str, np.ndarray]]:
-    """Curves of some points, spread over those that keep any."""
+    """Return trajectories of some cases, spread over those with stored ones."""
     numbers = np.asarray(points)
     spread = np.random.default_rng(0).permutation(len(numbers))[:LOOKED_AT]
     found: dict[int, Mapping[str, np.ndarray]] = {}

@@ -1,4 +1,4 @@
-"""A column of a study's table as arrays: numbers, or words with a code for each row."""
+"""Column of a study table as arrays: numbers, or text with a code per record."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 LARGEST_WHOLE = 2**53
-"""Whole numbers from it on are no floating-point numbers, and stay text."""
+"""Limit from which integers are not exact as floating-point numbers and remain text."""
 WIDE = 50.0
-"""Ratio of the largest to the smallest value from which on an axis may be logarithmic."""
+"""Ratio of largest to smallest value from which an axis may be logarithmic."""
 BULK = 20.0
-"""Ratio of the 95 % to the 5 % quantile from which on it is; that of evenly spread values is 19."""
+"""Ratio of the 95 % to the 5 % quantile from which an axis is logarithmic; 19 for a uniform
+distribution.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -22,16 +24,14 @@ class Column:
 
     Attributes
     ----------
-    name : str
     unit : str
-        Empty where there is none.
+        Unit of measure; may be empty.
     says : str
-        What it means, in a sentence; empty where nobody said.
+        Meaning in one sentence; may be empty.
     numbers : array (rows,) of float, or None
-        nan where a row has none; None where the column holds words.
+        Values, nan if missing; None for text.
     codes : array (rows,) of int, or None
-        Of words: which one of `words` a row has.
-    words : tuple of str
+        Index into `words` for text.
     """
 
     name: str
@@ -43,34 +43,29 @@ class Column:
 
     @property
     def label(self) -> str:
-        """Name with unit, as an axis has it."""
+        """Axis label: name and unit."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
     def at(self, rows: np.ndarray) -> Column:
-        """Return the column of chosen rows.
-
-        Parameters
-        ----------
-        rows : array of int
-        """
+        """Return the column of selected records."""
         numbers, codes = (None if a is None else a[rows] for a in (self.numbers, self.codes))
         return replace(self, numbers=numbers, codes=codes)
 
     @cached_property
     def finite(self) -> np.ndarray:
-        """Rows that have a finite number; none of words."""
+        """Records with a finite number; none for text."""
         if self.numbers is None:
             return np.zeros(0 if self.codes is None else len(self.codes), bool)
         return np.isfinite(self.numbers)
 
     @cached_property
     def values(self) -> np.ndarray:
-        """The finite numbers."""
+        """Finite numbers."""
         return np.zeros(0) if self.numbers is None else self.numbers[self.finite]
 
     @cached_property
     def as_numbers(self) -> np.ndarray:
-        """Numbers (rows,): of words, 1 for true, 0 for false, and nan for all others."""
+        """Numbers (rows,); for text 1 for true, 0 for false, and nan otherwise."""
         if self.numbers is not None:
             return self.numbers
         worth = [{"true": 1.0, "false": 0.0}.get(word, np.nan) for word in self.words]
@@ -78,20 +73,20 @@ class Column:
 
     @cached_property
     def distinct(self) -> np.ndarray:
-        """Values that occur, each once: numbers in order, or words."""
+        """Distinct values: numbers in order, or text."""
         if self.numbers is None:
             return np.array([word for word in self.words if word], dtype=object)
         return np.unique(self.values)
 
     @cached_property
     def spans(self) -> float:
-        """Ratio of the largest to the smallest value; 1 where one is not positive."""
+        """Ratio of the largest to the smallest value; 1 if a value is not positive."""
         low = self.values.min(initial=np.inf)
         return float(self.values.max() / low) if 0 < low < np.inf else 1.0
 
     @cached_property
     def is_wide(self) -> bool:
-        """Whether it belongs on a logarithmic axis: not just a few values are small."""
+        """True if a logarithmic axis suits the values: more than a few are small."""
         if self.spans <= WIDE:
             return False
         low, high = np.quantile(self.values, (0.05, 0.95))
@@ -99,14 +94,9 @@ class Column:
 
 
 def column_of(name: str, cells: Any, *, unit: str = "", says: str = "") -> Column:
-    """A column as arrays.
+    """Return a column as arrays from a pandas series of numbers, booleans or text.
 
-    Parameters
-    ----------
-    name : str
-    cells : pandas.Series
-        Numbers, booleans, words, or some of each; None and nan where there is none.
-    unit, says : str
+    Missing values are None or nan.
 
     Examples
     --------
@@ -126,7 +116,7 @@ def column_of(name: str, cells: Any, *, unit: str = "", says: str = "") -> Colum
 
 
 def _numbers(cells: Any) -> np.ndarray | None:
-    """The cells as numbers; None where one of them is none."""
+    """Return the cells as numbers; None if a cell is not a number."""
     from pandas.api import types
 
     if types.is_bool_dtype(cells):

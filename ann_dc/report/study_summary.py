@@ -1,4 +1,4 @@
-"""What is said of a study on a terminal: outcomes, metrics, yield; and what could be varied."""
+"""Terminal summary of a study: outcomes, metrics, yield and available settings."""
 
 from __future__ import annotations
 
@@ -16,21 +16,11 @@ from ann_dc.study.table import Table
 
 QUANTILES = (5, 50, 95)
 MOST = 20
-"""Values of a setting of which each gets a line."""
+"""Largest number of setting values with one line each."""
 
 
 def summary(study: Study, found: Table) -> list[Shown | str]:
-    """Outcomes, medians with their spread, and the yield.
-
-    Parameters
-    ----------
-    study : Study
-    found : Table
-
-    Returns
-    -------
-    list of what a console prints
-    """
+    """Return outcomes, medians with their spread, and the yield as printable objects."""
     shown: list[Shown | str] = [f"{study.title}: {len(found)} of {counted(len(study), 'points')}"]
     outcomes = table("outcome", "points", "share")
     for outcome, count in found.outcomes.items():
@@ -52,7 +42,7 @@ def summary(study: Study, found: Table) -> list[Shown | str]:
 
 
 def _yields(study: Study, found: Table) -> list[Shown | str]:
-    """Of all rows; and for every value of each setting that was listed."""
+    """Return the yield of all records and of every value of each listed setting."""
     shown: list[Shown | str] = [f"yield: {found.yield_of()}"]
     for name, values in study.plan.listed.items():
         if 1 < len(values) <= MOST and len(values) < len(found):
@@ -64,13 +54,7 @@ def _yields(study: Study, found: Table) -> list[Shown | str]:
 
 
 def settings_table(subject: Subject, metrics: Mapping[str, Metric]) -> list[Shown]:
-    """What can be varied of a subject, and what is measured.
-
-    Parameters
-    ----------
-    subject : Subject
-    metrics : mapping of str to Metric
-    """
+    """Return tables of the settings of a subject and of the metrics."""
     settings = table("setting", "what it is", "names")
     for word, family in FAMILIES.items():
         names = [

@@ -1,6 +1,6 @@
-"""The shapes in which results are said: tables, rows with names, verdicts, ranges of numbers.
+"""Layout of reports: tables, named rows, verdicts and ranges of numbers.
 
-Every command's report is made of these, so that all look alike and fit into 80 letters.
+All commands use these elements, which fit into 80 characters.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ann_dc.problem.declaration import OptimalControlProblem
 
 
 def table(*columns: str, dense: bool = False) -> Table:
-    """A table; dense ones have many columns and still fit into 80 letters."""
+    """Return an empty table; a dense table fits many columns into 80 characters."""
     shown = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=0) if dense else Table()
     for column in columns:
         shown.add_column(column, overflow="fold")
@@ -25,7 +25,7 @@ def table(*columns: str, dense: bool = False) -> Table:
 
 
 def named_rows(rows: Mapping[str, object]) -> Table:
-    """A table of names and what is said of them, letter by letter."""
+    """Return a table of names and literal values."""
     shown = Table(show_header=False)
     shown.add_column(no_wrap=True, style="bold")
     shown.add_column(overflow="fold")
@@ -35,7 +35,7 @@ def named_rows(rows: Mapping[str, object]) -> Table:
 
 
 def printable(text: str) -> str:
-    r"""A text for the eye: what would move a terminal's cursor is a question mark.
+    r"""Return a text with terminal control characters replaced by question marks.
 
     >>> printable("\x1b[2Jcar")
     '?[2Jcar'
@@ -44,12 +44,12 @@ def printable(text: str) -> str:
 
 
 def verdict_text(good: bool, verdict: str) -> Text:
-    """Certified or not, and why."""
+    """Return the verdict in the colour of success or failure."""
     return Text(f"{'yes' if good else 'no'}: {verdict}", "green" if good else "red")
 
 
 def unit_list(problem: OptimalControlProblem) -> str:
-    """What has a unit of measure, and which; dt always has.
+    """Return the quantities with their units of measure; dt always has a unit.
 
     >>> from ann_dc import plants
     >>> unit_list(plants.double_integrator())
@@ -62,7 +62,7 @@ def unit_list(problem: OptimalControlProblem) -> str:
 
 
 def span(values: Any) -> str:
-    """One number, or the range of those that differ from row to row or stage to stage.
+    """Return one number, or the range of numbers that differ between rows or stages.
 
     >>> span([1, 2.5, 2]), span(3.0)
     ('(1 .. 2.5)', '3')
@@ -73,7 +73,7 @@ def span(values: Any) -> str:
 
 
 def measured(value: float, error: float, most: int = 4) -> str:
-    """A number with the digits that it is good for, and two where its error is not known.
+    """Return a number with its significant digits; two if its error is unknown.
 
     >>> measured(35.7254, 0.085), measured(650.9, 1.4), measured(123.9, 5.5)
     ('35.7', '651', '120')

@@ -1,4 +1,4 @@
-"""Trimming in words: the steps, what remains after each, and whether it is enough."""
+"""Report of a trimming procedure: steps, remaining errors and sufficiency."""
 
 from __future__ import annotations
 
@@ -15,18 +15,17 @@ from ann_dc.report.tables import named_rows, table, verdict_text
 from ann_dc.report.yield_table import drawn_from, noise_told
 
 SHOWN, BEGUN = 40, 5
-"""Steps that are printed, of those that are enough and of others; the JSON file has all."""
+"""Printed steps of a sufficient and of an insufficient procedure; the JSON file contains all."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrimTable:
-    """A trimming procedure.
+    """Report of a trimming procedure.
 
     Attributes
     ----------
-    found : Trimming
     backend : SpiceBackend
-        Whose tolerances are trimmed away.
+        Backend whose tolerances are trimmed.
     """
 
     found: Trimming
@@ -34,11 +33,11 @@ class TrimTable:
 
     @property
     def good(self) -> bool:
-        """Whether the steps bring the share that was asked for of emulated circuits to it."""
+        """True if the steps bring the requested fraction of circuits to the error."""
         return self.found.reached
 
     def tables(self) -> list[Table]:
-        """What is printed."""
+        """Return the tables to print."""
         found = self.found
         by_slopes = f"{found.share:.0%} of {DRAWN} circuits stay below {found.untrimmed:.2%} "
         by_slopes += f"without trims, {found.remaining:.2%} with these, {found.floor:.2%} with all "
@@ -51,7 +50,7 @@ class TrimTable:
         return [named_rows(rows), *([self._steps()] if found.steps else [])]
 
     def _verdict(self) -> Text:
-        """What drawn circuits say of the steps."""
+        """Return the verdict on the steps from drawn circuits."""
         found, said = self.found, self._emulated()
         if found.reached:
             return verdict_text(True, said)
@@ -84,7 +83,7 @@ class TrimTable:
         return shown
 
     def as_dict(self) -> dict:
-        """For the JSON file."""
+        """Return the content of the JSON file."""
         found = self.found
         steps = [
             {

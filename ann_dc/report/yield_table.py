@@ -1,4 +1,4 @@
-"""Yield in words: the share, the circuit that comes closest, and what ngspice says of some."""
+"""Report of a circuit yield: fraction, closest circuit and simulated samples."""
 
 from __future__ import annotations
 
@@ -17,13 +17,12 @@ from ann_dc.report.tables import named_rows, table
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class YieldTable:
-    """A yield.
+    """Report of a circuit yield.
 
     Attributes
     ----------
-    yielded : CircuitYield
     backend : SpiceBackend
-        Whose tolerances were drawn from.
+        Backend that defines the tolerances.
     """
 
     yielded: CircuitYield
@@ -31,11 +30,11 @@ class YieldTable:
 
     @property
     def good(self) -> bool:
-        """Whether a circuit keeps the spec, and ngspice agrees where it was asked."""
+        """True if a circuit meets the specification and all ngspice samples agree."""
         return self.yielded.found.passed > 0 and all(spot.agreed for spot in self.yielded.spots)
 
     def tables(self) -> list[Table]:
-        """What is printed."""
+        """Return the tables to print."""
         found = self.yielded
         stable = found.errors[np.isfinite(found.errors)]
         rows = {"spec": found.spec, "yield": f"{found.found}, 95 % confidence, by emulation"}
@@ -86,7 +85,7 @@ class YieldTable:
         return Text("agree", "green") if same else Text("at its limit", "yellow")
 
     def as_dict(self) -> dict:
-        """For the JSON file."""
+        """Return the content of the JSON file."""
         found = self.yielded
         low, high = found.found.interval
         return {
@@ -107,14 +106,14 @@ class YieldTable:
 
 
 def noise_told(noise: float) -> str:
-    """What a verdict says of the noise that it counts."""
+    """Return the description of the noise that a verdict includes."""
     if np.isnan(noise):
         return "not computed, and not counted"
     return f"{noise:.1e} of the largest control rms, counted with every error"
 
 
 def drawn_from(backend: SpiceBackend) -> dict[str, str]:
-    """Rows that say what drawn circuits have in common, and which tolerances are assumed."""
+    """Return rows of the common properties of drawn circuits and assumed tolerances."""
     series = backend.series
     if not series.mantissas:
         return assumed(backend.level)

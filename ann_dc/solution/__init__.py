@@ -1,4 +1,4 @@
-"""The answer in the problem's own names, and how it is kept."""
+"""Solution in the names of the problem, and its storage."""
 
 import lazy_loader
 

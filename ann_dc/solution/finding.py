@@ -1,4 +1,4 @@
-"""Optima of a problem as states of its network, found without running it."""
+"""Search for optima of a problem as network states, without running the network."""
 
 from __future__ import annotations
 
@@ -22,21 +22,22 @@ from ann_dc.progress import Progress, Stopped
 from ann_dc.synthesis.row import start_values
 
 RANDOM_STARTS = 4
-"""Searches from random paths: a problem with several optima often has a cheaper one."""
+"""Number of searches from random paths: a problem with several optima often has a cheaper one."""
 
 SAME = 1e-6
-"""Relative difference of costs up to which the optimum that was found first is taken: that of a
-random path may turn angles, or lie on another branch of a step length."""
+"""Relative cost difference up to which the optimum found first is preferred; that of a random path
+may
+turn angles, or lie on another branch of a step length.
+"""
 FURTHER = 6
-"""Restorations of a search from another path if an optimum is known."""
+"""Restorations of a search from a further path if an optimum is known."""
 
 
 class Optimum(NamedTuple):
-    """A certified optimum.
+    """Certified optimum with its network state.
 
     Attributes
     ----------
-    certificate : Certificate
     state : (n,) array
         Equilibrium of the problem's network.
     """
@@ -46,21 +47,18 @@ class Optimum(NamedTuple):
 
 
 def path_of(network: Network, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """States (n, N+1) with the end, and controls (m, N), of a state vector of a problem's network.
+    """Return the states (n, N+1) with the terminal state, and the controls (m, N).
 
-    Parameters
-    ----------
-    network : Network
-    x : (n,) array
+    `x` (n,) is a state vector of the problem's network.
     """
     q, u, t, *_ = kkt_point(network, x)
     return np.column_stack([q, t[:, -1]]), u
 
 
 def state_of(problem: OptimalControlProblem, network: Network, found: Extremum) -> np.ndarray:
-    """Equilibrium (n,) of a network at an optimum of its problem.
+    """Return the network equilibrium (n,) at an optimum of the problem.
 
-    Newton's method on the net inputs refines it where it can.
+    Newton's method on the net inputs refines the state if it converges.
     """
     beta = np.zeros_like(found.mu)
     beta[:, 1:] = -found.mu[:, :-1]
@@ -78,17 +76,11 @@ def state_of(problem: OptimalControlProblem, network: Network, found: Extremum) 
 
 
 class Search:
-    """Search for the settled point of a design.
+    """Search for the settled point of a design by the interior-point method.
 
-    The interior point starts on the straight line, on the path of a state and on random paths
-    around the line. The cheapest certified optimum is the result.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        A problem with several objectives is not searched.
-    network : Network
-        Synthesized from it.
+    The searches start on the straight line, on the path of a state and on random paths around the
+    line. The cheapest certified optimum is the result. A problem with several objectives is not
+    searched. The network must be synthesized from the problem.
     """
 
     def __init__(self, problem: OptimalControlProblem, network: Network) -> None:
@@ -96,9 +88,9 @@ class Search:
         self._from_line: list[Optimum] | None = None
 
     def from_line(self, progress: Progress) -> list[Optimum]:
-        """Return the optimum to which the straight line leads, if any; searched for once.
+        """Return the optimum reached from the straight line, if any; the result is cached.
 
-        If it leads nowhere, the search begins there again with more caution.
+        If the first search fails, it is repeated from the line with more caution.
         """
         if self._from_line is None:
             line = line_start(self.problem)
@@ -108,7 +100,7 @@ class Search:
         return self._from_line
 
     def find(self, x: np.ndarray, progress: Progress) -> Found | None:
-        """Return an optimum of the problem, None if none is found; see `Knowledge`."""
+        """Return an optimum of the problem, or None if none is found; see `Knowledge`."""
         if self.problem.objectives:
             return None
         starts = (random_start(self.problem, seed) for seed in range(RANDOM_STARTS))
@@ -122,7 +114,7 @@ class Search:
         return Found(first.state, by="the interior point")
 
     def cheaper(self, x: np.ndarray, progress: Progress) -> Found | None:
-        """Return the optimum to which the line leads if it costs less than x; see `Knowledge`."""
+        """Return the optimum reached from the line if cheaper than x; see `Knowledge`."""
         here = certify(self.problem, *kkt_point(self.network, x)).objective
         for optimum in self.from_line(progress):
             if optimum.certificate.objective < here - DEARER * abs(here):
@@ -136,7 +128,7 @@ class Search:
         progress: Progress,
         caution: Caution = Caution.NONE,
     ) -> list[Optimum]:
-        """Return the known optima and those to which the interior point leads from some paths."""
+        """Return the known optima and those that the interior point finds from some paths."""
         found = [*known]
         try:
             for q, u in paths:
@@ -150,7 +142,6 @@ class Search:
         return found
 
     def _certified(self, extremum: Extremum) -> list[Optimum]:
-        """Return the optimum that a search ended at, if it is certified."""
         if not extremum.converged:
             return []
         state = state_of(self.problem, self.network, extremum)

@@ -1,4 +1,4 @@
-"""Answers of a problem to its design: is there an optimum, where, at what cost?"""
+"""Knowledge of a problem for its design: existence, place and cost of an optimum."""
 
 from __future__ import annotations
 
@@ -13,14 +13,9 @@ from ann_dc.solution.finding import Search, path_of
 
 
 def knowledge_of(prospect: Prospect, network: Network) -> Knowledge:
-    """Return the answers of the problem behind a network.
+    """Return the knowledge of the problem behind a network.
 
-    Parameters
-    ----------
-    prospect : Prospect
-        Of the problem.
-    network : Network
-        Synthesized from it.
+    The network must be synthesized from the problem of `prospect`.
     """
     problem = prospect.problem
     search = Search(problem, network)

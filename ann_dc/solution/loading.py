@@ -1,4 +1,4 @@
-"""A saved solution, read with distrust: parts that do not belong together are refused."""
+"""Loading of a saved solution, with a check that its parts belong together."""
 
 from __future__ import annotations
 
@@ -18,21 +18,23 @@ from ann_dc.validation.checked import checked
 
 @checked
 def load_solution(folder: str | os.PathLike[str]) -> Solution:
-    """Read a solution that `Solution.save` wrote; its network runs exactly as it did.
+    """Load a solution that `Solution.save` wrote; its network runs identically.
 
     Parameters
     ----------
     folder : path-like
+        Folder of the saved solution.
 
     Returns
     -------
     Solution
+        Solution with all its records.
 
     Raises
     ------
     FileFormatError
-        If the folder is not one that `Solution.save` wrote, was written by a version that wrote
-        otherwise, or is not complete; the message names the folder and the place in it.
+        If the folder was not written by `Solution.save`, was written by a version with another
+        format, or is incomplete. The message names the folder and the place in it.
 
     Examples
     --------
@@ -63,7 +65,7 @@ def load_solution(folder: str | os.PathLike[str]) -> Solution:
 
 
 def _check_agreement(solution: Solution) -> None:
-    """Refuse parts of different solutions, which nobody saved together."""
+    """Raise `FileFormatError` if parts belong to different solutions."""
     problem, network = solution.problem, solution.network
     names = {f"q.{s}" for s in problem.states} | {f"u.{s}" for s in problem.controls}
     missing = sorted(names - set(network.neuron_index))

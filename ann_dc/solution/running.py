@@ -1,4 +1,4 @@
-"""The run of a designed network, and the answer: where it settled, or what is known without it."""
+"""Run of a designed network and its solution: settled, or known from the design."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ from ann_dc.solution.solution import Solution, certificate_of
 from ann_dc.timing import phase
 
 CLOSER = 0.3
-"""Share of the Newton step allowed at which a run that goes on is to end."""
+"""Fraction of the allowed Newton step at which a continued run is to end."""
 STAY = 1.0
-"""Time that a stalled run has stayed within the tolerance, over the time until then, at least."""
+"""Smallest ratio of a stalled run's time within the tolerance to the time before."""
 
 
 def solution_of(
@@ -44,26 +44,12 @@ def solution_of(
     backend: Backend,
     prospect: Prospect,
 ) -> Solution:
-    """Run a frozen network and certify the answer.
+    """Run a network with fixed gains and certify the solution.
 
-    If the run does not settle, or at an optimum that costs more than that of the design, networks
-    with the next best gains and presets are run. The cheapest certified answer is taken; if none
-    settles, it is the optimum that the design knows.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    equations : StageEquations
-    network : Network
-        Frozen; with the best gains of the design.
-    designed : Design or None
-    backend : Backend
-    prospect : Prospect
-        Of the problem; asked why a run failed.
-
-    Returns
-    -------
-    Solution
+    `network` has the best gains of the design. If the run does not settle, or settles at an optimum
+    that costs more than that of the design, networks with the next best gains and presets are run.
+    The cheapest certified solution is returned. If none settles, the optimum known from the design
+    is returned. `prospect` gives the reason of a failed run.
     """
     found = _solution(problem, equations, network, designed, backend)
     is_studied = equations.form != equations.form.designable  # its own start and run are the answer
@@ -85,7 +71,7 @@ def solution_of(
 
 
 def _dearest(problem: OptimalControlProblem, designed: Design) -> float:
-    """Largest objective at which a run has settled where its design did, or at a cheaper point."""
+    """Return the largest objective accepted as equal to or better than the design's."""
     if not designed.settled:
         return float("inf")
     aim = certificate_of(problem, designed.network, designed.state).objective
@@ -93,9 +79,9 @@ def _dearest(problem: OptimalControlProblem, designed: Design) -> float:
 
 
 def _is_of_backend(found: Solution, designed: Design) -> bool:
-    """Return True if a run failed by its backend's own limit or step.
+    """Return True if a run failed by the limit or the step of its backend.
 
-    The rehearsal of the same gains settled, in more time or with shorter steps.
+    The trial run of the same gains settled, in more time or with shorter steps.
     """
     settled, outcome = designed.best.settling, found.status.outcome
     elapsed = found.status.time * designed.spectrum.radius
@@ -123,11 +109,11 @@ def _solution(
 
 
 def _stayed(found: Solution, backend: Backend) -> Solution:
-    """Return a stalled run as settled if it stayed within the tolerance, at a certified minimum.
+    """Return a stalled run as settled if it stayed within the tolerance, certified.
 
-    Penalties that are large beside the multipliers make rounding errors that keep the residual
-    above the share of the tolerance at which a run ends. The certificate is that of the
-    equilibrium which a Newton step finds there.
+    If penalties are large relative to the multipliers, rounding errors prevent the residual from
+    falling to the fraction of the tolerance at which a run ends. The certificate is that of the
+    equilibrium found by a Newton step.
     """
     settling, run = getattr(backend, "settling", None), found.run
     is_stalled = found.status.outcome is Outcome.STALLED
@@ -146,7 +132,7 @@ def _stayed(found: Solution, backend: Backend) -> Solution:
 
 
 def _proof_beside(found: Solution) -> Certificate | None:
-    """Return the certificate of the minimum to which a Newton step leads from a run's end."""
+    """Return the certificate of the minimum one Newton step from the end of a run."""
     network, final = found.network, found.trajectory.final
     if not found.certificate.newton_step < LARGEST_STEP:
         return None
@@ -158,10 +144,10 @@ def _proof_beside(found: Solution) -> Certificate | None:
 
 
 def _closer(found: Solution, backend: Backend) -> Solution:
-    """Return the answer of a longer run where a settled one ends too far from its minimum.
+    """Return the solution of a longer run if a run settled too far from its minimum.
 
-    Where the cost is flat a small residual leaves a Newton step that is not small. The settling
-    time stays what it was: it is the last exit from the tolerance.
+    If the cost is flat, a small residual leaves a large Newton step. The settling time is
+    unchanged, since it is the last exit from the tolerance.
     """
     proof, settling = found.certificate, getattr(backend, "settling", None)
     is_far = proof.first_order and proof.second_order and LARGEST_STEP <= proof.newton_step < 1.0
@@ -177,7 +163,7 @@ def _closer(found: Solution, backend: Backend) -> Solution:
 
 @phase("run")
 def _run(backend: Backend, network: Network, designed: Design | None) -> Run:
-    """Run a frozen network; if its design was ended, record the state of that moment."""
+    """Run a network with fixed gains, or record the state at which its design ended."""
     try:
         if designed is not None and designed.first.ended is not None:
             raise designed.first.ended
@@ -191,14 +177,13 @@ def _run(backend: Backend, network: Network, designed: Design | None) -> Run:
 
 
 def _recorded(network: Network, x: np.ndarray, told: Status) -> Run:
-    """A run of one state (n,)."""
     recorder = Recorder(network)
     recorder.record(0.0, x, fast_evaluator(network).residuals(x))
     return recorder.run(0.0, x, told, Settling(), 0)
 
 
 def _known(failed: Solution) -> Solution | None:
-    """The optimum that the design of a network knows which did not settle there; None without."""
+    """Return the optimum known from the design of a network that failed, or None."""
     design = failed.design
     if design is None or not design.settled:
         return None
@@ -217,14 +202,9 @@ def _known(failed: Solution) -> Solution | None:
 
 
 def found_without(by: str, network: Status) -> Status:
-    """Return the status of an optimum that is known although no network settled there.
+    """Return the status of a known optimum at which no network settled.
 
-    Parameters
-    ----------
-    by : str
-        Who found it.
-    network : Status
-        How the network's run ended.
+    `by` names the method that found the optimum, and `network` is the final status of the run.
 
     Examples
     --------
@@ -247,7 +227,7 @@ def _hopeless(found: Infeasible | Unbounded, now: float) -> Status:
 
 
 def _explained(solution: Solution, prospect: Prospect) -> Solution:
-    """Return the failure, with the reason if it is the problem's."""
+    """Return a failed solution with the reason, if the problem is the reason."""
     known = (Outcome.STOPPED, Outcome.INFEASIBLE, Outcome.UNBOUNDED)
     minimum = solution.status.settled and solution.certificate.second_order
     if solution.certified or minimum or solution.status.outcome in known:

@@ -1,23 +1,23 @@
-"""A result as a folder, which is complete or refused.
+"""Storage of a result as a folder that is either complete or rejected.
 
 =================  ===============================================================================
-``manifest.json``  what a person may read: formulas, figures, sentences, and which arrays there are
-``arrays.npz``     the arrays of the records, by place: ``run/trajectory/states``
-``<name>.npz``     every network as a weight file of its own; `load` reads it
-``SHA256SUMS``     what the others have to be; ``sha256sum --check SHA256SUMS`` says so too
+``manifest.json``  readable content: formulas, figures, sentences, and the list of the arrays
+``arrays.npz``     arrays of the records, by place: ``run/trajectory/states``
+``<name>.npz``     every network as a separate weight file, readable by `load`
+``SHA256SUMS``     digests of the other files, checked also by ``sha256sum --check SHA256SUMS``
 =================  ===============================================================================
 
-Nothing in it is ever executed or unpickled, and no name in it leads out of the folder.
+The content is never executed or unpickled, and names cannot refer to places outside the folder.
 
-The types are those of the record's own annotations, so that a record which gets a field is read
-with it; a field with a default may be missing, as it is in files of earlier versions. Shapes are
-told here, since annotations do not.
+Types come from the annotations of the records, so that a new field is read without further code. A
+field with a default may be missing, as in files of earlier versions. Shapes are declared in
+`SHAPES`, since annotations do not contain them.
 
-Records as JSON tables and arrays, field by field, as `reading` takes them back.
+Conversion of records to JSON tables and arrays, as `saved_result` reads them.
 
-A field that is a number, a word or a list of them stands in the table; an array is an entry of its
-own, named by its place (``run/trajectory/states``), and the table says what it holds. A network is
-a file of its own, and is left out; so is None, where the field says so (`WHERE_GIVEN`).
+A number, a text or a list of them is stored in the table. An array is a separate entry named by its
+place (``run/trajectory/states``), and the table stores its kind. A network is a separate file and
+is omitted. None is omitted if the field allows it (`WHERE_GIVEN`).
 """
 
 from __future__ import annotations
@@ -70,21 +70,17 @@ SHAPES: dict[type, dict[str, str]] = {
     Candidate: {"stray": "n"},
     Design: {"state": "n"},
 }
-"""Of the arrays of a record: n, P and N are those of the network, other letters agree within the
-record, a star is any; none is zero."""
+"""Shapes of the arrays of a record: n, P and N are those of the network, other letters agree within
+the record, a star is any size; no size is zero.
+"""
 
 NOT_FINITE = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 
 
 class Reader:
-    """Reads records about one network.
+    """Reader of records about one network, which is inserted where a record has one.
 
-    Parameters
-    ----------
-    entries : Entries
-        The arrays, each taken once.
-    network : Network or None
-        What stands where a record has one; None where it has none.
+    Each of the arrays is read once.
 
     Examples
     --------
@@ -96,20 +92,10 @@ class Reader:
         self.entries, self.network = entries, network
 
     def value(self, hint: Any, given: Any, place: str) -> Any:
-        """A value of a declared type.
+        """Return a value of the annotated type `hint` from JSON data.
 
-        Parameters
-        ----------
-        hint : type
-            As an annotation says it.
-        given : JSON data
-        place : str
-            Where it stands; errors begin with it.
-
-        Raises
-        ------
-        FileFormatError, UnknownNameError
-            If it is none.
+        Error messages begin with `place`. Raises `FileFormatError` or `UnknownNameError` if the
+        data do not match.
         """
         if get_origin(hint) in (types.UnionType, Union):
             (kind,) = (part for part in get_args(hint) if part is not type(None))
@@ -127,7 +113,7 @@ class Reader:
         return self.record(hint, given, place)
 
     def _composed(self, hint: Any, given: Any, place: str) -> Any:
-        """A tuple of one type, or a mapping of names to one type."""
+        """Return a tuple of one type, or a mapping of names to one type."""
         if get_origin(hint) is tuple:
             kind = get_args(hint)[0]
             parts = _checked(list, given, place)
@@ -137,21 +123,10 @@ class Reader:
         return {name: self.value(kind, part, f"{place}/{name}") for name, part in parts.items()}
 
     def record(self, kind: type, given: Any, place: str) -> Any:
-        """A record, checked as whenever one is made.
+        """Return a record (dataclass), validated as in its construction.
 
-        Parameters
-        ----------
-        kind : type
-            A dataclass.
-        given : JSON data
-        place : str
-
-        Raises
-        ------
-        FileFormatError, UnknownNameError
-            If a field is missing, unknown, or of another type or shape.
-        AnnDcError
-            If the record itself refuses what it is given.
+        Raises `FileFormatError` or `UnknownNameError` if a field is missing, unknown, or of another
+        type or shape, and `AnnDcError` if the record rejects its values.
         """
         table, hints = _checked(dict, given, place), _hints(kind)
         unknown = sorted(set(table) - set(hints))
@@ -179,7 +154,7 @@ class Reader:
         return metric
 
     def _array(self, given: Any, place: str) -> np.ndarray:
-        """Of any shape, which the record it belongs to checks."""
+        """Return an array of any shape; the record that contains it checks the shape."""
         kind = _choice({"float": float, "complex": complex}, given, place)
         values = self.entries.numbers(place, *((None,) * axes for axes in range(5)))
         if kind is float:
@@ -204,7 +179,7 @@ class Reader:
 
 
 def _fits(shape: tuple[int, ...], letters: list[str], known: dict[str, int]) -> bool:
-    """Whether a shape is the expected one; letters that are met first are known from then on."""
+    """Return True if a shape is the expected one; new letters are added to `known`."""
     if len(shape) != len(letters):
         return False
     for length, letter in zip(shape, letters):
@@ -220,7 +195,7 @@ def _hints(kind: type) -> dict[str, Any]:
 
 
 def _plain(kind: type, given: Any, place: str) -> Any:
-    """A number, a word, or whether; a bool is no number."""
+    """Return a number, a text or a bool; a bool is not accepted as a number."""
     if kind is float and isinstance(given, str) and given in NOT_FINITE:
         return NOT_FINITE[given]
     if kind is float and isinstance(given, int) and not isinstance(given, bool):
@@ -254,11 +229,11 @@ SCHEMA = 1
 MANIFEST, ARRAYS, SUMS = "manifest.json", "arrays.npz", "SHA256SUMS"
 REMEDY = "give the path of a folder that a solution was saved to"
 MAX_MANIFEST = 10_000_000
-"""Largest `MANIFEST` in bytes."""
+"""Largest size of `MANIFEST` in bytes."""
 LONGEST_SUMS = 10_000
-"""Bytes of `SUMS`, at most: a line a file."""
+"""Largest size of `SUMS` in bytes; one line per file."""
 SUM = re.compile(r"([0-9a-f]{64})  ([a-z]{1,40}\.(?:npz|json))")
-"""A line of `SUMS`: a digest, and a name in the folder itself."""
+"""Pattern of a line of `SUMS`: a digest, and the name of a file directly in the folder."""
 
 
 def save_result(
@@ -266,19 +241,9 @@ def save_result(
     networks: Mapping[str, Network],
     records: Mapping[str, object],
 ) -> None:
-    """Write networks and records into a new folder, all of it or nothing.
+    """Write networks and records into a new folder, completely or not at all.
 
-    Parameters
-    ----------
-    folder : path-like
-        That does not exist yet.
-    networks : mapping of name to Network
-    records : mapping of name to dataclass or None
-
-    Raises
-    ------
-    OutputError
-        If the folder exists or cannot be written, or a record cannot be saved.
+    Raises `OutputError` if the folder exists or cannot be written, or if a record cannot be saved.
     """
     writer = Writer()
     manifest = {
@@ -295,16 +260,7 @@ def save_result(
 
 
 class SavedResult:
-    """Content of a folder; every record is taken once.
-
-    Parameters
-    ----------
-    table : Table
-        The manifest.
-    entries : Entries
-        The arrays.
-    networks : dict of str to Network
-    """
+    """Content of a folder: manifest, arrays and networks; every record is taken once."""
 
     def __init__(self, table: Table, entries: Entries, networks: dict[str, Network]) -> None:
         table.only("format schema networks records")
@@ -312,47 +268,24 @@ class SavedResult:
         self._records = dict(table.get("records", dict))
 
     def network(self, name: str) -> Network:
-        """A network by name.
-
-        Raises
-        ------
-        FileFormatError
-            If the folder holds none of that name.
-        """
+        """Return a network by name; raises `FileFormatError` if it is not in the folder."""
         if name not in self.networks:
             raise FileFormatError(f"manifest.networks: {name!r} is missing; save the result again")
         return self.networks[name]
 
     def record(self, name: str, hint: Any, network: Network | None = None) -> Any:
-        """Take a record.
+        """Take a record by name.
 
-        Parameters
-        ----------
-        name : str
-        hint : type
-            A dataclass, or one that may be None.
-        network : Network, optional
-            What the record is about.
-
-        Raises
-        ------
-        FileFormatError, UnknownNameError
-            If there is none of that name, or what is there is no such record.
-        AnnDcError
-            If the record itself refuses what it is given.
+        `hint` is a dataclass, possibly optional; `network` is the network of the record. Raises
+        `FileFormatError` or `UnknownNameError` if the record is missing or of another kind, and
+        `AnnDcError` if it rejects its values.
         """
         if name not in self._records:
             raise FileFormatError(f"manifest.records: {name!r} is missing; save the result again")
         return Reader(self._entries, network).value(hint, self._records.pop(name), name)
 
     def finish(self) -> None:
-        """Refuse what nobody took.
-
-        Raises
-        ------
-        FileFormatError
-            Naming what is left.
-        """
+        """Raise `FileFormatError` naming the entries that were not taken, if any."""
         if self._records:
             raise FileFormatError(f"manifest.records: unknown {', '.join(sorted(self._records))}")
         self._entries.finish()
@@ -360,17 +293,10 @@ class SavedResult:
 
 @contextlib.contextmanager
 def opened_result(folder: str | os.PathLike[str]) -> Iterator[SavedResult]:
-    """Open what `save_result` wrote; on leaving, all of it has to be taken.
+    """Open a folder written by `save_result`; on exit all content must be taken.
 
-    Parameters
-    ----------
-    folder : path-like
-
-    Raises
-    ------
-    FileFormatError
-        If the folder is not one that `save_result` wrote, or is not complete, or what is done
-        with its content fails; the message begins with the folder.
+    Raises `FileFormatError`, with the folder at the start of the message, if the folder was not
+    written by `save_result`, is incomplete, or its content cannot be processed.
     """
     place = Path(folder)
     try:
@@ -394,7 +320,7 @@ def opened_result(folder: str | os.PathLike[str]) -> Iterator[SavedResult]:
 
 
 def _files(folder: Path) -> dict[str, bytes]:
-    """The contents of all files that `SUMS` lists, each what it was when it was saved."""
+    """Return the contents of all files listed in `SUMS`, with checked digests."""
     if not folder.is_dir():
         reason = "is a file" if folder.exists() else "does not exist"
         raise FileFormatError(f"{reason}; {REMEDY}")
@@ -425,16 +351,16 @@ def _digest(content: bytes) -> str:
 METRICS: dict[str, type[Metric]] = {
     kind.__name__: kind for kind in (TimeConstants, Pyramid, Grid, Tree)
 }
-"""Metrics by the word that a table has for them."""
+"""Preconditioner classes by their name in a table."""
 
 
 class Writer:
-    """Writes records; their arrays gather here.
+    """Writer of records that collects their arrays.
 
     Attributes
     ----------
     arrays : dict of str to array
-        By place, float64; a complex array has its real and imaginary parts in a last axis.
+        Arrays by place, float64; a complex array has its real and imaginary parts in a last axis.
 
     Examples
     --------
@@ -450,18 +376,10 @@ class Writer:
         self.arrays: dict[str, np.ndarray] = {}
 
     def value(self, value: Any, place: str) -> Any:
-        """A value as JSON data.
+        """Convert a value at a place to JSON data.
 
-        Parameters
-        ----------
-        value : None, bool, number, str, Enum, array, tuple, mapping or record
-        place : str
-            Where it stands.
-
-        Raises
-        ------
-        OutputError
-            If it is none of those.
+        Supported values are None, bool, number, str, Enum, array, tuple, list, mapping and record.
+        Raises `OutputError` for other types.
         """
         if value is None or isinstance(value, (bool, str)):
             return value
@@ -493,7 +411,7 @@ class Writer:
         }
 
     def _number(self, value: Any, place: str) -> int | float | str:
-        """JSON has no number that is not finite, so that one is a word."""
+        """Convert a number to JSON data; non-finite numbers become text."""
         if isinstance(value, numbers.Integral):
             return int(value)
         if not isinstance(value, numbers.Real):

@@ -1,4 +1,4 @@
-"""The answer in the problem's own names: values, status, settling time, certificate, network."""
+"""Solution in the problem's names: values, status, settling time, certificate."""
 
 from __future__ import annotations
 
@@ -35,28 +35,29 @@ from ann_dc.validation.values import such_as
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solution(Record):
-    """What a network settled to.
+    """Result of a network run for an optimal-control problem.
 
-    ``solution["phi"]`` is a state over N + 1 stages, ``solution["nu"]`` a control over N stages,
-    ``solution["mu.phi"]`` one neuron over the stages, and ``solution["mu"]`` a whole population
-    with one column a component, unless a state or control has that name: it goes first.
-    ``solution["z.disc"]`` is the multiplier zeta of the inequality ``disc``, at every stage.
-    ``solution.populations["u"]`` is the population whatever the problem's names are. A step length
-    that the network chose is there by its symbol, over N stages.
+    ``solution["phi"]`` is a state over N + 1 stages, and ``solution["nu"]`` a control over N
+    stages. ``solution["mu.phi"]`` is one neuron over the stages. ``solution["mu"]`` is a whole
+    population with one column per component, unless a state or control has that name and takes
+    precedence. ``solution["z.disc"]`` is the multiplier zeta of the inequality ``disc`` at every
+    stage. ``solution.populations["u"]`` is always the population. A step length chosen by the
+    network is available by its symbol, over N stages.
 
     Attributes
     ----------
     problem : OptimalControlProblem
+        Solved problem.
     equations : StageEquations
-        The form that was wired.
+        Form of the equations that was wired.
     network : Network
-        The frozen network that ran.
+        Network with fixed gains that ran.
     run : Run
         Trajectory, status and settling time of the run.
     certificate : Certificate
-        Whether what it settled to is an optimum, by the problem alone.
+        Optimality certificate of the final point, computed from the problem alone.
     design : Design or None
-        How the gains were found; None when they were given.
+        Gain design; None if the gains were given.
 
     Examples
     --------
@@ -77,12 +78,12 @@ class Solution(Record):
 
     @property
     def status(self) -> Status:
-        """How the run ended."""
+        """Status at the end of the run."""
         return self.run.status
 
     @cached_property
     def trajectory(self) -> Trajectory:
-        """Neurons over network time, with the problem's units of measure."""
+        """Neurons over network time, with the units of the problem."""
         return self.run.trajectory.measured_in(units_of(self.problem, self.network))
 
     @property
@@ -92,23 +93,23 @@ class Solution(Record):
 
     @property
     def kkt_residual(self) -> float:
-        """Relative first-order residual, from the problem's exact derivatives."""
+        """Relative first-order residual, from exact derivatives of the problem."""
         return self.certificate.kkt_residual
 
     @property
     def rollout_error(self) -> float:
-        """Distance from q_d at which the controls alone arrive."""
+        """Distance from q_d of the terminal state simulated with the controls alone."""
         return self.certificate.rollout_error
 
     @property
     def certified(self) -> bool:
-        """True if the answer is an optimum: of a network that settled, or as ``status`` tells."""
+        """True if the solution is an optimum: settled, or as ``status`` describes."""
         told = (Outcome.SETTLED, Outcome.FOUND, Outcome.STOPPED)
         return self.status.outcome in told and self.certificate.certified
 
     @property
     def verdict(self) -> str:
-        """Why the answer is certified, or why not."""
+        """Reason for which the solution is certified or not."""
         if self.status.outcome in (Outcome.INFEASIBLE, Outcome.UNBOUNDED):
             return self.status.outcome.value
         if self.status.settled:
@@ -118,22 +119,22 @@ class Solution(Record):
 
     @cached_property
     def time(self) -> np.ndarray:
-        """(N+1,): when every stage begins, and the last one ends, in the unit of dt."""
+        """Start times of the stages and the final time, shape (N+1,), in the unit of dt."""
         return stage_times(self.problem.dt, self.populations["q"].T)
 
     @property
     def step_length(self) -> float:
-        """Length of a stage: dt, or what the network chose, the mean where it did not settle."""
+        """Length of a stage: dt, or the chosen length (its mean if not settled)."""
         return mean_length(self.problem.dt, self.populations["q"].T)
 
     @property
     def total_time(self) -> float:
-        """N times the step length."""
+        """Total time: N times the step length."""
         return float(self.time[-1])
 
     @property
     def chosen_step(self) -> str:
-        """The step length and the total time in words; at which bound, where it lies at one."""
+        """Description of step length and total time, with the active bound, if any."""
         problem, dt = self.problem, self.problem.dt
         length, total = (problem.timed(f"{v:.6g}") for v in (self.step_length, self.total_time))
         bound = dt.bound_at(self.step_length) if isinstance(dt, StepLength) else ""
@@ -142,31 +143,31 @@ class Solution(Record):
 
     @property
     def settling_time(self) -> float:
-        """Network time after which the KKT residual stays below tolerance; nan if it never does."""
+        """Network time after which the KKT residual stays below tolerance, or nan."""
         return self.run.settling_time
 
     @cached_property
     def spectrum(self) -> Spectrum:
-        """Eigenvalues of the frozen network where it ended."""
+        """Eigenvalues of the network with fixed gains at its final state."""
         return spectrum(self.network, self.trajectory.final)
 
     @property
     def settling_in_fastest_time_constants(self) -> float:
-        """Settling time times the spectral radius: what hardware of a given speed needs."""
+        """Settling time times the spectral radius: the requirement on hardware speed."""
         return self.settling_time * self.spectrum.radius if self.status.settled else float("nan")
 
     @cached_property
     def populations(self) -> Mapping[str, np.ndarray]:
-        """q (N+1, n), u (N, m), t, mu and beta (N, n) in the user's units; for reading only.
+        """Populations q (N+1, n), u (N, m), t, mu and beta (N, n) in the user's units.
 
-        And z (N, rows), where there are inequalities; z_end (N, rows) counts in the last stage.
-        Unlike ``solution[name]``, where a state or control called ``u`` goes first, a name here is
-        always that of a population.
+        With inequalities also z (N, rows); z_end (N, rows) counts in the last stage. The mapping is
+        read-only. Names are always those of populations, whereas in ``solution[name]`` a state or
+        control called ``u`` takes precedence.
 
         Raises
         ------
         UnknownNameError
-            When it is asked for a name that is no population; the message lists them.
+            On access by a name that is not a population; the message lists the names.
         """
         values = _Populations(neuron_values(self.network, self.trajectory.final))
         values["q"] = np.vstack([values["q"], values["t"][-1:]])
@@ -189,14 +190,14 @@ class Solution(Record):
         return names
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Values over the stages, by the name of a state, control, population or neuron.
+        """Return the values over the stages of a state, control, population or neuron.
 
-        A state or control goes before a population of its name (`populations` has those).
+        A state or control takes precedence over a population of the same name; see `populations`.
 
         Raises
         ------
         UnknownNameError
-            If there is no such name; the message lists what there is.
+            If the name does not exist; the message lists the names.
         """
         if name not in self._by_name:
             raise UnknownNameError.of("value", name, self._by_name)
@@ -204,7 +205,7 @@ class Solution(Record):
 
     @property
     def predicted_settling(self) -> float | None:
-        """Settling time from the spectrum; None without a point that attracts, or of a misprint."""
+        """Settling time from the spectrum; None for an unstable point or a misprint."""
         design, form = self.design, self.equations.form
         if design is None or not design.settled or form != form.designable:
             return None
@@ -213,22 +214,23 @@ class Solution(Record):
 
     @checked
     def save(self, folder: str | os.PathLike[str]) -> None:
-        """Write everything into a new folder, all of it or nothing; `load_solution` reads it.
+        """Write the solution into a new folder, completely or not at all.
 
-        It holds the problem as text, the network and the designed one as weight files (`load`
-        reads them), the trajectory, how the run ended, the certificate and the design.
+        The folder contains the problem as text, the network and the designed network as weight
+        files (readable by `load`), the trajectory, the status, the certificate and the design.
+        `load_solution` reads it.
 
         Parameters
         ----------
         folder : path-like
-            That does not exist yet, in a folder that does.
+            Folder that does not exist yet, in an existing folder.
 
         Raises
         ------
         OutputError
             If the folder exists or cannot be written.
         ExpressionError
-            If the problem has a function that text cannot say.
+            If the problem has a function without a text form.
 
         Examples
         --------
@@ -254,7 +256,7 @@ class Solution(Record):
         save_result(folder, networks, records)
 
     def as_dict(self) -> dict:
-        """Plain data for JSON: status, figures and values."""
+        """Return status, figures and values as plain data for JSON."""
         settled, kept = self.status.settled, self.certificate.complementarity
         soft, largest = self.certificate.soft_rows, self.certificate.largest
         fastest = self.settling_in_fastest_time_constants if settled else None
@@ -306,45 +308,22 @@ class Solution(Record):
 
 
 class _Populations(dict[str, np.ndarray]):
-    """Arrays by population; an unknown name is answered with those that exist."""
+    """Arrays by population; the error for an unknown name lists the populations."""
 
     def __missing__(self, name: str) -> np.ndarray:
         raise UnknownNameError.of("population", name, self)
 
 
 def units_of(problem: OptimalControlProblem, network: Network) -> dict[str, str]:
-    """Units of measure by the neuron's name, of those that have one.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    network : Network
-        Synthesized from it.
-
-    Returns
-    -------
-    dict of str to str
-    """
+    """Return the units by neuron name, for neurons of the network with units."""
     units = {name: problem.unit(name) for name in network.neuron_index}
     return {name: unit for name, unit in units.items() if unit}
 
 
 @phase("certificate")
 def certificate_of(problem: OptimalControlProblem, network: Network, x: np.ndarray) -> Certificate:
-    """Certificate of a state vector of a problem's network.
+    """Return the certificate of a state vector `x` (n,) of a problem's network.
 
-    The multipliers are those that the network works with: the outputs m = mu + rho c of its duals.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    network : Network
-        Synthesized from it.
-    x : (n,) array
-        State vector.
-
-    Returns
-    -------
-    Certificate
+    The multipliers are those that the network uses: the outputs m = mu + rho c of its dual neurons.
     """
     return certify(problem, *kkt_point(network, x))

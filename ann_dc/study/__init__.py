@@ -1,4 +1,4 @@
-"""Studies: how long it takes to settle, and what that depends on; declared, run, resumed."""
+"""Studies of settling: declaration, resumable execution, storage and statistics."""
 
 import lazy_loader
 

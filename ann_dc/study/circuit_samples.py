@@ -1,4 +1,4 @@
-"""Points that are circuits: predicted by their emulation, or run in ngspice."""
+"""Circuit samples: predicted by behavioural emulation, or simulated in ngspice."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from ann_dc.network.network import Network
 from ann_dc.study.sample import Sample, word_of
 
 REPELS = "settled point repels"
-"""Outcome of an emulated circuit that has an equilibrium and does not stay there."""
+"""Outcome of an emulated circuit whose equilibrium is unstable."""
 NO_EQUILIBRIUM = "no equilibrium"
-"""Outcome of an emulated circuit that rests nowhere near the optimum."""
+"""Outcome of an emulated circuit without an equilibrium near the optimum."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EmulatedSample(Sample):
-    """A circuit with the errors of its parts, predicted by its emulation."""
+    """Circuit with part errors, predicted by its behavioural emulation."""
 
     @cached_property
     def specimen(self) -> Specimen:
-        """The circuit as it is built."""
+        """Circuit instance with its part errors."""
         built = self.built
         return Specimen(
             circuit=built.circuit,
@@ -61,22 +61,19 @@ class EmulatedSample(Sample):
 
     @property
     def outcome(self) -> str:
-        """How it ended, in one or two words."""
+        """Outcome in one or two words."""
         return self._end[0]
 
     @property
     def message(self) -> str:
-        """The same in a sentence, where it did not settle."""
+        """Outcome in one sentence if the circuit did not settle; else empty."""
         return self._end[1]
 
     @property
     def network(self) -> Network:
-        """What ran.
+        """Emulation of the circuit as a network.
 
-        Raises
-        ------
-        NetworkError
-            If the circuit is a clocked one, which only ngspice and the recurrent layer run.
+        Raises `NetworkError` for a clocked circuit, which only ngspice and the recurrent layer run.
         """
         if self.specimen.level.technology.clocked:
             raise NetworkError(f"{self.specimen.level.name} circuits: {CLOCKED}")
@@ -84,12 +81,12 @@ class EmulatedSample(Sample):
 
     @property
     def state(self) -> np.ndarray:
-        """(n,): where it ended."""
+        """Final state (n,)."""
         return self.specimen.settled
 
     @property
     def controls(self) -> np.ndarray:
-        """(c,): live controls at the end."""
+        """Final live controls (c,)."""
         return self.specimen.emulation.controls(self.specimen.settled)
 
     @cached_property
@@ -101,82 +98,72 @@ class EmulatedSample(Sample):
 
     @property
     def seconds(self) -> float:
-        """Seconds to settle, where a circuit is built."""
+        """Settling time of the circuit in seconds."""
         return self._prediction.settling_time
 
     @property
     def settling_time(self) -> float:
-        """Unit time constants to the last exit."""
+        """Settling time in network time (tau = 1), from the controls."""
         return self.seconds / self.built.circuit.scaling.time
 
     @property
     def control_settling_time(self) -> float:
-        """The same: a circuit settles by its controls."""
+        """Settling time of the controls, equal to `settling_time` for a circuit."""
         return self.settling_time
 
     @property
     def ideal(self) -> tuple[Network, np.ndarray]:
-        """There is none: other neurons ran.
-
-        Raises
-        ------
-        StudyError
-        """
+        """Unavailable, because the emulation has other neurons; raises `StudyError`."""
         raise StudyError("an emulated circuit is compared with the ideal network by its controls")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircuitSample(Sample):
-    """A circuit that ran in ngspice.
-
-    Attributes
-    ----------
-    run : CircuitRun
-    """
+    """Circuit that was simulated in ngspice."""
 
     run: CircuitRun
 
     @property
     def outcome(self) -> str:
-        """How it ended, in one or two words."""
+        """Outcome in one or two words."""
         return word_of(Outcome.NOT_SETTLED if self.run.unsettled else Outcome.SETTLED)
 
     @property
     def message(self) -> str:
-        """The same in a sentence, where it did not settle."""
+        """Outcome in one sentence if the circuit did not settle; else empty."""
         return self.run.unsettled
 
     @property
     def network(self) -> Network:
-        """What ran."""
+        """Network of the simulated circuit."""
         return self.run.trajectory.network
 
     @property
     def state(self) -> np.ndarray:
-        """(n,): where it ended."""
+        """Final state (n,)."""
         return self.run.trajectory.final
 
     @property
     def controls(self) -> np.ndarray:
-        """(c,): live controls at the end."""
+        """Final live controls (c,)."""
         return self.run.trajectory.control_values[-1]
 
     @property
     def settling_time(self) -> float:
-        """Unit time constants to the last exit."""
+        """Settling time in network time (tau = 1), the last exit of the controls."""
         return control_settling(self.trajectory)
 
     @property
     def seconds(self) -> float:
-        """Seconds to settle, where a circuit is built."""
+        """Settling time of the circuit in seconds."""
         return self.run.settling_time()
 
     @property
     def trajectory(self) -> Trajectory:
-        """What it did over time."""
+        """Recorded trajectory."""
         return self.run.timed.trajectory
 
     @property
     def ideal(self) -> tuple[Network, np.ndarray]:
-        """The network that was built, and where the circuit ended."""
+        """Network that was built, and the final state of the circuit."""
         return self.network, self.state

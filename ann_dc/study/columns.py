@@ -1,4 +1,4 @@
-"""The columns of a table: their names, in a database and out of it, and what a cell may hold."""
+"""Columns of a study table: names in the table and the database, and cell values."""
 
 from __future__ import annotations
 
@@ -10,31 +10,22 @@ from ann_dc.errors import StoreError
 from ann_dc.study.records import OUTCOME, POINT, Row, Value
 
 MOST = 2000
-"""Columns that a table of SQLite may have."""
+"""Largest number of columns in an SQLite table."""
 LARGEST = 2**63
-"""Whole numbers of SQLite are below it."""
+"""Exclusive limit of the magnitude of SQLite integers."""
 
 Kinds: TypeAlias = dict[str, list[str]]
-"""What each column has held: some of ``none``, ``bool``, ``int``, ``float``, ``str``."""
+"""Types that each column has contained: some of ``none``, ``bool``, ``int``, ``float``, ``str``."""
 
 WORDS = {NoneType: "none", bool: "bool", int: "int", float: "float", str: "str"}
 
 
 class Columns:
-    """Names that were checked, with what turns rows into cells and back.
+    """Validated column names, with the conversion of records to cells and back.
 
-    A name is the name of a column in the database too. SQLite takes ``K`` and ``k`` for the same
-    one: there, the later gets ``~2`` behind it.
-
-    Parameters
-    ----------
-    names : sequence of str
-        ``point`` is the first; none occurs twice.
-
-    Raises
-    ------
-    StoreError
-        If they cannot be the columns of a table.
+    A name is also the name of the database column. SQLite does not distinguish ``K`` and ``k``, so
+    the later name gets the suffix ``~2`` in the database. ``point`` is the first name and no name
+    occurs twice. The constructor raises `StoreError` for names that cannot be columns of a table.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -53,7 +44,7 @@ class Columns:
 
     @property
     def quoted(self) -> dict[str, str]:
-        """The names for SQL, by name, in order."""
+        """SQL identifiers by name, in order."""
         taken: set[str] = set()
         found = {}
         for name in self.names:
@@ -65,16 +56,9 @@ class Columns:
         return found
 
     def cells(self, row: Row) -> list[Value]:
-        """What is stored of a row, in order; None where it has nothing.
+        """Return the cells of a record in order; None for missing values.
 
-        Parameters
-        ----------
-        row : Row
-
-        Raises
-        ------
-        StoreError
-            If it has another column, or a value that no cell can hold.
+        Raises `StoreError` if the record has an unknown column or a value that a cell cannot store.
         """
         if unknown := row.keys() - set(self.names):
             raise StoreError(
@@ -87,14 +71,7 @@ class Columns:
         return found
 
     def kinds(self, table: Sequence[Sequence[Value]], before: Kinds) -> Kinds:
-        """What each column has held, with a table of cells that joins it.
-
-        Parameters
-        ----------
-        table : sequence of sequence of Value
-            From `cells`.
-        before : Kinds
-        """
+        """Return the types that each column has contained, including those of new cells."""
         found = {}
         for name, values in zip(self.names, zip(*table)):
             words = {WORDS[kind] for kind in set(map(type, values))}
@@ -102,23 +79,12 @@ class Columns:
         return found or before
 
     def truths(self, kinds: Kinds) -> list[int]:
-        """Places of the columns that hold true and false, as 0 and 1 in the database.
-
-        Parameters
-        ----------
-        kinds : Kinds
-        """
+        """Return the indices of boolean columns, which the database stores as 0 and 1."""
         return [place for place, name in enumerate(self.names) if "bool" in kinds.get(name, ())]
 
 
 def with_truths(cells: Sequence[Any], truths: Sequence[int]) -> list[Value]:
-    """Cells as they were given, from those of the database.
-
-    Parameters
-    ----------
-    cells : sequence
-    truths : sequence of int
-        Places of columns that hold true and false.
+    """Return database cells with booleans restored in the columns `truths`.
 
     Examples
     --------
@@ -133,17 +99,9 @@ def with_truths(cells: Sequence[Any], truths: Sequence[int]) -> list[Value]:
 
 
 def plain_row(row: Mapping[str, Any]) -> Row:
-    """A row as a store gives it back.
+    """Return a record as a store returns it, with NumPy numbers converted.
 
-    Parameters
-    ----------
-    row : mapping of str to value
-        NumPy's numbers too.
-
-    Raises
-    ------
-    StoreError
-        If a value is one that no cell can hold.
+    Raises `StoreError` if a cell cannot store a value.
 
     Examples
     --------

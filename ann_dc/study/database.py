@@ -1,7 +1,7 @@
-"""The database of a study: opened, made, looked at, and what goes wrong with it as sentences.
+"""SQLite database of a study: creation, access and error descriptions.
 
-SQLite in WAL mode: a transaction that has ended stays, whatever becomes of the process. (That the
-machine's power fails may cost the last ones, but never half of one.)
+In WAL mode a completed transaction survives the end of the process. A power failure may lose the
+last transactions, but never part of a transaction.
 """
 
 from __future__ import annotations
@@ -19,23 +19,22 @@ from ann_dc.study.columns import Columns, Kinds
 from ann_dc.study.records import OUTCOME
 
 FILE = "study.sqlite"
-"""In the folder of a study."""
+"""File name in the folder of a study."""
 LAYOUT = "1"
-"""Of the tables here; another has another meaning."""
+"""Version of the table layout."""
 PATIENCE = 60.0
-"""Seconds that one waits for another who is just writing."""
+"""Seconds to wait for another process that is writing."""
 
 
 class About(NamedTuple):
-    """What is told of a study beside its rows.
+    """Description of a study, stored in addition to its records.
 
     Attributes
     ----------
     identity : str
-        As JSON.
-    columns : Columns
+        Identity as JSON.
     kinds : Kinds
-        What each column has held.
+        Types that each column has contained.
     """
 
     identity: str
@@ -48,16 +47,7 @@ TABLES = {"meta", "rows", "curves"}
 
 @contextlib.contextmanager
 def told(folder: Path) -> Iterator[None]:
-    """What goes wrong with a database, as a sentence about the folder of the study.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Raises
-    ------
-    StoreError
-    """
+    """Convert database errors to a `StoreError` that names the folder of the study."""
     try:
         yield
     except AnnDcError:
@@ -88,12 +78,7 @@ def _remedy(error: Exception) -> str:
 
 
 def writable(folder: Path) -> sqlite3.Connection:
-    """Open the database of a folder, which may be empty so far.
-
-    Parameters
-    ----------
-    folder : Path
-    """
+    """Open the database of a folder, which may be empty."""
     database = sqlite3.connect(folder / FILE, isolation_level=None, timeout=PATIENCE)
     with _closed_on_error(database):
         database.execute("PRAGMA trusted_schema = OFF")
@@ -102,16 +87,9 @@ def writable(folder: Path) -> sqlite3.Connection:
 
 
 def readable(folder: Path) -> sqlite3.Connection:
-    """Open the database of a folder for reading, also where nothing may be written.
+    """Open the database of a folder for reading, also on read-only storage.
 
-    Parameters
-    ----------
-    folder : Path
-
-    Raises
-    ------
-    StoreError
-        If there is none.
+    Raises `StoreError` if the database is missing.
     """
     file = folder / FILE
     if not file.is_file():
@@ -142,13 +120,9 @@ def _closed_on_error(database: sqlite3.Connection) -> Iterator[None]:
 
 @contextlib.contextmanager
 def transaction(database: sqlite3.Connection, kind: str = "DEFERRED") -> Iterator[None]:
-    """All that is done within, or nothing; what is read within is of one moment.
+    """Run a block as one transaction, with a consistent snapshot for reads.
 
-    Parameters
-    ----------
-    database : sqlite3.Connection
-    kind : str
-        ``IMMEDIATE`` to write.
+    The kind ``IMMEDIATE`` is required for writing.
     """
     database.execute(f"BEGIN {kind}")
     try:
@@ -161,24 +135,12 @@ def transaction(database: sqlite3.Connection, kind: str = "DEFERRED") -> Iterato
 
 
 def is_empty(database: sqlite3.Connection) -> bool:
-    """Whether nothing was ever made in it.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-    """
+    """Return True if the database contains nothing."""
     return not database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
 
 
 def make_tables(database: sqlite3.Connection, about: About) -> None:
-    """Make the tables of a study.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-        That is empty.
-    about : About
-    """
+    """Create the tables of a study in an empty database."""
     columns = about.columns.quoted
     point, *others = columns.values()
     told_of_it = {
@@ -197,29 +159,15 @@ def make_tables(database: sqlite3.Connection, about: About) -> None:
 
 
 def tell_anew(database: sqlite3.Connection, identity: str) -> None:
-    """Replace what is told of the study.
-
-    Parameters
-    ----------
-    database : sqlite3.Connection
-    identity : str
-    """
+    """Replace the stored identity of the study."""
     with transaction(database, "IMMEDIATE"):
         database.execute("UPDATE meta SET value = ? WHERE name = 'identity'", (identity,))
 
 
 def about_of(database: sqlite3.Connection, folder: Path) -> About:
-    """What is told of the study in a database.
+    """Return the description of the study in a database.
 
-    Parameters
-    ----------
-    database : sqlite3.Connection
-    folder : Path
-
-    Raises
-    ------
-    StoreError
-        If it is no study's, or one of another layout, or damaged.
+    Raises `StoreError` if the database is damaged, has another layout or does not contain a study.
     """
     found = database.execute("SELECT type, name FROM sqlite_master").fetchall()
     tables = {name for kind, name in found if kind == "table"}

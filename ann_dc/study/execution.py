@@ -1,4 +1,4 @@
-"""A study is done: tasks go out, rows come in and are kept, until there is nothing left to do."""
+"""Execution of a study: submission of all tasks and storage of their records."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from ann_dc.study.store import Store
 from ann_dc.study.task_results import Attempt, Task, Work
 
 SLACK = 1.0
-"""Seconds that a task may take beside the limits of its points."""
+"""Seconds that a task may take in addition to the limits of its cases."""
 TURN = 0.2
-"""Seconds after which progress is told and an interrupt is noticed, even if no task ends."""
+"""Interval of progress reports and interrupt checks while no task ends, in seconds."""
 
 
 class Tally(NamedTuple):
-    """What was done.
+    """Summary of an execution.
 
     Attributes
     ----------
     outcomes : Counter of str
-        Rows by outcome.
+        Number of records by outcome.
     seconds : float
-        That it took.
+        Wall-clock time in seconds.
     stopped : str
-        Why it ended before the last point was done; empty if it did not.
+        Reason of an early end; empty if the last case was run.
     """
 
     outcomes: Counter[str]
@@ -51,43 +51,41 @@ def execute(
     common: Row | None = None,
     progress: Progress = silent,
 ) -> Tally:
-    """Do all tasks and keep a row for each of their points, as soon as it is there.
+    """Execute all tasks and store a record per case as soon as it is complete.
 
-    The rows are the same whoever does them and in whatever order. A task that raises, overruns its
-    time or loses its worker twice is split until the guilty point is alone, whose row then says
-    ``failed``, ``timed out`` or ``worker lost``, and why; the others are done. A worker that is
-    gone is replaced.
+    The records do not depend on the executor or on the order. A task is split if it raises, exceeds
+    its time limit or loses its worker twice. The splitting isolates the failing case, whose record
+    has the outcome ``failed``, ``timed out`` or ``worker lost`` and the reason. The other cases are
+    completed. A lost worker is replaced.
 
     Parameters
     ----------
     tasks : iterable of Task
-        Whose points have no row yet.
+        Tasks whose cases have no record.
     work : callable
-        Does a task: gives a `Finished` for each of its points. It is sent to other processes.
+        Function that returns a `Finished` for each case of a task. It is sent to other processes.
     store : Store
-        With the columns `HEAD`, of the settings and of the metrics, and `TAIL`.
+        Store with the columns `HEAD`, those of settings and metrics, and `TAIL`.
     executor : concurrent.futures.Executor, optional
-        Processes of our own by default. Dask's is ``client.get_executor()``.
+        By default local processes. For Dask use ``client.get_executor()``.
     workers : int, optional
-        How many tasks are done at a time.
+        Number of tasks in parallel.
     limit : float, optional
-        Seconds a point. It holds whatever hangs: what overruns it is ended with its process.
+        Seconds per case. A task that exceeds its limit is terminated with its process, whatever
+        blocks it.
     common : Row, optional
-        Cells of every row, as the versions.
+        Cells of every record, such as the versions.
     progress : Progress
-        Is told how many points are done, at what rate, how long it takes still, and the outcomes.
-        It ends the work by raising `Stopped`, and Ctrl-C does; the rows until then are kept.
-
-    Returns
-    -------
-    Tally
+        Receives the number of completed cases, the rate, the remaining time and the outcomes. It
+        ends the execution by raising `Stopped`; Ctrl-C has the same effect. Records stored until
+        then remain.
 
     Raises
     ------
     StoreError
-        If rows cannot be kept, on a full disk for instance; those from before are.
+        If records cannot be stored, for example on a full disk. Earlier records remain.
     StudyError
-        If the executor is broken, or the work cannot be sent or begun there.
+        If the executor is broken, or the work cannot be sent or started there.
     """
     if workers is not None:
         require_positive(StudyError, workers=workers)
@@ -110,7 +108,7 @@ def execute(
 
 
 class _Run:
-    """What is to be done, what is being done, and what was."""
+    """State of an execution: waiting jobs, running jobs and outcomes."""
 
     def __init__(
         self, tasks: Iterable[Task], crew: Crew, store: Store, limit: float | None, common: Row
@@ -134,7 +132,7 @@ class _Run:
         told(self._line())
 
     def _send(self) -> None:
-        """Give each of those at work a task, and one more so that none waits for it."""
+        """Submit one task per worker and one in reserve, so that no worker is idle."""
         if time.monotonic() - self.looked >= TURN:
             self.slots, self.looked = self.crew.slots(), time.monotonic()
         while self._may_send():
@@ -143,7 +141,10 @@ class _Run:
             self.flying[self.crew.submit(job.task, seconds)] = job
 
     def _may_send(self) -> bool:
-        """Whether another task may go out; one that may have lost its worker does so alone."""
+        """Return True if a task may be submitted.
+
+        A task that may have lost its worker runs alone.
+        """
         if not self.waiting or len(self.flying) > self.slots:
             return False
         if self.crew.knows_who or not self.flying:
@@ -151,7 +152,7 @@ class _Run:
         return not (self.waiting[0].was_lost or any(job.was_lost for job in self.flying.values()))
 
     def keep_finished(self) -> None:
-        """Keep the rows of all tasks that are done by now."""
+        """Store the records of all completed tasks."""
         finished: list[Finished] = []
         broken: StudyError | None = None
         for future in [future for future in self.flying if future.done()]:

@@ -1,4 +1,4 @@
-"""Who does the tasks: processes of our own, or any executor."""
+"""Task executors: a local process pool, or any ``concurrent.futures`` executor."""
 
 from __future__ import annotations
 
@@ -15,58 +15,40 @@ from ann_dc.study.task_results import Attempt, Task, Work, attempted
 
 
 class Crew(ABC):
-    """Takes tasks and tells what became of them.
+    """Interface that accepts tasks and returns attempts.
 
     Attributes
     ----------
     knows_who : bool
-        Whether a lost worker is charged to the task that it was at, and to no other.
+        True if a lost worker is attributed to its running task and to no other task.
     """
 
     knows_who: bool
 
     @abstractmethod
     def slots(self) -> int:
-        """How many tasks are done at a time, just now."""
+        """Return the number of tasks that currently run in parallel."""
 
     @abstractmethod
     def submit(self, task: Task, seconds: float | None) -> Future[Attempt]:
-        """Have a task done, soon.
-
-        Parameters
-        ----------
-        task : Task
-        seconds : float or None
-            That it may take; None for no limit.
-        """
+        """Submit a task with a time limit in seconds; None for no limit."""
 
     @abstractmethod
     def attempt(self, future: Future[Attempt]) -> Attempt:
-        """What became of a task that is done.
+        """Return the attempt of a completed future.
 
-        Parameters
-        ----------
-        future : Future
-
-        Raises
-        ------
-        StudyError
-            If nothing more can be done with this crew.
+        Raises `StudyError` if the executor cannot continue.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Stop what is still being done, where that is ours."""
+        """Stop the running tasks if the processes belong to the study."""
 
 
 class Processes(Crew):
-    """Processes of our own on this machine; each can be ended without harm to the others.
+    """Local processes, each of which can be terminated without effect on the others.
 
-    Parameters
-    ----------
-    work : callable
-    workers : int, optional
-        As many as this process may use processors by default.
+    The default number of workers is the number of processors available to this process.
     """
 
     knows_who = True
@@ -77,35 +59,29 @@ class Processes(Crew):
         self._apart = Apart(pickled(work))
 
     def slots(self) -> int:
-        """As many as there are processes."""
+        """Return the number of processes."""
         return self._workers
 
     def submit(self, task: Task, seconds: float | None) -> Future[Attempt]:
-        """Have a task done by the next process that is free."""
+        """Submit a task to the next free process."""
         return self._threads.submit(self._apart, task, seconds)
 
     def attempt(self, future: Future[Attempt]) -> Attempt:
-        """What became of a task."""
+        """Return the attempt of a completed future."""
         return future.result()
 
     def close(self) -> None:
-        """End all processes."""
+        """Terminate all processes."""
         self._threads.shutdown(wait=False, cancel_futures=True)
         self._apart.close()
         self._threads.shutdown(wait=True)
 
 
 class Foreign(Crew):
-    """An executor of somebody else's: threads, processes, a cluster.
+    """Executor of the caller: threads, processes or a cluster.
 
-    A task with a limit is done in a process beside the executor's worker, which can be ended.
-
-    Parameters
-    ----------
-    work : callable
-    executor : concurrent.futures.Executor
-    workers : int, optional
-        Of the executor; those that it tells of by default.
+    A task with a time limit runs in a separate process next to the executor's worker, which can be
+    terminated. The default number of workers is the number that the executor reports.
     """
 
     knows_who = False  # Dask charges all that were waiting for the worker
@@ -118,7 +94,7 @@ class Foreign(Crew):
         self._pickled = b""
 
     def slots(self) -> int:
-        """As many as the executor has workers just now."""
+        """Return the current number of workers of the executor."""
         if self._workers is not None:
             return self._workers
         if self._is_dask:  # where workers come and go
@@ -126,13 +102,7 @@ class Foreign(Crew):
         return getattr(self._executor, "_max_workers", None) or cores()
 
     def submit(self, task: Task, seconds: float | None) -> Future[Attempt]:
-        """Hand a task on.
-
-        Raises
-        ------
-        StudyError
-            If the executor takes none.
-        """
+        """Submit a task; raise `StudyError` if the executor accepts none."""
         try:
             submit = functools.partial(self._executor.submit, **self._words)
             if seconds is None:
@@ -143,12 +113,10 @@ class Foreign(Crew):
             raise _broken(error) from error
 
     def attempt(self, future: Future[Attempt]) -> Attempt:
-        """What became of a task; whatever the executor itself says is a worker lost.
+        """Return the attempt of a completed future.
 
-        Raises
-        ------
-        StudyError
-            If the executor is broken, or no process can do the work.
+        An error of the executor itself counts as a lost worker. Raises `StudyError` if the executor
+        is broken or no process can execute the work.
         """
         try:
             return future.result()
@@ -160,7 +128,7 @@ class Foreign(Crew):
             return Attempt([], LOST, f"{type(error).__name__}: {error}", {})
 
     def close(self) -> None:
-        """Leave the executor to who made it."""
+        """Do nothing; the caller closes the executor."""
 
 
 def _broken(error: Exception) -> StudyError:

@@ -1,4 +1,4 @@
-"""Exponents: how one number grows with another, y = c x^p, with the interval of p."""
+"""Fitted power laws y = c x^p with the confidence interval of p."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from scipy import stats
 from ann_dc.yields import CONFIDENCE
 
 FEWEST = 3
-"""Different values of x that a fit has to have."""
+"""Smallest number of different x values for a fit."""
 
 
 class Exponent(NamedTuple):
-    """A power law y = c x^p, fitted.
+    """Fitted power law y = c x^p.
 
     Attributes
     ----------
     value : float
-        p; nan where there are too few values.
+        Exponent p; nan if there are too few values.
     low, high : float
-        Its interval at `CONFIDENCE`.
+        Interval of p at the level `CONFIDENCE`.
     told : float
-        Share of the variance of log y that the line tells, R^2.
+        Fraction of the variance of log y explained by the line, R^2.
     points : int
-        That were fitted.
+        Number of fitted points.
     """
 
     value: float
@@ -41,16 +41,18 @@ class Exponent(NamedTuple):
 
 
 def exponent_of(x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray) -> Exponent:
-    """The exponent of a power law by least squares in logarithms, over what is finite and positive.
+    """Fit the exponent of a power law by least squares in logarithms.
+
+    Only finite positive values are fitted. The interval follows from Student's t distribution.
 
     Parameters
     ----------
     x, y : sequence of float
+        Values of equal length.
 
     Returns
     -------
     Exponent
-        With the interval that Student's t gives.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What makes a study this one: plain data, and in what another differs from it."""
+"""Identity of a study as plain data, and differences between two identities."""
 
 from __future__ import annotations
 
@@ -9,24 +9,17 @@ from typing import Any
 from ann_dc.errors import StoreError
 
 WORDS = ("title", "spec")
-"""What says only how rows are read."""
+"""Entries that affect only the interpretation of records."""
 TOLD = 6
-"""Differences in a sentence; the others are counted."""
+"""Number of differences listed in a message; further ones are counted."""
 LONGEST = 60
-"""Characters of a value in a sentence."""
+"""Largest number of characters of a value in a message."""
 
 
 def as_text(identity: Mapping[str, Any]) -> str:
-    """Nested plain data as JSON, arrays as lists.
+    """Return nested plain data as JSON, with arrays as lists.
 
-    Parameters
-    ----------
-    identity : mapping
-
-    Raises
-    ------
-    StoreError
-        If something in it is no plain data.
+    Raises `StoreError` if the data contains other objects.
 
     Examples
     --------
@@ -40,19 +33,14 @@ def as_text(identity: Mapping[str, Any]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """NumPy's arrays and numbers."""
+    """Convert NumPy arrays and numbers; raise `TypeError` for other objects."""
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"{value!r:.80} is none")
 
 
 def lasting(identity: str) -> str:
-    """What decides the rows: all but `WORDS`.
-
-    Parameters
-    ----------
-    identity : str
-        As `as_text` writes it.
+    """Return the part of an identity (JSON) that determines the records (not `WORDS`).
 
     Examples
     --------
@@ -64,12 +52,7 @@ def lasting(identity: str) -> str:
 
 
 def differences(stored: str, given: str) -> str:
-    """Tell what changed from one identity to another; nothing if they are the same.
-
-    Parameters
-    ----------
-    stored, given : str
-        As `as_text` writes them.
+    """Return a description of the differences between two identities (JSON), or "".
 
     Examples
     --------
@@ -91,7 +74,7 @@ def differences(stored: str, given: str) -> str:
 
 
 def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
-    """Every single value as JSON, by its name; what is empty too."""
+    """Yield each single value (or empty container) as JSON with its dotted name."""
     if isinstance(value, dict) and value:
         for key, inner in value.items():
             yield from _leaves(inner, f"{name}.{key}".removeprefix("."))

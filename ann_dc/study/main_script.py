@@ -1,8 +1,8 @@
-"""Script that runs a study, in the workers of that study.
+"""Parent script of a study in the workers of that study.
 
-A worker of `multiprocessing` runs the script of its parent again, and a script without
-``if __name__ == "__main__":`` would then run its study in every worker. A worker of a study runs
-the script only if the work needs a function of it, and only as far as the study.
+A worker of `multiprocessing` runs the script of its parent again. A script without ``if __name__ ==
+"__main__":`` would then run its study in every worker. A worker of a study runs the script only if
+the work needs a function of the script. It then stops where the study begins.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from ann_dc.errors import StudyError
 
 NAME = "__mp_main__"
-"""Name of the script in a worker, which `multiprocessing` gives it too."""
+"""Name of the script module in a worker, as assigned by `multiprocessing`."""
 
 
 class Script(NamedTuple):
@@ -26,9 +26,9 @@ class Script(NamedTuple):
     Attributes
     ----------
     file : str
-        Empty for a notebook or a prompt.
+        Path; empty for a notebook or a prompt.
     package : str or None
-        Package that its relative imports start from.
+        Package from which relative imports of the script start.
     """
 
     file: str
@@ -36,7 +36,7 @@ class Script(NamedTuple):
 
 
 class _Reached(BaseException):
-    """Raised in a worker if its script begins a study; the lines above define its functions."""
+    """Raised in a worker where its script begins a study, after all functions above."""
 
 
 _running: list[Script] = []
@@ -59,15 +59,7 @@ def own_script() -> Script:
 def loaded(pickled: bytes, given: Script) -> Any:
     """Return the unpickled object; run the script if a function of it is missing.
 
-    Parameters
-    ----------
-    pickled : bytes
-    given : Script
-
-    Raises
-    ------
-    StudyError
-        If a function is missing and there is no file that defines it.
+    Raises `StudyError` if a function is missing and no file defines it.
 
     Examples
     --------

@@ -1,7 +1,8 @@
-"""The metrics of studies by name: unit, definition, function; and a user's own.
+"""Metrics of studies by name, with unit, definition and function.
 
-Times are in unit time constants of the network where nothing else is said. What has no meaning at
-a point raises a `StudyError`, and is nan in the table.
+Times are in unit time constants (network time s) unless stated otherwise. A metric that is
+undefined for a sample raises `StudyError` and is nan in the table. Users can add their metrics as
+`Metric` objects.
 """
 
 from __future__ import annotations
@@ -27,48 +28,55 @@ from ann_dc.study.sample import Sample
 # ---- what is measured at the points of a study, one function each; its first sentence defines it
 
 TIGHT = OdeBackend(method=COMPILED.tighter(), verify=False)
-"""Runs by which settling times are verified."""
+"""Backend with tight tolerances that verifies settling times."""
 TAIL = (1e3, 0.1)
-"""Begin and end of the tail of a run, in tolerances."""
+"""Begin and end of the tail of a run, in multiples of the residual tolerance."""
 ACTIVE = 1e-6
-"""Multiplier above which one counts: in network units, where it is near one, or of the largest."""
+"""Threshold of an active multiplier, in network units (scale near one) or relative to the largest
+multiplier if that exceeds one.
+"""
 FALLEN = float(np.log(1e3))
-"""Time constants in which a mode falls to 0.1 %."""
+"""Time constants in which a mode decays to 0.1 %."""
 
 
 def settling_time(sample: Sample) -> float:
-    """Last exit of the relative KKT residual from above the tolerance (of a circuit: of the
-    controls from 0.1 % of their size, as `control_settling_time`)."""
+    """Return the last exit of the relative KKT residual from the tolerance.
+
+    For a circuit the controls count instead, with 0.1 % of their size, as in
+    `control_settling_time`.
+    """
     return sample.settling_time
 
 
 def settling_in_fastest(sample: Sample) -> float:
-    """The settling time times the largest absolute eigenvalue at the end."""
+    """Return the settling time times the largest final absolute eigenvalue."""
     return sample.settling_time * sample.spectrum.radius
 
 
 def control_settling_time(sample: Sample) -> float:
-    """Last exit of the controls from 0.1 % of their size around their end, which is the largest
-    magnitude there, and at least 1 % of the largest on the way."""
+    """Return the last exit of the controls from 0.1 % of their size around their end.
+
+    The size is the largest final magnitude, but at least 1 % of the largest magnitude of the run.
+    """
     return sample.control_settling_time
 
 
 def verified_settling_time(sample: Sample) -> float:
-    """The settling time in a run of the same network at 100 times tighter tolerances."""
+    """Return the settling time of the same network at 100 times tighter tolerances."""
     _refuse_oracle(sample)
     backend = replace(TIGHT, settling=Settling(tolerance=_tolerance(sample)))
     return backend.run(sample.network).settling_time
 
 
 def predicted_settling_time(sample: Sample) -> float:
-    """The settling time that the modes where it ended tell, with 160 steps of the way there."""
+    """Return the settling time predicted from the final modes and 160 steps to them."""
     _refuse_oracle(sample)
     rest = equilibrium(sample.network, sample.state)
     return predicted_settling(sample.network, rest, sample.start, _tolerance(sample))
 
 
 def _tolerance(sample: Sample) -> float:
-    """On the residual of the run."""
+    """Return the residual tolerance of the run."""
     return float(sample.setting.get("run.tolerance") or Settling().tolerance)
 
 
@@ -78,55 +86,48 @@ def _refuse_oracle(sample: Sample) -> None:
 
 
 def measured_decay_rate(sample: Sample) -> float:
-    """Rate at which the residual falls in the tail of the run, by least squares."""
+    """Return the decay rate of the residual in the tail of the run (least squares)."""
     high, low = (share * _tolerance(sample) for share in TAIL)
     return decay_rate(sample.trajectory, high, low)
 
 
 def predicted_decay_rate(sample: Sample) -> float:
-    """Distance of the rightmost eigenvalue at the end from the imaginary axis."""
+    """Return the distance of the rightmost final eigenvalue from the imaginary axis."""
     return -sample.spectrum.abscissa
 
 
 def resting_decay_rate(sample: Sample) -> float:
-    """The same at the equilibrium near the designed point, whether or not the run came there:
-    negative where the optimum repels."""
+    """Return the decay rate at the equilibrium near the design; negative if unstable.
+
+    The rate is the negative spectral abscissa and does not depend on the end of the run.
+    """
     return -sample.resting.abscissa
 
 
 def spectral_ratio(sample: Sample) -> float:
-    """Largest absolute eigenvalue over the slowest decay: stiffness of the settled network."""
+    """Return the stiffness ratio: largest absolute eigenvalue over slowest decay rate."""
     found = sample.spectrum
     return found.radius / -found.abscissa if found.abscissa < 0 else float("inf")
 
 
 def largest_step(sample: Sample) -> float:
-    """Largest stable step of a recurrence, all neurons at once, where it ended: the least 2a /
-    (a^2 + b^2) over the eigenvalues -a +- ib."""
+    """Return the largest stable step of a Jacobi recurrence at the final state.
+
+    The step is the least 2a / (a^2 + b^2) over the eigenvalues -a +- ib.
+    """
     return sample.spectrum.largest_step
 
 
 def control_overshoot(sample: Sample) -> float:
-    """Return the excess of controls over their end, over the largest of their ends."""
+    """Return the excess of controls over their end, relative to the largest end."""
     return overshoot(sample.trajectory)
 
 
 def theta_over_time(trajectory: Trajectory) -> np.ndarray:
-    r"""Theta of (19) along a run: half of the squared errors of t and beta from their end.
+    """Compute Theta of (19), half of the squared errors of t and beta from their end.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        Of a network with a coordination level.
-
-    Returns
-    -------
-    (T,) array
-        In squared network units.
-
-    References
-    ----------
-    Paper equation (19).
+    The trajectory is that of a network with a coordination level. The result (T,) is in squared
+    network units, see paper equation (19).
     """
     told = trajectory.network.of_population(*COORDINATION)
     error = trajectory.states[:, told] - trajectory.final[told]
@@ -140,13 +141,13 @@ def _theta(sample: Sample) -> np.ndarray:
 
 
 def theta_growth(sample: Sample) -> float:
-    """Largest Theta of (19) on the way over Theta at the start; 1 where it only falls."""
+    """Return the largest Theta of (19) over its initial value; 1 if it only decreases."""
     theta = _theta(sample)
     return float(theta.max() / theta[0]) if theta[0] > 0 else float("nan")
 
 
 def theta_rising(sample: Sample) -> float:
-    """Share of the fall of log Theta that its rises take back; 0 where it only falls."""
+    """Return the fraction of the fall of log Theta undone by rises; 0 without rises."""
     theta = _theta(sample)
     steps = np.diff(np.log(theta[(theta > 1e-12 * theta[0]) & (theta > 0)]))
     falling = -steps[steps < 0].sum()
@@ -154,34 +155,37 @@ def theta_rising(sample: Sample) -> float:
 
 
 def control_error(sample: Sample) -> float:
-    """Largest error of a control at the end against the ideal network's, over their size: the
-    largest magnitude at that end, and at least 1 % of the largest on the way."""
+    """Return the largest final control error against the ideal network, over the size.
+
+    The size of the controls is the largest magnitude at the ideal end, but at least 1 % of the
+    largest magnitude of the run.
+    """
     right, size = sample.right_controls
     return float(np.abs(sample.controls - right).max() / size)
 
 
 def accuracy_floor(sample: Sample) -> float:
-    """Largest component of the Newton step from the end to the optimum, over its range."""
+    """Return the largest component of the Newton step to the optimum, over its range."""
     return sample.certificate.newton_step
 
 
 def objective(sample: Sample) -> float:
-    """Total cost E at the end, in the user's units."""
+    """Return the total cost E at the end, in user units."""
     return sample.certificate.objective
 
 
 def kkt_residual(sample: Sample) -> float:
-    """Relative first-order residual at the end, from the problem's exact derivatives."""
+    """Return the relative KKT residual at the end, from exact problem derivatives."""
     return sample.certificate.kkt_residual
 
 
 def certified(sample: Sample) -> bool:
-    """Tell if a run settled at an optimum of both orders."""
+    """Return True if the run settled at an optimum of first and second order."""
     return sample.settled and sample.certificate.certified
 
 
 def active_rows(sample: Sample) -> int:
-    """Inequalities with a multiplier, and controls at a bound, at the end."""
+    """Return the number of active inequalities and of controls at a bound at the end."""
     network, state = sample.ideal
     values = network.unpack(state)
     diodes = values[[network.neuron_index[d.neuron] for d in network.cell.diodes]]
@@ -194,41 +198,47 @@ def active_rows(sample: Sample) -> int:
 
 
 def neurons(sample: Sample) -> int:
-    """Neurons that move."""
+    """Return the number of moving neurons."""
     return sample.network.size
 
 
 def steps(sample: Sample) -> Value:
-    """Steps of the integration, or of the recurrence."""
+    """Return the number of steps of the integration or recurrence."""
     return sample.steps
 
 
 def settling_steps(sample: Sample) -> Value:
-    """Those of them up to the last exit of the residual; a recurrence is looked at every five."""
+    """Return the number of steps to the last exit of the residual.
+
+    A recurrence is checked every five steps.
+    """
     return sample.settling_steps
 
 
 def seconds(sample: Sample) -> float:
-    """Seconds until the controls stay within 0.1 % of their size (`control_settling_time`), in the
-    circuit; of a network that runs beside one, in its scaling of time."""
+    """Return the seconds until the circuit controls stay within 0.1 % of their size.
+
+    The criterion is that of `control_settling_time`. For a network that runs in addition to a
+    circuit, the time scaling of the circuit applies.
+    """
     return sample.seconds
 
 
 def slowest_mode_seconds(sample: Sample) -> float:
-    """Seconds in which the slowest mode of the emulated circuit falls to 0.1 %; infinite where its
-    settled point repels."""
+    """Return the seconds in which the slowest mode of the circuit decays to 0.1 %.
+
+    The modes are those of the emulated circuit. The value is infinite if its equilibrium is
+    unstable.
+    """
     abscissa = sample.spectrum.abscissa
     time = sample.built.circuit.scaling.time
     return FALLEN * time / -abscissa if abscissa < 0 else float("inf")
 
 
 def power(sample: Sample) -> float:
-    """Watts of the op amps and multipliers of the circuit.
+    """Return the power of the op amps and multipliers of the circuit, in watts.
 
-    Raises
-    ------
-    StudyError
-        If the level does not say.
+    Raises `StudyError` if the model level does not define the power.
     """
     found = sample.built.power
     if np.isnan(found):
@@ -237,7 +247,7 @@ def power(sample: Sample) -> float:
 
 
 def energy(sample: Sample) -> float:
-    """Joules of a solve: power times seconds."""
+    """Return the energy of a solve in joules: power times seconds."""
     return power(sample) * sample.seconds
 
 
@@ -248,19 +258,17 @@ UNIT_TIME = "unit time constants"
 
 @dataclass(frozen=True, kw_only=True)
 class Metric:
-    """A number that is measured at every point.
+    """Quantity that is measured in every case.
 
     Attributes
     ----------
-    name : str
-    unit : str
     definition : str
-        In a sentence.
+        Definition in one sentence.
     value : callable
-        Of a sample; a number, or True and False. A store knows a metric by its name: where the
-        function changes, begin a new folder.
+        Function of a sample that returns a number or a boolean. A store identifies a metric by its
+        name, so a changed function requires a new folder.
     curves : bool
-        Whether it reads what happened over time.
+        True if the metric reads the trajectory.
     """
 
     name: str
@@ -322,25 +330,14 @@ METRICS: dict[str, Metric] = {
     for unit, values in _UNITS.items()
     for value in values
 }
-"""Every metric by its name."""
+"""Metrics by name."""
 DEFAULT = ("settling_time", "control_error")
 
 
 def metrics_of(given: Iterable[str | Metric]) -> tuple[Metric, ...]:
-    """Metrics by their names, or a user's own.
+    """Return metrics by name; `Metric` objects are passed through.
 
-    Parameters
-    ----------
-    given : iterable of str or Metric
-
-    Returns
-    -------
-    tuple of Metric
-
-    Raises
-    ------
-    StudyError
-        If there is none of that name; with the nearest ones, and all.
+    Raises `StudyError` for an unknown name, with the nearest and all names.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a circuit is built of, by a word: a level or a preset, some figures of it set."""
+"""Model levels and part sets by name, with selected datasheet values changed."""
 
 from __future__ import annotations
 
@@ -20,28 +20,15 @@ MAKERS = {
     "sky130": lambda: SKY130,
 }
 LEVELS = (*MAKERS, *presets.names())
-"""Words of all levels that a study can build."""
+"""Names of all levels that a study can build."""
 FIGURES = {f.name for f in fields(Datasheet) if f.type == "float"}
 
 
 def level_of(circuit: Mapping[str, Any], tolerances: Mapping[str, float]) -> Level:
-    """The level that settings describe.
+    """Return the model level that settings describe.
 
-    Parameters
-    ----------
-    circuit : mapping of str to Value
-        ``level``, macro by default, and figures of its datasheet.
-    tolerances : mapping of str to float
-        Sizes of the errors of its parts, instead of the level's own.
-
-    Returns
-    -------
-    Level
-
-    Raises
-    ------
-    NetworkError
-        If a number is out of its range.
+    The default `level` is macro. Tolerances replace those of the level. Raises `NetworkError` if a
+    number is out of range.
 
     Examples
     --------

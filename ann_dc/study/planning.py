@@ -1,7 +1,7 @@
-"""Which points are done together: those that share a wiring are one batch, a lane each.
+"""Batches of cases: cases of equal wiring run together, one batch lane each.
 
-A batch has the same samples whoever runs it and whatever was done before: what is left of it after
-an interruption is run from the same base, so that its rows come out the same, bit for bit.
+A batch has the same samples regardless of the executor and of earlier runs. The remainder of an
+interrupted batch starts from the same base, so its records are identical bit for bit.
 """
 
 from __future__ import annotations
@@ -13,27 +13,17 @@ from ann_dc.study.settings import CIRCUITS, FAMILIES, Effect, backend_of
 from ann_dc.study.task_results import Task
 
 BATCH = 500
-"""Points of a batch, at most."""
+"""Largest number of cases in a batch."""
 
 
 def shared(point: Point) -> tuple[tuple[str, Value], ...]:
-    """What points of a batch have in common: all but numbers of the same network.
-
-    Parameters
-    ----------
-    point : Point
-    """
+    """Return the settings common to all cases of a batch: all except network numbers."""
     numbers = tuple(f"{word}." for word, f in FAMILIES.items() if f.effect is Effect.NUMBERS)
     return tuple(sorted(item for item in point.setting.items() if not item[0].startswith(numbers)))
 
 
 def is_batched(point: Point) -> bool:
-    """Whether a point runs in generated code, many at a time.
-
-    Parameters
-    ----------
-    point : Point
-    """
+    """Return True if a case runs in generated code, in a batch."""
     setting = point.setting
     if backend_of(setting) in CIRCUITS:
         return False
@@ -41,14 +31,7 @@ def is_batched(point: Point) -> bool:
 
 
 def tasks(points: Iterable[Point], finished: Set[int]) -> Iterator[Task]:
-    """Work for all points that are not finished.
-
-    Parameters
-    ----------
-    points : iterable of Point
-    finished : set of int
-        Numbers of points that are done.
-    """
+    """Yield tasks for all cases whose numbers are not in `finished`."""
     open_points = (point for point in points if point.number not in finished)
     batch: list[Point] = []
     for point in open_points:

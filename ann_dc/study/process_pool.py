@@ -1,8 +1,8 @@
-"""Tasks are done apart: each thread has a process that can be ended without harm to the others.
+"""Execution of tasks in separate processes that can be terminated individually.
 
-A point that hangs cannot be ended within its process, whatever language it hangs in, and one that
-takes its process along must not take others along. So a thread hands its task to a process of its
-own, waits as long as the task may take, and then ends it or takes what it says.
+A case that hangs cannot be terminated from inside its process. A case that crashes its process must
+not affect other cases. Each thread therefore sends its task to a dedicated process and waits for
+the time limit of the task. It then receives the result or terminates the process.
 """
 
 from __future__ import annotations
@@ -27,25 +27,18 @@ from ann_dc.study.task_results import Attempt, Task, Work, circumstances
 from ann_dc.study.worker import GRACE, serve
 
 FIRST = 10.0
-"""Seconds more for the first task of a process, which loads and compiles what it needs."""
+"""Additional seconds for the first task of a process, which loads and compiles code."""
 START = 120.0
-"""Seconds until a process has to be there."""
+"""Time limit for the start of a process, in seconds."""
 STARTS = 3
-"""Of a process that is killed before it has begun."""
+"""Number of start attempts for a process that is killed before its first task."""
 _STARTING = threading.Lock()
 
 
 def pickled(work: Work) -> bytes:
-    """Work as bytes for other processes.
+    """Serialise work for other processes.
 
-    Parameters
-    ----------
-    work : callable
-
-    Raises
-    ------
-    StudyError
-        If it cannot be one of theirs.
+    Raises `StudyError` if the work cannot be serialised.
     """
     try:
         return pickle.dumps(work)
@@ -61,21 +54,13 @@ def pickled(work: Work) -> bytes:
 
 
 MOMENT = 0.01
-"""Seconds between two looks at a process that is ending."""
+"""Seconds between two checks of a process that is terminating."""
 
 
 class Worker:
-    """A process that does tasks, as who waits for it sees it.
+    """Handle of a process that executes tasks (a pickled `Work`).
 
-    Parameters
-    ----------
-    work : bytes
-        A pickled `Work`.
-
-    Raises
-    ------
-    StudyError
-        If it does not get as far as its first task.
+    The constructor raises `StudyError` if the process does not become ready for its first task.
     """
 
     def __init__(self, work: bytes) -> None:
@@ -98,7 +83,7 @@ class Worker:
         self._is_new = True
 
     def _first_word(self) -> str:
-        """Why it cannot do the work; nothing if it can."""
+        """Return the reason why the process cannot execute the work; empty if it can."""
         try:
             if self._connection.poll(START):
                 return self._connection.recv()
@@ -107,7 +92,10 @@ class Worker:
             return f"one {self._ending()} before it began"
 
     def _ending(self) -> str:
-        """How it ended, which another thread may be the first to hear."""
+        """Wait for the process to end and return the description of its end.
+
+        Another thread may reap the process first.
+        """
         self._process.join()
         until = time.monotonic() + GRACE
         while self._process.exitcode is None and time.monotonic() < until:
@@ -116,17 +104,13 @@ class Worker:
 
     @property
     def is_there(self) -> bool:
-        """Whether it can take a task."""
+        """True if the process can accept a task."""
         return self._process.is_alive() and not self._connection.poll()
 
     def attempted(self, task: Task, seconds: float | None) -> Attempt:
-        """Have a task done; afterwards the process may be gone.
+        """Execute a task, and terminate the process after `seconds` (None for no limit).
 
-        Parameters
-        ----------
-        task : Task
-        seconds : float or None
-            After which it is ended; never if None.
+        The process may have ended afterwards.
         """
         began = time.monotonic()
         longest = None if seconds is None else seconds + FIRST * self._is_new
@@ -146,7 +130,7 @@ class Worker:
         return Attempt([], outcome, message, circumstances(self._process.pid, each))
 
     def end(self) -> None:
-        """End it, and what it has started; nothing if it has ended."""
+        """Terminate the process and its child processes; do nothing if it has ended."""
         self._process.terminate()
         self._process.join(GRACE)
         self._process.kill()
@@ -154,9 +138,9 @@ class Worker:
 
 
 def _start(process: SpawnProcess) -> None:
-    """Start it also where processes may have none, as Dask's: it ends with them by itself.
+    """Start a process, also from daemonic processes (Dask), with which it ends.
 
-    Ctrl-C is not for it, from its first moment on.
+    Ctrl-C is blocked for the new process from its start.
     """
     config = multiprocessing.current_process()._config  # type: ignore[attr-defined]
     with _STARTING:
@@ -171,9 +155,9 @@ def _start(process: SpawnProcess) -> None:
 
 @contextlib.contextmanager
 def _script_omitted() -> Iterator[None]:
-    """Start processes that do not run the script of this one, which may run a study itself.
+    """Start processes that do not run the parent script, which may itself run a study.
 
-    `multiprocessing` takes no notice of a module of this name.
+    `multiprocessing` ignores a module of this name.
     """
     main = sys.modules["__main__"]
     before, main.__spec__ = main.__spec__, ModuleSpec("__main__", None)
@@ -185,7 +169,7 @@ def _script_omitted() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Let a process inherit that it takes no interrupts, where the system has such a mask."""
+    """Block interrupts for a new process if the system supports signal masks."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
@@ -198,20 +182,14 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 def _end(code: int | None) -> str:
-    """How a process ended, by its exit code."""
+    """Return a description of the end of a process from its exit code."""
     if code is None or code >= 0:
         return f"ended with exit code {code}"
     return f"was ended by signal {-code} ({signal.strsignal(-code)})"
 
 
 class Apart:
-    """Has tasks done by processes, one for each thread that calls it.
-
-    Parameters
-    ----------
-    work : bytes
-        A pickled `Work`.
-    """
+    """Callable that executes tasks (pickled `Work`) in one process per calling thread."""
 
     def __init__(self, work: bytes) -> None:
         self._work = work
@@ -220,18 +198,9 @@ class Apart:
         self._lock, self._closed = threading.Lock(), False
 
     def __call__(self, task: Task, seconds: float | None) -> Attempt:
-        """What becomes of a task.
+        """Execute a task within `seconds` (None for no limit) and return the attempt.
 
-        Parameters
-        ----------
-        task : Task
-        seconds : float or None
-            That it may take; None for no limit.
-
-        Raises
-        ------
-        StudyError
-            If no process can do the work.
+        Raises `StudyError` if no process can execute the work.
         """
         worker: Worker | None = getattr(self._own, "worker", None)
         if worker is None or not worker.is_there:
@@ -249,7 +218,7 @@ class Apart:
         return worker
 
     def close(self) -> None:
-        """End all processes; tasks that they were doing are lost."""
+        """Terminate all processes; their running tasks are lost."""
         with self._lock:
             self._closed = True
             for worker in self._every:
@@ -262,14 +231,8 @@ def _apart(work: bytes) -> Apart:
 
 
 def attempted_apart(work: bytes, task: Task, seconds: float) -> Attempt:
-    """Have a task done by a process of this thread's own, in a worker of somebody else's.
+    """Execute a task in a process of this thread, inside a worker of an executor.
 
-    Parameters
-    ----------
-    work : bytes
-        A pickled `Work`.
-    task : Task
-    seconds : float
-        That it may take.
+    The process is terminated after `seconds`.
     """
     return _apart(work)(task, seconds)

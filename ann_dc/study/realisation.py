@@ -1,10 +1,10 @@
-"""What stands behind the points of a study: problems, designs and circuits, each made once.
+"""Problems, designs and circuits of the cases of a study, each built once.
 
-Points that differ in numbers only share all of them; so a study costs as many designs as it has
-problems and forms, and as many circuits as it has levels.
+Cases that differ only in numbers use the same ones. A study therefore needs one design per problem
+and form, and one circuit per level.
 
-Every draw has a stream of its own, made of the seed of the point and the name of the defect, so
-that one kind of error stays as it is while the size of another changes.
+Each random quantity has a separate stream, derived from the seed of the case and the name of the
+non-ideality. One error therefore does not change when the size of another changes.
 """
 
 from __future__ import annotations
@@ -48,19 +48,13 @@ from ann_dc.study.settings import KINDS, Subject, behind, chosen, is_built
 # ---- A designed network as a point of a study has it: other gains, inputs, start and defects
 
 TOGETHER = ("mismatch", "time_constants")
-"""Defects of numbers alone, which can be drawn for many points at once."""
+"""Non-idealities that change only numbers and can be drawn for many cases at once."""
 SPREAD = 0.1
-"""Default of ``start.kind = "random"``: share of a neuron's scale by which it is disturbed."""
+"""Default standard deviation of ``start.kind = "random"``, as a fraction of a neuron's scale."""
 
 
 def stream(seed: int, name: str) -> int:
-    """The seed of what is drawn under a name.
-
-    Parameters
-    ----------
-    seed : int
-        Of the point.
-    name : str
+    """Return the seed of a named random quantity, from the seed of the case.
 
     Examples
     --------
@@ -82,26 +76,15 @@ BRINGERS: dict[str, Callable[[Network, float, int], Network]] = {
     "slew": lambda network, value, seed: defects.slew(network, value),
     "rails": lambda network, value, seed: defects.rails(network, value),
 }
-"""Functions by the name of the defect, in the order in which they can follow each other."""
+"""Functions by non-ideality, in a valid order of application."""
 
 
 def with_gains(network: Network, factors: Mapping[str, float]) -> Network:
-    """The network with some of its gains multiplied.
+    """Return the network with some gains multiplied by positive factors.
 
-    Parameters
-    ----------
-    network : Network
-    factors : mapping of str to float
-        ``rho`` or ``rho.<dual neuron>``, ``tau`` or ``tau.<population or neuron>``, ``coarse``.
-
-    Returns
-    -------
-    Network
-
-    Raises
-    ------
-    StudyError
-        If a factor is not positive, or there are no coordinators to multiply.
+    Names of factors are ``rho`` or ``rho.<dual neuron>``, ``tau`` or ``tau.<population or
+    neuron>``, and ``coarse``. Raises `StudyError` if a factor is not positive, or for ``coarse``
+    without coarse-level neurons.
     """
     if not factors:
         return network
@@ -136,13 +119,7 @@ def with_gains(network: Network, factors: Mapping[str, float]) -> Network:
 
 
 def with_inputs(network: Network, inputs: Mapping[str, Any]) -> Network:
-    """The network with other inputs, its start moved with its ends.
-
-    Parameters
-    ----------
-    network : Network
-    inputs : mapping of str to float
-    """
+    """Return the network with other inputs and the initial state moved accordingly."""
     if not inputs:
         return network
     start = moved_starts(network, input_batch(network, inputs))[0]
@@ -150,17 +127,10 @@ def with_inputs(network: Network, inputs: Mapping[str, Any]) -> Network:
 
 
 def started(start: np.ndarray, given: Mapping[str, Any], seed: int) -> np.ndarray:
-    """The state (n,) at which a point begins.
+    """Return the initial state (n,) of a case from the interpolated one.
 
-    Parameters
-    ----------
-    start : (n,) array
-        On the straight line.
-    given : mapping of str to Value
-        ``kind``: line, zero or random; ``spread`` of the random one, in network units, where a
-        neuron is near one: `SPREAD` by default.
-    seed : int
-        Of the point.
+    The setting ``kind`` is line, zero or random. ``spread`` is the standard deviation of the random
+    one in network units, in which a neuron is near one. Its default is `SPREAD`.
     """
     kind = given.get("kind", "random" if "spread" in given else "line")
     if kind == "zero":
@@ -172,16 +142,7 @@ def started(start: np.ndarray, given: Mapping[str, Any], seed: int) -> np.ndarra
 
 
 def with_defects(network: Network, sizes: Mapping[str, float], seed: int) -> Network:
-    """The network with the defects of a point.
-
-    Parameters
-    ----------
-    network : Network
-    sizes : mapping of str to float
-        By the name of the defect.
-    seed : int
-        Of the point.
-    """
+    """Return the network with non-idealities of the given sizes, drawn from the seed."""
     for name, bring in BRINGERS.items():
         if name in sizes:
             network = bring(network, float(sizes[name]), defect_stream(seed, name))
@@ -189,36 +150,17 @@ def with_defects(network: Network, sizes: Mapping[str, float], seed: int) -> Net
 
 
 def defect_stream(seed: int, name: str) -> int:
-    """The seed of a defect's draws; weights and time constants have streams of their own in one.
+    """Return the seed of a non-ideality from the seed of the case.
 
-    Parameters
-    ----------
-    seed : int
-        Of the point.
-    name : str
-        Of the defect.
+    Weights and time constants use separate streams within one seed.
     """
     return stream(seed, "defect" if name in TOGETHER else f"defect.{name}")
 
 
 def network_at(designed: Network, setting: Mapping[str, Any], seed: int) -> Network:
-    """The network of a point.
+    """Return the network of a case from the designed network.
 
-    Parameters
-    ----------
-    designed : Network
-        As it was designed.
-    setting : mapping of str to Value
-    seed : int
-
-    Returns
-    -------
-    Network
-
-    Raises
-    ------
-    StudyError, NetworkError
-        If a value is out of its range.
+    Raises `StudyError` or `NetworkError` if a value is out of range.
     """
     network = with_inputs(with_gains(designed, behind(setting, "gains")), behind(setting, "input"))
     if given := behind(setting, "start"):
@@ -229,22 +171,21 @@ def network_at(designed: Network, setting: Mapping[str, Any], seed: int) -> Netw
 # ---- what stands behind the points of a study: problems, designs and circuits, each made once
 
 MOST_KEPT = 16
-"""Problems, designs, circuits and references that a process keeps, of each."""
+"""Largest number of cached problems, designs, circuits and references, each, per process."""
 EXACT = OdeBackend(settling=Settling(tolerance=1e-9), verify=False)
-"""Runs what others are compared with."""
+"""Backend of the reference runs."""
 BUILDABLE = (Kind.TIME_CONSTANTS,)
-"""The metric where a circuit is built and nothing else is said: any op amp can do it."""
+"""Default preconditioner for circuits; every op amp can realise it."""
 Made = TypeVar("Made")
 
 
 class Designed(NamedTuple):
-    """A network with constants for good.
+    """Network with fixed gains.
 
     Attributes
     ----------
-    network : Network
     settled : (n,) array
-        Where the design found it to rest; its start for a network that was given.
+        Equilibrium found by the design; the initial state if the subject is a network.
     """
 
     network: Network
@@ -252,16 +193,12 @@ class Designed(NamedTuple):
 
 
 class Built(NamedTuple):
-    """A circuit of a design.
+    """Circuit of a design.
 
     Attributes
     ----------
-    circuit : Circuit
-    level : Level
     probe : Trajectory
-        The ideal network's run that it was scaled by.
-    backend : SpiceBackend
-        That builds it.
+        Run of the ideal network that determines the amplitude scaling.
     """
 
     circuit: Circuit
@@ -270,14 +207,7 @@ class Built(NamedTuple):
     backend: SpiceBackend
 
     def deviations(self, setting: Mapping[str, Value], seed: int) -> Deviations:
-        """Errors of its parts: of a series, and drawn where tolerances are set.
-
-        Parameters
-        ----------
-        setting : mapping of str to Value
-        seed : int
-            Of the point.
-        """
+        """Return the part errors: series rounding, plus random errors from tolerances."""
         off, known = self.backend.deviations(self.circuit), self.circuit.parameters
         if not chosen(setting, "tolerance"):
             return off
@@ -285,7 +215,7 @@ class Built(NamedTuple):
 
     @property
     def power(self) -> float:
-        """Watts of its op amps and multipliers; nan where a level does not say."""
+        """Power of op amps and multipliers in watts; nan if undefined by the level."""
         deck = self.backend.deck(self.circuit, self.probe, {})
         loads = load_power(self.circuit, self.level, self.probe.final)
         return cost_of(deck.parts, self.level.datasheet, float("nan"), loads).power
@@ -293,19 +223,14 @@ class Built(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Realisation:
-    """What is made for a study, kept while a process works on it.
-
-    Attributes
-    ----------
-    subject : Subject
-    """
+    """Objects built for a study, cached while a process works on it."""
 
     subject: Subject
     _made: dict[str, dict] = field(default_factory=dict)
     _making: Any = field(default_factory=threading.RLock)
 
     def _kept(self, what: str, setting: Mapping[str, Any], make: Callable[[], Made]) -> Made:
-        """What was made for these values before, or is made now."""
+        """Return the cached object for these values, or build and cache it."""
         key = tuple(sorted(setting.items()))
         with self._making:
             shelf = self._made.setdefault(what, {})
@@ -317,32 +242,16 @@ class Realisation:
             return shelf[key]
 
     def problem(self, setting: Mapping[str, Value]) -> OptimalControlProblem | None:
-        """The problem as it was designed for; None of a network without one.
-
-        Parameters
-        ----------
-        setting : mapping of str to Value
-        """
+        """Return the problem of the design; None if the subject is a network."""
         if self.subject.problem is None:
             return None
         given = behind(setting, "problem")
         return self._kept("problem", given, lambda: self.subject.declared(given))
 
     def designed(self, setting: Mapping[str, Value]) -> Designed:
-        """The network of a setting as it was designed.
+        """Return the designed network of a setting.
 
-        Parameters
-        ----------
-        setting : mapping of str to Value
-
-        Returns
-        -------
-        Designed
-
-        Raises
-        ------
-        StudyError
-            If the design settled nowhere.
+        Raises `StudyError` if the design did not settle.
         """
         problem = self.problem(setting)
         if problem is None:
@@ -354,7 +263,7 @@ class Realisation:
     def _in_form(
         self, problem: OptimalControlProblem, given: Mapping[str, Any], kinds: tuple[Kind, ...]
     ) -> Designed:
-        """A problem's network; a printed form has the gains of the corrected one."""
+        """Return the network of a problem; a form with errata uses the corrected gains."""
         form = FORMS[str(given.get("design.form", "corrected"))]
         lender = form.designable
         factors = {n: v for n, v in behind(given, "design").items() if n != "form"}
@@ -366,20 +275,9 @@ class Realisation:
         return Designed(network, found.state)
 
     def built(self, setting: Mapping[str, Value]) -> Built:
-        """The circuit of a setting: its level, prepared and scaled.
+        """Return the circuit of a setting at its model level, prepared and scaled.
 
-        Parameters
-        ----------
-        setting : mapping of str to Value
-
-        Returns
-        -------
-        Built
-
-        Raises
-        ------
-        NetworkError
-            If the network does not settle, or the level cannot build it.
+        Raises `NetworkError` if the network does not settle or the level cannot realise it.
         """
         parts = chosen(setting, "problem", "design", "gains", "input", "circuit", "tolerance")
         return self._kept("circuit", parts, lambda: self._build(setting))
@@ -396,22 +294,12 @@ class Realisation:
         return Built(built, level, probe, backend)
 
     def nominal(self, setting: Mapping[str, Value]) -> Network:
-        """The network of a setting without any defect, from the straight line.
-
-        Parameters
-        ----------
-        setting : mapping of str to Value
-        """
+        """Return the network of a setting without non-idealities, initially interpolated."""
         network = with_gains(self.designed(setting).network, behind(setting, "gains"))
         return with_inputs(network, behind(setting, "input"))
 
     def settled(self, setting: Mapping[str, Value]) -> np.ndarray:
-        """State (n,) where the nominal network of a setting rests, for the oracle of (33).
-
-        Parameters
-        ----------
-        setting : mapping of str to Value
-        """
+        """Return the equilibrium (n,) of the nominal network, for the oracle gain of (33)."""
         if not behind(setting, "input"):
             return self.designed(setting).settled
         given = chosen(setting, "problem", "design", "gains", "input")
@@ -421,20 +309,11 @@ class Realisation:
         return EXACT.run(self.nominal(setting)).trajectory.final
 
     def right_controls(self, setting: Mapping[str, Value]) -> tuple[np.ndarray, float]:
-        """Controls (c,) to which the nominal network of a setting settles, in network units.
+        """Return the settled controls (c,) of the nominal network and their size.
 
-        Of a printed form, those of the corrected one: what is right does not depend on a slip.
-
-        Parameters
-        ----------
-        setting : mapping of str to Value
-
-        Returns
-        -------
-        controls : (c,) array
-            nan where it does not settle.
-        size : float
-            Size to which their errors are related; see `size_of`.
+        The controls are in network units, and nan if the network does not settle. Errors are
+        relative to the size, see `size_of`. For a form with errata the reference is the corrected
+        form.
         """
         given = chosen(setting, "problem", "input")
         if "design.kind" in setting:
@@ -456,12 +335,9 @@ def _found(
     factors: dict[str, Value],
     kinds: tuple[Kind, ...],
 ) -> Design:
-    """The design of a problem in a form that can be designed.
+    """Return the design of a problem in a designable form.
 
-    Raises
-    ------
-    StudyError
-        If it settled nowhere.
+    Raises `StudyError` if it did not settle.
     """
     if "kind" in factors:
         kinds = (KINDS[str(factors.pop("kind"))],)
@@ -474,7 +350,7 @@ def _found(
 
 
 def _recipe(kinds: tuple[Kind, ...], given: Mapping[str, Value]) -> Recipe | None:
-    """A recipe with the factors that are set, None where none is."""
+    """Return a gain rule with the given factors; None without factors."""
     if not given:
         return None
     if len(kinds) > 1:

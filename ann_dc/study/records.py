@@ -1,4 +1,4 @@
-"""What a study asks for and gets back: points, each a setting with a seed, and a row for each."""
+"""Cases of a study (a setting with a seed) and their records."""
 
 from __future__ import annotations
 
@@ -6,35 +6,35 @@ from collections.abc import Mapping
 from typing import NamedTuple, TypeAlias
 
 Value: TypeAlias = float | int | str | bool | None
-"""What a cell of the table holds; None where there is none, nan among it."""
+"""Content of a cell. None represents a missing value and nan."""
 
 Row: TypeAlias = dict[str, Value]
-"""A point with its setting, how it ended, and what was measured: values by column."""
+"""Record of a case by column: setting, outcome and measured values."""
 
 POINT, SEED, OUTCOME, MESSAGE = "point", "seed", "outcome", "message"
 SECONDS, WORKER, HOST, VERSIONS = "wall_time", "worker", "host", "versions"
 HEAD = (POINT, SEED)
 """Columns before those of the setting."""
 TAIL = (OUTCOME, MESSAGE, SECONDS, WORKER, HOST, VERSIONS)
-"""Columns behind those of the metrics."""
+"""Columns after those of the metrics."""
 CIRCUMSTANCES = (SECONDS, WORKER, HOST)
-"""Columns that differ from run to run of the same study."""
+"""Columns that differ between runs of the same study."""
 
 FAILED, TIMED_OUT, LOST = "failed", "timed out", "worker lost"
-"""Outcomes of points that have no result, beside those of `Outcome`."""
+"""Outcomes of cases without a result, in addition to those of `Outcome`."""
 
 
 class Point(NamedTuple):
-    """One point of a study.
+    """Case of a study.
 
     Attributes
     ----------
     number : int
-        From zero on, in the order of the design.
+        Index in the order of the plan, from zero.
     setting : mapping of str to Value
-        What is set there, by name.
+        Values by setting name.
     seed : int
-        Of all that is drawn there.
+        Seed of all random quantities of the case.
     """
 
     number: int
@@ -43,14 +43,14 @@ class Point(NamedTuple):
 
 
 class Finished(NamedTuple):
-    """What became of a point.
+    """Result of a case.
 
     Attributes
     ----------
     row : Row
-        With a value for every column, circumstances too.
+        Value for every column, including execution details.
     curves : bytes
-        An ``.npz`` file of what it did over time; empty where nothing is kept.
+        Trajectories as an ``.npz`` file; empty if not stored.
     """
 
     row: Row
@@ -58,14 +58,7 @@ class Finished(NamedTuple):
 
 
 def without_result(point: Point, outcome: str, message: str) -> Finished:
-    """The row of a point that gave none.
-
-    Parameters
-    ----------
-    point : Point
-    outcome : str
-    message : str
-        Why, in a sentence.
+    """Return the record of a case without a result; the message gives the reason.
 
     Examples
     --------

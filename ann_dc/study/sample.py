@@ -1,6 +1,6 @@
-"""A point as it ended: what metrics read, whatever it ran on.
+"""Result of a case as read by metrics, independent of the backend.
 
-Points that ran as networks, alone or in a batch.
+Samples that ran as networks, alone or in a batch.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from ann_dc.study.settings import behind, is_built
 
 
 def word_of(outcome: Outcome) -> str:
-    """An outcome in a word or two.
+    """Return an outcome in lower-case words.
 
     >>> word_of(Outcome.LEFT_DOMAIN)
     'left domain'
@@ -41,13 +41,12 @@ def word_of(outcome: Outcome) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sample(ABC):
-    """A point of a study, and how it ended.
+    """Case of a study with its result.
 
     Attributes
     ----------
-    point : Point
     made : Realisation
-        What stands behind it.
+        Cached problem, design and circuit of the case.
     """
 
     point: Point
@@ -55,100 +54,89 @@ class Sample(ABC):
 
     @property
     def setting(self) -> Mapping[str, Value]:
-        """What is set at the point."""
+        """Values of the settings of the case."""
         return self.point.setting
 
     @property
     @abstractmethod
     def outcome(self) -> str:
-        """How it ended, in one or two words."""
+        """Outcome in one or two words."""
 
     @property
     @abstractmethod
     def message(self) -> str:
-        """The same in a sentence."""
+        """Outcome in one sentence."""
 
     @property
     @abstractmethod
     def network(self) -> Network:
-        """What ran: the network with its defects, or the emulation of a circuit."""
+        """Network that ran, with its non-idealities, or the emulation of a circuit."""
 
     @property
     @abstractmethod
     def state(self) -> np.ndarray:
-        """(n,): where it ended, in units of ``network``."""
+        """Final state (n,) in units of `network`."""
 
     @property
     @abstractmethod
     def controls(self) -> np.ndarray:
-        """(c,): live controls at the end, in units of the designed network."""
+        """Final live controls (c,) in units of the designed network."""
 
     @property
     def settling_time(self) -> float:
-        """Unit time constants to the last exit of the residual; nan where there is none."""
+        """Network time (tau = 1) of the last exit of the residual; nan if undefined."""
         return float("nan")
 
     @property
     def control_settling_time(self) -> float:
-        """Unit time constants to the last exit of the controls.
+        """Network time (tau = 1) of the last exit of the controls.
 
-        Raises
-        ------
-        StudyError
-            If nothing was recorded over time.
+        Raises `StudyError` if no trajectory was recorded.
         """
         return control_settling(self.trajectory)
 
     @property
     def steps(self) -> int | None:
-        """Steps of the integration or the recurrence; None of a circuit."""
+        """Number of steps of the integration or recurrence; None for a circuit."""
         return None
 
     @property
     def settling_steps(self) -> int | None:
-        """Those of them up to the last exit; None where it did not settle."""
+        """Number of steps up to the last exit; None if the sample did not settle."""
         return None
 
     @property
     def seconds(self) -> float:
-        """Seconds to settle, of a circuit; nan where none is built."""
+        """Settling time of the circuit in seconds; nan if no circuit is built."""
         return float("nan")
 
     @property
     def trajectory(self) -> Trajectory:
-        """What it did over time.
+        """Recorded trajectory.
 
-        Raises
-        ------
-        StudyError
-            If that was not recorded.
+        Raises `StudyError` if no trajectory was recorded.
         """
         raise StudyError("nothing was recorded over time")
 
     @property
     def settled(self) -> bool:
-        """Whether it came to rest."""
+        """True if the sample settled."""
         return self.outcome == word_of(Outcome.SETTLED)
 
     @cached_property
     def spectrum(self) -> Spectrum:
-        """Eigenvalues of ``network`` where it ended.
+        """Eigenvalues of `network` at the final state.
 
-        Raises
-        ------
-        NetworkError
-            If they cannot be had.
+        Raises `NetworkError` if they cannot be computed.
         """
         return spectrum(self.network, self.state)
 
     @cached_property
     def resting(self) -> Spectrum:
-        """Eigenvalues of ``network`` where it could rest near the designed point, come what may.
+        """Eigenvalues of `network` at the equilibrium near the designed point.
 
-        Raises
-        ------
-        StudyError, NetworkError
-            If defects add neurons, or there is no equilibrium.
+        They do not depend on the run. Raises `StudyError` if non-idealities add neurons and
+        `NetworkError` if the equilibrium does not exist.
         """
         near = self.made.designed(self.setting).settled
         if near.shape != (self.network.size,):
@@ -157,17 +145,14 @@ class Sample(ABC):
 
     @cached_property
     def start(self) -> np.ndarray:
-        """(n,): where it began, in units of ``network``."""
+        """Initial state (n,) in units of `network`."""
         return self.network.start_state
 
     @cached_property
     def right_controls(self) -> tuple[np.ndarray, float]:
         """Settled controls (c,) of the ideal network for the same inputs, and their size.
 
-        Raises
-        ------
-        StudyError
-            If a printed form has other live controls.
+        Raises `StudyError` if a form with errata has other live controls.
         """
         right, size = self.made.right_controls(self.setting)
         if self.controls.shape != right.shape:
@@ -176,12 +161,9 @@ class Sample(ABC):
 
     @cached_property
     def built(self) -> Built:
-        """The circuit of the point.
+        """Circuit of the case.
 
-        Raises
-        ------
-        StudyError
-            If the study says nothing of one.
+        Raises `StudyError` if the study does not define a circuit.
         """
         if not is_built(self.setting):
             raise StudyError("no circuit is built; set circuit.level")
@@ -189,12 +171,9 @@ class Sample(ABC):
 
     @cached_property
     def problem(self) -> OptimalControlProblem:
-        """The problem with the inputs of the point.
+        """Problem with the inputs of the case.
 
-        Raises
-        ------
-        StudyError
-            If the study is one of a network alone.
+        Raises `StudyError` if the subject is a network.
         """
         declared = self.made.problem(self.setting)
         if declared is None:
@@ -203,25 +182,22 @@ class Sample(ABC):
 
     @cached_property
     def certificate(self) -> Certificate:
-        """Whether the end is an optimum, by the problem alone.
+        """Optimality certificate of the end, computed from the problem alone.
 
-        Raises
-        ------
-        StudyError
-            If there is no problem.
+        Raises `StudyError` if the subject has no problem.
         """
         return certificate_of(self.problem, *self.ideal)
 
     @property
     @abstractmethod
     def ideal(self) -> tuple[Network, np.ndarray]:
-        """The ideal network with the inputs of the point, and the end in its units."""
+        """Ideal network with the inputs of the case, and the final state in its units."""
 
 
 def _with_inputs(
     problem: OptimalControlProblem, inputs: Mapping[str, Value]
 ) -> OptimalControlProblem:
-    """The problem for other inputs of its network."""
+    """Return the problem with other inputs of its network."""
     if not inputs:
         return problem
     states = [str(s) for s in problem.states]
@@ -238,7 +214,7 @@ def _with_inputs(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _NetworkSample(Sample):
-    """A network that ran."""
+    """Network that ran."""
 
     @cached_property
     def _ran(self) -> Network:
@@ -247,12 +223,12 @@ class _NetworkSample(Sample):
 
     @property
     def network(self) -> Network:
-        """What ran."""
+        """Network that ran, with its non-idealities."""
         return self._ran
 
     @property
     def seconds(self) -> float:
-        """Seconds until the controls stay where they end, where a circuit is built."""
+        """Seconds until the controls settle, if a circuit is built."""
         return self.built.circuit.scaling.time * self.control_settling_time
 
     @property
@@ -265,13 +241,12 @@ class _NetworkSample(Sample):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BatchSample(_NetworkSample):
-    """A network that ran in a batch.
+    """Network that ran in a batch.
 
     Attributes
     ----------
-    batch : BatchRun
     index : int
-        Which one of the batch.
+        Index in the batch.
     """
 
     batch: BatchRun
@@ -279,42 +254,42 @@ class BatchSample(_NetworkSample):
 
     @property
     def outcome(self) -> str:
-        """How it ended, in one or two words."""
+        """Outcome in one or two words."""
         return word_of(self.batch.outcomes[self.index])
 
     @property
     def message(self) -> str:
-        """The same in a sentence, where it did not settle."""
+        """Outcome in one sentence if the network did not settle; else empty."""
         return "" if self.settled else self.batch.message(self.index).partition(": ")[2]
 
     @property
     def state(self) -> np.ndarray:
-        """(n,): where it ended."""
+        """Final state (n,)."""
         return self.batch.states[self.index]
 
     @property
     def settling_time(self) -> float:
-        """Unit time constants to the last exit."""
+        """Network time (tau = 1) of the last exit."""
         return float(self.batch.settling_times[self.index])
 
     @property
     def controls(self) -> np.ndarray:
-        """(c,): live controls at the end."""
+        """Final live controls (c,)."""
         return control_values(self.batch.network, self.state)
 
     @property
     def steps(self) -> int | None:
-        """Steps that it took."""
+        """Number of steps."""
         return int(self.batch.steps[self.index])
 
     @property
     def settling_steps(self) -> int | None:
-        """Those of them up to the last exit."""
+        """Number of steps up to the last exit."""
         return int(self.batch.settling_steps[self.index]) if self.settled else None
 
     @property
     def trajectory(self) -> Trajectory:
-        """What it did over time."""
+        """Recorded trajectory."""
         if self.batch.curves is None:
             return super().trajectory
         return self.batch.curves.trajectory(self.index, self.network)
@@ -322,51 +297,46 @@ class BatchSample(_NetworkSample):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunSample(_NetworkSample):
-    """A network that ran alone.
-
-    Attributes
-    ----------
-    run : Run
-    """
+    """Network that ran alone."""
 
     run: Run
 
     @property
     def outcome(self) -> str:
-        """How it ended, in one or two words."""
+        """Outcome in one or two words."""
         return word_of(self.run.status.outcome)
 
     @property
     def message(self) -> str:
-        """The same in a sentence, where it did not settle."""
+        """Outcome in one sentence if the network did not settle; else empty."""
         return "" if self.settled else str(self.run.status)
 
     @property
     def state(self) -> np.ndarray:
-        """(n,): where it ended."""
+        """Final state (n,)."""
         return self.run.trajectory.final
 
     @property
     def settling_time(self) -> float:
-        """Unit time constants to the last exit."""
+        """Network time (tau = 1) of the last exit."""
         return self.run.settling_time
 
     @property
     def controls(self) -> np.ndarray:
-        """(c,): live controls at the end."""
+        """Final live controls (c,)."""
         return control_values(self.network, self.state)
 
     @property
     def steps(self) -> int | None:
-        """Steps that it took."""
+        """Number of steps."""
         return self.run.steps
 
     @property
     def settling_steps(self) -> int | None:
-        """Those of them up to the last exit."""
+        """Number of steps up to the last exit."""
         return self.run.settling_steps
 
     @property
     def trajectory(self) -> Trajectory:
-        """What it did over time."""
+        """Recorded trajectory."""
         return self.run.trajectory

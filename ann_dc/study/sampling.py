@@ -1,7 +1,7 @@
-"""Which points a study has: every combination of listed values, and samples of ranges in each.
+"""Cases of a study: all combinations of listed values, with samples of the ranges.
 
-A sample has one seed and one place in the ranges, the same at every combination of listed values:
-combinations are compared on the same draws.
+A sample has one seed and one position in the ranges. Both are equal at every combination of listed
+values, so combinations are compared on the same draws.
 """
 
 from __future__ import annotations
@@ -19,19 +19,18 @@ from ann_dc.errors import StudyError
 from ann_dc.study.records import SEED, Point, Value
 
 LONG = 10_000
-"""Values of a list that are not compared any more."""
+"""Length from which the values of a list are not checked for repetition."""
 MOST = 10_000_000
-"""Points of a study, at most."""
+"""Largest number of cases in a study."""
 
 
 class Span(NamedTuple):
-    """A range of numbers, of which samples are drawn.
+    """Range of numbers from which samples are drawn.
 
     Attributes
     ----------
-    low, high : float
     is_log : bool
-        Whether equal factors are equally likely, instead of equal differences.
+        True if equal factors are equally likely, instead of equal differences.
     """
 
     low: float
@@ -39,7 +38,7 @@ class Span(NamedTuple):
     is_log: bool = False
 
     def at(self, share: float) -> float:
-        """The number at a share of the range.
+        """Return the number at a fraction of the range.
 
         >>> Span(1e-3, 1e-1, is_log=True).at(0.5)
         0.01
@@ -51,24 +50,14 @@ class Span(NamedTuple):
 
 
 class Sampling(enum.Enum):
-    """How ranges are filled; the value is its word in a file."""
+    """Sampling method of the ranges; the value is its name in a file."""
 
     RANDOM = "random"
     LATIN_HYPERCUBE = "latin-hypercube"
     SOBOL = "sobol"
 
     def shares(self, count: int, ranges: int, seed: int) -> np.ndarray:
-        """Places in the unit cube.
-
-        Parameters
-        ----------
-        count : int
-        ranges : int
-        seed : int
-
-        Returns
-        -------
-        (count, ranges) array
+        """Return sample positions (count, ranges) in the unit cube.
 
         References
         ----------
@@ -89,11 +78,11 @@ class Sampling(enum.Enum):
 
 
 Axis = Sequence[Value] | Span
-"""Values of a setting: a list, or a range."""
+"""Values of a setting: a list or a range."""
 
 
 class Plan(NamedTuple):
-    """The points of a study, without their being made.
+    """Cases of a study, generated on demand.
 
     Attributes
     ----------
@@ -102,11 +91,9 @@ class Plan(NamedTuple):
     spans : dict of str to Span
         Settings that are sampled.
     samples : int
-        At every combination.
-    sampling : Sampling
-    seed : int
+        Samples at every combination.
     fixed : mapping of str to Value
-        Settings that are the same everywhere.
+        Settings with the same value in every case.
     """
 
     listed: dict[str, Sequence[Value]]
@@ -120,7 +107,7 @@ class Plan(NamedTuple):
         return math.prod(len(values) for values in self.listed.values()) * self.samples
 
     def points(self) -> Iterator[Point]:
-        """All points: combinations in order, the last setting quickest, samples within each."""
+        """Yield all cases: combinations (last setting fastest), samples within each."""
         shares = self.sampling.shares(self.samples, len(self.spans), self.seed)
         seeds = seeds_of(self.seed, self.samples)
         drawn = [
@@ -137,7 +124,7 @@ class Plan(NamedTuple):
 
 
 def seeds_of(seed: int, count: int) -> list[int]:
-    """Seeds of samples: the first ones stay when there are more.
+    """Return the seeds of samples; the first seeds do not depend on the count.
 
     >>> seeds_of(1, 3) == seeds_of(1, 5)[:3]
     True
@@ -154,25 +141,10 @@ def plan_of(
     sampling: Sampling,
     seed: int,
 ) -> Plan:
-    """The points that a user asks for.
+    """Return the plan of the cases that a user requests.
 
-    Parameters
-    ----------
-    over : mapping of str to list, array, range, pair or Span
-        A pair (low, high) is a range.
-    fixed : mapping of str to Value
-    samples : int
-    sampling : Sampling
-    seed : int
-
-    Returns
-    -------
-    Plan
-
-    Raises
-    ------
-    StudyError
-        If a list or a range is empty, or there are too many points.
+    In `over`, a pair (low, high) is a range. Raises `StudyError` if a list or range is empty, a
+    setting is both varied and fixed, or there are too many cases.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What follows from an attempt: rows, or smaller tasks: only the guilty point is charged."""
+"""Evaluation of attempts: records to store, or smaller tasks to isolate a failure."""
 
 from __future__ import annotations
 
@@ -8,17 +8,16 @@ from ann_dc.study.records import LOST, TIMED_OUT, Finished, Row, without_result
 from ann_dc.study.task_results import Attempt, Task
 
 PARTS = 8
-"""Smaller tasks that a task is split into which as a whole gave no rows."""
+"""Number of smaller tasks into which a task without records is split."""
 
 
 class Job(NamedTuple):
-    """A task that has to be done, with what it has behind it.
+    """Task to execute, with its history.
 
     Attributes
     ----------
-    task : Task
     was_lost : bool
-        Whether it has taken a worker along already.
+        True if the task has already lost a worker.
     """
 
     task: Task
@@ -26,14 +25,14 @@ class Job(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What an attempt leads to.
+    """Result of the evaluation of an attempt.
 
     Attributes
     ----------
     finished : list of Finished
-        Rows that are to be kept.
+        Records to store.
     jobs : list of Job
-        What is to be done next.
+        Jobs to execute next.
     """
 
     finished: list[Finished]
@@ -41,21 +40,15 @@ class Verdict(NamedTuple):
 
 
 def verdict(job: Job, attempt: Attempt, limit: float | None) -> Verdict:
-    """What is kept of an attempt, and what is to be done again.
+    """Return the records to store and the jobs to repeat after an attempt.
 
-    A worker may be lost by accident: its task is done once more. Then, and where its time is over
-    or it raises, a task of many points is split; of one point alone the outcome is the row's.
-
-    Parameters
-    ----------
-    job : Job
-    attempt : Attempt
-    limit : float or None
-        Seconds a point.
+    A task that lost its worker is repeated once, because the loss may be accidental. After a second
+    loss, a time-out or an exception, a task with several cases is split. For a single case the
+    outcome is recorded. The `limit` is in seconds per case.
 
     Examples
     --------
-    >>> from ann_dc.study.records import FAILED, Point
+    >>> from ann_dc.study.keeping import FAILED, Point
     >>> job = Job(Task((Point(0, {}, 5), Point(1, {}, 6))))
     >>> failed = Attempt([], FAILED, "ValueError: no", {})
     >>> [len(next.task.points) for next in verdict(job, failed, None).jobs]

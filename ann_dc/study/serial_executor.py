@@ -1,4 +1,4 @@
-"""An executor that is no other process: what is submitted is done before `submit` returns."""
+"""Serial executor: `submit` runs the call in this process before it returns."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 class Here(Executor):
-    """Does everything in this process, at once.
+    """Serial executor in this process.
 
     Examples
     --------
@@ -17,7 +17,7 @@ class Here(Executor):
     """
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Do it, and give back what is done."""
+        """Call a function and return the completed future."""
         done: Future[Any] = Future()
         try:
             done.set_result(fn(*args, **kwargs))

@@ -1,6 +1,8 @@
-"""What a study can vary, by name: 'family.name', as in ``input.q_d.x`` or ``defect.mismatch``.
+"""Settings that a study can vary, by name 'family.name' (``input.q_d.x``).
 
-What a study is about: a plant by its name, a declared problem, or a network that is there.
+Another example is ``defect.mismatch``.
+
+Subject of a study: a plant by name, a declared problem or a network.
 """
 
 from __future__ import annotations
@@ -40,16 +42,16 @@ ENDS = ("q_0", "q_d")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Subject(Record):
-    """One of the three; see `subject_of`.
+    """Plant, problem or network under study; see `subject_of`.
 
     Attributes
     ----------
     plant : str
-        Its name, if it is one; every parameter of it can be varied.
+        Name of the plant, or empty; all its parameters can be varied.
     problem : OptimalControlProblem or None
-        The plant as it is without settings, or the declared problem.
+        Plant without settings, or the declared problem.
     network : Network or None
-        Only where there is no problem.
+        Network; set only without a problem.
     """
 
     plant: str = ""
@@ -58,7 +60,7 @@ class Subject(Record):
 
     @cached_property
     def wired(self) -> Network:
-        """The network, or that of the problem without settings: for its names."""
+        """Network of the subject or of the problem without settings, for its names."""
         return self.network if self.network is not None else synthesize(self._problem)
 
     @property
@@ -69,12 +71,12 @@ class Subject(Record):
 
     @property
     def name(self) -> str:
-        """What people call it."""
+        """Display name."""
         return self.problem.name if self.problem is not None else self.wired.title
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
-        """Names of what a problem may be declared with."""
+        """Names of the parameters of a problem."""
         if self.problem is None:
             return ()
         own = self._own if self.plant else ()
@@ -84,26 +86,14 @@ class Subject(Record):
 
     @property
     def _own(self) -> tuple[str, ...]:
-        """Parameters of the plant that are one number or word."""
+        """Parameters of the plant that are a single number or name."""
         given = inspect.signature(plants.get(self.plant)).parameters.values()
         return tuple(p.name for p in given if not isinstance(p.default, tuple))
 
     def declared(self, given: Mapping[str, Value]) -> OptimalControlProblem:
-        """The problem with some of its parameters set.
+        """Return the problem with some of its `parameters` set.
 
-        Parameters
-        ----------
-        given : mapping of str to Value
-            By their names in `parameters`.
-
-        Returns
-        -------
-        OptimalControlProblem
-
-        Raises
-        ------
-        StudyError, ProblemError
-            If there is no problem, or none with such values.
+        Raises `StudyError` or `ProblemError` if the subject has no problem or a value is invalid.
         """
         problem, left = self._problem, dict(given)
         if self.plant:
@@ -125,7 +115,7 @@ class Subject(Record):
         return replace(problem, **fields) if fields else problem
 
     def identity(self) -> dict[str, Any]:
-        """As plain data, to tell one study from another."""
+        """Return plain data that distinguish the subject."""
         if self.plant:
             return {"plant": self.plant}
         if self.problem is not None:
@@ -136,7 +126,7 @@ class Subject(Record):
 
 
 def _end(problem: OptimalControlProblem, end: str, given: Mapping[str, Value]) -> list | None:
-    """q_0 or q_d with some components set; None where none is."""
+    """Return q_0 or q_d with some components set; None if none is set."""
     own = len(problem.states) - len(problem.handed_on)
     names = [str(s) for s in problem.states[:own]]
     if not any(f"{end}.{name}" in given for name in names):
@@ -145,20 +135,9 @@ def _end(problem: OptimalControlProblem, end: str, given: Mapping[str, Value]) -
 
 
 def subject_of(given: str | OptimalControlProblem | Network) -> Subject:
-    """A plant's name, a problem or a network as the subject of a study.
+    """Return the subject for a plant name, a problem or a network.
 
-    Parameters
-    ----------
-    given : str, OptimalControlProblem or Network
-
-    Returns
-    -------
-    Subject
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such plant.
+    Raises `UnknownNameError` if the plant does not exist.
 
     Examples
     --------
@@ -173,23 +152,10 @@ def subject_of(given: str | OptimalControlProblem | Network) -> Subject:
 
 
 def subject_from(identity: Mapping[str, Any]) -> Subject:
-    """The subject of an identity; nothing in it is executed.
+    """Return the subject of a stored identity; nothing in it is executed.
 
-    Parameters
-    ----------
-    identity : mapping
-        From `Subject.identity`.
-
-    Returns
-    -------
-    Subject
-
-    Raises
-    ------
-    StudyError
-        If it is a network, of which an identity has the digest alone, or no subject.
-    AnnDcError
-        If what is written is no problem.
+    Raises `StudyError` for a network, whose identity contains only the digest, and for invalid
+    content. Raises `AnnDcError` if the stored problem is invalid.
     """
     if isinstance(identity.get("plant"), str):
         return subject_of(identity["plant"])
@@ -205,7 +171,7 @@ def subject_from(identity: Mapping[str, Any]) -> Subject:
 
 
 def plain(data: Any) -> Any:
-    """Records' fields as what JSON can hold."""
+    """Convert records to data that JSON can represent."""
     if isinstance(data, Mapping):
         return {str(name): plain(value) for name, value in data.items()}
     if isinstance(data, (list, tuple)):
@@ -216,7 +182,7 @@ def plain(data: Any) -> Any:
 
 
 def _digest(network: Network) -> str:
-    """Of names and numbers."""
+    """Return the digest of the names and numbers of a network."""
     tape = evaluator(network).tape
     parts = [str([*network.node_index]).encode(), *(a.tobytes() for a in tape)]
     parts.append(network.start_state.tobytes())
@@ -224,15 +190,15 @@ def _digest(network: Network) -> str:
 
 
 KINDS = {kind.name.lower().replace("_", "-"): kind for kind in Kind}
-"""Word of every kind of metric."""
+"""Preconditioner kinds by name."""
 STARTS = ("line", "zero", "random")
 BACKENDS = ("ode", "recurrent", "emulation", "spice")
 ORDERS = {name.replace(" ", "-"): order for name, order in orders.ORDERS.items()}
-"""Every update order by its word."""
+"""Update orders by name."""
 CIRCUITS = ("emulation", "spice")
 """Backends that run circuits."""
 OF_NETWORKS = ("defect.", "start.", "run.order", "run.step", "run.tolerance", "run.limit")
-"""Settings that no circuit reads."""
+"""Settings that circuits do not use."""
 DEFECTS = {
     "mismatch": "relative error of every synapse weight, one standard deviation, drawn",
     "time_constants": "relative error of every time constant, one standard deviation, drawn",
@@ -244,15 +210,18 @@ DEFECTS = {
     "rails": "where neurons stop, network units",
     "bits": "significant bits of every synapse weight",
 }
-"""Defects of the ideal network, in the order in which they are brought about."""
+"""Non-idealities of the ideal network, in order of application."""
 
 
 DRAWN = tuple(f"defect.{name}" for name, says in DEFECTS.items() if "drawn" in says)
-"""Settings whose value is the size of something that the seed of a point draws."""
+"""Settings whose value is the size of a random quantity drawn from the seed of the case."""
 
 
 class Effect(enum.Enum):
-    """What a setting changes, and so what has to be done again; the value says it in words."""
+    """Effect of a setting, which determines the steps to repeat.
+
+    The value is a description.
+    """
 
     PROBLEM = "another problem, which is designed anew"
     DESIGN = "another design"
@@ -262,15 +231,14 @@ class Effect(enum.Enum):
 
 
 class Family(NamedTuple):
-    """Settings whose names begin with the same word.
+    """Settings whose names have the same first part.
 
     Attributes
     ----------
-    effect : Effect
     says : str
-        What they are.
+        Description.
     names : callable
-        Names behind the first word, of a subject.
+        Function that returns the names after the first part, for a subject.
     """
 
     effect: Effect
@@ -318,7 +286,7 @@ FAMILIES: dict[str, Family] = {
         lambda _: ("backend", "order", "step", "tolerance", "limit"),
     ),
 }
-"""By the first word of their names."""
+"""Families by the first part of their names."""
 WORDS: dict[str, Iterable[str]] = {
     "design.form": ("corrected", "printed", *SWITCHES),
     "design.kind": KINDS,
@@ -328,15 +296,15 @@ WORDS: dict[str, Iterable[str]] = {
     "run.backend": BACKENDS,
     "run.order": ORDERS,
 }
-"""Settings whose values are words, and which."""
+"""Settings with named values, and the valid names."""
 RECORDS: dict[str, Callable[..., object]] = {
     "tolerance": Tolerances,
     "circuit": Datasheet,
     "design": Recipe,
 }
-"""Records whose fields a family sets; they refuse a number out of its range."""
+"""Records whose fields a family sets; they reject numbers out of range."""
 ENDLESS = ("run.limit", "defect.leak", "defect.extra_pole", "defect.slew", "defect.rails")
-"""Settings that an infinite number switches off."""
+"""Settings that an infinite value switches off."""
 POSITIVE = (
     *ENDLESS,
     "problem.dt",
@@ -346,37 +314,25 @@ POSITIVE = (
     "run.tolerance",
     "defect.bits",
 )
-"""Settings whose numbers are positive, by the beginnings of their names."""
+"""Prefixes of settings with positive values."""
 SIZES = ("defect.", "tolerance.", "problem.temperature")
-"""Settings whose numbers are not negative."""
+"""Prefixes of settings with non-negative values."""
 LEAST = {SEED: (0, "zero"), "problem.N": (1, "one")}
-"""Smallest value of settings that are whole numbers, and its word."""
+"""Smallest value of integer settings, and its name."""
 
 
 def family_of(name: str) -> Family | None:
-    """The family of a setting; None of the seed, which is no part of anything.
-
-    Parameters
-    ----------
-    name : str
-        Of a setting that exists.
-    """
+    """Return the family of an existing setting; None for the seed."""
     return FAMILIES.get(name.partition(".")[0])
 
 
 def chosen(setting: Mapping[str, Value], *families: str) -> dict[str, Value]:
-    """What a setting says of some families, by whole names.
-
-    Parameters
-    ----------
-    setting : mapping of str to Value
-    *families : str
-    """
+    """Return the values of some families by full name."""
     return {n: v for n, v in setting.items() if n.partition(".")[0] in families}
 
 
 def behind(setting: Mapping[str, Value], family: str) -> dict[str, Any]:
-    """What a setting says of one family, by the names behind the first word.
+    """Return the values of one family by the name after the first part.
 
     Examples
     --------
@@ -387,7 +343,7 @@ def behind(setting: Mapping[str, Value], family: str) -> dict[str, Any]:
 
 
 def backend_of(setting: Mapping[str, Value]) -> str:
-    """What a point runs on; a circuit is emulated unless something else is said.
+    """Return the backend of a case; the default for a circuit is its emulation.
 
     Examples
     --------
@@ -399,16 +355,12 @@ def backend_of(setting: Mapping[str, Value]) -> str:
 
 
 def is_built(setting: Mapping[str, Value]) -> bool:
-    """Whether a setting has a circuit: one that runs, or one beside the network that does."""
+    """Return True if a setting defines a circuit, run or used next to the network."""
     return bool(chosen(setting, "circuit", "tolerance")) or backend_of(setting) in CIRCUITS
 
 
 def is_drawn(setting: Mapping[str, Value]) -> bool:
-    """Return True if points of this setting differ from seed to seed.
-
-    Parameters
-    ----------
-    setting : mapping of str to Value
+    """Return True if cases of this setting differ between seeds.
 
     Examples
     --------
@@ -424,21 +376,9 @@ def is_drawn(setting: Mapping[str, Value]) -> bool:
 
 
 def check_together(field: str, names: Iterable[str], backends: Iterable[str]) -> None:
-    """Refuse settings that nothing would read.
+    """Raise `StudyError` for the first setting that none of the backends reads.
 
-    Parameters
-    ----------
-    field : str
-        What a refusal begins with.
-    names : iterable of str
-        Of settings.
-    backends : iterable of str
-        On which the points of the study run.
-
-    Raises
-    ------
-    StudyError
-        Naming the first of them, and why it means nothing.
+    The message begins with `field` and gives the reason.
     """
     met = {*backends}
     for name in names:
@@ -457,30 +397,15 @@ def check_together(field: str, names: Iterable[str], backends: Iterable[str]) ->
 
 
 def names_of(subject: Subject) -> tuple[str, ...]:
-    """All that can be varied of a subject.
-
-    Parameters
-    ----------
-    subject : Subject
-    """
+    """Return the names of all settings of a subject."""
     found = [f"{word}.{name}" for word, f in FAMILIES.items() for name in f.names(subject)]
     return (*found, SEED)
 
 
 def check_name(subject: Subject, field: str, name: str) -> None:
-    """Refuse what cannot be varied.
+    """Raise `StudyError` for an unknown setting, with the nearest names.
 
-    Parameters
-    ----------
-    subject : Subject
-    field : str
-        What a refusal begins with.
-    name : str
-
-    Raises
-    ------
-    StudyError
-        With the names nearest to it.
+    The message begins with `field`.
     """
     known = names_of(subject)
     if name in known:
@@ -499,18 +424,7 @@ def check_name(subject: Subject, field: str, name: str) -> None:
 
 
 def check_value(field: str, name: str, value: object) -> None:
-    """Refuse a value that is none for a setting.
-
-    Parameters
-    ----------
-    field : str
-    name : str
-    value : object
-
-    Raises
-    ------
-    StudyError
-    """
+    """Raise `StudyError` for an invalid value of a setting."""
     words = WORDS.get(name)
     if words is not None:
         if value not in tuple(words):
@@ -531,7 +445,7 @@ def check_value(field: str, name: str, value: object) -> None:
 
 
 def _check_range(field: str, name: str, value: float) -> None:
-    """Refuse a number with which no point can be computed."""
+    """Raise `StudyError` for a number with which no case can be computed."""
     family, _, last = name.partition(".")
     least, begin = LEAST.get(name, (None, ""))
     expected = ""

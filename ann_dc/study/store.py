@@ -1,4 +1,4 @@
-"""The rows of a study on disk: whole or not there, kept whatever happens to who writes them."""
+"""Store of study records on disk with atomic writes."""
 
 from __future__ import annotations
 
@@ -22,24 +22,22 @@ from ann_dc.study.records import FAILED, LOST, OUTCOME, POINT, TIMED_OUT, Finish
 from ann_dc.study.stored_trajectories import unpacked
 
 LOCK = "lock"
-"""File in the folder of a study that says who is at work on it."""
+"""File in the folder of a study that identifies the writing process."""
 PIECE = 10_000
-"""Rows in memory at a time."""
+"""Number of records in memory at a time."""
 
 
 class Store:
-    """A table of rows in a folder, with curves beside them.
+    """Table of records in a folder, with trajectories.
 
-    `begin` makes or continues one, `open` reads one, also while another process writes to it. The
-    folder has to lie on a disk of this machine. Its file 'study.sqlite' is an SQLite database:
-    table ``rows`` has a column for each of the study's.
+    `begin` creates or continues a store. `open` reads a store, also while another process writes.
+    The folder must be on a local disk. Its file 'study.sqlite' is an SQLite database whose table
+    ``rows`` has one column per study column.
 
     Parameters
     ----------
-    folder : Path
-    database : sqlite3.Connection
     lock : Lock, optional
-        Of who writes.
+        Lock of the writing process.
 
     Examples
     --------
@@ -64,23 +62,23 @@ class Store:
     def begin(
         cls, folder: str | os.PathLike[str], identity: Mapping[str, Any], columns: Sequence[str]
     ) -> Store:
-        """Make the store of a study, or continue the one that is there.
+        """Create the store of a study, or continue the existing one.
 
         Parameters
         ----------
         folder : path-like
-            Made where there is none.
+            Folder; created if missing.
         identity : mapping
-            Nested plain data: all that makes the study this one. What is under `WORDS` says only
-            how rows are read, and may change.
+            Nested plain data that identifies the study. Entries in `WORDS` affect only the
+            interpretation of records and may change.
         columns : sequence of str
-            ``point`` first; ``outcome`` among them.
+            Column names with ``point`` first; must contain ``outcome``.
 
         Raises
         ------
         StoreError
-            If another study is there (it says in what it differs), another process is at work on
-            it, it is of another layout or no store at all, or the folder cannot be written to.
+            If the folder contains another study (the message lists the differences), another layout
+            or other files. Also if another process is writing or the folder cannot be written.
         """
         place, about = Path(folder), db.About(as_text(identity), Columns(columns), {})
         with db.told(place):
@@ -119,16 +117,9 @@ class Store:
 
     @classmethod
     def open(cls, folder: str | os.PathLike[str]) -> Store:
-        """Read the store of a study.
+        """Open the store of a study for reading.
 
-        Parameters
-        ----------
-        folder : path-like
-
-        Raises
-        ------
-        StoreError
-            If there is none, it is of another layout, or no store at all.
+        Raises `StoreError` if the folder does not contain a store of this layout.
         """
         place = Path(folder)
         with db.told(place):
@@ -141,22 +132,14 @@ class Store:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns, ``point`` first."""
+        """Column names, ``point`` first."""
         return self._columns.names
 
     def append(self, finished: Sequence[Finished]) -> None:
-        """Keep rows and their curves: all of them, or none.
+        """Store records and trajectories of cases without a record in one transaction.
 
-        Parameters
-        ----------
-        finished : sequence of Finished
-            Of points that have no row; nan becomes None.
-
-        Raises
-        ------
-        StoreError
-            If a point has a row, a column or a value is none that can be kept, or it cannot be
-            written; everything that was stored before stays.
+        Nan becomes None. Raises `StoreError` if a case already has a record, a column or value is
+        invalid, or writing fails. Earlier content then remains.
         """
         table = [self._columns.cells(one.row) for one in finished]
         kinds = self._columns.kinds(table, self._kinds)
@@ -172,16 +155,9 @@ class Store:
         self._kinds = kinds
 
     def discard(self, points: Iterable[int]) -> None:
-        """Forget rows and curves, so that the points are done again.
+        """Delete records and trajectories, so that the cases are run again.
 
-        Parameters
-        ----------
-        points : iterable of int
-
-        Raises
-        ------
-        StoreError
-            If it cannot be written; everything stays then.
+        Raises `StoreError` if writing fails; the content then remains.
         """
         numbers = [(point,) for point in points]
         with db.told(self.folder), db.transaction(self._database, "IMMEDIATE"):
@@ -189,16 +165,16 @@ class Store:
                 self._database.executemany(f"DELETE FROM {table} WHERE point = ?", numbers)
 
     def finished(self) -> set[int]:
-        """Numbers of the points that have a row."""
+        """Return the numbers of the cases with a record."""
         return {point for (point,) in self._select("SELECT point FROM rows")}
 
     def failed(self) -> set[int]:
-        """Numbers of the points that have a row and no result."""
+        """Return the numbers of the cases with a record but without a result."""
         without = f"SELECT point FROM rows WHERE {self._columns.quoted[OUTCOME]} IN (?, ?, ?)"
         return {point for (point,) in self._select(without, FAILED, TIMED_OUT, LOST)}
 
     def outcomes(self) -> Counter[str]:
-        """How many rows have which outcome."""
+        """Return the number of records by outcome."""
         outcome = self._columns.quoted[OUTCOME]
         counted = self._select(f"SELECT {outcome}, count(*) FROM rows GROUP BY {outcome}")
         return Counter({str(outcome): number for outcome, number in counted})
@@ -207,80 +183,49 @@ class Store:
         return self._select("SELECT count(*) FROM rows")[0][0]
 
     def rows(self) -> Iterator[Row]:
-        """Every row, in the order of points."""
+        """Yield all records in the order of cases."""
         for piece in self._pieces():
             for cells in piece:
                 yield dict(zip(self.columns, cells))
 
     def curves(self, point: int) -> dict[str, np.ndarray]:
-        """What a point did over time, by name; nothing where that was not kept.
+        """Return the trajectories of a case by name; empty if they were not stored.
 
-        Parameters
-        ----------
-        point : int
-
-        Raises
-        ------
-        StoreError
-            If what is stored is no such file.
+        Raises `StoreError` if the stored bytes are invalid.
         """
         for (content,) in self._select("SELECT content FROM curves WHERE point = ?", point):
             return unpacked(content)
         return {}
 
     def to_frame(self) -> Any:
-        """The table as a data frame of pandas, in the order of points.
+        """Return the table as a pandas data frame in the order of cases.
 
-        Units of measure are in ``attrs["units"]``, by column, where they are known.
-
-        Returns
-        -------
-        pandas.DataFrame
-
-        Raises
-        ------
-        PandasMissing
-            If pandas is not installed.
+        Known units of measure are stored in ``attrs["units"]`` by column. Raises `PandasMissing` if
+        pandas is not installed.
         """
         with db.told(self.folder), db.transaction(self._database):
             return export.frame(self._pieces(), self._held(), self.identity)
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write the table as a CSV file, numbers with all their digits.
+        """Write the table as a CSV file, numbers with full precision.
 
-        Parameters
-        ----------
-        path : path-like
-
-        Raises
-        ------
-        OutputError
-            If the file cannot be written; what was there before stays.
+        Raises `OutputError` if the file cannot be written; an existing file is then unchanged.
         """
         with db.told(self.folder), db.transaction(self._database):
             export.write_csv(path, self._pieces(), self.columns)
 
     def to_parquet(self, path: str | os.PathLike[str]) -> None:
-        """Write the table as a Parquet file; the identity of the study is among its metadata.
+        """Write the table as a Parquet file with the study identity as metadata.
 
-        A column with texts and numbers is one of texts there.
-
-        Parameters
-        ----------
-        path : path-like
-
-        Raises
-        ------
-        PyarrowMissing
-            If pyarrow is not installed.
-        OutputError
-            If the file cannot be written; what was there before stays.
+        A column with text and numbers is stored as text. Raises `PyarrowMissing` if pyarrow is not
+        installed and `OutputError` if the file cannot be written. An existing file is then
+        unchanged.
         """
         with db.told(self.folder), db.transaction(self._database):
             export.write_parquet(path, self._pieces(), self._held(), as_text(self.identity))
 
     def close(self) -> None:
-        """Let others continue; nothing if it is closed already."""
+        """Release the lock and close the database; do nothing if already closed."""
         self._database.close()
         if self._lock is not None:
             self._lock.release()
@@ -296,13 +241,13 @@ class Store:
             return self._database.execute(query, values).fetchall()
 
     def _held(self) -> Kinds:
-        """What each column has held until now."""
+        """Return the types that each column has contained so far."""
         with db.told(self.folder):
             found = db.about_of(self._database, self.folder).kinds
         return {name: found.get(name, []) for name in self.columns}
 
     def _pieces(self) -> Iterator[list[list[Any]]]:
-        """The table, some rows at a time."""
+        """Yield the table in blocks of records."""
         last = -1
         query = "SELECT * FROM rows WHERE point > ? ORDER BY point LIMIT ?"
         truths = self._columns.truths(self._held())

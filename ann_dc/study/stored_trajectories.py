@@ -1,4 +1,4 @@
-"""What a point did over time, as the bytes of an ``.npz`` file; read with distrust."""
+"""Trajectories of a case as the bytes of an ``.npz`` file, with a strict reader."""
 
 from __future__ import annotations
 
@@ -14,21 +14,13 @@ from ann_dc.errors import StoreError
 
 BROKEN = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError, TypeError,
           KeyError, MemoryError)  # fmt: skip
-"""What reading a damaged file may raise."""
+"""Exceptions that reading a damaged file may raise."""
 
 
 def packed(arrays: Mapping[str, ArrayLike]) -> bytes:
-    """Arrays as the bytes of one file; equal ones give equal bytes.
+    """Pack arrays of numbers or booleans into the bytes of one file.
 
-    Parameters
-    ----------
-    arrays : mapping of str to array
-        Of numbers or truth values.
-
-    Raises
-    ------
-    StoreError
-        If one is an array of objects.
+    Equal arrays give equal bytes. Raises `StoreError` for an array of objects.
 
     Examples
     --------
@@ -45,16 +37,9 @@ def packed(arrays: Mapping[str, ArrayLike]) -> bytes:
 
 
 def unpacked(content: bytes) -> dict[str, np.ndarray]:
-    """Arrays by name, from what `packed` gave; nothing is unpickled.
+    """Return the arrays by name from bytes written by `packed`, without unpickling.
 
-    Parameters
-    ----------
-    content : bytes
-
-    Raises
-    ------
-    StoreError
-        If it is no such file, or claims to be larger than it is.
+    Raises `StoreError` if the bytes are not such a file or declare a larger size than they have.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:

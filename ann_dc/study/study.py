@@ -1,4 +1,4 @@
-"""A study: what is varied of a network, and what is measured at every point."""
+"""Study: settings that vary, and metrics measured in every case."""
 
 from __future__ import annotations
 
@@ -47,47 +47,53 @@ from ann_dc.validation.values import Count, Index, Positive
 from ann_dc.yields import ends_of
 
 WHOLE = ("problem.N", "seed")
-"""Settings that are whole numbers."""
+"""Settings that take integers."""
 LAYOUT = 1
-"""Of the identity of a study: a store of another one is not gone on with."""
+"""Layout version in the identity of a study. A store with another version is not continued."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Study(Record):
-    """What is varied, and what is measured at every point.
+    """Varied settings of a network and the metrics measured in every case.
+
+    A case (`Point`) is one setting with one seed. Its result is one record (`Row`) of the table.
 
     Attributes
     ----------
     subject : str, OptimalControlProblem or Network
-        The name of a plant, a problem or a network.
+        Plant name, problem or network under study.
     over : mapping of str to list, pair or Span
-        What is varied: a list of values, every combination of which is taken, or a range
-        (low, high), of which samples are drawn. Names are 'family.name', see `FAMILIES`.
+        Varied settings by name 'family.name', see `FAMILIES`. Of listed values every combination is
+        taken. A range (low, high) is sampled. Default: none.
     metrics : sequence of str or Metric
-        What is measured, see `METRICS`.
+        Measured quantities, see `METRICS`. Default: settling_time and control_error.
     fixed : mapping of str to Value
-        Settings that are the same everywhere.
+        Settings with the same value in every case. Default: none.
     samples : int
-        At every combination of listed values: with ranges, places in them; always, seeds. More than
-        one needs something that is drawn: a range, a random defect, tolerance or start.
+        Samples at every combination of listed values. A sample is a seed and, with ranges, a
+        position in them. More than one requires a random quantity: a range, a random non-ideality,
+        a tolerance or a random initial guess. Default 1.
     sampling : Sampling
-        How samples fill the ranges.
+        Method that fills the ranges. Default: random.
     seed : int
+        Seed of all samples. Default 0.
     spec : mapping of metric to float or pair
-        Largest values, or (smallest, largest), that a sample has to keep to count as good.
+        Largest value, or (smallest, largest), that a good sample satisfies. Default: no limits.
     curves : int
-        States over time that are kept of every point; 0 for none.
+        Number of states over time stored per case. Default 0, which stores none.
     limit : float or None
-        Seconds that a point may take. A batch has that for each of its points, and a second more;
-        the first task of a process has ten more, in which it loads and compiles.
+        Wall-clock limit per case, in seconds. A batch has this limit for each of its cases plus one
+        second. The first task of a process has ten more seconds, to load and compile. Default None,
+        no limit.
     title : str
+        Title. Default "Study of" and the name of the subject.
 
     Raises
     ------
     StudyError
-        If there is nothing of such a name to vary or to measure, or nothing to do, or all samples
-        would be the same.
+        If a setting or metric does not exist, a list or range is empty, or all samples would be
+        equal.
 
     Examples
     --------
@@ -134,7 +140,7 @@ class Study(Record):
             ends_of(limit)
 
     def _check_samples(self) -> None:
-        """Refuse samples that would all be the same, unless a user's metric may draw."""
+        """Raise `StudyError` if all samples are equal and no user-defined metric may draw."""
         plan, known = self.plan, {metric.value for metric in METRICS.values()}
         own = any(metric.value not in known for metric in self.metrics)
         if self.samples <= 1 or plan.spans or own:
@@ -169,7 +175,7 @@ class Study(Record):
 
     @cached_property
     def plan(self) -> Plan:
-        """Its points, without their being made."""
+        """Plan of the study: its cases, generated on demand."""
         return plan_of(
             self.over,
             fixed=self.fixed,
@@ -182,21 +188,21 @@ class Study(Record):
         return len(self.plan)
 
     def points(self) -> Iterator[Point]:
-        """All points, in order."""
+        """Return an iterator over all cases, in order."""
         return self.plan.points()
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """Names of what is set at a point."""
+        """Names of the settings of a case, fixed ones first."""
         return tuple(name for name in (*self.fixed, *self.over) if name not in HEAD)
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Of the table: point and seed, settings, metrics, outcome, circumstances."""
+        """Column names: case and seed, settings, metrics, outcome, execution details."""
         return (*HEAD, *self.settings, *(metric.name for metric in self.metrics), *TAIL)
 
     def identity(self) -> dict[str, Any]:
-        """All that decides what the rows say, as plain data."""
+        """Return everything that determines the records, as plain data."""
         families = {name: family_of(name) for name in self.settings}
         return plain(
             {
@@ -220,7 +226,7 @@ class Study(Record):
         )
 
     def _told(self, name: str) -> Any:
-        """What is varied, as plain data."""
+        """Return the values or the range of a varied setting as plain data."""
         spans = self.plan.spans
         return spans[name]._asdict() if name in spans else self.plan.listed[name]
 
@@ -231,7 +237,7 @@ class Study(Record):
 
     @cached_property
     def work(self) -> Work:
-        """What a worker does with a task."""
+        """Callable that executes the tasks of this study."""
         text = json.dumps(self.identity(), sort_keys=True).encode()
         return Work(
             subject=self._subject,
@@ -250,30 +256,31 @@ class Study(Record):
         retry: bool = False,
         progress: Progress = silent,
     ) -> Table:
-        """Do what is left of the study, and give back its table.
+        """Run all unfinished cases and return the table of the study.
 
         Parameters
         ----------
         folder : path-like, optional
-            Where rows are kept as they finish; a study that was begun there goes on. By default
-            nothing is kept.
+            Folder that stores records as soon as they are complete. A study begun in this folder is
+            continued. By default nothing is stored.
         workers : int, optional
-            Processes; one a core by default, 0 for none but this.
+            Number of processes. By default one per core; 0 uses this process only.
         executor : concurrent.futures.Executor, optional
-            Runs the work instead, for instance that of a Dask cluster.
+            Executor that runs the tasks instead, for example that of a Dask cluster.
         retry : bool
-            Whether points that failed are done again.
+            True to repeat cases without a result. Default False.
         progress : Progress
-            Takes a line at a time.
+            Callable that receives one progress line at a time. Default: no output.
 
         Returns
         -------
         Table
+            All records, in the order of the cases.
 
         Raises
         ------
         StoreError
-            If the folder holds another study, or cannot be written.
+            If the folder contains another study or cannot be written.
         """
         stop_script()
         with tempfile.TemporaryDirectory(prefix="ann_dc_study_") as own:
@@ -295,20 +302,22 @@ class Study(Record):
 
     @checked
     def row(self, point: Index) -> Row:
-        """The row of one point, done here and now.
+        """Run one case in this process and return its record.
 
         Parameters
         ----------
         point : int
+            Number of the case, from 0.
 
         Returns
         -------
         Row
+            Values by column.
 
         Raises
         ------
         StudyError
-            If there is no such point.
+            If the study has no case with this number.
         """
         found = next(islice(self.points(), point, None), None)
         if found is None:

@@ -1,17 +1,17 @@
-"""Studies as text: a TOML file becomes a `Study`, and so does the identity that a store keeps.
+"""Text form of studies: construction from a TOML file or a stored identity.
 
-Nothing in it is ever executed::
+Nothing in the file is executed::
 
-    title = "Which share of the cars settles in time?"
-    subject = "car"                # a plant, or the path of a problem file beside this one
+    title = "Fraction of cars that settle in time"
+    subject = "car"                # plant name, or path of a problem file next to this one
     metrics = ["settling_time", "control_error"]
     samples = 1000                 # at every combination of listed values
     sampling = "sobol"             # of ranges: random, latin-hypercube or sobol
     seed = 1
-    curves = 0                     # states over time that are kept of every point
-    limit = 60.0                   # seconds that a point may take
+    curves = 0                     # states over time stored per case
+    limit = 60.0                   # seconds per case
 
-    [over]                         # what is varied; ann-dc study --settings SUBJECT lists names
+    [over]                         # varied settings; names: ann-dc study --settings SUBJECT
     defect.mismatch = [0.003, 0.01, 0.03]
     input.q_d.x = {low = 3, high = 7}
     gains.rho = {low = 0.1, high = 10, log = true, count = 9}   # nine values instead of samples
@@ -53,7 +53,7 @@ PLAIN = {
     "metrics": list,
     "spec": dict,
 }
-"""Optional fields that a study takes as they are, and their types."""
+"""Optional fields that are passed to `Study` unchanged, and their types."""
 KINDS = {
     bool: "true or false",
     int: "a whole number",
@@ -61,7 +61,7 @@ KINDS = {
     list: "a list",
     dict: "a table",
 }
-"""Types in words."""
+"""Descriptions of types for error messages."""
 RANGE = ("low", "high", "log", "count")
 
 
@@ -72,17 +72,19 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     Parameters
     ----------
     path : path-like
+        TOML file.
 
     Returns
     -------
     Study
+        Validated study.
 
     Raises
     ------
     FileFormatError
-        If there is no such file, or it is not TOML.
+        If the file does not exist or is not TOML.
     StudyError
-        If its content is no study; the message begins with the path and the field.
+        If the content does not describe a study. The message begins with the path and the field.
 
     Examples
     --------
@@ -152,13 +154,13 @@ def _subject(word: str, beside: Path) -> Any:
 
 
 def _limits(given: dict[str, Any]) -> dict[str, Any]:
-    """Pairs of a spec are lists in a file."""
+    """Convert limits that a file gives as two-element lists to pairs."""
     spec = dict(flattened(given.get("spec", {})))
     return given | {"spec": {n: tuple(v) if isinstance(v, list) else v for n, v in spec.items()}}
 
 
 def flattened(table: Mapping[str, Any], before: str = "") -> list[tuple[str, Any]]:
-    """Names with dots, whether they were written with quotes or as tables in tables.
+    """Return (dotted name, value) pairs of nested tables and of quoted dotted names.
 
     >>> flattened({"input": {"q_d": {"x": [1, 2]}}, "problem.N": {"low": 1, "high": 9}})
     [('input.q_d.x', [1, 2]), ('problem.N', {'low': 1, 'high': 9})]
@@ -173,7 +175,7 @@ def flattened(table: Mapping[str, Any], before: str = "") -> list[tuple[str, Any
 
 
 def _axis(name: str, given: Any) -> Any:
-    """A list of values, or a range."""
+    """Return a list of values or a range."""
     if not isinstance(given, Mapping):
         return given
     strange = sorted({*given} - {*RANGE})
@@ -197,21 +199,10 @@ def _axis(name: str, given: Any) -> Any:
 
 @checked
 def study_from(identity: Mapping[str, Any]) -> Study:
-    """The study that a store was made by.
+    """Return the study described by the identity of a store.
 
-    Parameters
-    ----------
-    identity : mapping
-        Of the store.
-
-    Returns
-    -------
-    Study
-
-    Raises
-    ------
-    StudyError
-        If it is of another version, of a network, or has metrics of a user's own.
+    Raises `StudyError` if the identity has another version, or describes a network or user-defined
+    metrics.
     """
     if identity.get("version") != LAYOUT:
         raise StudyError(

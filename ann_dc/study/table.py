@@ -1,4 +1,4 @@
-"""The table of a study: a column a setting, a metric, the outcome; a row a point."""
+"""Table of a study: a record per case, a column per setting, metric and outcome."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from ann_dc.validation.checked import checked
 from ann_dc.yields import Limit, Yield
 
 NO_RESULT = (FAILED, TIMED_OUT, LOST)
-"""Outcomes of points that have no result."""
+"""Outcomes of cases without a result."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
-    """Rows of a study, in the order of its points.
+    """Records of a study in the order of its cases.
 
     Attributes
     ----------
     columns : mapping of str to (rows,) array
-        Numbers, nan where there is none; or words, empty where there is none.
+        Numbers, nan if missing; or text, empty if missing.
     spec : mapping of metric to Limit
-        Of the study.
+        Specification of the study.
     stopped : str
-        Why it ended before the last point was done; empty if it did not.
+        Reason of an early end; empty if the last case was run.
 
     Examples
     --------
@@ -50,12 +50,19 @@ class Table:
 
     @classmethod
     def of(cls, store: Store, *, stopped: str = "") -> Table:
-        """All that a store holds.
+        """Return the table with the complete content of a store.
 
         Parameters
         ----------
         store : Store
+            Open store.
         stopped : str
+            Reason of an early end. Default empty.
+
+        Returns
+        -------
+        Table
+            All stored records.
         """
         values: dict[str, list[Value]] = {name: [] for name in store.columns}
         for row in store.rows():
@@ -69,70 +76,80 @@ class Table:
         return len(self.columns[OUTCOME])
 
     def __getitem__(self, column: str) -> np.ndarray:
-        """A column; an UnknownNameError if there is none."""
+        """Return a column; raise `UnknownNameError` if the name does not exist."""
         if column not in self.columns:
             raise UnknownNameError.of("column", column, self.columns)
         return self.columns[column]
 
     def rows(self) -> Iterator[Row]:
-        """Row by row."""
+        """Return an iterator over the records."""
         for values in zip(*(column.tolist() for column in self.columns.values())):
             yield dict(zip(self.columns, values))
 
     @property
     def outcomes(self) -> dict[str, int]:
-        """How many rows ended how, most frequent first."""
+        """Number of records by outcome, most frequent first."""
         return dict(Counter(self.columns[OUTCOME].tolist()).most_common())
 
     @property
     def is_complete(self) -> bool:
-        """Whether every point has a result, whatever it is."""
+        """True if every case has a result of any outcome."""
         return not self.stopped and not np.isin(self.columns[OUTCOME].astype(str), NO_RESULT).any()
 
     def chosen(self, rows: np.ndarray) -> Table:
-        """Some of its rows.
+        """Return the table of selected records.
 
         Parameters
         ----------
-        rows : (rows,) array of bool, or of places
+        rows : (rows,) array of bool, or of indices
+            Mask or indices of the records.
+
+        Returns
+        -------
+        Table
+            Selected records.
         """
         columns = {name: column[rows] for name, column in self.columns.items()}
         return replace(self, columns=columns)
 
     def by(self, column: str) -> dict[Any, Table]:
-        """Its rows by what a column says, in the order in which that is met.
+        """Group the records by the value of a column, in order of first occurrence.
 
         Parameters
         ----------
         column : str
+            Name of the column.
 
         Returns
         -------
         dict of Value to Table
+            Records with each value.
 
         Raises
         ------
         UnknownNameError
-            If there is no such column.
+            If the column does not exist.
         """
         values = self[column]
         return {value: self.chosen(values == value) for value in dict.fromkeys(values.tolist())}
 
     def yield_of(self, spec: Mapping[str, Any] | None = None) -> Yield:
-        """The share of rows that settled and keep a spec, that of the study by default.
+        """Return the fraction of records that settled and satisfy a specification.
 
         Parameters
         ----------
         spec : mapping of metric to Limit, optional
+            Limits. By default those of the study.
 
         Returns
         -------
         Yield
+            Fraction with confidence interval and counts.
 
         Raises
         ------
         UnknownNameError, StudyError
-            If a metric of the spec was not measured, or a limit is none.
+            If a metric of the specification was not measured, or a limit is invalid.
         """
         limits: Mapping[str, Limit] = self.spec if spec is None else spec
         for name in limits:
@@ -140,11 +157,12 @@ class Table:
         return yield_of(self.columns, limits)
 
     def to_frame(self) -> Any:
-        """The table as a data frame of pandas.
+        """Convert the table to a pandas data frame.
 
         Returns
         -------
         pandas.DataFrame
+            One row per record.
 
         Raises
         ------
@@ -161,7 +179,7 @@ class Table:
 
 
 def _array(values: Iterable[Value]) -> np.ndarray:
-    """Whole numbers where all are, numbers where all are, else words."""
+    """Return an array of integers, else of numbers, else of text."""
     listed = list(values)
     kinds = {type(value) for value in listed}
     if str in kinds:

@@ -1,4 +1,4 @@
-"""The table for others: a data frame, CSV and Parquet files, written some rows at a time."""
+"""Export of a study table to a data frame, CSV and Parquet, in blocks of records."""
 
 from __future__ import annotations
 
@@ -13,28 +13,13 @@ from ann_dc.errors import PandasMissing, PyarrowMissing
 from ann_dc.study.columns import Kinds
 
 Pieces: TypeAlias = Iterable[list[list[Any]]]
-"""Rows of cells, some at a time."""
+"""Blocks of records, as lists of cells."""
 
 
 def frame(pieces: Pieces, kinds: Kinds, identity: Mapping[str, Any]) -> Any:
-    """The table as a data frame.
+    """Return the table as a pandas data frame.
 
-    Parameters
-    ----------
-    pieces : iterable of rows of cells
-    kinds : Kinds
-        Of every column.
-    identity : mapping
-        Tells the units of measure.
-
-    Returns
-    -------
-    pandas.DataFrame
-
-    Raises
-    ------
-    PandasMissing
-        If pandas is not installed.
+    The identity supplies the units of measure. Raises `PandasMissing` if pandas is not installed.
     """
     try:
         import pandas
@@ -64,7 +49,7 @@ def frame(pieces: Pieces, kinds: Kinds, identity: Mapping[str, Any]) -> Any:
 
 
 def _frame_type(held: Sequence[str]) -> str:
-    """The type of pandas for a column that holds this."""
+    """Return the pandas type of a column that has contained these types."""
     kinds, has_gaps = {*held} - {"none"}, "none" in held
     if kinds == {"int"}:
         return "Int64" if has_gaps else "int64"
@@ -76,18 +61,9 @@ def _frame_type(held: Sequence[str]) -> str:
 
 
 def write_csv(path: str | os.PathLike[str], pieces: Pieces, columns: Sequence[str]) -> None:
-    """Write a CSV file; an empty cell where there is no value.
+    """Write a CSV file with empty cells for missing values.
 
-    Parameters
-    ----------
-    path : path-like
-    pieces : iterable of rows of cells
-    columns : sequence of str
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written; what was there before stays.
+    Raises `OutputError` if the file cannot be written; an existing file is then unchanged.
     """
     with writing_whole(path) as stream:
         text = io.TextIOWrapper(stream, encoding="utf-8", newline="")
@@ -102,23 +78,10 @@ def write_csv(path: str | os.PathLike[str], pieces: Pieces, columns: Sequence[st
 def write_parquet(
     path: str | os.PathLike[str], pieces: Pieces, kinds: Kinds, identity: str
 ) -> None:
-    """Write a Parquet file.
+    """Write a Parquet file with the identity as metadata ``ann_dc.study``.
 
-    Parameters
-    ----------
-    path : path-like
-    pieces : iterable of rows of cells
-    kinds : Kinds
-        Of every column.
-    identity : str
-        Becomes metadata of the table, ``ann_dc.study``.
-
-    Raises
-    ------
-    PyarrowMissing
-        If pyarrow is not installed.
-    OutputError
-        If the file cannot be written; what was there before stays.
+    Raises `PyarrowMissing` if pyarrow is not installed and `OutputError` if the file cannot be
+    written. An existing file is then unchanged.
     """
     try:
         import pyarrow
@@ -149,6 +112,6 @@ def _is_mixed(held: Sequence[str]) -> bool:
 
 
 def _parquet_type(held: Sequence[str]) -> str:
-    """The name of the type of pyarrow for a column that holds this."""
+    """Return the pyarrow type name of a column that has contained these types."""
     word = _frame_type(held).lower()
     return {"object": "string", "boolean": "bool_", "bool": "bool_"}.get(word, word)

@@ -1,4 +1,4 @@
-"""One attempt at a task: the rows of its points, or why there are none, as plain data."""
+"""Attempt at a task: the records of its cases, or the failure, as plain data."""
 
 from __future__ import annotations
 
@@ -24,37 +24,32 @@ from ann_dc.study.records import (
 )
 
 LONGEST = 1000
-"""Characters of a sentence that becomes a cell."""
+"""Largest number of characters of a message in a cell."""
 
 
 class Task(NamedTuple):
-    """Points that are done together.
-
-    Attributes
-    ----------
-    points : tuple of Point
-    """
+    """Cases that are executed together."""
 
     points: tuple[Point, ...]
 
 
 Work: TypeAlias = Callable[[Task], list[Finished]]
-"""Does a task: a row for each of its points, whatever other points it is done with."""
+"""Callable that executes a task. It returns a record per case, independent of the other cases."""
 
 
 class Attempt(NamedTuple):
-    """What became of a task.
+    """Result of one attempt at a task.
 
     Attributes
     ----------
     finished : list of Finished
-        A row for each of its points, or none at all.
+        One record per case, or none.
     outcome : str
-        `FAILED`, `TIMED_OUT` or `LOST` where there are none; else empty.
+        `FAILED`, `TIMED_OUT` or `LOST` if records are missing; else empty.
     message : str
-        Why, in a sentence.
+        Reason of the failure, in one sentence.
     circumstances : Row
-        Seconds a point, which process, on which machine.
+        Seconds per case, process and host.
     """
 
     finished: list[Finished]
@@ -64,12 +59,7 @@ class Attempt(NamedTuple):
 
 
 def attempted(work: Work, task: Task) -> Attempt:
-    """Do a task here and now; what it raises is told, not raised.
-
-    Parameters
-    ----------
-    work : callable
-    task : Task
+    """Execute a task in this process; exceptions are returned in the attempt.
 
     Examples
     --------
@@ -101,14 +91,7 @@ def attempted(work: Work, task: Task) -> Attempt:
 
 
 def circumstances(process: int | None, seconds: float) -> Row:
-    """Cells that tell how a point was done on this machine.
-
-    Parameters
-    ----------
-    process : int or None
-    seconds : float
-        A point.
-    """
+    """Return the cells of process, host and seconds per case."""
     return {SECONDS: seconds, WORKER: str(process), HOST: platform.node()}
 
 

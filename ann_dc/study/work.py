@@ -1,6 +1,7 @@
-"""What is done at the points of a study: networks run, circuits are built, metrics are taken.
+"""Execution of a task: network runs, circuits and metrics of its cases.
 
-A task in, a row for each of its points out. What points share is made once a process and kept.
+A task returns one record per case. Problems, designs and circuits common to several cases are built
+once per process.
 """
 
 from __future__ import annotations
@@ -60,25 +61,23 @@ from ann_dc.study.task_results import Task
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
 
 CURVES = 200
-"""States of a run over time that metrics read."""
+"""Number of recorded states over time that metrics read."""
 NUMBERED = ("gains.", "defect.")
-"""Families that may give every point weights and time constants of its own."""
+"""Setting families that may give each case different weights and time constants."""
 SWITCHED_GAIN = 1e-3
-"""Least gain of (33), for switch S16."""
+"""Smallest gain of (33), for erratum S16."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Work:
-    """What a worker does with a task; sent to every process once a task.
+    """Callable that executes tasks; it is sent to a process with every task.
 
     Attributes
     ----------
-    subject : Subject
-    metrics : tuple of Metric
     curves : int
-        States that the store keeps of every point; 0 for none.
+        States stored per case; 0 for none.
     key : str
-        Of the study: what was made for it is kept under this name.
+        Digest of the study, under which shared designs are cached.
     """
 
     subject: Subject
@@ -87,14 +86,14 @@ class Work:
     key: str
 
     def __call__(self, task: Task) -> list[Finished]:
-        """Rows of all points of a task, in their order."""
+        """Return the records of all cases of a task, in order."""
         with one_thread():
             samples = _samples(task.points, _made_for(self), self._recorded)
             return [self._finished(point, sample) for point, sample in zip(task.points, samples)]
 
     @property
     def _recorded(self) -> int:
-        """States of a run over time that are needed."""
+        """Number of states over time to record."""
         needed = CURVES if any(metric.curves for metric in self.metrics) else 0
         return max(needed, self.curves)
 
@@ -113,7 +112,7 @@ class Work:
 
 
 def _measured(metric: Metric, sample: Sample) -> tuple[Value, str]:
-    """A value, and why there is none."""
+    """Return the value of a metric and, if it is missing, the reason."""
     try:
         value = metric.value(sample)
     except Exception as error:
@@ -122,14 +121,14 @@ def _measured(metric: Metric, sample: Sample) -> tuple[Value, str]:
 
 
 def sentence(error: Exception) -> str:
-    """What went wrong, on one line."""
+    """Return the description of an error on one line."""
     said = " ".join(str(error).split())
     return said if isinstance(error, AnnDcError) else f"{type(error).__name__}: {said}"
 
 
 @cache
 def versions() -> str:
-    """What the rows were computed with."""
+    """Return the versions of the software that computes the records."""
     parts = {
         "ann_dc": ann_dc.__version__,
         "python": platform.python_version(),
@@ -144,7 +143,7 @@ _MAKING = threading.Lock()
 
 
 def _made_for(work: Work) -> Realisation:
-    """What stands behind the study, of which a process keeps one."""
+    """Return the realisation of the study; a process caches one."""
     with _MAKING:
         if work.key not in _MADE:
             _MADE.clear()
@@ -153,9 +152,9 @@ def _made_for(work: Work) -> Realisation:
 
 
 def _kept_curves(sample: Sample, most: int) -> bytes:
-    """Neurons in the user's units and residuals over time, as an ``.npz`` file.
+    """Return trajectories of neurons (user units) and residuals as ``.npz`` bytes.
 
-    Empty where none are wanted, or what ran has no course over time.
+    The result is empty if no states are requested or the sample has no trajectory.
     """
     if not most:
         return b""
@@ -175,7 +174,7 @@ def _kept_curves(sample: Sample, most: int) -> bytes:
 
 
 def _spread(count: int, most: int) -> np.ndarray:
-    """Places of so many at most, from the first to the last."""
+    """Return at most `most` indices, spread from first to last."""
     return np.unique(np.linspace(0, count - 1, min(most, count), dtype=int))
 
 
@@ -183,7 +182,7 @@ def _spread(count: int, most: int) -> np.ndarray:
 
 
 def _samples(points: Sequence[Point], made: Realisation, recorded: int) -> list[Sample | Exception]:
-    """Every point as it ended, or why it has no end."""
+    """Return the sample of every case, or the error that prevented it."""
     if all(map(is_batched, points)):
         with suppress(AnnDcError):  # alone they run, or say why not
             return _batched(points, made, recorded)
@@ -198,7 +197,7 @@ def _alone(point: Point, made: Realisation) -> Sample | Exception:
 
 
 def _single(point: Point, made: Realisation) -> Sample:
-    """A point that runs by itself."""
+    """Run one case without a batch."""
     word, setting = backend_of(point.setting), point.setting
     if word == "emulation":
         return EmulatedSample(point=point, made=made)
@@ -217,7 +216,7 @@ def _single(point: Point, made: Realisation) -> Sample:
 
 
 def _backend(setting: Mapping[str, Value]) -> OdeBackend | RecurrentBackend:
-    """What a setting says of the run."""
+    """Return the backend that a setting describes."""
     given: dict[str, Any] = behind(setting, "run")
     word = given.get("backend", "ode")
     settling = Settling(tolerance=given.get("tolerance", 1e-6))
@@ -234,7 +233,7 @@ def _backend(setting: Mapping[str, Value]) -> OdeBackend | RecurrentBackend:
 
 
 def _batched(points: Sequence[Point], made: Realisation, recorded: int) -> list[Sample | Exception]:
-    """Points that share a wiring as one batch; those whose defects change it, one by one."""
+    """Run cases of one wiring as a batch, and those with a changed wiring separately."""
     designed, backend = made.designed(points[0].setting).network, _backend(points[0].setting)
     found: dict[int, Sample | Exception] = {}
     numbers, chosen = _numbers(points, designed)
@@ -250,13 +249,13 @@ def _batched(points: Sequence[Point], made: Realisation, recorded: int) -> list[
 
 
 def _inputs(points: Sequence[Point]) -> dict[str, np.ndarray]:
-    """Inputs (B,) by their names."""
+    """Return the inputs (B,) by name."""
     names = behind(points[0].setting, "input")
     return {n: np.array([p.setting[f"input.{n}"] for p in points], float) for n in names}
 
 
 def _starts(points: Sequence[Point], network: Network) -> np.ndarray | None:
-    """States (B, n) at which points begin; None for all on the network's own line."""
+    """Return initial states (B, n); None if all use the interpolated initial guess."""
     if not behind(points[0].setting, "start"):
         return None
     lines = moved_starts(network, input_batch(network, _inputs(points)))
@@ -265,7 +264,7 @@ def _starts(points: Sequence[Point], network: Network) -> np.ndarray | None:
 
 
 def _numbers(points: Sequence[Point], designed: Network) -> tuple[Numbers | None, list[int]]:
-    """Numbers of the points that keep the wiring, and which these are."""
+    """Return the numbers of the cases with unchanged wiring, and their indices."""
     if not any(name.startswith(NUMBERED) for name in points[0].setting):
         return None, [*range(len(points))]
     groups: dict[tuple, list[int]] = {}
@@ -291,19 +290,16 @@ def _numbers(points: Sequence[Point], designed: Network) -> tuple[Numbers | None
 def _each_drawn(
     designed: Network, own: Mapping[str, Value], members: Sequence[int], seeds: Sequence[int]
 ) -> Iterator[tuple[list[int], Numbers]]:
-    """The same one by one, without those that have none: alone they run, or say why not."""
+    """Yield the numbers case by case; cases without numbers are omitted and run alone."""
     for member, seed in zip(members, seeds):
         with suppress(AnnDcError):
             yield [member], _drawn(designed, own, [seed])
 
 
 def _drawn(designed: Network, own: Mapping[str, Value], seeds: Sequence[int]) -> Numbers:
-    """Numbers of points with the same gains and sizes of defects.
+    """Return the numbers of cases with equal gains and equal sizes of non-idealities.
 
-    Raises
-    ------
-    NetworkError, StudyError
-        If their wiring is another, or a value is out of its range.
+    Raises `NetworkError` or `StudyError` if the wiring changes or a value is out of range.
     """
     network, sizes = with_gains(designed, behind(own, "gains")), behind(own, "defect")
     require_one_wiring(designed, network, 1)

@@ -1,4 +1,4 @@
-"""A process that does tasks one after the other, until who started it is gone."""
+"""Worker process that executes tasks one by one until its parent ends."""
 
 from __future__ import annotations
 
@@ -16,25 +16,19 @@ from ann_dc.study.main_script import Script, loaded
 from ann_dc.study.task_results import attempted
 
 IDLE = 60.0
-"""Seconds without a task after which a worker leaves; another takes its place when there is one."""
+"""Seconds without a task after which a worker exits. A new worker is started if tasks follow."""
 PARENT_DEATH_SIGNAL = 1
-"""Of the Linux call `prctl`."""
+"""Option number of the Linux call `prctl`."""
 GRACE = 0.5
-"""Seconds in which a worker that has to end may end what it has started."""
+"""Seconds in which a terminating worker may terminate its child processes."""
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def serve(connection: Connection, work: bytes, script: Script) -> None:
-    """Do tasks and tell what became of them; the first word is why none can be done, or nothing.
+    """Receive tasks from a connection and send the attempts.
 
-    Parameters
-    ----------
-    connection : Connection
-        Tasks come in, attempts go out.
-    work : bytes
-        A pickled `Work`.
-    script : Script
-        Of the process that started this one; it is run if the work needs its functions.
+    The first message is the reason why the work (a pickled `Work`) cannot be executed, or empty.
+    The script of the parent is run if the work needs its functions.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started it decides
     signal.signal(signal.SIGTERM, _end)
@@ -59,12 +53,12 @@ def serve(connection: Connection, work: bytes, script: Script) -> None:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    """Leave through every ``finally``: there, what was started is ended too."""
+    """Raise `KeyboardInterrupt`, so that every ``finally`` terminates child processes."""
     raise KeyboardInterrupt
 
 
 def _tie_to_parent() -> None:
-    """Leave when the parent is gone, even in the middle of a task, whatever hangs in it."""
+    """Exit when the parent ends, even in the middle of a task that hangs."""
     threading.Thread(target=_leave_with_parent, daemon=True).start()
     if sys.platform == "linux":  # a thread of Python's cannot run where another keeps its lock
         ctypes.CDLL(None).prctl(PARENT_DEATH_SIGNAL, signal.SIGKILL)

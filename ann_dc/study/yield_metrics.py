@@ -1,4 +1,4 @@
-"""Yield of a study: settled rows within a spec, and the draws that they come from."""
+"""Yield of a study: settled records within a specification, and independent draws."""
 
 from __future__ import annotations
 
@@ -14,17 +14,9 @@ SETTLED = "settled"
 
 
 def good_rows(columns: Mapping[str, np.ndarray], spec: Mapping[str, Limit]) -> np.ndarray:
-    """Tell which rows settled and keep every limit of a spec.
+    """Return a (rows,) mask of records that settled and satisfy every limit.
 
-    Parameters
-    ----------
-    columns : mapping of str to (rows,) array
-        The outcome, and the metrics of the spec.
-    spec : mapping of metric to Limit
-
-    Returns
-    -------
-    (rows,) array of bool
+    The columns contain the outcome and the metrics of the specification.
 
     Examples
     --------
@@ -36,33 +28,19 @@ def good_rows(columns: Mapping[str, np.ndarray], spec: Mapping[str, Limit]) -> n
 
 
 def yield_of(columns: Mapping[str, np.ndarray], spec: Mapping[str, Limit]) -> Yield:
-    """The share of rows within a spec.
+    """Return the fraction of records within the specification.
 
-    Every row counts: one that failed is a chip that does not work.
-
-    Parameters
-    ----------
-    columns : mapping of str to (rows,) array
-    spec : mapping of metric to Limit
-
-    Returns
-    -------
-    Yield
+    Every record counts; a failed case counts as a defective chip.
     """
     passed = good_rows(columns, spec)
     return Yield(passed=int(passed.sum()), count=len(passed), draws=draws_of(columns))
 
 
 def draws_of(columns: Mapping[str, np.ndarray]) -> int | None:
-    """Return the number of independent draws that rows come from; None without seeds.
+    """Return the number of independent draws in the records; None without seeds.
 
-    All settings share the seeds of their samples, so rows of one seed are one draw. Rows of several
-    seeds that are equal in all settings, and in which nothing is drawn, are no draw.
-
-    Parameters
-    ----------
-    columns : mapping of str to (rows,) array
-        Seeds and settings; others are not read.
+    All settings use the same sample seeds, so records of one seed are one draw. Records of several
+    seeds with equal settings and nothing random are not draws. Only seeds and settings are read.
 
     Examples
     --------

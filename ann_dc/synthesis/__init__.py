@@ -1,4 +1,4 @@
-"""How equations become a cell: signals, shared products, wires, and units of controls."""
+"""Synthesis of cells from equations: signals, shared products, wires, scales."""
 
 import lazy_loader
 

@@ -1,9 +1,9 @@
-"""The adjoint half of a cell: derivatives of a signal, by going through its atoms in reverse.
+"""Adjoint half of a cell: derivatives of a signal in reverse order of its atoms.
 
-This is reverse-mode differentiation, done once on the wiring instead of on numbers, so the backward
-half of a cell shares blocks with the forward half. The adjoint of a block becomes a summing block
-of its own where it has several terms; a single term is passed on as it is, so that no multiplier
-is spent on it, and so are terms that meet a constant only.
+This is reverse-mode differentiation, applied once to the wiring instead of to numbers. The backward
+half of a cell therefore reuses blocks of the forward half. The adjoint of a block becomes a
+separate summing block if it has several terms. A single term is passed unchanged, and so are terms
+that are only multiplied by a constant, to save multipliers.
 """
 
 from __future__ import annotations
@@ -17,19 +17,10 @@ from ann_dc.synthesis.wiring import Wiring
 
 
 def gradient(wiring: Wiring, potential: Signal, variables: Iterable[int]) -> dict[int, Signal]:
-    """d(potential)/d(variable) as signals; gradients stop at sources and at named sums.
+    """Return d(potential)/d(variable) as signals, one per variable.
 
-    Parameters
-    ----------
-    wiring : Wiring
-        Takes the blocks of the adjoint half.
-    potential : Signal
-    variables : iterable of atoms
-
-    Returns
-    -------
-    dict of atom to Signal
-        One for every variable; empty signals where the potential does not depend on it.
+    Gradients stop at sources and at named sums. A signal is empty if the potential does not depend
+    on the variable. The blocks of the adjoint half are added to the wiring.
 
     Examples
     --------
@@ -54,12 +45,12 @@ def gradient(wiring: Wiring, potential: Signal, variables: Iterable[int]) -> dic
 
 
 def _is_multiple(slopes: list[tuple[int, Signal]]) -> bool:
-    """Whether a block only multiplies one operand, whose adjoint then has no more terms."""
+    """Return True if a block only scales one operand, whose adjoint gains no terms."""
     return len(slopes) == 1 and set(slopes[0][1]) == {()}
 
 
 def _slopes(wiring: Wiring, atom: int) -> list[tuple[int, Signal]]:
-    """The derivatives of a block by each of its operands."""
+    """Return the derivatives of a block with respect to each of its operands."""
     if atom in wiring.sums:
         signal = wiring.sums[atom]
         return [(operand, partial(signal, operand)) for operand in sorted(atoms(signal))]
@@ -68,7 +59,7 @@ def _slopes(wiring: Wiring, atom: int) -> list[tuple[int, Signal]]:
 
 
 def _derivative(wiring: Wiring, name: str, x: int, y: int) -> Signal:
-    """dy/dx of a function block y = name(x), in x, y and further blocks of either."""
+    """Return dy/dx of a block y = name(x), in x, y and further blocks of either."""
     rule = function_block(name).derivative
     if rule is None:
         return _special_derivative(wiring, name, x)
@@ -84,7 +75,7 @@ def _derivative(wiring: Wiring, name: str, x: int, y: int) -> Signal:
 
 
 def _special_derivative(wiring: Wiring, name: str, x: int) -> Signal:
-    """Return that of atan, asin or acos, whose derivatives take a sum inside a block."""
+    """Return the derivative of atan, asin or acos, which needs a sum inside a block."""
     if name not in ("atan", "asin", "acos"):
         raise SynthesisError(
             f"function block {name!r}: it has no wiring rule for its derivative, which the adjoint "

@@ -1,7 +1,7 @@
-"""A finished wiring becomes records: blocks in topological order and all connections.
+"""Conversion of a finished wiring to blocks in topological order and connections.
 
-Only what a neuron reads, directly or through blocks, is built. Multipliers are chosen here, over
-all signals of the cell at once, so that a product which two signals share is built once.
+Only nodes that a neuron reads, directly or through blocks, are built. Multipliers are selected here
+over all signals of the cell, so that a product of two signals is built once.
 """
 
 from __future__ import annotations
@@ -17,21 +17,10 @@ from ann_dc.synthesis.wiring import Wiring
 def assemble(
     wiring: Wiring, drives: Mapping[str, Signal], wires: Iterable[Connection] = ()
 ) -> tuple[tuple[Block, ...], tuple[Connection, ...]]:
-    """Blocks in topological order and all connections.
+    """Return blocks in topological order and all connections.
 
-    Parameters
-    ----------
-    wiring : Wiring
-    drives : mapping of neuron name to Signal
-        What arrives at each neuron from its own cell.
-    wires : iterable of Connection
-        Connections that the caller makes himself: to neighbours, or with a weight that differs by
-        stage.
-
-    Returns
-    -------
-    blocks : tuple of Block
-    connections : tuple of Connection
+    ``drives`` are the net inputs of the neurons from their cell. ``wires`` are connections made by
+    the caller, to neighbours or with weights that differ by stage.
     """
     return _Assembly(wiring, drives, tuple(wires)).records()
 
@@ -64,7 +53,7 @@ class _Assembly:
         return tuple(blocks), (*connections, *self.wires)
 
     def _needed(self) -> list[int]:
-        """Every atom that somebody reads, products left out."""
+        """Return every atom that is read, except products."""
         found: set[int] = set()
         stack = [a for signal in self.read for a in atoms(signal)]
         while stack:
@@ -78,7 +67,7 @@ class _Assembly:
         return sorted(found)
 
     def _ordered(self) -> list[int]:
-        """Every atom that the signals need, operands first."""
+        """Return every atom that the signals need, operands first."""
         before: dict[str, list[int]] = {}
         for wire in self.wired:
             before.setdefault(wire.target, []).append(self.wiring.sources[wire.source])

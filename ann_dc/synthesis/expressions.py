@@ -1,7 +1,7 @@
-"""Expressions become signals: sums and products multiplied out, everything else a block.
+"""Conversion of expressions to signals: expanded sums and products, or blocks.
 
-Powers are products, roots and reciprocals; a power that varies is a log-antilog stage, as analog
-hardware raises to a power. A function without a block is written with those that have one.
+Powers become products, roots and reciprocals. A power with a variable exponent is a log-antilog
+stage, as in analog hardware. A function without a block is expressed by functions with blocks.
 """
 
 from __future__ import annotations
@@ -20,23 +20,9 @@ from ann_dc.synthesis.wiring import Wiring
 
 
 def signal_of(expression: sp.Expr, symbols: Mapping[sp.Symbol, Signal], wiring: Wiring) -> Signal:
-    """The signal that carries a SymPy expression; blocks that it takes are added to the wiring.
+    """Return the signal of a SymPy expression, adding required blocks to the wiring.
 
-    Parameters
-    ----------
-    expression : sympy.Expr
-    symbols : mapping of symbol to Signal
-        What carries each symbol.
-    wiring : Wiring
-
-    Returns
-    -------
-    Signal
-
-    Raises
-    ------
-    SynthesisError
-        If a function has no block.
+    ``symbols`` maps each symbol to its signal. Raises `SynthesisError` if a function has no block.
 
     Examples
     --------
@@ -50,12 +36,9 @@ def signal_of(expression: sp.Expr, symbols: Mapping[sp.Symbol, Signal], wiring: 
 
 
 def check_functions(*expressions: sp.Expr) -> None:
-    """Refuse functions that no block, and no combination of blocks, computes.
+    """Reject functions that no block or combination of blocks computes.
 
-    Raises
-    ------
-    SynthesisError
-        Naming the function and those that exist.
+    Raises `SynthesisError` with the function and the existing functions.
     """
     for call in {call for e in expressions for call in e.atoms(sp.Function)}:
         name = type(call).__name__
@@ -68,7 +51,7 @@ def check_functions(*expressions: sp.Expr) -> None:
 
 @dataclass(frozen=True)
 class _Reader:
-    """Turns expressions over one set of symbols into signals, node by node."""
+    """Converter of expressions over one set of symbols to signals, node by node."""
 
     symbols: Mapping[sp.Symbol, Signal]
     wiring: Wiring
@@ -109,7 +92,7 @@ class _Reader:
         return self.wiring.function("exp", inner)
 
     def _root_or_power(self, root: Signal, exponent: Any) -> Signal:
-        """A signal to a whole or half-whole power."""
+        """Return a signal raised to an integer or half-integer power."""
         if not exponent.is_Integer:
             root, exponent = self.wiring.function("sqrt", root), 2 * exponent
         if exponent.is_negative:

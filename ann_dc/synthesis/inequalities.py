@@ -1,13 +1,13 @@
-r"""Diode neurons: every row g <= 0 of the stage equations gets one, z with m = max(0, z + w g).
+"""Rectifying multiplier neurons: z with m = max(0, z + w g) for each row g <= 0.
 
-A row is divided by the length of its gradient on its boundary, where the start comes nearest to it,
-in the network's scales: one unit of g is one unit of way. Limits of controls are rails of their
-integrators (a limiter that stops integrating outward), and no rows.
+A row is divided by the length of its gradient on its boundary, at the point nearest to the initial
+guess, in the network's scales. One unit of g is then one unit of distance. Limits of controls are
+saturation limits of their integrators (a limiter that stops integration outward) instead of rows.
 
-Objectives of which the largest is minimised are rows too, J_i - E <= 0, once for the whole row.
-Their neurons are shared: J_i measures its objective, the sum of what all cells send it; z_i is that
-of a diode neuron whose rectifier every cell has, and the level E falls until the shares zeta_i add
-up to one. At a temperature an exponential stands in the rectifier's place.
+Objectives of a minimax problem are also rows, J_i - E <= 0, once for the whole network. Their
+neurons are shared. J_i measures its objective, the sum of contributions from all cells. z_i belongs
+to a rectifying neuron with a rectifier in every cell. The level E falls until the coefficients
+zeta_i sum to one. At a temperature an exponential replaces the rectifier.
 """
 
 from __future__ import annotations
@@ -31,14 +31,9 @@ from ann_dc.synthesis.wiring import Wiring
 
 
 def row_scales(equations: StageEquations, scales: Scales, start: Start) -> dict[str, Scale]:
-    """How one in the network stands for a row's value in the user's units, by its diode neuron.
+    """Return the scales of row values by rectifying neuron, in the user's units.
 
-    Parameters
-    ----------
-    equations : StageEquations
-    scales : Scales
-    start : Start
-        Whose points are the nearest to begin with.
+    The boundary points are those nearest to the points of the initial guess.
     """
     factors = np.r_[scales.state_factors, scales.control_factors]
     lengths = boundary_slopes(equations.problem.functions, start.q, start.u, factors)
@@ -47,7 +42,7 @@ def row_scales(equations: StageEquations, scales: Scales, start: Start) -> dict[
 
 
 def diode_duals(rows: Sequence[InequalityRow]) -> tuple[DiodeDual, ...]:
-    """The nodes of every row's diode neuron; those of the end have names of their own."""
+    """Return the nodes of every row's rectifying neuron; end rows have distinct names."""
     return tuple(
         DiodeDual(
             neuron=f"z{place}",
@@ -61,7 +56,7 @@ def diode_duals(rows: Sequence[InequalityRow]) -> tuple[DiodeDual, ...]:
 
 
 def objective_duals(problem: OptimalControlProblem) -> tuple[ObjectiveDual, ...]:
-    """The nodes of every objective of a problem, by its name."""
+    """Return the nodes of every objective of a problem, by its name."""
     return tuple(
         ObjectiveDual(
             neuron=f"z_J.{n}", measure=f"J.{n}", level="E.max",
@@ -73,7 +68,10 @@ def objective_duals(problem: OptimalControlProblem) -> tuple[ObjectiveDual, ...]
 
 
 def objective_neurons(objectives: Sequence[ObjectiveDual], cost: float) -> tuple[Neuron, ...]:
-    """Shared neurons of objectives: shares, then measures and the level, in units of ``cost``."""
+    """Return the shared neurons of objectives: z, then measures J and the level E.
+
+    J and E are in units of ``cost``.
+    """
     told = [objective.measure for objective in objectives]
     told += [objective.level for objective in objectives[:1]]
     scales = {objective.neuron: IDENTITY for objective in objectives}
@@ -82,7 +80,10 @@ def objective_neurons(objectives: Sequence[ObjectiveDual], cost: float) -> tuple
 
 
 def name_objective(wiring: Wiring, objective: ObjectiveDual, r: float, temperature: float) -> None:
-    """The sum J - E - T z, z + r times that, and the rectifier or exponential, in every cell."""
+    """Add the sum J - E - T z, z + r times that, and the rectifier or exponential.
+
+    The nodes exist in every cell.
+    """
     residual, share = wiring.named_sum(objective.residual), wiring.signal(objective.neuron)
     parts = (objective.measure, 1.0), (objective.level, -1.0)
     value = add(*(scaled(wiring.signal(name), weight) for name, weight in parts))
@@ -95,7 +96,7 @@ def name_objective(wiring: Wiring, objective: ObjectiveDual, r: float, temperatu
 
 
 def objective_wires(objectives: Sequence[ObjectiveDual], stages: int) -> list[Connection]:
-    """What the shared neurons read in their own cell: zeta - z (or s - z), -J, and sum - 1."""
+    """Return in-cell wires of shared neurons: zeta - z (or s - z), -J, and sum - 1."""
     ends = [(ONE, objective.level, -1.0) for objective in objectives[:1]]
     for o in objectives:
         ends += [(o.followed, o.neuron, 1.0), (o.neuron, o.neuron, -1.0)]
@@ -107,17 +108,10 @@ def objective_wires(objectives: Sequence[ObjectiveDual], stages: int) -> list[Co
 def name_diode(
     wiring: Wiring, diode: DiodeDual, w: float, soft: Soft | None, multiplier: Scale
 ) -> None:
-    """The sum g, which is filled later, z + w g, and m.
+    """Add the sum g, which is filled later, z + w g, and m.
 
-    Parameters
-    ----------
-    wiring : Wiring
-    diode : DiodeDual
-    w : float
-    soft : Soft or None
-        Of its row: its price is where the diode has an excess.
-    multiplier : Scale
-        What one of m stands for.
+    ``soft`` is the soft constraint of the row; its penalty weight limits m if the neuron has an
+    excess node. ``multiplier`` is the scale of m.
     """
     residual = wiring.named_sum(diode.residual)
     inside = wiring.named_sum(diode.sum)
@@ -138,7 +132,10 @@ def name_diode(
 def fill_residual(
     wiring: Wiring, diode: DiodeDual, g: Signal, soft: Soft | None, units: tuple[Scale, Scale]
 ) -> None:
-    """The sum that z feels, g - d z, from g in the user's units; units: of the row and of z."""
+    """Fill the sum g - d z that drives z, from g in the user's units.
+
+    The units are the scales of the row and of z.
+    """
     row, multiplier = (scale.factor for scale in units)
     value = divided(g, row)
     if soft is not None and soft.compliance:
@@ -148,14 +145,17 @@ def fill_residual(
 
 
 def diode_drive(wiring: Wiring, diode: DiodeDual, w: float) -> Signal:
-    """Of z: (m - z) / w."""
+    """Return the net input (m - z) / w of z."""
     pull = diode.weights(w)
     ends = (diode.multiplier, diode.neuron)
     return add(*(scaled(wiring.signal(s), pull[f"{diode.neuron}<-{s}"]) for s in ends))
 
 
 def absent_diodes(equations: StageEquations) -> list[tuple[str, int]]:
-    """Diode neurons (name, stage) that do without: of the end, and where q_0 fixes all of g."""
+    """Return omitted rectifying neurons (name, stage).
+
+    End rows exist at the last stage only. A row is omitted at stage 0 if q_0 fixes all of g.
+    """
     problem, last = equations.problem, equations.problem.horizon - 1
     free = {s for s, fixed in zip(problem.states, problem.fixed_start) if not fixed}
     moving = free | set(problem.controls)

@@ -1,4 +1,4 @@
-"""The neurons of a cell: what each stands for, in which scale, between which rails."""
+"""Neurons of a cell with their scales and saturation limits."""
 
 from __future__ import annotations
 
@@ -15,19 +15,10 @@ from ann_dc.scale import Scale
 def neurons_of(
     problem: OptimalControlProblem, scales: Scales, of_diodes: Mapping[str, Scale]
 ) -> tuple[Neuron, ...]:
-    """q, u, t, mu and beta of a problem, and its diode neurons.
+    """Return neurons q, u, t, mu and beta of a problem, and its rectifying neurons.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-    scales : Scales
-    of_diodes : mapping of diode neuron name to Scale
-        Of its multiplier.
-
-    Returns
-    -------
-    tuple of Neuron
-        With unit time constants; limits of controls are rails.
+    Time constants are one; limits of controls are saturation limits. ``of_diodes`` gives the
+    multiplier scale by rectifying neuron.
     """
     states = list(zip(map(str, problem.states), scales.states, scales.multipliers))
     controls = zip(map(str, problem.controls), scales.controls, problem.control_limits)
@@ -48,6 +39,6 @@ def neurons_of(
 
 
 def _limiter(limits: np.ndarray, scale: Scale) -> Limiter:
-    """Rails of a control's integrator, for limits (2,) in the user's units."""
+    """Return the saturation limits of a control, from limits (2,) in the user's units."""
     low, high = (float((limit - scale.offset) / scale.factor) for limit in limits)
     return Limiter(low=low, high=high)

@@ -1,7 +1,8 @@
-"""Which two-input multipliers a cell needs: monomials broken into pairs, shared pairs first.
+"""Two-input multipliers of a cell: monomials split into pairs, most shared first.
 
-A monomial of three factors takes two multipliers, and which two is free. Taking the pair that most
-monomials contain, again and again, builds a product that two signals share once.
+A monomial of three factors needs two multipliers, and the choice of pairs is free. Repeated
+selection of the pair that occurs in most monomials builds a common product of two signals only
+once.
 """
 
 from __future__ import annotations
@@ -13,14 +14,14 @@ from ann_dc.synthesis.signals import Monomial, Signal, bare
 
 
 class SharedProducts:
-    """Two-input multipliers for all monomials of a cell: the most shared pair first.
+    """Two-input multipliers for all monomials of a cell, the most shared pair first.
 
     Parameters
     ----------
     names : list of str
         Names of the atoms; those of the products are appended.
     signals : iterable of Signal
-        Everything that the cell adds up.
+        All sums of the cell.
 
     Attributes
     ----------
@@ -62,7 +63,7 @@ class SharedProducts:
         return len(self.names) - 1
 
     def node(self, monomial: Monomial) -> int:
-        """The node that carries a monomial: a source, or the product of its factors."""
+        """Return the node of a monomial: a source, or the product of its factors."""
         return monomial[0] if len(monomial) == 1 else self._nodes[monomial]
 
 

@@ -1,4 +1,4 @@
-"""The row of a problem: N cells, and what stands at its two ends, as data."""
+"""Cell array of a problem: N equal cells, with the boundaries as data."""
 
 from __future__ import annotations
 
@@ -18,15 +18,9 @@ from ann_dc.synthesis.inequalities import absent_diodes
 
 
 def row_of(cell: Cell, equations: StageEquations, scales: Scales) -> Network:
-    """N cells in a row, and what stands at its two ends.
+    """Return the network of N cells and its boundary data.
 
-    Parameters
-    ----------
-    cell : Cell
-        Wired for the equations.
-    equations : StageEquations
-    scales : Scales
-        In which the cell is wired.
+    The cell is wired for the equations in the given scales.
     """
     problem, last = equations.problem, equations.problem.horizon - 1
     closing = equations.form.start_is_neuron
@@ -55,7 +49,7 @@ def row_of(cell: Cell, equations: StageEquations, scales: Scales) -> Network:
 
 
 def _input_scales(problem, scales: Scales, inputs: Mapping[str, Any]) -> dict[str, Scale]:
-    """Ends in the scales of their chains, other inputs in that of their largest value."""
+    """Return input scales: chain scales for ends, the largest value for other inputs."""
     known = {
         f"{end}.{s}": scale
         for end in ("q_0", "q_d")
@@ -66,13 +60,13 @@ def _input_scales(problem, scales: Scales, inputs: Mapping[str, Any]) -> dict[st
 
 
 def fixed_targets(equations: StageEquations) -> tuple[bool, ...]:
-    """For each state component, whether its last target is held at q_d."""
+    """Return True for each state component whose last target is fixed at q_d."""
     problem = equations.problem
     return (False,) * problem.n if equations.form.terminal_free else problem.fixed
 
 
 def _absent(equations: StageEquations) -> list[tuple[str, int]]:
-    """Neurons (name, stage) that the ends of the row do without."""
+    """Return the neurons (name, stage) that are omitted at the boundaries."""
     problem, form, last = equations.problem, equations.form, equations.problem.horizon - 1
     absent = [  # what a given q_0 does not need, and a free one is not tied by
         (f"beta.{s}", 0)
@@ -88,27 +82,16 @@ def _absent(equations: StageEquations) -> list[tuple[str, int]]:
 
 
 def input_scale(values: float | Sequence[float]) -> Scale:
-    """The scale of a further input: its largest value over the stages."""
+    """Return the scale of a further input: its largest value over the stages."""
     return Scale(float(np.abs(np.asarray(values)).max()) or 1.0)
 
 
 def start_values(network: Network, start: Start, measured: Sequence[float] = ()) -> np.ndarray:
-    """State vector (n,) of a network from initial values in the user's units.
+    """Return the state vector (n,) of a network, in its units, from an initial guess.
 
-    Duals that the start does not give are zero, controls beyond their limits at these. Objectives
-    have equal shares, and the level is that of the largest.
-
-    Parameters
-    ----------
-    network : Network
-    start : Start
-    measured : sequence of p floats
-        Objectives there.
-
-    Returns
-    -------
-    (n,) array
-        In network units.
+    Multipliers that the guess does not give are zero; controls beyond their limits are clipped.
+    Objectives have equal coefficients, and the level is that of the largest. ``measured`` are the p
+    objectives at the initial guess.
     """
     values = np.zeros(network.live.shape)
     groups = {

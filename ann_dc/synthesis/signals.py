@@ -3,31 +3,27 @@ r"""Signals: sums of weighted monomials in the atoms of a cell.
 .. math:: s = \sum_j w_j \prod_{a \in m_j} a ,
 
 where an atom is a node that has to exist: a neuron, an input, a function block, a summing block.
-What a cell computes is built as signals, because multiplying and differentiating them is
-polynomial algebra; which multipliers they take is decided last (`SharedProducts`).
+The computations of a cell are built as signals, because their multiplication and differentiation
+are polynomial algebra. The required multipliers are selected last (`SharedProducts`).
 """
 
 from __future__ import annotations
 
 Monomial = tuple[int, ...]
-"""Atoms that are multiplied, sorted, with repetition; empty for a constant."""
+"""Sorted factors (atoms) of a product, with repetition; empty for a constant."""
 
 Signal = dict[Monomial, float]
-"""A sum of weighted monomials."""
+"""Sum of weighted monomials."""
 
 
 VALUE = "value."
-"""Begins the name of a summing block that carries a state or control in the user's units."""
+"""Name prefix of a summing block that represents a state or control in the user's units."""
 ROUNDING = 1e-15
-"""Share of what was added up below which a sum is what rounding left of a zero."""
+"""Fraction of the summed magnitudes below which a sum is a rounding error of zero."""
 
 
 def add(*signals: Signal) -> Signal:
-    """The sum of signals, without the terms that cancel, to rounding.
-
-    Returns
-    -------
-    Signal
+    """Return the sum of signals, without terms that cancel to rounding.
 
     Examples
     --------
@@ -44,25 +40,17 @@ def add(*signals: Signal) -> Signal:
 
 
 def scaled(signal: Signal, factor: float) -> Signal:
-    """A signal times a number; nothing where ``factor`` is zero."""
+    """Return a signal times a number; empty if ``factor`` is zero."""
     return {monomial: weight * factor for monomial, weight in signal.items() if factor != 0.0}
 
 
 def divided(signal: Signal, by: float) -> Signal:
-    """A signal over a number that is not zero; what was scaled by it is as it was, to the bit."""
+    """Return a signal divided by a non-zero number; inverts `scaled` to the bit."""
     return {monomial: weight / by for monomial, weight in signal.items()}
 
 
 def times(a: Signal, b: Signal) -> Signal:
-    """The product of two signals, multiplied out.
-
-    Parameters
-    ----------
-    a, b : Signal
-
-    Returns
-    -------
-    Signal
+    """Return the expanded product of two signals.
 
     Examples
     --------
@@ -73,16 +61,7 @@ def times(a: Signal, b: Signal) -> Signal:
 
 
 def partial(signal: Signal, atom: int) -> Signal:
-    """The derivative of a signal by one of its atoms, all other atoms held.
-
-    Parameters
-    ----------
-    signal : Signal
-    atom : int
-
-    Returns
-    -------
-    Signal
+    """Return the derivative of a signal by one of its atoms, all other atoms fixed.
 
     Examples
     --------
@@ -100,12 +79,15 @@ def partial(signal: Signal, atom: int) -> Signal:
 
 
 def atoms(signal: Signal) -> set[int]:
-    """Every atom that a signal reads."""
+    """Return every atom that a signal reads."""
     return {atom for monomial in signal for atom in monomial}
 
 
 def bare(name: str) -> str:
-    """A node's name inside another's: states and controls without their population."""
+    """Return a node's name for use inside another name.
+
+    States and controls lose their population prefix.
+    """
     return (
         name.removeprefix(VALUE)
         if name.startswith(VALUE)

@@ -1,12 +1,13 @@
-"""Stage equations become a network: the cell is wired once, the ends of the row are data.
+"""Synthesis of a network from stage equations: one cell with boundary data.
 
-The forward half of the cell computes f; the backward half, which drives q and u, is its transpose,
-derived from the forward half's own atoms (`adjoint.gradient`). The augmentation is wired as
-PI duals: whatever reads mu reads m = mu + rho c, whatever reads beta reads b = beta + rho r.
+The forward half of the cell computes f. The backward half, which drives q and u, is its transpose,
+derived from the atoms of the forward half (`adjoint.gradient`). The augmentation is realised by PI
+multiplier neurons: every reader of mu reads m = mu + rho c, and every reader of beta reads b = beta
++ rho r.
 
-The network computes in the problem's own `Scales`: q = c + S q', t = c + S t', u = u_0 + U u',
-E = E_0 E', so that its multipliers are mu = (E_0 / S) mu'. Every neuron carries the scale that
-leads back, and every stationarity equation is multiplied by the scale of its own variable.
+The network computes in the problem's `Scales`: q = c + S q', t = c + S t', u = u_0 + U u', E = E_0
+E'. Its multipliers are therefore mu = (E_0 / S) mu'. Every neuron stores the scale for the
+conversion back, and every stationarity equation is multiplied by the scale of its variable.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ from ann_dc.timing import phase
 from ann_dc.validation.checked import checked
 
 DUALS = (("mu", "c", "m"), ("beta", "r", "b"))
-"""Population, its residual, and the multiplier that everybody reads in its place."""
+"""Population, its residual, and the multiplier that replaces the population for all readers."""
 
 
 @checked
@@ -58,30 +59,21 @@ def synthesize(
     start: Start | None = None,
     rho: float = 1.0,
 ) -> Network:
-    """Wire stage equations, in any form, as a network.
+    """Return the network that realises stage equations of any form.
+
+    Time constants are one, without coarse-level neurons. Raises `SynthesisError` if the problem has
+    a function that no block computes, and `ProblemError` if the map or the cost has no finite value
+    or slope at the initial guess.
 
     Parameters
     ----------
-    equations : StageEquations
     scales : Scales, optional
-        Of states, controls and cost; `scales_of(problem)` by default.
+        Scales of states, controls and cost; `scales_of(problem)` by default.
     start : Start, optional
-        Initial values in the user's units; the straight line by default.
+        Initial guess in the user's units; the straight line by default.
     rho : float
-        Weight of every PI dual's proportional path, zero for the plain Lagrangian. `design`
-        chooses it.
-
-    Returns
-    -------
-    Network
-        Unit time constants, no coordinators.
-
-    Raises
-    ------
-    SynthesisError
-        If the problem has a function that no block computes.
-    ProblemError
-        If the map or the cost has no finite value or slope at the start.
+        Weight of the proportional path of every PI multiplier neuron, zero for the plain
+        Lagrangian; chosen by `design`.
 
     References
     ----------
@@ -113,7 +105,7 @@ def _in_user_units(signal: Signal, scale: Scale) -> Signal:
 
 
 class _CellWiring:
-    """The cell of stage equations: neurons, and what drives each of them."""
+    """Cell of stage equations: neurons and their net inputs."""
 
     def __init__(
         self,
@@ -146,7 +138,7 @@ class _CellWiring:
         self.gradients: dict[sp.Expr, dict[int, Signal]] = {}
 
     def _name_residuals(self, scales: Scales) -> None:
-        """The sums c and r, and m = mu + rho c, b = beta + rho r."""
+        """Add the sums c and r, and m = mu + rho c, b = beta + rho r."""
         for p, c, m in DUALS:
             # (30) turns the residual of mu into an equation of the coordinator: no PI path there
             rho = 0.0 if p == "mu" and self.form.closed_lower_level else self.rho
@@ -161,10 +153,11 @@ class _CellWiring:
             name_objective(self.wiring, objective, self.rho, self.problem.temperature / scales.cost)
 
     def _symbols(self) -> dict[sp.Symbol, Signal]:
-        """What carries each symbol of the equations, in the user's units.
+        """Return the signal of each symbol of the equations, in the user's units.
 
-        Multipliers stand in remainders only beside those of their own component, in cost: they are
-        carried as S m, which `_local` divides by S, so that a plain wire has weight 1 to the bit.
+        In remainders, multipliers occur only next to those of their component, in units of cost.
+        They are represented as S m, which `_local` divides by S, so that a plain wire has weight 1
+        to the bit.
         """
         signal, equations, problem = self.wiring.signal, self.equations, self.problem
         states = list(zip(self.states, self.scales.states))
@@ -199,7 +192,6 @@ class _CellWiring:
         return symbols
 
     def cell(self) -> Cell:
-        """The wired cell."""
         drives = self._primal_drives()
         self._terminal()
         drives |= self._dual_drives() | self._diode_drives() | self._measured()
@@ -220,7 +212,7 @@ class _CellWiring:
         )
 
     def _primal_drives(self) -> dict[str, Signal]:
-        """Of q and u: the adjoint half and what stands beside it; of t: wires alone."""
+        """Return the net inputs of q and u (adjoint half, remainders) and of t (wires)."""
         equations, drives = self.equations, {}
         for population, names, group in (
             ("q", self.states, equations.grad_q),
@@ -240,7 +232,7 @@ class _CellWiring:
         return drives
 
     def _from_second_stage(self, rest: Signal, target: str, sign: int) -> Signal:
-        """Wires whose weight is zero at stage 0, where b ties a free q_0 to no neighbour."""
+        """Add wires of weight zero at stage 0, where b ties a free q_0 to no neighbour."""
         names = self.wiring.names
         for atoms, weight in rest.items():
             later = np.full(self.problem.horizon, sign * weight)
@@ -250,7 +242,7 @@ class _CellWiring:
         return {}
 
     def _dual_drives(self) -> dict[str, Signal]:
-        """Of mu and beta: their residuals."""
+        """Return the net inputs of mu and beta, which are their residuals."""
         drives, groups = {}, (self.equations.grad_mu, self.equations.grad_beta)
         for (population, residual, _), group in zip(DUALS, groups):
             for name, equation in zip(self.states, group):
@@ -260,19 +252,19 @@ class _CellWiring:
         return drives
 
     def _diode_drives(self) -> dict[str, Signal]:
-        """Of z, after the rows themselves."""
+        """Return the net inputs of z and fill the residuals of the rows."""
         for row, diode in zip(self.rows, self.diodes):
             units = self.of_rows[diode.neuron], self.multipliers[diode.neuron]
             fill_residual(self.wiring, diode, self._signal(row.expression), row.soft, units)
         return {diode.neuron: diode_drive(self.wiring, diode, self.rho) for diode in self.diodes}
 
     def _measured(self) -> dict[str, Signal]:
-        """Of J: what the cell adds to its objective."""
+        """Return the net inputs of J, the contributions of the cell to its objectives."""
         given = zip(self.objectives, self.problem.stage_objectives.values())
         return {o.measure: divided(self._signal(e), self.scales.cost) for o, e in given}
 
     def _gradient(self, equation: Stationarity) -> dict[int, Signal]:
-        """Derivatives of the equation's potential by every source, computed once a potential."""
+        """Return the potential's derivatives by every source, computed once per potential."""
         if equation.potential not in self.gradients:
             self.gradients[equation.potential] = gradient(
                 self.wiring, self._potential(equation.potential), self.wiring.sources.values()
@@ -280,7 +272,7 @@ class _CellWiring:
         return self.gradients[equation.potential]
 
     def _potential(self, potential: sp.Expr) -> Signal:
-        """Cost plus multipliers times map, in the scale of the cost."""
+        """Return cost plus multipliers times map, in the scale of the cost."""
         cost: Any = potential.xreplace({mu: sp.Integer(0) for mu in self.equations.mu})
         weighted = [(mu, sp.diff(potential, mu)) for mu in self.equations.mu]
         parts = [divided(self._signal(cost), self.scales.cost)]
@@ -294,7 +286,7 @@ class _CellWiring:
         return signal_of(expression, self.symbols, self.wiring)
 
     def _local(self, remainder: sp.Expr, target: str, sign: int = 1) -> Signal:
-        """The part of a remainder that stays in the cell; wires to neighbours are noted apart."""
+        """Return the in-cell part of a remainder; record the wires to neighbours."""
         neighbours = self._neighbours()
         for symbol, source, template, _ in neighbours:
             weight = float(remainder.coeff(symbol))  # pyright: ignore[reportArgumentType]
@@ -308,7 +300,7 @@ class _CellWiring:
         return self._of_component(self._signal(here), target)
 
     def _of_component(self, remainder: Signal, target: str) -> Signal:
-        """A remainder in the scale of the component that it drives."""
+        """Return a remainder in the scale of the component that it drives."""
         population, _, name = target.partition(".")
         if population == "u":  # S5: a cost gradient stands among the remainders
             factor = self.scales.controls[self.controls.index(name)].factor
@@ -316,7 +308,7 @@ class _CellWiring:
         return divided(remainder, self.scales.states[self.states.index(name)].factor)
 
     def _neighbours(self) -> list[tuple[sp.Symbol, str, Template, sp.Expr]]:
-        """Symbols of neighbouring cells, the nodes there that carry them, their values at zero."""
+        """Return symbols of neighbouring cells, their nodes, templates and zero values."""
         equations = self.equations
         sides = {equations.t_before: Template.PREVIOUS}
         if self.form.coupling_reads_next:
@@ -332,7 +324,7 @@ class _CellWiring:
         ]
 
     def _terminal(self) -> None:
-        """Cost and rows of the end drive the last t only: a weight that is zero elsewhere."""
+        """Wire end cost and rows to the last t only, with a weight that is zero elsewhere."""
         cost = self.equations.terminal_cost + pressed(self.equations.end_rows)
         if not cost.free_symbols or all(self.fixed):
             return

@@ -1,8 +1,8 @@
-"""A cell under construction: atoms with their names, and the signals that feed them.
+"""Cell under construction: named atoms and the signals that feed them.
 
-An atom is a source (a neuron, an input), a function block or a summing block; its operands were
-made before it. Whoever wires a cell reads expressions into signals (`expressions`), derives the
-adjoint half from them (`adjoint`) and takes blocks and connections at the end (`assembly`).
+An atom is a source (a neuron, an input), a function block or a summing block; its operands precede
+it. Expressions are read into signals (`expressions`), the adjoint half is derived from these
+(`adjoint`), and blocks and connections are generated at the end (`assembly`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from ann_dc.synthesis.signals import VALUE, Signal, bare
 
 
 class Wiring:
-    """The atoms of a cell.
+    """Atoms of a cell.
 
     Parameters
     ----------
@@ -22,14 +22,12 @@ class Wiring:
 
     Attributes
     ----------
-    names : list of str
-        Name of every atom.
     sources : dict of name to atom
         Neurons, inputs and named sums.
     functions : dict of atom to (function, atom)
-        Function blocks and what they read.
+        Function blocks and their arguments.
     sums : dict of atom to Signal
-        Summing blocks and what they add up.
+        Summing blocks and their inputs.
     """
 
     def __init__(self, sources: Iterable[str]) -> None:
@@ -46,34 +44,20 @@ class Wiring:
         return len(self.names) - 1
 
     def signal(self, name: str) -> Signal:
-        """The signal that is one source or one named sum, by its ``name``."""
+        """Return the signal of one source or named sum."""
         return {(self.sources[name],): 1.0}
 
     def name_value(self, signal: Signal, name: str) -> None:
-        """Call the summing block that carries a signal by the symbol whose value it is.
+        """Name the summing block of a signal after the symbol that it represents.
 
-        Parameters
-        ----------
-        signal : Signal
-            A source in the user's units.
-        name : str
-            Of the symbol.
+        The signal is a source in the user's units.
         """
         self._values[_key(signal)] = f"{VALUE}{name}"
 
     def named_sum(self, name: str) -> Signal:
-        """A summing block that the caller names (c, m, r, b) and fills later.
+        """Add a named summing block (c, m, r, b), filled later, and return its signal.
 
-        Gradients stop at it, as they stop at a source.
-
-        Parameters
-        ----------
-        name : str
-            Of the block, for instance ``c.x``.
-
-        Returns
-        -------
-        Signal
+        Gradients stop at the block, as at a source. A name is, for instance, ``c.x``.
         """
         atom = self.sources[name] = self._atom(name)
         self.sums[atom] = {}
@@ -81,27 +65,21 @@ class Wiring:
         return {(atom,): 1.0}
 
     def fill(self, name: str, signal: Signal) -> None:
-        """Say what the named sum ``name`` adds up: ``signal``."""
+        """Set the inputs of the named sum ``name`` to ``signal``."""
         self.sums[self.sources[name]] = signal
 
     def named_function(self, name: str, function: str, source: str) -> None:
-        """A function block that the caller names, on a named sum; gradients stop at it.
+        """Add a named function block on a named sum; gradients stop at the block.
 
-        Parameters
-        ----------
-        name : str
-            Of the block, for instance ``zeta.g1``.
-        function : str
-            Of a function block, for instance ``rectify``.
-        source : str
-            The named sum that it reads.
+        For instance, the block ``zeta.g1`` has the function ``rectify``; ``source`` is the named
+        sum.
         """
         atom = self.sources[name] = self._atom(name)
         self.functions[atom] = (function, self.sources[source])
         self._leaves.add(atom)
 
     def atom(self, signal: Signal) -> int:
-        """The node that carries a signal: itself if it is one, a summing block if not."""
+        """Return the node of a signal: the atom itself if it is one, else a summing block."""
         if len(signal) == 1:
             ((monomial, weight),) = signal.items()
             if len(monomial) == 1 and weight == 1.0:
@@ -114,18 +92,9 @@ class Wiring:
         return self._known[key]
 
     def function(self, name: str, signal: Signal) -> Signal:
-        """A function block on a signal; the same block on the same signal exists once.
+        """Return the signal of a function block such as ``sin`` on a signal.
 
-        Parameters
-        ----------
-        name : str
-            Of a function block, for instance ``sin``.
-        signal : Signal
-            Its argument.
-
-        Returns
-        -------
-        Signal
+        A block with the same function and argument is created once.
         """
         key = (name, self.atom(signal))
         if key not in self._known:
@@ -134,11 +103,11 @@ class Wiring:
         return {(self._known[key],): 1.0}
 
     def one(self, signal: Signal) -> Signal:
-        """The same signal as a single atom."""
+        """Return the signal as a single atom."""
         return {(self.atom(signal),): 1.0}
 
     def is_inner(self, atom: int) -> bool:
-        """Whether gradients go through an atom: neither a source nor a named block."""
+        """Return True if gradients pass through an atom: neither source nor named block."""
         return atom not in self._leaves and (atom in self.functions or atom in self.sums)
 
 

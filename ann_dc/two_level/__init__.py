@@ -1,11 +1,11 @@
-"""The paper's own algorithm and theory: stages below, a coordinator above.
+"""Two-level algorithm and theory of the paper: stages and a coordinator.
 
-`layer` runs it, `theorem` measures the rate of its Theorem IV.1 and checks the hypothesis of IV.2,
-`upper_gains` chooses and predicts, `lyapunov` and `oracle_gain` are its proof and
-the gain that comes from it, `coordination` puts all this together for one problem.
+`layer` runs the algorithm. `theorem` computes the rate of Theorem IV.1 and checks the hypothesis of
+Theorem IV.2. `upper_gains` chooses gains and predicts the rate, `lyapunov` and `oracle_gain`
+contain the convergence proof and its gain, and `coordination` combines all parts for one problem.
 
-Torch is taken from `ann_dc.backends.recurrent`, which says how to get it where it is
-missing.
+Torch is imported through `ann_dc.backends.recurrent`, whose error message describes the
+installation if torch is missing.
 """
 
 import lazy_loader

@@ -1,9 +1,9 @@
-"""One problem by the two-level algorithm: designed, predicted, run, certified.
+"""Solution of one problem by the two-level algorithm: design to certificate.
 
-A network is designed for the corrected equations, closing B: with q_0 as a neuron every stage can
-be solved by itself. At its solution Theorem IV.2 is checked and the coordinator chosen; then the
-iteration runs from the usual start. It goes on to a small share of the tolerance, as every run
-does, so that its end can be certified.
+A network is designed for the corrected equations with closing B: q_0 is a neuron, so every stage
+can be solved separately. At its solution the hypothesis of Theorem IV.2 is checked and the
+coordinator is chosen. The iteration then runs from the usual initial guess. The run continues to a
+small fraction of the tolerance, like every run, so that the result can be certified.
 """
 
 from __future__ import annotations
@@ -43,33 +43,37 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import State
 
 ROUNDING = 1e-9
-"""A rise of Theta below this share of it is none."""
+"""Relative increase of Theta that counts as rounding."""
 ELSEWHERE = 1e-6
-"""A run that settles with more than this share of its first Theta settled to another solution."""
+"""Fraction of the initial Theta above which a settled run has reached another solution."""
 POLISHING = 3
-"""Newton iterations from the designed point, which is good to 1e-8: Theta can tell more."""
+"""Newton iterations from the designed point; the design is accurate to 1e-8, and Theta is more
+sensitive.
+"""
 
 Coordinator: TypeAlias = Callable[[Network, np.ndarray], tuple[UpperLevel, UpperGains | None]]
-"""Chooses an upper level at the solution (n,) of a network, and says which gains it has."""
+"""Function that chooses an upper level at the solution (n,) of a network and returns its gains."""
 
 
 @checked
 def best_gradient(network: Network, settled: State) -> tuple[UpperLevel, UpperGains]:
-    """(17) with the gains whose spectral radius at the solution is smallest.
+    """Return the gradient upper level (17) with the smallest spectral radius.
+
+    The spectral radius is that of the linearised upper-level map at the solution.
 
     Parameters
     ----------
     network : Network
-        In which every stage can be solved by itself: closing B.
+        Network in which every stage can be solved separately (closing B).
     settled : (n,) array
-        Its solution, in network units.
+        Solution of the network, in network units.
 
     Returns
     -------
     upper : Gradient
-        With these gains.
+        Upper level with the best gains.
     gains : UpperGains
-        And their spectral radius.
+        The gains and their spectral radius.
 
     Raises
     ------
@@ -92,25 +96,17 @@ def best_gradient(network: Network, settled: State) -> tuple[UpperLevel, UpperGa
 
 @checked
 def newton(network: Network, settled: State) -> tuple[UpperLevel, None]:
-    """A banded linear system in every outer iteration; it needs no solution.
+    """Return the Newton upper level: a banded linear system per outer iteration.
 
-    Parameters
-    ----------
-    network : Network
-    settled : (n,) array
-        Not looked at.
+    The solution ``settled`` (n,) is not needed and not used.
     """
     return NewtonCoordinator(), None
 
 
 def half_bound(network: Network, settled: State) -> tuple[UpperLevel, None]:
-    """(33) with half of |B/A|, which lowers Theta most where B < 0.
+    """Return the oracle upper level (33) with half of |B/A|.
 
-    Parameters
-    ----------
-    network : Network
-    settled : (n,) array
-        Its solution, in network units.
+    This gain decreases Theta most if B < 0. The solution ``settled`` (n,) is in network units.
 
     References
     ----------
@@ -124,34 +120,35 @@ COORDINATORS: dict[str, Coordinator] = {
     NewtonCoordinator.name: newton,
     OracleCoordinator.name: half_bound,
 }
-"""Every coordinator by its name, for the command line."""
+"""Coordinators by name, for the command line."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Coordination:
-    """A run of the two-level algorithm, and what was known before it.
+    """Run of the two-level algorithm with its predictions and certificate.
 
     Attributes
     ----------
     problem : OptimalControlProblem
-        What was solved.
+        Solved problem.
     coordinator, lower : str
-        Names of the two levels.
+        Names of the upper and the lower level.
     following : Following
-        The rate of Theorem IV.1, at the designed solution.
+        Rate of Theorem IV.1 at the designed solution.
     hypothesis : Hypothesis
-        Of Theorem IV.2, there too.
+        Hypothesis of Theorem IV.2 at the designed solution.
     gains : UpperGains or None
-        Of a coordinator that has them.
+        Gains of the coordinator, None if it has no gains.
     run : TwoLevelRun
-        Of one sample, with Theta.
+        Run of one sample, with Theta.
     tolerance : float
-        On the KKT residual, for counting; the run's own is a share of it.
+        Tolerance on the relative KKT residual for counting iterations. The tolerance of the run is
+        a fraction of this value.
     certificate : Certificate
-        Of its last state.
+        Certificate of the final state.
     values : dict of str to list
-        States over N + 1 stages and controls over N, by name, in the user's units.
+        States at N + 1 stages and controls at N stages by name, in the user's units.
 
     Examples
     --------
@@ -176,52 +173,52 @@ class Coordination:
 
     @property
     def outcome(self) -> Outcome:
-        """How the run ended."""
+        """Outcome of the run."""
         return self.run.outcomes[0]
 
     @property
     def message(self) -> str:
-        """How the run ended, in a sentence."""
+        """Description of the outcome in one sentence."""
         return self.run.message(0)
 
     @property
     def needed(self) -> int | None:
-        """Outer iterations after which the residual stays below the tolerance; None if never."""
+        """Outer iterations until the residual stays below the tolerance; None if never."""
         count = int(replace(self.run, tolerance=self.tolerance).outer_iterations[0])
         return None if count < 0 else count
 
     @property
     def predicted(self) -> float | None:
-        """What the gains let expect of `needed`; None without gains, or where they repel."""
+        """Prediction of `needed` from the gains; None without stable gains."""
         expected = np.inf if self.gains is None else self.gains.predicted(self.tolerance)
         return float(expected) if np.isfinite(expected) else None
 
     @property
     def theta(self) -> np.ndarray:
-        """(J + 1,) Theta before every outer iteration, and at the end."""
+        """Theta (J + 1,) before every outer iteration and at the end."""
         lyapunov = self.run.lyapunov
         return np.array([]) if lyapunov is None else lyapunov.theta[:, 0]
 
     @property
     def rises(self) -> int:
-        """Outer iterations in which Theta did not fall."""
+        """Number of outer iterations in which Theta increased beyond rounding."""
         with np.errstate(all="ignore"):  # a run that diverged
             return int((~(self.theta[1:] <= self.theta[:-1] * (1 + ROUNDING))).sum())
 
     @property
     def elsewhere(self) -> bool:
-        """Whether it settled to another solution than the design's."""
+        """True if the run settled to another solution than the design."""
         settled = self.outcome is Outcome.SETTLED
         return settled and bool(self.theta[-1] > ELSEWHERE * self.theta[0])
 
     @property
     def certified(self) -> bool:
-        """Whether the run settled to an optimum, of both orders."""
+        """True if the run settled to a certified optimum (first and second order)."""
         return self.outcome is Outcome.SETTLED and self.certificate.certified
 
     @property
     def verdict(self) -> str:
-        """Why the end point is certified, or why not."""
+        """Reason why the final state is or is not certified."""
         if self.outcome is not Outcome.SETTLED:
             return "the two levels did not settle"
         return self.certificate.reason
@@ -230,14 +227,16 @@ class Coordination:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Undesigned:
-    """No run: the design found no solution, at which the theorem and the gains are looked at.
+    """Result without a run, because the design found no solution.
+
+    The theorem and the gains need the designed solution.
 
     Attributes
     ----------
     problem : OptimalControlProblem
-        What was to be solved.
+        Problem that was not solved.
     steps : int
-        How long the design looked.
+        Number of steps of the design run.
     """
 
     problem: OptimalControlProblem
@@ -246,7 +245,7 @@ class Undesigned:
 
     @property
     def message(self) -> str:
-        """What is missing, in a sentence."""
+        """Description of the failure in one sentence."""
         return (
             f"{self.problem.name}: the design did not settle in {self.steps} steps, so there is no "
             "solution at which to check Theorem IV.2 and to choose gains; check that the target is "
@@ -264,34 +263,35 @@ def coordinate(
     limit: int = 2000,
     progress: Progress = silent,
 ) -> Coordination | Undesigned:
-    """Solve a problem by the paper's two-level algorithm, and certify what it says.
+    """Solve a problem with the two-level algorithm and certify the result.
 
     Parameters
     ----------
     problem : OptimalControlProblem
-        What to solve.
+        Problem to solve, without inequalities, bounds and objectives.
     coordinator : Coordinator
-        One of `COORDINATORS`.
+        One of `COORDINATORS`; the default is `best_gradient`.
     lower : LowerLevel, optional
-        By default the one that suits the coordinator.
+        Lower level; the default is the one that suits the coordinator.
     settling : Settling, optional
-        Outer iterations are counted to its tolerance, and go on to ``confirm`` of it.
+        Settling criterion. Outer iterations are counted to its tolerance and continue to
+        ``confirm`` times the tolerance.
     limit : int
         Largest number of outer iterations.
     progress : Progress
-        Told one line at a time what is going on.
+        Receives status messages, one line at a time.
 
     Returns
     -------
     Coordination or Undesigned
-        The latter where the design found no solution.
+        `Undesigned` if the design found no solution.
 
     Raises
     ------
     ProblemError
-        If the problem has inequalities or bounds.
+        If the problem has inequalities, bounds or objectives.
     DesignError
-        If a coordinator looks for gains and the lower level is singular at the solution.
+        If the coordinator needs gains and the lower level is singular at the solution.
 
     Examples
     --------
@@ -332,7 +332,7 @@ def coordinate(
 
 
 def polished(designed: Design) -> np.ndarray:
-    """The solution (n,) of a design, as exactly as the arithmetic has it."""
+    """Return the solution (n,) of a design, refined to machine precision."""
     layer = TwoLevels(designed.network, upper=NewtonCoordinator())
     run = layer.run(designed.state, tolerance=0.0, limit=POLISHING)
     better = run.residuals[-1, 0] < run.residuals[0, 0]

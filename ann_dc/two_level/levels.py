@@ -1,22 +1,22 @@
-r"""The paper's two-level algorithm: stages in an inner loop, their coordination in an outer one.
+"""Two-level algorithm of the paper: stages in an inner loop, coordination outside.
 
-The same drives as everywhere, in another order of time. By equation number:
+The net inputs are those of the network, in another temporal order. By equation number:
 
 ===========  =====================================================================================
-(11)-(15)    the drives d of q, u, mu, t, beta: minus, minus, plus, minus, plus the gradient of L
-(16)         lower level: q, u, mu += lambda d with t and beta held, until d vanishes (`Iterated`)
+(11)-(15)    net inputs d of q, u, mu, t, beta: minus, minus, plus, minus, plus the gradient of L
+(16)         lower level: q, u, mu += lambda d with t and beta fixed, until d vanishes (`Iterated`)
 (30)         lower level in closed form: the stage equations solved (`Closed`). The printed one,
-             its signs repaired, uses mu_0 = -beta_1 and q_1 = t_0, the coordinator's own
-             equations: after it (28) and (29) are zero and t and beta never move (S15). To the
-             letter, mu_0 = beta_1 and q_1 = t_0 / 0.99, they drive each other and grow (S17)
+             with corrected signs, uses mu_0 = -beta_1 and q_1 = t_0, the equations of the
+             coordinator: then (28) and (29) are zero and t and beta never move (S15). As
+             printed, mu_0 = beta_1 and q_1 = t_0 / 0.99, they drive each other and grow (S17)
 (17)         upper level: t += lambda_t d_t, beta += lambda_beta d_beta (`Gradient`)
 (33)         lambda = |B/A| for both, which needs the solution (`OracleCoordinator`)
-(18), (19),  the errors of both levels, Theta, A, B of every outer iteration, where the solution is
+(18), (19),  errors of both levels, Theta, A, B of every outer iteration, if the solution is
 (21)         known (`Distances`)
 ===========  =====================================================================================
 
-A cell whose q is pinned has n equations for its m controls: the lower level needs closing B, in
-which q_0 is a neuron (``Form(start_is_neuron=True)``). The Newton coordinator does not.
+A cell with a pinned q has n equations for its m controls. The lower level therefore needs closing
+B, in which q_0 is a neuron (``Form(start_is_neuron=True)``). The Newton coordinator does not.
 """
 
 from __future__ import annotations
@@ -42,22 +42,22 @@ from ann_dc.validation.values import Shape
 
 @checked
 class TwoLevels:
-    """The two-level algorithm on a network.
+    """Two-level algorithm on a network.
 
     Parameters
     ----------
     network : Network
-        Of a problem, without rails.
+        Network of a problem, without inequalities and saturation limits.
     upper : UpperLevel
         `Gradient`, `OracleCoordinator` or `NewtonCoordinator`.
     lower : LowerLevel, optional
-        `Closed`, `Iterated` or `Linearised`; by default the one that suits the coordinator.
+        `Closed`, `Iterated` or `Linearised`; the default is the one that suits the coordinator.
 
     Raises
     ------
     NetworkError
-        If the lower level has no solution (a pinned q_0), a population is missing, or the network
-        has inequalities or rails.
+        If the lower level has no solution (pinned q_0), a population is missing, or the network has
+        inequalities or saturation limits.
 
     Examples
     --------
@@ -82,14 +82,14 @@ class TwoLevels:
 
     @checked
     def step(self, x: np.ndarray, inputs: Mapping[str, object] | None = None) -> np.ndarray:
-        """Return the state vectors (B, n) after one outer iteration.
+        """Return the states (B, n) after one outer iteration.
 
         Parameters
         ----------
         x : (n,) or (B, n) array
-            In network units.
+            States in network units.
         inputs : mapping of input name to number, (B,) or (B, N) array, optional
-            As in ``network.inputs``, from which the rest is taken.
+            Inputs that replace those of ``network.inputs``.
 
         Raises
         ------
@@ -119,21 +119,23 @@ class TwoLevels:
         Parameters
         ----------
         x : (n,) or (B, n) array, optional
-            Where to start, in network units; by default the network's start, moved with its ends.
+            Initial states in network units; by default the network's initial guess, moved with its
+            ends.
         inputs : mapping of input name to number, (B,) or (B, N) array, optional
-            As in ``network.inputs``, from which the rest is taken.
+            Inputs that replace those of ``network.inputs``.
         settled : (n,) or (B, n) array, optional
-            The solution, in network units, for the errors of both levels, Theta, A and B.
+            Solution in network units; required for the errors of both levels, Theta, A and B.
         tolerance : float
-            On the relative KKT residual.
+            Tolerance on the relative KKT residual.
         limit : int
             Largest number of outer iterations.
         progress : Progress
-            Told one line an outer iteration.
+            Receives one line per outer iteration.
 
         Returns
         -------
         TwoLevelRun
+            Final states, residuals, gains and distances.
 
         Raises
         ------
@@ -178,7 +180,10 @@ class TwoLevels:
     def _samples(
         self, x: np.ndarray | None, inputs: Mapping[str, object] | None
     ) -> tuple[list[Sample | None], np.ndarray]:
-        """Samples, None for one with an input that is no number, and their states (B, n)."""
+        """Return the samples and their states (B, n).
+
+        A sample is None if an input is not a finite number.
+        """
         network = self.network
         every = input_batch(network, inputs or {})
         states = np.atleast_2d(moved_starts(network, every) if x is None else np.array(x, float))
@@ -203,7 +208,7 @@ class TwoLevels:
 
 
 def _stacked(found: list[list[Distances]]) -> Distances:
-    """Arrays (J + 1, B) of the distances of every outer iteration and sample."""
+    """Stack the distances of all outer iterations and samples to arrays (J + 1, B)."""
 
     def column(of: Callable[[Distances], Any]) -> Any:
         return np.array([[of(one) for one in row] for row in found])

@@ -1,4 +1,4 @@
-"""The lower level: what the stages do between two words of their coordinator. Paper (16), (30)."""
+"""Lower level: stage solvers between two updates of the coordinator, (16), (30)."""
 
 from __future__ import annotations
 
@@ -15,69 +15,50 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import such_as
 
 SMALLEST = 100 * float(np.finfo(float).eps)
-"""Drives below which rounding decides."""
+"""Net inputs below which rounding dominates."""
 
 
 @such_as("ann_dc.two_level.Closed()")
 class LowerLevel(ABC):
-    """What the stages do between two words of the coordinator.
-
-    Attributes
-    ----------
-    name : str
-        As the command line has it.
-    """
+    """Base class of the stage solvers between two coordinator updates."""
 
     name: ClassVar[str]
 
     @abstractmethod
     def solve(self, sample: Sample, x: np.ndarray) -> tuple[np.ndarray, int]:
-        """Solve the lower level, with t and beta held.
+        """Solve the lower level with fixed t and beta.
 
-        Parameters
-        ----------
-        sample : Sample
-        x : (n,) array
-            State vector, in network units.
-
-        Returns
-        -------
-        x : (n,) array
-        steps : int
-            Inner steps that it took.
+        The state x (n,) is in network units. Returns the state and the number of inner steps.
         """
 
     @abstractmethod
     def check(self, network: Network) -> None:
-        """Refuse a network whose lower level has no solution.
+        """Raise `NetworkError` if a stage has more equations than unknowns.
 
-        Raises
-        ------
-        NetworkError
-            If a stage has more equations than unknowns.
+        The lower level of such a network has no solution.
         """
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Iterated(LowerLevel):
-    """Forward Euler (16) on q, u and mu until their drives vanish.
+    """Forward Euler steps (16) on q, u and mu until their net inputs vanish.
 
     Attributes
     ----------
     name : str
-        As the command line has it.
+        Name on the command line.
     share : float
-        Step as a share of min rho tau over the duals.
+        Step length as a fraction of min rho tau over the duals.
     tolerance : float
-        On the drives, in network units.
+        Tolerance on the net inputs, in network units.
     limit : int
         Largest number of inner steps.
 
     Raises
     ------
     NetworkError
-        If one of them is not a positive number.
+        If ``share``, ``tolerance`` or ``limit`` is not a positive number.
 
     References
     ----------
@@ -94,11 +75,11 @@ class Iterated(LowerLevel):
 
     @checked
     def check(self, network: Network) -> None:
-        """Every stage needs as many equations as unknowns."""
+        """Raise `NetworkError` if a stage has more equations than unknowns."""
         _require_free_start(network)
 
     def solve(self, sample: Sample, x: np.ndarray) -> tuple[np.ndarray, int]:
-        """Step until the drives have vanished."""
+        """Step until the net inputs have vanished."""
         x, lower = x.copy(), sample.lower
         step = self.share * sample.step_limit * sample.rates[lower]
         for done in range(self.limit):
@@ -112,24 +93,24 @@ class Iterated(LowerLevel):
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Closed(LowerLevel):
-    """The stage equations solved stage by stage: (30) where they are linear, Newton where not.
+    """Stage-wise solution: (30) for linear equations, Newton otherwise.
 
     Attributes
     ----------
     name : str
-        As the command line has it.
+        Name on the command line.
     tolerance : float
-        On the drives, in network units.
+        Tolerance on the net inputs, in network units.
     limit : int
         Largest number of Newton steps.
     slew : float
-        Largest move of a lower neuron in a Newton step, in network units, during the first half of
-        the steps.
+        Largest change of a lower neuron in a Newton step, in network units, during the first half
+        of the steps.
 
     Raises
     ------
     NetworkError
-        If one of them is not a positive number.
+        If ``tolerance``, ``limit`` or ``slew`` is not a positive number.
 
     Examples
     --------
@@ -159,11 +140,11 @@ class Closed(LowerLevel):
 
     @checked
     def check(self, network: Network) -> None:
-        """Every stage needs as many equations as unknowns."""
+        """Raise `NetworkError` if a stage has more equations than unknowns."""
         _require_free_start(network)
 
     def solve(self, sample: Sample, x: np.ndarray) -> tuple[np.ndarray, int]:
-        """Newton steps of all stages, each a small linear system of its own."""
+        """Take Newton steps of all stages, each with a separate small linear system."""
         x, lower = x.copy(), sample.lower
         for done in range(self.limit):
             drives = sample.drives(x)[lower]
@@ -180,26 +161,20 @@ class Closed(LowerLevel):
 
 @dataclass(frozen=True, kw_only=True)
 class Linearised(LowerLevel):
-    """The stages report their linearisation and move when the coordinator has solved for them.
-
-    Attributes
-    ----------
-    name : str
-        As the command line has it.
-    """
+    """Lower level that reports its linearisation and follows the coordinator's solve."""
 
     name: ClassVar[str] = "linearised"
 
     def check(self, network: Network) -> None:
-        """Any network will do."""
+        """Accept any network."""
 
     def solve(self, sample: Sample, x: np.ndarray) -> tuple[np.ndarray, int]:
-        """Return the state: there is nothing to do before the coordinator."""
+        """Return the state unchanged; the coordinator solves first."""
         return x, 0
 
 
 def _require_free_start(network: Network) -> None:
-    """Cell 0 with a pinned q has n equations for its m controls."""
+    """Raise `NetworkError` if q of cell 0 is pinned: n equations for its m controls."""
     pinned = [pin.neuron for pin in network.pins if pin.neuron.startswith("q.")]
     controls = [n for n in network.cell.neurons if n.population == "u"]
     if len(pinned) > len(controls):
@@ -210,6 +185,6 @@ def _require_free_start(network: Network) -> None:
 
 
 def _at_rest(drives: np.ndarray, tolerance: float) -> bool:
-    """Return True if the drives (L,) have vanished, or are lost."""
+    """Return True if the net inputs (L,) have vanished or are not finite."""
     worst = np.abs(drives).max(initial=0.0)
     return bool(not np.isfinite(worst) or worst < max(tolerance, SMALLEST))

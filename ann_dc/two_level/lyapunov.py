@@ -1,20 +1,22 @@
 r"""Theta, A and B of the paper's convergence proof, (19) and (21), corrected.
 
-With e the distance of the coordination variables t and beta from their solution, and d what drives
-them (-H for t, +R for beta, where H = grad_t L and R = grad_beta L),
+Let e be the distance of the coordination variables t and beta from their solution. Their net input
+d is -H for t and +R for beta, with H = grad_t L and R = grad_beta L. Then
 
 .. math::
     \Theta = \tfrac12 \sum e^T e, \qquad A = \tfrac12 \sum d^T d, \qquad B = \sum e^T d ,
 
-a step t, beta += lambda d changes Theta by A lambda^2 + B lambda exactly. It falls for
-0 < lambda < -B/A, and for no lambda at all where B >= 0. The printed (20) gives both errors a
-minus, the printed (21) leaves lambda inside A and B, and (33) takes -B/A for |B/A|. What they say
-word by word, De_t = -lambda H and De_beta = -lambda R, is `printed_of`:
+and a step t, beta += lambda d changes Theta by exactly A lambda^2 + B lambda. Theta decreases for 0
+< lambda < -B/A, and for no lambda if B >= 0.
+
+The printed (20) gives both errors a minus sign, the printed (21) has lambda inside A and B, and
+(33) uses |B/A| for -B/A. The definitions as printed, De_t = -lambda H and De_beta = -lambda R, are
+implemented by `printed_of`:
 
 .. math::
     A_{printed} = 2 \lambda^2 A, \qquad B_{printed} = \lambda (B_t - B_\beta) ,
 
-so that the printed (33) asks lambda of a quotient that holds lambda.
+so that the printed (33) defines lambda by a quotient that contains lambda.
 """
 
 from __future__ import annotations
@@ -23,18 +25,18 @@ from typing import Any, NamedTuple
 
 
 class Lyapunov(NamedTuple):
-    """Theta, A and B; numbers or arrays.
+    """Theta, A and B as numbers or arrays.
 
-    A step of lambda along the drives d changes Theta by lambda B + lambda^2 A.
+    A step of lambda along the net inputs d changes Theta by lambda B + lambda^2 A.
 
     Attributes
     ----------
     theta : float or array
         Half of the squared errors of t and beta, (19).
     A : float or array
-        Half of their squared drives, (21).
+        Half of the squared net inputs of t and beta, (21).
     B : float or array
-        Errors times drives, (21); negative where the drives lead to the solution.
+        Errors times net inputs, (21); negative if the net inputs point to the solution.
 
     References
     ----------
@@ -47,19 +49,22 @@ class Lyapunov(NamedTuple):
 
     @property
     def bound(self) -> Any:
-        """-B/A: Theta falls for 0 < lambda < bound, if that is positive. Paper (33), corrected."""
+        """Bound -B/A of lambda, paper (33), corrected.
+
+        Theta decreases for 0 < lambda < bound, if the bound is positive.
+        """
         return -self.B / self.A
 
 
 def lyapunov_of(error: Any, drive: Any) -> Lyapunov:
-    """Theta, A and B from the errors and drives of t and beta, summed over the first axis.
+    """Return Theta, A and B from errors and net inputs, summed over the first axis.
 
     Parameters
     ----------
     error : (K, ...) array
-        Of t and beta from the solution, in network units.
+        Distances of t and beta from the solution, in network units.
     drive : (K, ...) array
-        What arrives at them.
+        Net inputs of t and beta.
 
     Examples
     --------
@@ -79,14 +84,14 @@ def lyapunov_of(error: Any, drive: Any) -> Lyapunov:
 
 
 class Distances(NamedTuple):
-    """Errors (18) of both levels, summed over the stages; numbers, or arrays of one shape.
+    """Errors (18) of both levels, summed over the stages; numbers or arrays.
 
     Attributes
     ----------
     v, mu : float or array
-        Norms of e_v, of q and u together, and of e_mu; in network units.
+        Norms of e_v (q and u together) and of e_mu, in network units.
     t, beta : Lyapunov
-        Of t alone and of beta alone.
+        Theta, A and B of t alone and of beta alone.
 
     References
     ----------
@@ -105,23 +110,23 @@ class Distances(NamedTuple):
 
     @property
     def told(self) -> Any:
-        """Norm of e_t and e_beta together: of what the stages were told."""
+        """Norm of e_t and e_beta together, the errors of the coordination variables."""
         return (2 * self.lyapunov.theta) ** 0.5
 
 
 def printed_of(t: Lyapunov, beta: Lyapunov, gain: Any) -> Lyapunov:
-    """Theta, A and B as (20) and (21) define them, word by word.
+    """Return Theta, A and B as (20) and (21) define them in print.
 
     Parameters
     ----------
     t, beta : Lyapunov
-        Of t alone and of beta alone, corrected.
+        Corrected quantities of t alone and of beta alone.
     gain : float or array
-        lambda; a pair of them where t and beta have their own.
+        Gain lambda; a pair if t and beta have different gains.
 
     Examples
     --------
-    One t and one beta, each a unit from its solution and led there, lambda = 1/2:
+    One t and one beta, each one unit from its solution and led there, lambda = 1/2:
 
     >>> one = Lyapunov(theta=0.5, A=0.5, B=-1.0)
     >>> printed_of(one, one, 0.5)  # (20) drives beta away, and A lambda^2 + B lambda is no change

@@ -1,10 +1,11 @@
-r"""The paper's adaptive gain (33): an oracle, because it needs the solution that is sought.
+r"""Adaptive gain (33) of the paper, an oracle that needs the unknown solution.
 
 .. math:: \lambda = |B / A| ,
 
-with A and B of `ann_dc.two_level.lyapunov` over the errors and drives of t and beta. One rule, and
-two that obey it: `OracleBackend` in continuous time, where lambda is a factor on the rates of t and
-beta (switch S16), and `ann_dc.two_level.upper_level.OracleCoordinator` in outer iterations.
+where A and B are those of `ann_dc.two_level.lyapunov` over the errors and net inputs of t and beta.
+Two classes use the rule. `OracleBackend` works in continuous time, where lambda is a factor on the
+rates of t and beta (switch S16). `ann_dc.two_level.upper_level.OracleCoordinator` works in outer
+iterations.
 """
 
 from __future__ import annotations
@@ -28,20 +29,20 @@ from ann_dc.validation.values import Shape
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OracleGain:
-    """lambda = share |B/A| of (21), (33), from the solution; for studies only.
+    r"""Gain lambda = share |B/A| of (21), (33) from the solution; for studies only.
 
-    A step of lambda lowers Theta for 0 < lambda < -B/A only, and B is often positive; the rule is
-    run as it is printed, with the absolute value. Where B < 0, a share of 1/2 lowers Theta most,
-    and a share of 1 leaves it as it is. Where B >= 0 no lambda lowers it.
+    A step of lambda decreases Theta for 0 < lambda < -B/A only, and B is often positive. The rule
+    is applied as printed, with the absolute value. If B < 0, ``share`` = 1/2 decreases Theta most
+    and ``share`` = 1 leaves Theta unchanged. If B >= 0, no lambda decreases Theta.
 
     Attributes
     ----------
     settled : (n,) or (B, n) array
-        State vector of the solution, in the network's units; one a sample where inputs differ.
+        State vector of the solution, in network units; one per sample if inputs differ.
     share : float
-        Of \\|B/A\\|, the largest gain that does not raise Theta where B < 0.
+        Fraction of \|B/A\|, the largest gain that does not increase Theta if B < 0.
     low, high : float
-        lambda is clipped to this range; \\|B/A\\| has no upper bound near the solution.
+        Range to which lambda is clipped. \|B/A\| has no upper bound near the solution.
 
     Raises
     ------
@@ -66,12 +67,12 @@ class OracleGain:
             )
 
     def of(self, found: Lyapunov) -> Any:
-        """lambda (B,), ``low`` where it is not defined.
+        """Return lambda (B,); undefined gains are replaced by ``low``.
 
         Parameters
         ----------
         found : Lyapunov
-            Of every sample.
+            Theta, A and B of every sample.
 
         Examples
         --------
@@ -88,17 +89,17 @@ class OracleGain:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OracleBackend:
-    """Continuous time with the gain (33) on the rates of t and beta: switch S16.
+    """Backend in continuous time with the gain (33) on the rates of t and beta (S16).
 
-    It knows what no circuit knows, so it is no network: its right-hand side is followed in the
-    network's place.
+    The gain uses the solution, which no circuit knows. The modified right-hand side therefore
+    replaces that of the network and has no network representation.
 
     Attributes
     ----------
     gain : OracleGain
-        With ``low`` above zero, so that t and beta never stand still.
+        Gain with ``low`` above zero, so that t and beta never stop.
     ode : OdeBackend
-        Integrates, and says when the run has settled.
+        Backend that integrates and detects settling.
 
     Examples
     --------
@@ -119,27 +120,30 @@ class OracleBackend:
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
-        """Those of the ODE."""
+        """Preconditioner kinds of the ODE backend."""
         return self.ode.kinds
 
     @checked
     def run(self, network: Network) -> Run:
-        """Integrate from the network's start until it settles, diverges, or time is up.
+        """Integrate from the network's initial guess until the run ends.
+
+        A run ends if the network settles or diverges, or if the time limit expires.
 
         Returns
         -------
         Run
+            Result of the integration.
         """
         return self.ode.follow(network, self.right_hand_side(network))
 
     @checked
     def right_hand_side(self, network: Network) -> RightHandSide:
-        """dx/ds of a network whose rates of t and beta are multiplied by the gain.
+        """Return dx/ds with the rates of t and beta multiplied by the gain.
 
         Returns
         -------
         callable
-            dx/ds (n,) of a state vector (n,), both in network units.
+            Map from a state vector (n,) to dx/ds (n,), both in network units.
         """
         compiled, slow = fast_evaluator(network), network.of_population(*COORDINATION)
 
@@ -157,12 +161,9 @@ class OracleBackend:
 
 
 def continuous(backend: Backend) -> OdeBackend:
-    """The backend, which has to run in continuous time for the gain (33) to act.
+    """Return the backend if it runs in continuous time, as the gain (33) requires.
 
-    Raises
-    ------
-    FormError
-        If it does not.
+    Raises `FormError` for any other backend.
     """
     if not isinstance(backend, OdeBackend):
         raise FormError("S16: the gain (33) acts in continuous time; use the ODE backend")

@@ -1,7 +1,7 @@
-"""What happened in a run of the two-level algorithm, outer iteration by outer iteration.
+"""Record of a run of the two-level algorithm by outer iteration.
 
-Outer iterations are counted as settling is everywhere: until the KKT residual stays below the
-tolerance, at its last exit.
+Outer iterations are counted like settling times: until the KKT residual stays below the tolerance,
+at its last exit.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from ann_dc.validation.values import OrNan, Shape
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoLevelRun:
-    """What happened in J outer iterations of B samples.
+    """Record of J outer iterations of B samples.
 
     Attributes
     ----------
     states : (B, n) array
-        State vectors at the end, in network units.
+        Final states, in network units.
     residuals : (J + 1, B) array
-        Relative KKT residual before every outer iteration, and at the end; infinite where the
-        numbers overflowed.
+        Relative KKT residual before every outer iteration and at the end; infinite after an
+        overflow.
     gains : (J, 2, B) array
-        lambda_t and lambda_beta, in network units; nan where the coordinator has none.
+        lambda_t and lambda_beta, in network units; nan if the coordinator has no gains.
     inner : (J + 1,) integers
         Inner steps before every outer iteration.
     distances : Distances or None
-        Errors of both levels, each (J + 1, B), where the solution was given.
+        Errors of both levels, each (J + 1, B); None if the solution was not given.
     tolerance : float
-        On the relative KKT residual.
+        Tolerance on the relative KKT residual.
 
     Examples
     --------
@@ -58,17 +58,17 @@ class TwoLevelRun:
 
     @property
     def rounds(self) -> int:
-        """Outer iterations done."""
+        """Number of outer iterations."""
         return len(self.gains)
 
     @property
     def lyapunov(self) -> Lyapunov | None:
-        """Theta, A and B, each (J + 1, B), where the solution was given."""
+        """Theta, A and B, each (J + 1, B); None without the solution."""
         return None if self.distances is None else self.distances.lyapunov
 
     @property
     def printed_lyapunov(self) -> Lyapunov | None:
-        """Theta, A and B, each (J, B), as (20) and (21) print them; they hold the gains."""
+        """Theta, A and B, each (J, B), as printed in (20) and (21), including the gains."""
         if self.distances is None:
             return None
         t, beta = (Lyapunov(*(part[:-1] for part in of)) for of in self.distances[2:])
@@ -76,7 +76,7 @@ class TwoLevelRun:
 
     @property
     def outer_iterations(self) -> np.ndarray:
-        """(B,) outer iterations after which the residual stays below the tolerance, or -1."""
+        """Outer iterations (B,) until the residual stays below the tolerance, or -1."""
         above = ~(self.residuals < self.tolerance)
         last = len(above) - 1 - above[::-1].argmax(axis=0)
         count = np.where(above.any(axis=0), last + 1, 0)
@@ -84,17 +84,17 @@ class TwoLevelRun:
 
     @property
     def settled(self) -> np.ndarray:
-        """(B,) booleans: which samples settled."""
+        """Mask (B,) of the samples that settled."""
         return self.outer_iterations >= 0
 
     @property
     def outcomes(self) -> tuple[Outcome, ...]:
-        """How each sample ended."""
+        """Outcome of each sample."""
         return tuple(map(_outcome, self.settled, self.residuals[-1]))
 
     @checked
     def message(self, sample: int) -> str:
-        """How a sample ended, in a sentence."""
+        """Return a description of the outcome of a sample in one sentence."""
         outcome = self.outcomes[sample]
         if outcome is Outcome.DIVERGED:
             return f"diverged: the numbers overflowed in outer iteration {self.rounds}"

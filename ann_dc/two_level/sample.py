@@ -1,4 +1,4 @@
-"""One sample of a network as both levels see it: whose neurons are whose, drives, Newton steps.
+"""One sample of a network for both levels: neuron rows, net inputs, Newton steps.
 
 q, u and mu belong to the stages, t and beta to the coordinator.
 """
@@ -24,12 +24,12 @@ STAGE = ("q", "u", "mu")
 
 
 class Rows(NamedTuple):
-    """Places of a state vector, each (n,) booleans."""
+    """Masks (n,) of a state vector by level and population."""
 
     lower: np.ndarray
     """Neurons q, u and mu."""
     v: np.ndarray
-    """Neurons q and u: v_k of the paper."""
+    """Neurons q and u, v_k of the paper."""
     mu: np.ndarray
     """Neurons mu."""
     t: np.ndarray
@@ -37,13 +37,13 @@ class Rows(NamedTuple):
     beta: np.ndarray
     """Neurons beta."""
     chain: np.ndarray
-    """Neurons q and t, whose moves a Newton step bounds."""
+    """Neurons q and t, whose changes a Newton step limits."""
 
 
 def check_problem(problem: OptimalControlProblem) -> None:
-    """A ProblemError where a problem has inequalities, bounds or objectives.
+    """Raise `ProblemError` if a problem has inequalities, bounds or objectives.
 
-    No level has their neurons.
+    Neither level supports their neurons.
     """
     names = map(str, (*problem.constraints, *problem.terminal_constraints, *problem.bounds))
     if problem.objectives:
@@ -59,13 +59,11 @@ def check_problem(problem: OptimalControlProblem) -> None:
 
 
 def rows_of(network: Network) -> Rows:
-    """Places of the two levels of a network in its state vector.
+    """Return the masks of both levels in the state vector of a network.
 
-    Raises
-    ------
-    NetworkError
-        If one of the populations is missing: this is no network of a problem. Or if there are
-        others, or rails: it is one of a problem with inequalities.
+    Raises `NetworkError` if a population is missing, because the network does not represent a
+    problem. The same error is raised for other populations or saturation limits, which belong to
+    inequalities.
 
     Examples
     --------
@@ -101,31 +99,22 @@ def rows_of(network: Network) -> Rows:
 
 
 class _Blocks(NamedTuple):
-    """Entries of the Jacobian inside stages, and their places in a block a stage."""
+    """Jacobian entries inside stages and their places in one block per stage."""
 
     inside: np.ndarray
-    """(nnz,) booleans: which entries."""
+    """Mask (nnz,) of the entries."""
     stage: np.ndarray
     row: np.ndarray
     column: np.ndarray
     slot: np.ndarray
-    """(L,) rows of the lower neurons in the block of their stage."""
+    """Rows (L,) of the lower neurons in the block of their stage."""
 
 
 class Sample:
-    """A network with its inputs.
+    """Network with its inputs as one sample; ``number`` is its index in a batch.
 
-    Parameters
-    ----------
-    network : Network
-        Of a problem, without inequalities and rails.
-    number : int
-        Which sample of a batch this is.
-
-    Raises
-    ------
-    NetworkError
-        If the network has not the two levels of a problem.
+    The network must have the two levels of a problem, without inequalities and saturation limits;
+    otherwise `NetworkError` is raised.
     """
 
     def __init__(self, network: Network, number: int = 0) -> None:
@@ -136,24 +125,25 @@ class Sample:
         """(L,) stages of the lower level's neurons."""
 
     def numbered(self, number: int) -> Sample:
-        """Return the same sample under another number."""
+        """Return the sample with another number."""
         other = copy.copy(self)
         other.number = number
         return other
 
     def drives(self, x: np.ndarray) -> np.ndarray:
-        """Return what arrives at every neuron (n,), at a state x (n,)."""
+        """Return the net inputs (n,) of all neurons at a state x (n,)."""
         return self.network.pack(self.compiled.drives(x))
 
     def residual(self, x: np.ndarray) -> float:
-        """Return the relative KKT residual; infinite where a number is not finite."""
+        """Return the relative KKT residual; infinite if a number is not finite."""
         return float(max(self.compiled.residuals(x)))
 
     @cached_property
     def step_limit(self) -> float:
-        """min rho tau over the PI duals, at most two time constants of the fastest mode.
+        """Minimum of rho tau over the PI duals, at most two fastest time constants.
 
-        Beyond h = rho tau a dual integrates faster in a step than its proportional path damps.
+        For h > rho tau, the integration of a dual in one step exceeds the damping of its
+        proportional path.
         """
         network, own = self.network, evaluator(self.network)
         found = [2.0 / own.fastest_rate(network.start_state)]
@@ -165,17 +155,13 @@ class Sample:
 
     @cached_property
     def rates(self) -> np.ndarray:
-        """(n,) 1 / tau of every neuron."""
+        """Rates 1 / tau of every neuron (n,)."""
         return self.network.pack(self.network.row.rates)
 
     def stage_steps(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
-        """Return the Newton steps (L,) of the lower level, every stage by itself.
+        """Return the Newton steps (L,) of the lower level, each stage separately.
 
-        Parameters
-        ----------
-        x : (n,) array
-        drives : (L,) array
-            Of the lower level.
+        The net inputs (L,) are those of the lower level at the state x (n,).
         """
         of, size = self._blocks, self._size
         blocks = np.repeat(np.eye(size)[None], self.network.stages, axis=0)
@@ -190,7 +176,7 @@ class Sample:
 
     @cached_property
     def _size(self) -> int:
-        """Largest number of lower neurons of a stage."""
+        """Largest number of lower neurons in a stage."""
         return int(self._blocks.slot.max()) + 1
 
     @cached_property
@@ -208,7 +194,7 @@ class Sample:
         return _Blocks(inside, stage[row], place[row], place[column], slot)
 
     def newton_step(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
-        """Return the Newton step (n,) of the whole network; no numbers where there is none."""
+        """Return the Newton step (n,) of the whole network; nan if it does not exist."""
         try:
             return -splu(self.compiled.drive_jacobian(x).tocsc()).solve(drives)
         except RuntimeError:

@@ -1,30 +1,30 @@
-r"""The theorems of the paper, at a solution: how the stages follow, and is the hypothesis true?
+r"""Theorems of the paper at a solution: rate of Theorem IV.1, hypothesis of IV.2.
 
-**Theorem IV.1** says that e_v and e_mu, the errors (18) of what the stages found, vanish with e_t
-and e_beta, those of what they were told. It prints no rate. The implicit function theorem has one:
-where the stages' own Jacobian J_ll is regular,
+**Theorem IV.1** states that the errors (18) of the stages, e_v and e_mu, vanish with the errors of
+the coordination variables, e_t and e_beta. The paper gives no rate. The implicit function theorem
+gives one if the Jacobian J_ll of the stages is regular:
 
 .. math::
     e_l = -J_{ll}^{-1} J_{lc}\, e_c + O(|e_c|^2), \qquad
     |e_v| \le K_v |e_c|, \quad |e_\mu| \le K_\mu |e_c|
 
-to first order, with K_v and K_mu the spectral norms of the rows of v and of mu. Where J_ll is
-singular, as in cell 0 with q_0 constant, the theorem has nothing to say.
+to first order, where K_v and K_mu are the spectral norms of the rows of v and of mu. The theorem
+makes no statement if J_ll is singular, as in cell 0 with constant q_0.
 
-**Theorem IV.2** promises that the two-level iteration converges when the matrices
+**Theorem IV.2** states that the two-level iteration converges if the matrices
 
 .. math::
     \frac{\partial G_k}{\partial v_k}, \qquad
     G_k = \nabla_{v_k} L, \quad v_k = (q_k, u_k),
 
-are positive semi-definite at the solution, one of them positive definite. They are the Hessians of
-the stages' own Lagrangians,
+are positive semi-definite at the solution and one of them is positive definite. They are the
+Hessians of the stage Lagrangians,
 
 .. math::
     \frac{\partial G_k}{\partial v_k} = \nabla^2_{vv}\,(E_k + \mu_k^T f(q_k, u_k)) ,
 
-not diag(0.99, 0.1) as (31), (32) have it: for a plant in which controls multiply functions of the
-state they are indefinite as a rule. Both can be looked at: `StageHessians` is what holds, and
+and not diag(0.99, 0.1) as in (31), (32). For a plant in which controls multiply functions of the
+state they are generally indefinite. `StageHessians` computes the correct matrices.
 `PrintedMatrices` is the same at every state of every plant.
 """
 
@@ -45,21 +45,21 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import NotEmpty, NotNegative, Shape, State, such_as
 
 STAGE_POPULATIONS = ("q", "u")
-"""What v_k is made of."""
+"""Populations of v_k."""
 
 ROUNDING = 1e-9
-"""An eigenvalue below this share of the largest one counts as zero."""
+"""Fraction of the largest eigenvalue below which an eigenvalue counts as zero."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Following:
-    """How far the stages can move at most, to first order, when what they are told moves by one.
+    """First-order bounds on the stage errors per unit error of t and beta.
 
     Attributes
     ----------
     v, mu : float
-        K_v and K_mu, in network units; infinite where the lower level is singular.
+        Bounds K_v and K_mu, in network units; infinite if the lower level is singular.
 
     Examples
     --------
@@ -83,18 +83,19 @@ class Following:
 
 @checked
 def theorem_IV_1(network: Network, settled: State) -> Following:
-    """The rate at which Theorem IV.1 holds at a solution.
+    """Return the rate of Theorem IV.1 at a solution.
 
     Parameters
     ----------
     network : Network
-        In which every stage can be solved by itself: closing B.
+        Network in which every stage can be solved separately (closing B).
     settled : (n,) array
-        Its solution, in network units.
+        Solution of the network, in network units.
 
     Returns
     -------
     Following
+        Bounds K_v and K_mu.
 
     Examples
     --------
@@ -126,18 +127,21 @@ def theorem_IV_1(network: Network, settled: State) -> Following:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hypothesis:
-    """Whether the matrices of Theorem IV.2 are as it asks; its lambda, (33), is another matter.
+    """Result of the check of the hypothesis of Theorem IV.2.
+
+    The check covers the matrices of the theorem, not its lambda (33). The text of the object
+    describes the result.
 
     Attributes
     ----------
     eigenvalues : tuple of arrays
-        Of dG_k/dv_k for every stage k, ascending, in the user's units.
+        Eigenvalues of dG_k/dv_k for every stage k, ascending, in the user's units.
 
     Examples
     --------
     >>> print(Hypothesis(eigenvalues=(np.array([0.0, 1.0]), np.array([-2.0, 1.0]))))
-    the hypothesis of Theorem IV.2 fails at 1 of 2 stages; worst at k = 1, where dG_k/dv_k has \
-eigenvalues -2 .. 1
+    the hypothesis of Theorem IV.2 fails at 1 of 2 stages; worst at k = 1, where dG_k/dv_k has
+    eigenvalues -2 .. 1
 
     References
     ----------
@@ -162,7 +166,10 @@ eigenvalues -2 .. 1
 
     @property
     def holds(self) -> bool:
-        """All matrices positive semi-definite, at least one positive definite."""
+        """True if no matrix is indefinite and at least one is positive definite.
+
+        All matrices must be positive semi-definite.
+        """
         return not self.failing and bool(self.definite)
 
     def __str__(self) -> str:
@@ -187,20 +194,20 @@ eigenvalues -2 .. 1
 
 @such_as("ann_dc.two_level.StageHessians()")
 class StageMatrices(ABC):
-    """What is taken for dG_k/dv_k."""
+    """Base class of the matrices that are used for dG_k/dv_k."""
 
     @abstractmethod
     def of(self, network: Network, x: np.ndarray) -> list[np.ndarray]:
-        """One symmetric matrix for every stage of a network of q and u at a state (n,)."""
+        """Return one symmetric matrix (q, u) for every stage at a state (n,)."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class StageHessians(StageMatrices):
-    """The matrices that hold: Hessians of the stages' own Lagrangians, in the user's units."""
+    """Correct matrices: Hessians of the stage Lagrangians, in the user's units."""
 
     def of(self, network: Network, x: np.ndarray) -> list[np.ndarray]:
-        """Off the drive Jacobian, with m = mu + rho c in place of mu."""
+        """Return the Hessians from the drive Jacobian, with m = mu + rho c for mu."""
         compiled = fast_evaluator(network, tape_with_penalty(network, 0.0))
         hessian = -compiled.drive_jacobian(_with_multipliers(network, x))
         factors = np.array([neuron.scale.factor for neuron in network.cell.neurons])
@@ -215,12 +222,14 @@ class StageHessians(StageMatrices):
 @checked
 @dataclass(frozen=True, kw_only=True)
 class PrintedMatrices(StageMatrices):
-    """diag(0.99, 0.1), whatever the plant and the state; (31) takes mu and beta for constants.
+    """Matrices diag(0.99, 0.1) as printed, for every plant and state.
+
+    Equation (31) treats mu and beta as constants.
 
     Attributes
     ----------
     of_q, of_u : float
-        What stands on the diagonal for every q and every u.
+        Diagonal entries for every q and every u.
 
     References
     ----------
@@ -231,7 +240,7 @@ class PrintedMatrices(StageMatrices):
     of_u: float = 0.1
 
     def of(self, network: Network, x: np.ndarray) -> list[np.ndarray]:
-        """The same diagonal at every state."""
+        """Return the same diagonal matrices at every state."""
         is_q = network.of_population("q")
         return [
             np.diag(np.where(is_q[rows], self.of_q, self.of_u)) for rows in _rows_of_stages(network)
@@ -247,21 +256,21 @@ def theorem_IV_2(
     Parameters
     ----------
     network : Network
-        Of the corrected equations, in which q and u follow minus the gradient.
+        Network of the corrected equations, in which q and u follow the negative gradient.
     x : (n,) array
         State vector of the solution, in network units.
     matrices : StageMatrices, optional
-        `StageHessians` by default; `PrintedMatrices` is what (32) takes for them.
+        `StageHessians` by default; `PrintedMatrices` are those of (32).
 
     Returns
     -------
     Hypothesis
-        Its text says where it fails, and by how much.
+        Eigenvalues of all stages; the text of the result names the worst failing stage.
 
     Raises
     ------
     NetworkError
-        If this is no network of a problem, or no state of it.
+        If the network does not represent a problem, or the state has another size.
 
     Examples
     --------
@@ -286,20 +295,23 @@ def theorem_IV_2(
 
 
 def _rows_of_stages(network: Network) -> list[np.ndarray]:
-    """For every stage, where its q and u stand in a state vector."""
+    """Return the places of q and u in the state vector for every stage."""
     inside, stage = network.of_population(*STAGE_POPULATIONS), network.places[:, 1]
     return [np.flatnonzero(inside & (stage == k)) for k in range(network.stages)]
 
 
 def _cost_factor(network: Network) -> float:
-    """The user's objective over the network's: what a multiplier and its state stand for."""
+    """Return the ratio of the user's objective to the network's objective.
+
+    The ratio is the product of the scale factors of a multiplier and its state.
+    """
     for dual, (q, _) in zip(network.cell.duals, network.cell.chains):
         return network.neuron(dual.neuron).scale.factor * network.neuron(q).scale.factor
     return 1.0
 
 
 def _with_multipliers(network: Network, x: State) -> np.ndarray:
-    """The state with m = mu + rho c in place of mu: what the network works with."""
+    """Return the state with m = mu + rho c in place of mu, as the network uses it."""
     values, nodes = evaluator(network).values(x), network.node_index
     state = network.unpack(x)
     for dual in network.cell.duals:

@@ -1,15 +1,15 @@
-r"""The upper level's map, linearised: which lambda_t and lambda_beta are good, and how good.
+r"""Linearised upper-level map: choice of lambda_t and lambda_beta and their rate.
 
-With J the Jacobian of all drives at the solution, split into the lower level l = (q, u, mu) and the
-upper level c = (t, beta), the lower level follows its coordinator, and what drives the upper level
-is the Schur complement
+Let J be the Jacobian of all net inputs at the solution, split into the lower level l = (q, u, mu)
+and the upper level c = (t, beta). The lower level follows its coordinator, and the Schur complement
+drives the upper level:
 
 .. math::
     S = J_{cc} - J_{cl} J_{ll}^{-1} J_{lc}, \qquad
     e^{(j+1)} = (I + \Lambda S)\, e^{(j)}, \qquad \Lambda = diag(\lambda_t, \lambda_\beta) .
 
-The iteration (17) converges near the solution exactly when the spectral radius of I + Lambda S is
-below one, and it then gains a factor of that radius an iteration.
+The iteration (17) converges near the solution if and only if the spectral radius of I + Lambda S is
+below one. The error then decreases by a factor of that radius per iteration.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import State
 
 SINGULAR = 1e13
-"""Condition number from which on a lower level has no solution."""
+"""Condition number above which the lower level counts as singular."""
 
 DECADES = np.log(10.0) * np.arange(-3.0, 1.5)
-"""Logarithms of the gains that are tried first, over one over the largest eigenvalue of S."""
+"""Logarithms of the initial gains, relative to the reciprocal of the largest eigenvalue of S."""
 REFINED = 3
-"""How many gains of the grid are refined: the radius has kinks, and a simplex rests on one."""
+"""Number of grid gains to refine; the radius has kinks at which a simplex search stops."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class UpperGains:
-    """Gains of the upper level.
+    """Gains of the upper level with their spectral radius.
 
     Attributes
     ----------
     lambda_t, lambda_beta : float
-        In network units.
+        Gains in network units.
     radius : float
-        Spectral radius of the linearised upper level's map.
+        Spectral radius of the linearised upper-level map.
 
     Examples
     --------
@@ -61,12 +61,12 @@ class UpperGains:
 
     @checked
     def predicted(self, tolerance: float = 1e-6) -> float:
-        """Outer iterations that the slowest mode needs; infinite where the map repels.
+        """Return the outer iterations of the slowest mode; infinite if unstable.
 
         Parameters
         ----------
         tolerance : float
-            Share of its first size that the mode is to fall to.
+            Fraction of its initial size to which the mode decreases.
         """
         return float(np.log(tolerance) / np.log(self.radius)) if self.radius < 1 else float("inf")
 
@@ -74,12 +74,12 @@ class UpperGains:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UpperMap:
-    """The upper level of a network at its solution.
+    """Upper-level map of a network, linearised at its solution.
 
     Attributes
     ----------
     network : Network
-        Every cell needs a lower level that can be solved: q_0 a neuron (closing B).
+        Network in which the lower level of every cell can be solved: q_0 is a neuron (closing B).
     settled : (n,) array
         State vector of the solution, in network units.
 
@@ -105,7 +105,9 @@ class UpperMap:
 
     @cached_property
     def follow(self) -> np.ndarray:
-        """d(q, u, mu) / d(t, beta) of the lower level (lower, upper), dense, in network units.
+        """Sensitivity d(q, u, mu) / d(t, beta) of the lower level in network units.
+
+        The array is dense with shape (lower, upper).
 
         Raises
         ------
@@ -124,7 +126,7 @@ class UpperMap:
 
     @cached_property
     def schur(self) -> np.ndarray:
-        """S, dense: one row and one column for every t and beta, in network units.
+        """Dense Schur complement S over all t and beta, in network units.
 
         Raises
         ------
@@ -148,7 +150,7 @@ class UpperMap:
 
     @checked
     def radius(self, lambda_t: float, lambda_beta: float) -> float:
-        """Spectral radius of I + Lambda S, for gains in network units.
+        """Return the spectral radius of I + Lambda S for gains in network units.
 
         Raises
         ------
@@ -160,7 +162,9 @@ class UpperMap:
         return float(np.abs(eigenvalues).max())
 
     def best(self) -> UpperGains:
-        """The two gains with the smallest radius: the best of a grid of decades, each refined.
+        """Return the two gains with the smallest spectral radius.
+
+        The best gains of a grid of decades are refined by a simplex search.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The upper level: how the coordinator moves t and beta. Paper (17), (33), and a Newton step."""
+"""Upper level: coordinators that move t and beta, paper (17), (33), and Newton."""
 
 from __future__ import annotations
 
@@ -19,59 +19,45 @@ from ann_dc.validation.values import such_as
 
 @such_as("ann_dc.two_level.NewtonCoordinator()")
 class UpperLevel(ABC):
-    """How the coordinator moves.
-
-    Attributes
-    ----------
-    name : str
-        As the command line has it.
-    """
+    """Base class of the coordinators; ``name`` is the name on the command line."""
 
     name: ClassVar[str]
 
     @abstractmethod
     def suited(self) -> LowerLevel:
-        """The lower level that suits this coordinator."""
+        """Return the lower level that suits the coordinator."""
 
     @abstractmethod
     def move(
         self, sample: Sample, x: np.ndarray, drives: np.ndarray
     ) -> tuple[np.ndarray, tuple[float, float]]:
-        """One move of the coordinator.
+        """Move the coordination variables once.
 
-        Parameters
-        ----------
-        sample : Sample
-        x, drives : (n,) array
-            The state after the lower level, and what arrives there; in network units.
-
-        Returns
-        -------
-        x : (n,) array
-        gains : tuple of two float
-            Of t and beta; nan where the coordinator has none.
+        The state x (n,) is the state after the lower level, and the net inputs (n,) are taken at
+        this state, both in network units. Returns the new state and the gains of t and beta (nan if
+        the coordinator has no gains).
         """
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Gradient(UpperLevel):
-    """Paper (17), corrected: t and beta along their drives, each with its own gain.
+    """Gradient coordinator (17), corrected: t and beta with separate gains.
 
-    `UpperMap.best` finds good ones. One common gain is slower, and hopeless in units that give t
-    and beta reciprocal scales.
+    t and beta move along their net inputs. `UpperMap.best` finds good gains. A common gain is
+    slower, and unusable in units that give t and beta reciprocal scales.
 
     Attributes
     ----------
     name : str
-        As the command line has it.
+        Name on the command line.
     lambda_t, lambda_beta : float
-        In network units.
+        Gains in network units.
 
     Raises
     ------
     NetworkError
-        If one of them is not a positive number.
+        If a gain is not a positive number.
 
     References
     ----------
@@ -86,25 +72,27 @@ class Gradient(UpperLevel):
         require_positive(lambda_t=self.lambda_t, lambda_beta=self.lambda_beta)
 
     def suited(self) -> LowerLevel:
-        """The stage equations, solved."""
+        """Return the `Closed` lower level, which solves the stage equations."""
         return Closed()
 
     def move(self, sample, x, drives):
-        """Move t and beta along their drives."""
+        """Move t and beta along their net inputs."""
         return _along(sample.rows, x, drives, (self.lambda_t, self.lambda_beta))
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OracleCoordinator(UpperLevel):
-    """Paper (33): t and beta along their drives with one gain, from the solution; for studies only.
+    """Coordinator (33) with one gain from the solution; for studies only.
+
+    t and beta move along their net inputs.
 
     Attributes
     ----------
     name : str
-        As the command line has it.
+        Name on the command line.
     gain : OracleGain
-        Says how far, and knows the solution.
+        Gain rule with the solution.
 
     References
     ----------
@@ -115,11 +103,11 @@ class OracleCoordinator(UpperLevel):
     gain: OracleGain
 
     def suited(self) -> LowerLevel:
-        """The stage equations, solved."""
+        """Return the `Closed` lower level, which solves the stage equations."""
         return Closed()
 
     def move(self, sample, x, drives):
-        """Move t and beta along their drives, as far as the oracle says."""
+        """Move t and beta along their net inputs by the oracle gain."""
         known = np.atleast_2d(self.gain.settled)
         settled = known[sample.number if len(known) > 1 else 0]
         found = distances_of(sample.rows, x - settled, drives).lyapunov
@@ -130,18 +118,19 @@ class OracleCoordinator(UpperLevel):
 @checked
 @dataclass(frozen=True, kw_only=True)
 class NewtonCoordinator(UpperLevel):
-    """Solves the banded KKT system that the linearised stages report; the stages follow.
+    """Coordinator that solves the banded KKT system of the linearised stages.
 
-    In hardware: one linear network that settles once an outer iteration, with the stages'
-    Jacobians as its weights; digitally, one banded factorisation.
+    The stages follow the coordinator. In hardware, this is one linear network that settles once per
+    outer iteration, with the Jacobians of the stages as weights. In software, it is one banded
+    factorisation.
 
     Attributes
     ----------
     name : str
-        As the command line has it.
+        Name on the command line.
     slew : float
-        Largest move of a q or t in an outer iteration, in network units; a longer step is shortened
-        as a whole.
+        Largest change of a q or t in an outer iteration, in network units; a longer step is
+        shortened as a whole.
 
     Raises
     ------
@@ -165,7 +154,7 @@ class NewtonCoordinator(UpperLevel):
         require_positive(slew=self.slew)
 
     def suited(self) -> LowerLevel:
-        """Stages that follow the coordinator."""
+        """Return the `Linearised` lower level, which follows the coordinator."""
         return Linearised()
 
     def move(self, sample, x, drives):
@@ -176,14 +165,10 @@ class NewtonCoordinator(UpperLevel):
 
 
 def distances_of(rows: Rows, error: np.ndarray, drives: np.ndarray) -> Distances:
-    """Return the errors of a state, given the solution.
+    """Return the errors of a state relative to the solution.
 
-    Parameters
-    ----------
-    rows : Rows
-        Of the network's levels.
-    error, drives : (n,) array
-        State less solution, and what arrives at the state; in network units.
+    ``error`` (n,) is state minus solution and ``drives`` (n,) are the net inputs at the state, both
+    in network units.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""Type hints that are kept: arguments are checked against them where a function is called."""
+"""Argument validation: checks of arguments against the type hints of a function."""
 
 import lazy_loader
 

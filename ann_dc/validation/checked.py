@@ -1,15 +1,15 @@
-"""Arguments are checked where a function is called, before anything runs.
+"""Validation of arguments against type hints when a function is called.
 
-``@checked`` stands above a function, a method or a record. What its type hints say is then kept: an
-argument that is not what its hint says raises an `ArgumentError`, which names the argument, tells
-what was expected, what was given and, where it can, what to pass. Hints are read once, at the first
-call. Functions that are called in the middle of a run are not checked.
+The decorator ``@checked`` applies to a function, a method or a record. An argument that does not
+match its hint raises an `ArgumentError`. The error names the argument, the expected and the given
+value and, if possible, a remedy. Functions that are called in the middle of a run are not checked.
 
-A checked function is an entry to the package, so it runs with one BLAS thread (`one_thread`).
+A checked function is an entry point of the package and therefore runs with one BLAS thread
+(`one_thread`).
 
-A hint is read once, when a function is first called; what is left for every call are closures that
-compare classes. Numbers count as their hints read: every whole number is a float, no bool is a
-number, and nan is none unless the hint or the default says so.
+Hints are read once, at the first call. Later calls only run closures that compare classes. Numbers
+follow their hints: every integer is accepted as a float, a bool is not a number, and nan is
+rejected unless the hint or the default allows it.
 """
 
 from __future__ import annotations
@@ -53,12 +53,9 @@ from ann_dc.validation.values import (
 
 
 def check_of(hint: Any) -> Check | None:
-    """The check of a type hint; None where it takes anything.
+    """Return the check of a type hint; None if it accepts any value.
 
-    Parameters
-    ----------
-    hint : object
-        As `typing.get_type_hints` tells it, with extras.
+    Hints are given as by `typing.get_type_hints` with extras.
 
     Examples
     --------
@@ -273,17 +270,10 @@ Thing = TypeVar("Thing", bound=Callable[..., Any])
 
 
 def checked(thing: Thing) -> Thing:
-    """Check all arguments of a function, or all fields of a record, against their type hints.
+    """Check all arguments of a function, or all fields of a record, by their hints.
 
-    Parameters
-    ----------
-    thing : function or class
-        Of a class, what is checked are the arguments of its construction.
-
-    Returns
-    -------
-    function or class
-        With the same name, signature and docstring; of a class, the class itself.
+    A function is wrapped and retains name, signature and docstring. A class is returned itself, and
+    the arguments of its construction are checked.
 
     Examples
     --------
@@ -313,24 +303,22 @@ def _hints(thing: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class _Plan:
-    """What there is to do at every call.
+    """Checks to perform at every call of a function.
 
     Attributes
     ----------
     names : tuple of str
-        Of the arguments that may be given by place.
+        Names of positional arguments.
     placed : tuple of Check or None
-        Their checks.
+        Checks of these arguments.
     more : Check or None
-        Of further arguments by place, whose name is the last.
-    named : dict of str to Check or None
+        Check of further positional arguments, whose name is the last of ``names``.
     rest : Check or None
-        Of arguments of any other name.
+        Check of keyword arguments with any other name.
     adapters : dict of str to callable
-        Of the arguments of which something like them is taken too.
-    shapes : dict of str to Shape
+        Conversions of arguments that accept similar types.
     is_record : bool
-        Whether it is one that is built, so that nothing runs.
+        True for the construction of a record, in which nothing else runs.
     """
 
     names: tuple[str, ...]
@@ -343,7 +331,7 @@ class _Plan:
     is_record: bool
 
     def error_of(self, args: tuple, kwargs: dict[str, Any]) -> ArgumentError | None:
-        """What is wrong with a call, if anything: types before values, values before shapes."""
+        """Return the error of a call, if any: types before values, values before shapes."""
         found = None
         for name, check, value in zip(self.names, self.placed, args):
             if check is not None and (complaint := check(value)) is not None:
@@ -368,7 +356,7 @@ _Found: TypeAlias = tuple[str, Complaint]
 
 
 def _worse(found: _Found | None, name: str, complaint: Complaint) -> _Found:
-    """The first complaint; but one about a type comes before one about a value."""
+    """Return the first complaint; a type complaint precedes a value complaint."""
     if found is None or (
         found[1].error is ArgumentValueError and complaint.error is ArgumentTypeError
     ):
@@ -416,7 +404,7 @@ def _checking(
 
 
 def _build(record: Callable, args: tuple, kwargs: dict[str, Any], error: ArgumentError) -> None:
-    """Let a record say itself what is wrong with its values, where it knows."""
+    """Construct a record so that it can raise a more specific error for its values."""
     try:
         record(*args, **kwargs)
     except AnnDcError:
@@ -446,7 +434,7 @@ def _plan(function: Callable, hints: dict[str, Any], is_record: bool) -> _Plan:
 
 
 def _widened(hint: Any, default: Any) -> Any:
-    """A hint takes the default too, None or nan; where there is none, a number's default is it."""
+    """Extend a hint by a default of None or nan; replace a missing hint by its type."""
     if hint is Any and type(default) in (int, float):
         return int if type(default) is int else Finite
     if default is None:
@@ -457,7 +445,7 @@ def _widened(hint: Any, default: Any) -> Any:
 
 
 def _parts(hint: Any) -> tuple[Any, ...]:
-    """The alternatives of a hint, with what is annotated to them."""
+    """Return the alternatives of a hint, with their annotations."""
     inside = typing.get_args(hint)
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
         return tuple(part for one in inside for part in _parts(one))
@@ -482,7 +470,7 @@ def _adapted(plan: _Plan, args: tuple, kwargs: dict[str, Any]) -> tuple[tuple, d
 
 
 def _adapter(hint: Any) -> Callable[[Any], Any] | None:
-    """Lists of numbers stand for arrays, lists for tuples; what can be read once only is kept."""
+    """Return a conversion: number lists to arrays, lists and iterators to tuples."""
     origins = {typing.get_origin(part) or part for part in map(_bare, _parts(hint))}
     if abc.Iterable in origins:
         return lambda value: tuple(value) if isinstance(value, abc.Iterator) else value

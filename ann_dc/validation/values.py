@@ -1,6 +1,6 @@
-"""What a hint may say beyond a type: a range of numbers, a shape, that it is not empty.
+"""Constraints in type hints beyond a type: number ranges, shapes, non-emptiness.
 
-They stand in ``Annotated`` hints, which a type checker reads as the type itself.
+They are used in ``Annotated`` hints, which a type checker reads as the type itself.
 """
 
 from __future__ import annotations
@@ -26,16 +26,13 @@ _Class = TypeVar("_Class", bound=type)
 _SUCH_AS: dict[type, str] = {}
 
 LONGEST_TEXT = 40
-"""Letters of a given text that a refusal repeats."""
+"""Largest number of characters of a given text that an error message repeats."""
 
 
 def such_as(example: str) -> Callable[[_Class], _Class]:
-    """Say how a user comes by an object of a class; refusals of all others tell it.
+    """Declare an example expression for a class, such as "ann_dc.plants.car()".
 
-    Parameters
-    ----------
-    example : str
-        What a user writes, such as "ann_dc.plants.car()".
+    Error messages that expect an object of the class show the example.
 
     Examples
     --------
@@ -54,7 +51,7 @@ def such_as(example: str) -> Callable[[_Class], _Class]:
 
 
 def class_words(kind: type) -> str:
-    """Return the name of an object of a class in a refusal, and how to come by one."""
+    """Return the description of a class instance in messages, with its example."""
     if issubclass(kind, enum.Enum):
         return f"one of {', '.join(str(member) for member in kind)}"
     example = f" such as {_SUCH_AS[kind]}" if kind in _SUCH_AS else ""
@@ -62,7 +59,7 @@ def class_words(kind: type) -> str:
 
 
 def given_words(given: object) -> str:
-    """Return the words of a refusal for what was given.
+    """Return the description of a given value in error messages.
 
     Examples
     --------
@@ -88,16 +85,9 @@ def given_words(given: object) -> str:
 
 
 def way_out(given: object, kind: type, fits: Callable[[Any], bool]) -> str:
-    """Return what to pass instead, where what was given tells it; else nothing.
+    """Return a suggestion for a rejected value, or an empty text.
 
-    Parameters
-    ----------
-    given : object
-        What was refused.
-    kind : type
-        What was expected.
-    fits : callable of object
-        Whether something else would be taken.
+    `kind` is the expected class, and `fits` decides if another value would be accepted.
     """
     if isinstance(given, type):
         return f"; make one: {given.__name__}(...)" if _makes(given, kind) else ""
@@ -119,7 +109,7 @@ def _makes(given: type, kind: type) -> bool:
 
 
 def with_article(name: str) -> str:
-    """A name as one of its kind.
+    """Return a name with its indefinite article.
 
     >>> with_article("Network"), with_article("OdeBackend")
     ('a Network', 'an OdeBackend')
@@ -128,7 +118,7 @@ def with_article(name: str) -> str:
 
 
 def is_empty(given: object) -> bool:
-    """Tell if an object with a length is empty."""
+    """Return True if an object with a length is empty."""
     return isinstance(given, Sized) and len(given) == 0
 
 
@@ -142,14 +132,13 @@ class Complaint:
     Attributes
     ----------
     expected : str
-        In words.
-    given : object
+        Description of the expected value.
     where : str
-        The place inside the argument, such as "[2]"; empty where it is the argument itself.
+        Place inside the argument, such as "[2]"; empty for the argument itself.
     error : type of ArgumentError
-        What is raised.
+        Type of the error to raise.
     wanted : type or None
-        The class that was expected, where it was one.
+        Expected class, if any.
     """
 
     expected: str
@@ -159,7 +148,7 @@ class Complaint:
     wanted: type | None = None
 
     def raised_for(self, name: str) -> ArgumentError:
-        """The error for an argument of that ``name``."""
+        """Return the error for an argument called ``name``."""
         hint, kind = "", self.wanted
         if kind is not None:
             fits = class_check(kind)
@@ -170,11 +159,11 @@ class Complaint:
 
 
 Check: TypeAlias = Callable[[Any], Complaint | None]
-"""None where a value is as it should be."""
+"""Function that returns the complaint about a value, or None if it is valid."""
 
 
 def class_check(kind: type) -> Check:
-    """The check of a class: of a protocol by its members, of any other by `isinstance`."""
+    """Return the check of a class: by members for a protocol, else by `isinstance`."""
     if kind in (abc.Callable, types.FunctionType):
         return callable_check
     protocol = getattr(kind, "_is_protocol", False)
@@ -190,7 +179,7 @@ def class_check(kind: type) -> Check:
 
 
 def _members(protocol: type) -> tuple[str, ...]:
-    """Names that a protocol asks for."""
+    """Return the names that a protocol requires."""
     kinds = [kind for kind in protocol.__mro__ if getattr(kind, "_is_protocol", False)]
     names = {n for kind in kinds for n in (*vars(kind), *getattr(kind, "__annotations__", {}))}
     asked = {name for name in names if not name.startswith("_") or name == "__call__"}
@@ -198,12 +187,12 @@ def _members(protocol: type) -> tuple[str, ...]:
 
 
 def _has(value: Any, name: str) -> bool:
-    """Tell if an object has an attribute; a property of its class is not evaluated."""
+    """Return True if an object has an attribute, without evaluating class properties."""
     return hasattr(type(value), name) or name in getattr(value, "__dict__", ())
 
 
 def callable_check(value: Any) -> Complaint | None:
-    """The check of a function: a ``value`` that can be called and is no class."""
+    """Check that ``value`` is callable and not a class."""
     if callable(value) and not isinstance(value, type):
         return None
     return Complaint(expected="a function", given=value)
@@ -217,7 +206,7 @@ def _none(value: Any) -> Complaint | None:
 
 
 def float_check(value: Any) -> Complaint | None:
-    """The check of a number: a ``value`` that is not nan."""
+    """Check that ``value`` is a number other than nan."""
     if number_check(value) is not None:
         return Complaint(expected="a number", given=value)
     if value != value:
@@ -226,7 +215,7 @@ def float_check(value: Any) -> Complaint | None:
 
 
 def number_check(value: Any) -> Complaint | None:
-    """The check of a number that may be nan: a real ``value`` and no bool."""
+    """Check that ``value`` is a real number, possibly nan, and not a bool."""
     if type(value) is float or (isinstance(value, numbers.Real) and not isinstance(value, bool)):
         return None
     return Complaint(expected="a number", given=value)
@@ -265,7 +254,7 @@ def _array(value: Any) -> Complaint | None:
 
 
 def as_array(value: Any) -> Any:
-    """Lists of numbers as an array; anything else as it is."""
+    """Convert lists of numbers to an array; return other values unchanged."""
     if not isinstance(value, (list, tuple)):
         return value
     try:
@@ -292,14 +281,10 @@ SCALARS: dict[Any, Check] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Range:
-    """Numbers of a range, as a hint.
+    """Range of numbers, as a hint.
 
-    Attributes
-    ----------
-    words : str
-        What a refusal says was expected.
-    low, high : float
-        Both belong to the range.
+    The limits `low` and `high` belong to the range; `words` is the expected value in error
+    messages.
     """
 
     words: str
@@ -311,21 +296,21 @@ class Range:
 
 
 class OrNan:
-    """That nan is let through: it says that there is none, or is refused further on, by name."""
+    """Marker that accepts nan: a missing value, or rejected later by name."""
 
 
 class Own:
-    """That a function refuses what is wrong itself, in its own words."""
+    """Marker that leaves the validation of an argument to the function."""
 
 
 class NotEmpty:
-    """That what is given holds one thing at least."""
+    """Marker that requires at least one element."""
 
 
 SMALLEST, LARGEST = float(np.nextafter(0.0, 1.0)), float(np.finfo(float).max)
 
 Positive: TypeAlias = Annotated[float, Range(words="a positive number", low=SMALLEST)]
-"""Above zero; infinite is positive too."""
+"""Number above zero; infinity is positive too."""
 
 PositiveFinite: TypeAlias = Annotated[
     float, Range(words="a positive finite number", low=SMALLEST, high=LARGEST)
@@ -338,18 +323,18 @@ Share: TypeAlias = Annotated[
 FloatOrNan: TypeAlias = Annotated[float, OrNan()]
 Count: TypeAlias = Annotated[int, Range(words="a whole number, 1 or more", low=1)]
 Index: TypeAlias = Annotated[int, Range(words="a whole number, 0 or more", low=0)]
-"""Counts from zero: seeds, stages, places in a list."""
+"""Count from zero: seeds, stages, positions in a list."""
 
 
 class Shape:
-    """The shape of an array, and that none of its numbers is nan.
+    """Shape of an array that does not contain nan.
 
     Parameters
     ----------
     *sizes : int or str
-        A number; or a word that stands for one number, 1 or more, wherever the call has it; or
-        where that number is found among the other arguments, such as "network.size". "N+1" is
-        one more than N. A first size "..." stands for any further ones before the rest.
+        A number, or a name that represents one number, 1 or more, throughout the call. A name such
+        as "network.size" refers to another argument. "N+1" is one more than N. A first size "..."
+        represents any further dimensions before the others.
 
     Examples
     --------
@@ -367,9 +352,9 @@ class Shape:
         return f"Shape{(*(['...'] if self.batched else []), *self.sizes)!r}"
 
     def complaint(self, array: Any, known: dict[str, int]) -> str | None:
-        """What shape was expected, None where it is that of the ``array``.
+        """Return the expected shape, or None if the ``array`` has it.
 
-        Sizes that are not ``known`` yet become known by the array.
+        Sizes that are not yet ``known`` are defined by the array.
         """
         shape = tuple(array.shape)
         own = shape[len(shape) - len(self.sizes) :] if self.batched else shape
@@ -391,7 +376,7 @@ class Shape:
         return text if numbers == words else f"{text} = {_tuple([*before, *numbers])}"
 
     def learn(self, arguments: Mapping[str, Any], known: dict[str, int]) -> None:
-        """Look up the sizes that other ``arguments`` tell, into ``known``."""
+        """Add the sizes defined by other ``arguments`` to ``known``."""
         for size in self.sizes:
             word = str(size).partition("+")[0]
             first, *rest = word.split(".")
@@ -412,4 +397,4 @@ def _tuple(words: list[str]) -> str:
 
 
 State: TypeAlias = Annotated[np.ndarray, Shape("network.size")]
-"""A state vector of the call's ``network``."""
+"""State vector of the ``network`` argument of the call."""

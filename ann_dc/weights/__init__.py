@@ -1,4 +1,4 @@
-"""A network as one file of named arrays and a manifest, nothing executable."""
+"""Network files: named arrays and a manifest, without executable content."""
 
 import lazy_loader
 

@@ -1,7 +1,8 @@
-"""Named arrays of a file, read with distrust: each is taken once, by name, type and shape.
+"""Strict reader of named arrays: one access per entry, by name, type and shape.
 
-A file may come from anyone: an entry is taken only as what the reader asks for, and what nobody
-asked for is refused at the end. Where the entries lie, and how, is the file form's business.
+A file may come from an untrusted source. An entry is accepted only with the type and shape that the
+reader requests, and entries that were never requested raise an error at the end. The position and
+encoding of the entries depend on the file format.
 """
 
 from __future__ import annotations
@@ -16,39 +17,31 @@ import numpy as np
 from ann_dc.errors import FileFormatError
 
 NUMBER, BYTE = "float64", "uint8"
-"""Types that a file of ours has."""
+"""Array types that occur in the package's files."""
 LONGEST = 1_000_000
-"""Longest axis of an array that holds nothing."""
+"""Largest axis length of an array without elements."""
 
 
 class Stored(NamedTuple):
-    """An array as a file has it."""
+    """Array as stored in a file."""
 
     kind: str
-    """Its type, in NumPy's words."""
+    """Type name in NumPy's notation."""
     shape: tuple[int, ...]
-    """Lengths of its axes."""
+    """Lengths of the axes."""
     data: bytes | memoryview
-    """Little-endian, last axis first."""
+    """Little-endian data in C order (last axis varies fastest)."""
 
 
 class Entries(ABC):
-    """The entries of a file, each taken once; what is left at the end does not belong there.
+    """Entries of a file, each taken once; entries that remain at the end are invalid.
 
-    Parameters
-    ----------
-    names : iterable of str
-        Of all entries.
+    Raises `FileFormatError` if a name is not printable.
 
     Attributes
     ----------
     taken : dict of str to array
-        The arrays of numbers that were taken.
-
-    Raises
-    ------
-    FileFormatError
-        If a name cannot be printed.
+        Numeric arrays that have been taken.
     """
 
     def __init__(self, names: Iterable[str]) -> None:
@@ -60,16 +53,13 @@ class Entries(ABC):
 
     @abstractmethod
     def stored(self, name: str) -> Stored:
-        """The entry of a name that there is.
+        """Return the existing entry of the given name.
 
-        Raises
-        ------
-        FileFormatError
-            If what lies there is no array.
+        Raises `FileFormatError` if the entry is not an array.
         """
 
     def _open(self, name: str, kind: str) -> tuple[tuple[int, ...], bytes | memoryview]:
-        """Shape and data of an entry, which has to be of a type."""
+        """Return the shape and data of an entry after checking its type."""
         if name not in self._left:
             raise FileFormatError(f"entry {name!r} is missing; save the network again")
         del self._left[name]
@@ -82,12 +72,10 @@ class Entries(ABC):
         return found.shape, found.data
 
     def array(self, name: str, *shapes: tuple[int | None, ...], rails: bool = False) -> np.ndarray:
-        """Take an array of one of the shapes (None: any); only ``rails`` may be infinite.
+        """Take an array with one of the given shapes (None: any length).
 
-        Raises
-        ------
-        FileFormatError
-            If the entry is missing, is no array of float64 of such a shape, or not finite.
+        Only the array ``rails`` may contain infinite values. Raises `FileFormatError` if the entry
+        is missing, is not a float64 array of such a shape, or is not finite.
         """
         values = self.numbers(name, *shapes)
         if np.isnan(values).any() or not (rails or np.isfinite(values).all()):
@@ -95,12 +83,9 @@ class Entries(ABC):
         return values
 
     def numbers(self, name: str, *shapes: tuple[int | None, ...]) -> np.ndarray:
-        """Take an array of one of the shapes (None: any), whatever its numbers are.
+        """Take an array with one of the given shapes (None: any length), with any values.
 
-        Raises
-        ------
-        FileFormatError
-            If the entry is missing, or is no array of float64 of such a shape.
+        Raises `FileFormatError` if the entry is missing or is not a float64 array of such a shape.
         """
         shape, data = self._open(name, NUMBER)
         if not any(_fits(shape, given) for given in shapes) or len(data) != 8 * math.prod(shape):
@@ -111,24 +96,18 @@ class Entries(ABC):
         return values
 
     def one_or_each(self, name: str, stages: int) -> float | np.ndarray:
-        """Take one number, or one a stage, (N,)."""
+        """Take a single number or one number per stage, shape (N,)."""
         values = self.array(name, (), (stages,))
         return values if values.ndim else float(values)
 
     def finish(self) -> None:
-        """Refuse what nobody took.
-
-        Raises
-        ------
-        FileFormatError
-            Naming what is left.
-        """
+        """Raise `FileFormatError` with the names of entries that were not taken."""
         if self._left:
             names = ", ".join(sorted(self._left))
             raise FileFormatError(f"unknown entries: {names:.300}; remove them")
 
 
 def _fits(shape: tuple[int, ...], given: tuple[int | None, ...]) -> bool:
-    """Whether a shape is the given one; one without numbers claims no length beyond `LONGEST`."""
+    """Return True if a shape matches; without elements, no axis may exceed `LONGEST`."""
     same = len(shape) == len(given) and all(b in (None, a) for a, b in zip(shape, given))
     return same and (0 not in shape or max(shape) <= LONGEST)

@@ -1,8 +1,9 @@
-"""What makes a network this one: a hash of its wiring, and one of its wiring and all numbers.
+"""Identity of a network: hashes of its wiring, its numbers and its manifest.
 
-Weights fit every network of the same wiring, and no other. The hashes are of plain JSON and of
-float64 numbers in the order of their names, so that any program can form them. A file has both, and
-a third of all that its manifest says, words and title too.
+Weights fit every network with the same wiring and no other network. The hashes are computed from
+plain JSON and from float64 numbers in the order of their names, so that any program can compute
+them. A file stores the wiring hash, the content hash, and a third hash of the complete manifest,
+including descriptions and title.
 """
 
 from __future__ import annotations
@@ -21,23 +22,16 @@ from ann_dc.weights.manifest import Table
 from ann_dc.weights.writing import STIFFNESSES, arrays_of, manifest_of
 
 WORDS = ("schema", "title", "about", "tensors", "hashes")
-"""What a manifest says that no wire depends on."""
+"""Manifest entries that do not depend on the wiring."""
 FRAME = ("rails", "unit", "zero", "input_scale", *STIFFNESSES)
-"""Arrays that no gain and no weight is in, by the first part of their names."""
+"""Arrays without gains and weights, by the first part of their names."""
 
 
 @checked
 def wiring_hash(network: Network) -> str:
-    """SHA-256 of names and wires, without numbers and without the title.
+    """Compute the SHA-256 of names and connections, without numbers and title.
 
-    Parameters
-    ----------
-    network : Network
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
+    The result has 64 hexadecimal digits.
 
     Examples
     --------
@@ -53,50 +47,26 @@ def wiring_hash(network: Network) -> str:
 
 @checked
 def content_hash(network: Network) -> str:
-    """SHA-256 of names, wires, and every number; of all but the title.
+    """Compute the SHA-256 of names, connections and all numbers, without the title.
 
-    Parameters
-    ----------
-    network : Network
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
+    The result has 64 hexadecimal digits.
     """
     return hash_of(manifest_of(network), arrays_of(network))
 
 
 @checked
 def frame_hash(network: Network) -> str:
-    """SHA-256 of wires, rails, units and stiffness: of all that gains and weights are set into.
+    """Compute the SHA-256 of connections, saturation limits, units and stiffness.
 
-    Parameters
-    ----------
-    network : Network
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
+    These are the parts of a network into which gains and weights are set. The result has 64
+    hexadecimal digits.
     """
     frame = {n: v for n, v in arrays_of(network).items() if n.partition("/")[0] in FRAME}
     return hash_of(manifest_of(network), frame)
 
 
 def hash_of(manifest: Mapping, arrays: Mapping[str, object]) -> str:
-    """The content hash of a manifest and the arrays beside it.
-
-    Parameters
-    ----------
-    manifest : mapping
-        As `manifest_of` gives it.
-    arrays : mapping of entry name to array
-
-    Returns
-    -------
-    str
-    """
+    """Compute the content hash of a manifest (see `manifest_of`) and its arrays."""
     found = hashlib.sha256(_wiring(manifest))
     for name in sorted(arrays):
         values = np.array(arrays[name], "<f8", order="C")
@@ -106,17 +76,7 @@ def hash_of(manifest: Mapping, arrays: Mapping[str, object]) -> str:
 
 
 def hashes_of(manifest: Mapping, arrays: Mapping[str, object]) -> dict[str, str]:
-    """The three hashes of a manifest and the arrays beside it, by name.
-
-    Parameters
-    ----------
-    manifest : mapping
-    arrays : mapping of entry name to array
-
-    Returns
-    -------
-    dict
-    """
+    """Compute the three hashes of a manifest and its arrays, by name."""
     return {
         "wiring": hashlib.sha256(_wiring(manifest)).hexdigest(),
         "content": hash_of(manifest, arrays),
@@ -125,17 +85,10 @@ def hashes_of(manifest: Mapping, arrays: Mapping[str, object]) -> dict[str, str]
 
 
 def check_hashes(table: Table, arrays: Mapping[str, object]) -> None:
-    """Refuse a manifest whose hashes are not those of itself and of the arrays beside it.
+    """Check the hashes stored in a manifest against the manifest and its arrays.
 
-    Parameters
-    ----------
-    table : Table
-    arrays : mapping of entry name to array
-
-    Raises
-    ------
-    FileFormatError
-        Naming the hash, or the arrays that it does not tell of.
+    Raises `FileFormatError` that names the wrong hash or the arrays that the manifest does not
+    describe.
     """
     told = table.get("tensors", dict)
     if told.keys() != arrays.keys():
@@ -157,6 +110,6 @@ def _wiring(manifest: Mapping) -> bytes:
 
 
 def _without(manifest: Mapping, keys: tuple[str, ...]) -> bytes:
-    """JSON with sorted keys, without some of them."""
+    """Return JSON with sorted keys, without the given keys."""
     plain = {key: value for key, value in manifest.items() if key not in keys}
     return json.dumps(plain, sort_keys=True, default=operator.index).encode()

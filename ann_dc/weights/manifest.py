@@ -1,7 +1,8 @@
-"""The JSON half of a saved network: names and wiring, read with distrust.
+"""JSON manifest of a saved network (names and wiring) with a strict reader.
 
-Numbers are in arrays beside it, whose names follow from the names here; `Table` takes entries one
-by one with the type that the reader asks for, and says where in the manifest one is wrong.
+Numbers are stored in separate arrays. The array names follow from the names in the manifest.
+`Table` takes entries one by one with the type that the reader requests, and reports the position of
+an invalid entry.
 """
 
 from __future__ import annotations
@@ -18,24 +19,20 @@ from ann_dc.network.cell import Connection
 
 FORMAT = "ann_dc network"
 SCHEMA = 2
-"""The first files had schema 1, without hashes and without words about their arrays."""
+"""Schema version; version 1 had no hashes and no descriptions of the arrays."""
 MOST_TABLES = 200_000
-"""Tables and lists that a text may have: each takes some 70 bytes, and two of the text."""
+"""Maximum number of tables and lists in a text: each needs about 70 bytes of memory and two of
+text.
+"""
 LONGEST = 50_000_000
-"""Letters of a text."""
+"""Maximum number of characters of a text."""
 
 
 def read_json(text: str) -> Any:
-    """What a JSON text says; a table that has a key twice says nothing.
+    """Parse a JSON text; a table with a duplicate key is invalid.
 
-    Parameters
-    ----------
-    text : str
-
-    Raises
-    ------
-    FileFormatError
-        If it is not JSON, or takes far more memory than the numbers that it may be about.
+    Raises `FileFormatError` if the text is not JSON, or needs far more memory than the numbers that
+    it may describe.
     """
     if len(text) > LONGEST:
         raise FileFormatError(f"not JSON of ours: more than {LONGEST} letters")
@@ -48,11 +45,9 @@ def read_json(text: str) -> Any:
 
 
 def tables_in(text: str) -> int:
-    """How many tables and lists a JSON text has at most; a bracket in a word counts too.
+    """Return an upper bound of the number of tables and lists in a JSON text.
 
-    Parameters
-    ----------
-    text : str
+    Brackets inside strings are counted too.
     """
     return text.count("{") + text.count("[")
 
@@ -68,26 +63,18 @@ def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def read_manifest(
     text: str, form: str = FORMAT, schema: int = SCHEMA, place: str = "manifest"
 ) -> Table:
-    """The table that a manifest is, after its format and schema have been checked.
+    """Parse a manifest and check its format and schema.
+
+    Raises `FileFormatError` if the text is not JSON or not a manifest of this format and schema.
 
     Parameters
     ----------
-    text : str
     form : str
-        What it has to say that it is.
+        Required format name.
     schema : int
-        The newest version of it that can be read.
+        Newest supported schema version.
     place : str
-        What messages call it: the name of its file.
-
-    Returns
-    -------
-    Table
-
-    Raises
-    ------
-    FileFormatError
-        If the text is not JSON, or no manifest of this format and schema.
+        Name used in messages: the file name of the manifest.
     """
     try:
         given = read_json(text)
@@ -107,16 +94,9 @@ def read_manifest(
 
 
 def weight_names(connections: Iterable[Connection]) -> list[str]:
-    """Entries of the weights; a second wire between the same two nodes is numbered.
+    """Return unique entry names of the weights, one per connection.
 
-    Parameters
-    ----------
-    connections : iterable of Connection
-
-    Returns
-    -------
-    list of str
-        One a connection, each once.
+    Further connections between the same two nodes are numbered.
     """
     seen: Counter[str] = Counter()
     names = []
@@ -132,24 +112,16 @@ def _no_number(text: str):
 
 
 class Table:
-    """One JSON table of the manifest, with its place for messages.
+    """JSON table of the manifest, with its position for messages.
 
-    Parameters
-    ----------
-    place : str
-        Where the table stands in the manifest; messages begin with it.
-    given : dict
-        What JSON says is there.
+    Raises `FileFormatError` if the value is not a table.
 
     Attributes
     ----------
     place : str
+        Position of the table in the manifest; messages begin with it.
     given : dict
-
-    Raises
-    ------
-    FileFormatError
-        If it is no table.
+        Parsed JSON value.
     """
 
     def __init__(self, place: str, given) -> None:
@@ -158,28 +130,22 @@ class Table:
         self.place, self.given = place, given
 
     def only(self, keys: str) -> None:
-        """Refuse keys that are not among ``keys``, separated by blanks.
+        """Raise `FileFormatError` that names the keys not listed in ``keys``.
 
-        Raises
-        ------
-        FileFormatError
-            Naming the unknown keys.
+        The names in ``keys`` are separated by blanks.
         """
         unknown = self.given.keys() - _words(keys)
         if unknown:
             raise FileFormatError(f"{self.place}: unknown key {', '.join(sorted(unknown)):.300}")
 
     def has(self, key: str) -> bool:
-        """Whether there is an entry; for those that files of earlier versions lack."""
+        """Return True if the entry exists; used for entries that older files lack."""
         return key in self.given
 
     def get(self, key: str, kind: type):
-        """Entry of a type.
+        """Return an entry of the requested type.
 
-        Raises
-        ------
-        FileFormatError
-            If it is missing or of another type.
+        Raises `FileFormatError` if the entry is missing or has another type.
         """
         if key not in self.given:
             raise FileFormatError(f"{self.place}.{key}: missing")
@@ -191,12 +157,9 @@ class Table:
         return value
 
     def whole(self, key: str, low: int, high: int) -> int:
-        """Whole number from ``low`` to ``high``, both included.
+        """Return an integer between ``low`` and ``high``, both included.
 
-        Raises
-        ------
-        FileFormatError
-            If it is missing, not whole or out of range.
+        Raises `FileFormatError` if the entry is missing, not an integer or out of range.
         """
         value = self.get(key, int)
         if not low <= value <= high:
@@ -204,14 +167,10 @@ class Table:
         return value
 
     def choice(self, key: str, available: Mapping):
-        """One of several names, as what it stands for.
+        """Return the object that a name denotes in ``available``.
 
-        Raises
-        ------
-        UnknownNameError
-            If the name is not available; the message lists those that are.
-        FileFormatError
-            If there is no name.
+        Raises `UnknownNameError`, which lists the available names, if the name is unknown, and
+        `FileFormatError` if the entry has no name.
         """
         name = self.get(key, str)
         if name not in available:
@@ -219,12 +178,10 @@ class Table:
         return available[name]
 
     def names(self, key: str) -> tuple[str, ...]:
-        """List of text, each once.
+        """Return a list of distinct strings.
 
-        Raises
-        ------
-        FileFormatError
-            If it is missing, holds anything besides text, or a name twice.
+        Raises `FileFormatError` if the entry is missing, contains anything except strings, or
+        contains a string twice.
         """
         values = self.get(key, list)
         if not all(isinstance(value, str) for value in values):
@@ -234,18 +191,18 @@ class Table:
         return tuple(values)
 
     def rows(self, key: str) -> Iterator[Table]:
-        """Tables of a list, one after the other."""
+        """Iterate over the tables of a list."""
         for i, value in enumerate(self.get(key, list)):
             yield Table(f"{self.place}.{key}[{i}]", value)
 
     def record(self, kind: type, *besides: str):
-        """All keys as a record of names, with a stage where it has one."""
+        """Return all keys as a record of names, with a stage if the record has one."""
         keys, types = _fields(kind)
         self.only(" ".join([keys, *besides]))
         return kind(**{key: self.get(key, type_) for key, type_ in types})
 
     def records(self, key: str, kind: type) -> tuple:
-        """List of records of the given kind."""
+        """Return a list of records of the given class."""
         return tuple(row.record(kind) for row in self.rows(key))
 
 
@@ -256,6 +213,6 @@ def _words(keys: str) -> frozenset[str]:
 
 @cache
 def _fields(kind: type) -> tuple[str, tuple[tuple[str, type], ...]]:
-    """Names of a record's fields, and the type of each in a manifest."""
+    """Return the names of a record's fields and the manifest type of each field."""
     types = tuple((f.name, int if f.name == "stage" else str) for f in fields(kind))
     return " ".join(name for name, _ in types), types

@@ -1,4 +1,4 @@
-"""All weights of a row as one matrix, with a name for every row and every column."""
+"""Weight matrix of a cell array, with a name for every row and column."""
 
 from __future__ import annotations
 
@@ -14,25 +14,26 @@ from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
 
 LARGEST_TABLE = 200_000
-"""Entries of a matrix that is written out as a table; of a larger one its weights are listed."""
+"""Largest number of matrix entries written as a table; larger matrices are written as a list."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WeightMatrix:
-    """W, with which W s is what arrives at every neuron and sum, for values s of all nodes.
+    """Weight matrix W: W s is the net input of every neuron and sum for node values s.
 
-    In network units; rows and columns go stage by stage, and within a stage as in the cell. A
-    neuron has one only where it is live: a pinned one is read from its input, one that all cells
-    share from the last. What multipliers and functions make of their arguments is no weight, so
-    they have a column and no row.
+    Values are in network units. Rows and columns are ordered by stage, and within a stage as in the
+    cell. Only live neurons have rows and columns: a fixed neuron is read from its input, and a
+    neuron shared by all cells is read from the last cell. Outputs of multipliers and functions are
+    not weights, so these blocks have a column and no row.
 
     Attributes
     ----------
     rows : tuple of str
-        Names of live neurons and sums, ``mu[3].x`` and ``c.x[3]``.
+        Names of live neurons and sums, such as ``mu[3].x`` and ``c.x[3]``.
     columns : tuple of str
-        Names of live neurons, inputs and blocks, and last of the constant ``one``.
-    values : (rows, columns) sparse array
+        Names of live neurons, inputs and blocks, followed by the constant ``one``.
+    values : sparse array
+        Weights, shape (rows, columns).
     """
 
     rows: tuple[str, ...]
@@ -42,15 +43,7 @@ class WeightMatrix:
 
 @checked
 def to_matrix(network: Network) -> WeightMatrix:
-    """The weights of all connections between all nodes of a row.
-
-    Parameters
-    ----------
-    network : Network
-
-    Returns
-    -------
-    WeightMatrix
+    """Assemble the weights of all connections between all nodes of a cell array.
 
     Examples
     --------
@@ -88,19 +81,11 @@ def to_matrix(network: Network) -> WeightMatrix:
 
 @checked
 def to_csv(network: Network) -> str:
-    """The weights of all connections as comma-separated text, for people who want to look.
+    """Write the weights of all connections as comma-separated text for inspection.
 
-    A table with names along its top and its left; of a row whose table had more than
-    `LARGEST_TABLE` entries, a line a weight: ``target,source,weight``. Numbers are written so that
-    reading gives the same float64.
-
-    Parameters
-    ----------
-    network : Network
-
-    Returns
-    -------
-    str
+    The text is a table with row and column names. If the table would exceed `LARGEST_TABLE`
+    entries, the text has one line per weight: ``target,source,weight``. Numbers are written so that
+    reading returns the identical float64.
 
     Examples
     --------
@@ -129,9 +114,10 @@ def to_csv(network: Network) -> str:
 
 @dataclass(frozen=True)
 class _Numbered:
-    """Names in order, and where each node is at each stage: (nodes, N + 2), -1 where it is not.
+    """Ordered names, and the index of each node at each stage, shape (nodes, N + 2).
 
-    The outer columns are what lies beyond the two ends of the row.
+    The index is -1 if the node does not exist. The outer columns refer to positions beyond the two
+    ends of the cell array.
     """
 
     names: tuple[str, ...]
@@ -155,7 +141,7 @@ def _columns(network: Network) -> _Numbered:
 
 
 def _numbered(network: Network, counted: list[bool]) -> _Numbered:
-    """Live neurons, and the nodes besides that count, stage by stage."""
+    """Assign indices to live neurons and the other counted nodes, stage by stage."""
     there = np.repeat(np.array(counted)[:, None], network.stages, axis=1)
     there[: len(network.live)] = network.live
     stage, node = np.nonzero(there.T)
@@ -168,7 +154,10 @@ def _numbered(network: Network, counted: list[bool]) -> _Numbered:
 
 
 def _name_parts(network: Network, name: str) -> tuple[str, str]:
-    """What stands before and behind the number of a stage, as in `Network.label`."""
+    """Return the parts of a node's label before and after the stage number.
+
+    The label is that of `Network.label`.
+    """
     if name not in network.neuron_index:
         return name, ""
     population, dot, component = name.partition(".")

@@ -1,41 +1,43 @@
-"""A network as a file: every number in a named array, every name in a manifest.
+"""Network file: every number in a named array, every name in a manifest.
 
-The file is a ``.safetensors`` (`tensor_file` has its layout) or an ``.npz`` (read it with
-``numpy.load(path, allow_pickle=False)``), and holds the same in both forms: float64 arrays, and the
-manifest, a JSON text, which lies in the header of the one (``__metadata__``) and is the uint8 entry
-``manifest`` of the other.
+The file is a ``.safetensors`` file (layout in `tensor_file`) or an ``.npz`` file (readable with
+``numpy.load(path, allow_pickle=False)``). Both forms have the same content: float64 arrays and the
+manifest, a JSON text. The manifest is stored in the header (``__metadata__``) of a ``.safetensors``
+file and in the uint8 entry ``manifest`` of an ``.npz`` file.
 
 =====================  ==========================================================
 ``tau/mu.x``           () or (N,) time constant of a neuron
 ``weight/m.x<-c.x``    () or (N,) weight of a connection, by its name
 ``input/q_d.x``        (N,) value of an input, in the user's units
 ``start/q.x``          (N,) initial states
-``rails``, ``unit``    (P, 2) limiters and (P,) units of the P neurons
-``zero``               (P,) offsets of their units, where one has any
+``rails``, ``unit``    (P, 2) saturation limits and (P,) units of the P neurons
+``zero``               (P,) offsets of their units, if any neuron has one
 ``input_scale``        (I, 2) factor and offset of every input, likewise
-``range``              (I, 2) for which inputs it was designed, where it was for some
-``gain/0``             (points, C, C) coordinators of a level, finest first
+``range``              (I, 2) input ranges of the design, if it used ranges
+``gain/0``             (points, C, C) coarse-level neurons of a level, finest first
 ``grid/own``           (N, m, m) stiffness within each cell, over its m primal neurons; ``tree/own``
-``grid/following``     (N - 1, m, m) and between a cell and the next; ``tree/following``
+``grid/following``     (N - 1, m, m) stiffness between adjacent cells; ``tree/following``
 =====================  ==========================================================
 
-The manifest has names and wires, no numbers: ``neurons``, ``inputs``, ``blocks``, ``connections``,
-``duals``, ``diodes``, ``objectives``, ``chains``, ``pins``, ``absent``, ``left``, ``start``;
-``stages`` is N, ``levels`` and ``metric`` say which coordinators or stiffness there are, ``about``
-has the equation and the formula of M, ``tensors`` the meaning, unit and axes of every array.
-``hashes`` are SHA-256, in hexadecimal digits, of JSON texts with sorted keys as Python's
-`json.dumps` writes them:
+The manifest has names and wiring without numbers: ``neurons``, ``inputs``, ``blocks``,
+``connections``, ``duals``, ``diodes``, ``objectives``, ``chains``, ``pins``, ``absent``, ``left``,
+``start``. ``stages`` is N, and ``levels`` and ``metric`` specify the coarse levels or the
+stiffness. ``about`` has the equation and the formula of M, and ``tensors`` has the meaning, unit
+and axes of every array.
+
+``hashes`` are SHA-256 values in hexadecimal digits of JSON texts with sorted keys, as written by
+Python's `json.dumps`:
 
 ``wiring``
-    of the manifest without ``schema``, ``title``, ``about``, ``tensors`` and ``hashes``;
+    Manifest without ``schema``, ``title``, ``about``, ``tensors`` and ``hashes``.
 ``content``
-    of the same, followed by every array in the order of the names: ``["name", [shape]]``, and its
-    little-endian float64 numbers;
+    Same text, followed by every array in the order of the names: ``["name", [shape]]``, then the
+    little-endian float64 numbers.
 ``manifest``
-    of the manifest without ``hashes``.
+    Manifest without ``hashes``.
 
-Files of schema 1 have no hashes, no ``about`` and no ``tensors``. Equal networks give equal bytes,
-and nothing in a file is ever executed.
+Files of schema 1 have no ``hashes``, ``about`` or ``tensors``. Equal networks give equal bytes. The
+content of a file is never executed.
 """
 
 from __future__ import annotations
@@ -58,26 +60,27 @@ from ann_dc.weights.tensor_file import TensorEntries, packed_tensors
 from ann_dc.weights.writing import about, arrays_of, manifest_of, words_of
 
 NPZ, SAFETENSORS = ".npz", ".safetensors"
-"""The two forms, by the end of a file's name."""
+"""File name suffixes of the two forms."""
 MAX_BYTES = 2_000_000_000
-"""Largest file in bytes; a row of `MAX_STAGES` stays far below it."""
+"""Largest file size in bytes; a network of `MAX_STAGES` cells is far smaller."""
 
 
 @checked
 def save(network: Network, path: str | os.PathLike[str]) -> None:
-    """Write a network to one file, of the form that the end of its name says.
+    """Write a network to a file; the suffix of the file name selects the format.
 
     Parameters
     ----------
     network : Network
+        Network to save.
     path : path-like
-        The file: a name that ends in ``.safetensors`` gives that form, any other an ``.npz``. One
-        that exists is replaced once the new one is complete.
+        File to write: ``.safetensors`` format for a name with this suffix, ``.npz`` format
+        otherwise. An existing file is replaced after the new file is complete.
 
     Raises
     ------
     OutputError
-        If the file cannot be written there; what was there before stays.
+        If the file cannot be written; an existing file is unchanged.
 
     Examples
     --------
@@ -96,23 +99,15 @@ def save(network: Network, path: str | os.PathLike[str]) -> None:
 
 
 def form_of(path: str | os.PathLike[str]) -> str:
-    """`SAFETENSORS` where the name ends so, else `NPZ`."""
+    """Return `SAFETENSORS` for a name with this suffix, otherwise `NPZ`."""
     return SAFETENSORS if os.fspath(path).lower().endswith(SAFETENSORS) else NPZ
 
 
 def packed(network: Network, form: str = NPZ) -> bytes:
-    """The content of the file that `save` writes.
+    """Serialise a network to the bytes that `save` writes.
 
-    Parameters
-    ----------
-    network : Network
-    form : str
-        `NPZ` or `SAFETENSORS`.
-
-    Raises
-    ------
-    OutputError
-        If a name is not printable, or there are more names than a file may have.
+    The form is `NPZ` or `SAFETENSORS`. Raises `OutputError` if a name is not printable or the
+    number of names exceeds the limit of a file.
     """
     manifest, arrays = written(network)
     if form == SAFETENSORS:
@@ -121,16 +116,9 @@ def packed(network: Network, form: str = NPZ) -> bytes:
 
 
 def written(network: Network) -> tuple[str, dict[str, object]]:
-    """The manifest of a network, as text, and its arrays by name.
+    """Return the manifest of a network as text, and its arrays by name.
 
-    Parameters
-    ----------
-    network : Network
-
-    Raises
-    ------
-    OutputError
-        If the manifest is larger than what is read again.
+    Raises `OutputError` if the manifest is larger than the reader accepts.
     """
     arrays, plain = arrays_of(network), manifest_of(network)
     manifest = plain | {"about": about(network), "tensors": words_of(network, arrays)}
@@ -149,21 +137,23 @@ def written(network: Network) -> tuple[str, dict[str, object]]:
 
 @checked
 def load(path: str | os.PathLike[str]) -> Network:
-    """Read a network that `save` wrote; it runs exactly as the saved one.
+    """Read a network written by `save`; it behaves exactly as the saved network.
 
     Parameters
     ----------
     path : path-like
-        One that ends in ``.safetensors`` is read as that, any other as an ``.npz``.
+        File to read: ``.safetensors`` format for a name with this suffix, ``.npz`` format
+        otherwise.
 
     Returns
     -------
     Network
+        Saved network.
 
     Raises
     ------
     FileFormatError
-        If the file is not one that `save` wrote, or was changed since; the message names the file
+        If the file was not written by `save` or was modified afterwards. The message names the file
         and the entry.
 
     Examples
@@ -183,18 +173,10 @@ def load(path: str | os.PathLike[str]) -> Network:
 
 
 def unpacked(content: bytes, file: Path) -> Network:
-    """The network that a file's content describes.
+    """Return the network that the content of a file describes.
 
-    Parameters
-    ----------
-    content : bytes
-    file : Path
-        Where it is from: the end of its name says the form; errors begin with it.
-
-    Raises
-    ------
-    FileFormatError
-        If it is not what `packed` gives.
+    The suffix of ``file`` selects the form, and messages begin with its name. Raises
+    `FileFormatError` if `packed` cannot have written the content.
     """
     try:
         if form_of(file) == SAFETENSORS:

@@ -1,7 +1,7 @@
-"""Named arrays in an ``.npz`` file, written whole and read with distrust.
+"""Named arrays in an ``.npz`` file: writer and strict reader.
 
-Nothing is unpickled, nothing is decompressed, no header is evaluated as Python (`SPELLING` is all
-that is understood), and no entry may claim more memory than the file has bytes.
+The reader does not unpickle, decompress or evaluate a header as Python; it accepts only headers
+that match `SPELLING`. The memory that an entry claims may not exceed the size of the file.
 """
 
 from __future__ import annotations
@@ -29,31 +29,20 @@ BROKEN = (
     RuntimeError,
     ValueError,
 )
-"""What reading a damaged zip file may raise."""
+"""Exceptions that reading a damaged zip file may raise."""
 
 MAGIC = b"\x93NUMPY\x01\x00"
 SPELLING = re.compile(
     rb"\{'descr': '([<>|][biufcOSUV][0-9]{0,2})', 'fortran_order': (False|True), "
     rb"'shape': \(((?:[0-9]{1,18}, ?)*(?:[0-9]{1,18})?)\), \} *\n"
 )
-"""The header of an array as NumPy writes it."""
+"""Pattern of an array header as written by NumPy."""
 
 
 def packed_entries(text: Mapping[str, str], arrays: Mapping[str, object]) -> bytes:
-    """Text and float arrays as entries of one file; equal entries give equal bytes.
+    """Serialise texts and float arrays as one file; equal entries give equal bytes.
 
-    Parameters
-    ----------
-    text, arrays : mapping of entry name to str and to array
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    OutputError
-        If a name is not printable.
+    Raises `OutputError` if a name is not printable.
     """
     check_printable(arrays)
     entries = {name: np.frombuffer(given.encode(), np.uint8) for name, given in text.items()}
@@ -64,12 +53,7 @@ def packed_entries(text: Mapping[str, str], arrays: Mapping[str, object]) -> byt
 
 
 def check_printable(names: Mapping[str, object]) -> None:
-    """Refuse names that a file cannot have.
-
-    Raises
-    ------
-    OutputError
-    """
+    """Raise `OutputError` if a name is not allowed in a file."""
     for name in names:
         if not name.isprintable():
             raise OutputError(f"entry {name!r}: a file has printable names only; rename the node")
@@ -77,18 +61,10 @@ def check_printable(names: Mapping[str, object]) -> None:
 
 @final
 class NpzEntries(Entries):
-    """The entries of an ``.npz`` file.
+    """Entries of an ``.npz`` file.
 
-    Parameters
-    ----------
-    archive : zipfile.ZipFile
-    size : int
-        Bytes of the file: entries that claim more are refused.
-
-    Raises
-    ------
-    FileFormatError
-        If the entries claim to be larger than the file, or one occurs twice.
+    Raises `FileFormatError` if the entries claim more memory than the file has bytes (``size``), or
+    if an entry occurs twice.
     """
 
     def __init__(self, archive: zipfile.ZipFile, size: int) -> None:
@@ -104,12 +80,10 @@ class NpzEntries(Entries):
         super().__init__(self._infos)
 
     def stored(self, name: str) -> Stored:
-        """The array of a name, whose header has to be as NumPy writes it.
+        """Return the array of the given name.
 
-        Raises
-        ------
-        FileFormatError
-            If it is not, or if the entry is compressed.
+        Raises `FileFormatError` if the header differs from NumPy's notation or the entry is
+        compressed.
         """
         info = self._infos[name]
         if info.compress_type != zipfile.ZIP_STORED:
@@ -128,10 +102,7 @@ class NpzEntries(Entries):
     def text(self, name: str, largest: int) -> str:
         """Take UTF-8 text of at most ``largest`` bytes.
 
-        Raises
-        ------
-        FileFormatError
-            If the entry is missing, larger, or no such text.
+        Raises `FileFormatError` if the entry is missing, larger, or not UTF-8 text.
         """
         if name in self._infos and self._infos[name].file_size > largest:
             raise FileFormatError(f"entry {name!r} is larger than {largest} bytes")
@@ -143,7 +114,7 @@ class NpzEntries(Entries):
 
 
 def _word(kind: str) -> str:
-    """NumPy's word for a type; its letters where it knows none."""
+    """Return NumPy's name of a type, or its letters if NumPy does not know the type."""
     try:
         found = np.dtype(kind)
     except TypeError:

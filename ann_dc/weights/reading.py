@@ -1,4 +1,7 @@
-"""A manifest and arrays as a network, read with distrust: every entry by name, type and shape."""
+"""Strict conversion of a manifest and arrays to a network.
+
+Every entry is checked by name, type and shape.
+"""
 
 from __future__ import annotations
 
@@ -30,38 +33,26 @@ from ann_dc.weights.manifest import Table, read_manifest, weight_names
 from ann_dc.weights.writing import STIFFNESSES
 
 MAX_MANIFEST = 2_000_000
-"""Largest manifest in bytes."""
+"""Largest manifest size in bytes."""
 MAX_STAGES = 1_000_000
-"""Longest row that a file may ask for."""
+"""Largest number of stages in a file."""
 
 KEYS = (
     "format schema title stages neurons inputs blocks connections duals chains pins absent left "
     "start levels metric shifted ranged diodes objectives"
 )
 SEAL = "about hashes tensors"
-"""What a manifest has from schema 2 on."""
+"""Manifest keys required from schema 2 on."""
 BLOCKS = {kind.__name__.lower(): kind for kind in (Sum, Product, Function)}
 TEMPLATES = {template.name.lower(): template for template in Template}
 ROLES = {role.value: role for role in Role}
 
 
 def network_of(manifest: str, entries: Entries) -> Network:
-    """The network that a file's manifest and entries describe.
+    """Return the network that a manifest and its entries describe.
 
-    Parameters
-    ----------
-    manifest : str
-    entries : Entries
-        Each is taken.
-
-    Returns
-    -------
-    Network
-
-    Raises
-    ------
-    FileFormatError, NetworkError, UnknownNameError
-        If they do not describe one, or hold anything besides.
+    Every entry is taken. Raises `FileFormatError`, `NetworkError` or `UnknownNameError` if they do
+    not describe a network or contain additional entries.
     """
     if len(manifest) > MAX_MANIFEST:
         raise FileFormatError(f"manifest: larger than {MAX_MANIFEST} bytes")
@@ -132,7 +123,7 @@ def _neurons(table: Table, entries: Entries, stages: int) -> tuple[Neuron, ...]:
 
 
 def _is_shifted(table: Table) -> bool:
-    """Whether neurons have offsets and inputs scales; the first files have neither."""
+    """Return True if neurons have offsets and inputs have scales (not in first files)."""
     return table.has("shifted") and bool(table.whole("shifted", 1, 1))
 
 
@@ -142,7 +133,7 @@ def _input_scales(entries: Entries, cell: Cell) -> dict[str, Scale]:
 
 
 def _ranges(table: Table, entries: Entries, cell: Cell) -> dict[str, tuple[float, float]]:
-    """Of the inputs for which the network was designed; none where it was for one problem."""
+    """Return the input ranges of the design; empty if it was made for one problem."""
     if not (table.has("ranged") and table.whole("ranged", 1, 1)):
         return {}
     rows = entries.array("range", (len(cell.inputs), 2), rails=True)
@@ -166,7 +157,10 @@ def _connections(table: Table, entries: Entries, stages: int) -> tuple[Connectio
 
 
 def _far(row: Table) -> int:
-    """Return the stages to a source beyond the neighbours, which have names instead."""
+    """Return the stage distance to a source beyond the neighbouring cells.
+
+    Neighbouring cells are denoted by names instead.
+    """
     template = row.whole("template", -MAX_STAGES, MAX_STAGES)
     if abs(template) <= 1:
         raise FileFormatError(f"{row.place}.template: expected a name, got {template}")

@@ -1,15 +1,15 @@
-"""Named arrays in a ``.safetensors`` file, read and written with no other package.
+"""Named arrays in a ``.safetensors`` file, without a third-party package.
 
-The whole format: eight bytes (little-endian) say how long the header is; the header is JSON; the
-arrays follow it, without gaps, in the order of the header.
+Format: eight bytes (little-endian) give the length of the header. The header is JSON. The arrays
+follow without gaps, in the order of the header.
 
 .. code-block:: json
 
     {"__metadata__": {"manifest": "..."},
      "tau/mu.x": {"dtype": "F64", "shape": [], "data_offsets": [0, 8]}}
 
-Nothing in it can be executed. What is written is, byte for byte, what the package ``safetensors``
-writes of the same arrays.
+The content is not executable. The written bytes are identical to the bytes that the package
+``safetensors`` writes for the same arrays.
 
 References
 ----------
@@ -32,29 +32,18 @@ from ann_dc.weights.npz import check_printable
 
 METADATA = "__metadata__"
 PREFIX = 8
-"""Bytes that say how long the header is; and what its length is a multiple of."""
+"""Bytes of the header length; the header length is a multiple of this number."""
 MAX_HEADER = 4_000_000
-"""Longest header in bytes."""
+"""Largest header size in bytes."""
 KIND = "F64"
-"""The only type of ours."""
+"""Only array type in the package's files."""
 
 
 def packed_tensors(manifest: str, arrays: Mapping[str, object]) -> bytes:
-    """A text and float arrays as one file; equal ones give equal bytes.
+    """Serialise a text and float arrays as one file; equal inputs give equal bytes.
 
-    Parameters
-    ----------
-    manifest : str
-    arrays : mapping of entry name to array
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    OutputError
-        If a name is not printable, or there are more names than are read again.
+    Raises `OutputError` if a name is not printable or the number of names exceeds the reader's
+    limit.
     """
     check_printable(arrays)
     header: dict[str, dict] = {METADATA: {"manifest": manifest}}
@@ -77,22 +66,15 @@ def packed_tensors(manifest: str, arrays: Mapping[str, object]) -> bytes:
 
 @final
 class TensorEntries(Entries):
-    """The arrays of a ``.safetensors`` file.
+    """Arrays of a ``.safetensors`` file.
 
-    Parameters
-    ----------
-    content : bytes
-        Of the file.
+    Raises `FileFormatError` if the content does not have this format, or if its arrays overlap,
+    leave a gap or are invalid.
 
     Attributes
     ----------
     manifest : str
-        The text in its header.
-
-    Raises
-    ------
-    FileFormatError
-        If it is no such file, or its arrays overlap, leave a gap, or are none.
+        Text in the header.
     """
 
     def __init__(self, content: bytes) -> None:
@@ -115,7 +97,7 @@ class TensorEntries(Entries):
         super().__init__(self._places)
 
     def _check_order(self) -> None:
-        """Every byte belongs to one array: none is hidden, none is read twice."""
+        """Check that every byte belongs to exactly one array."""
         end = 0
         for first, last in sorted((first, last) for _, first, last in self._places.values()):
             if first != end:
@@ -128,7 +110,7 @@ class TensorEntries(Entries):
             )
 
     def stored(self, name: str) -> Stored:
-        """The array of a name."""
+        """Return the array of the given name."""
         shape, first, last = self._places[name]
         return Stored(NUMBER, shape, self._data[first:last])
 
@@ -144,7 +126,7 @@ def _header(text: bytes) -> dict:
 
 
 def _place(name: str, given: object) -> tuple[tuple[int, ...], int, int]:
-    """Shape, first byte and end of an array, as the header says."""
+    """Return the shape, first byte and end of an array from the header."""
     if not isinstance(given, dict) or set(given) != {"dtype", "shape", "data_offsets"}:
         raise FileFormatError(f"entry {name!r:.80}: expected dtype, shape and data_offsets")
     if given["dtype"] != KIND:

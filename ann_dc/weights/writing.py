@@ -1,4 +1,7 @@
-"""A network as a manifest and arrays, as `reading` takes them back, and the words beside them."""
+"""Conversion of a network to a manifest, arrays and their descriptions.
+
+`reading` performs the inverse conversion.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,7 @@ ABOUT = (
     "compute multipliers too, and `duals`, `diodes` and `objectives` name them only: m = mu + rho c"
     " of a PI dual with residual c, m = max(0, z + w g) of a diode neuron z of a row g <= 0. "
 )
-"""The equation, in the words of a manifest, with a place for rails; `METRICS` goes on with M."""
+"""Network equation as manifest text, with a placeholder for saturation; `METRICS` appends M."""
 
 CUT = "d is 0 where x <= low and d < 0, or x >= high and d > 0; then M d likewise"
 PROJECTED = (
@@ -48,7 +51,9 @@ PROJECTED = (
     "the wrong sign, hold those whose v has, until there is none; after 10 rounds exchange the last"
     " of them only. A wrong r up to 1e-13 of the largest |d| + |r| of C counts as 0"
 )
-"""Rails in the words of a manifest: of neurons that M does not couple, and of those it does."""
+"""Manifest text on saturation limits: of neurons that M does not couple, and of neurons that M
+couples.
+"""
 
 _PYRAMID = (
     "M = diag(1 / tau) + sum over levels l of H_l S_l H_l'. Each of the `chains` (q, t) has 2N "
@@ -69,7 +74,7 @@ METRICS: dict[Kind, str] = {
     Kind.GRID: _STIFFNESS.format("grid"),
     Kind.TREE: _STIFFNESS.format("tree"),
 }
-"""M of every kind, in the words of a manifest."""
+"""Manifest text on M for every preconditioner kind."""
 
 WORDS: dict[str, tuple[str, str, str]] = {
     "tau": ("time constant of neuron {}", "network time", "stage"),
@@ -93,21 +98,21 @@ WORDS: dict[str, tuple[str, str, str]] = {
         "stage primal primal",
     ),
 }
-"""What an array is, in which unit, and along which axes, by the first part of its name; of a
-stiffness by the second."""
+"""Description, unit and axes of an array, by the first part of its name (stiffness: second part).
+"""
 
 STIFFNESSES: dict[str, type[Stiffness]] = {"grid": Grid, "tree": Tree}
-"""How a stiffness is built, by the name that the manifest has for it."""
+"""Class of each stiffness, by its name in the manifest."""
 
 
 def about(network: Network) -> str:
-    """Return the equation of a network in words: for everybody who has its file alone."""
+    """Return the network equation as text, for readers that have only the file."""
     rails = PROJECTED if len(clamped_rows(network)) else CUT
     return ABOUT.format(rails=rails) + METRICS[network.metric.kind]
 
 
 def manifest_of(network: Network) -> dict:
-    """Names and wiring of a ``network`` as a JSON table, without numbers."""
+    """Return the names and wiring of a network as a JSON table, without numbers."""
     cell, metric = network.cell, network.metric
     table = {
         "format": FORMAT,
@@ -145,7 +150,7 @@ def manifest_of(network: Network) -> dict:
 
 
 def arrays_of(network: Network) -> dict[str, object]:
-    """Every number of a ``network``, in arrays by the name of its entry."""
+    """Return all numbers of a network as arrays, by entry name."""
     cell = network.cell
     arrays: dict[str, object] = {
         "rails": [(n.limiter.low, n.limiter.high) for n in cell.neurons],
@@ -166,17 +171,7 @@ def arrays_of(network: Network) -> dict[str, object]:
 
 
 def words_of(network: Network, arrays: Mapping[str, object]) -> dict[str, dict]:
-    """What every array is: in words, with its unit, and what its axes count.
-
-    Parameters
-    ----------
-    network : Network
-    arrays : mapping of entry name to array
-
-    Returns
-    -------
-    dict
-    """
+    """Return the description, unit and axis meanings of every array, by entry name."""
     cell = network.cell
     penalties = {f"weight/{d.path}": f"rho of {d.neuron}" for d in (*cell.duals, *cell.objectives)}
     penalties |= {f"weight/{d.path}": f"w of {d.neuron}" for d in cell.diodes}
@@ -191,13 +186,16 @@ def words_of(network: Network, arrays: Mapping[str, object]) -> dict[str, dict]:
 
 
 def is_shifted(network: Network) -> bool:
-    """Whether a neuron has an offset or an input a scale: the first files had neither."""
+    """Return True if a neuron has an offset or an input has a scale.
+
+    The first files had neither.
+    """
     offsets = any(neuron.scale.offset for neuron in network.cell.neurons)
     return offsets or any(scale != Scale() for scale in network.input_scales.values())
 
 
 def _template(connection: Connection) -> str | int:
-    """Return the name of a neighbour's cell, or the number of stages to one further away."""
+    """Return the name of a neighbouring cell, or the stage distance to a farther cell."""
     if abs(connection.template) > 1:
         return int(connection.template)
     return Template(connection.template).name.lower()
@@ -213,10 +211,10 @@ def _metric_arrays(metric: Metric) -> dict[str, object]:
 
 
 def _name(metric: Metric) -> str:
-    """Of a stiffness, in the manifest and before its arrays."""
+    """Return the name of a stiffness in the manifest and in its array names."""
     return next(name for name, kind in STIFFNESSES.items() if isinstance(metric, kind))
 
 
 def _one_or_each(value, network: Network) -> np.ndarray:
-    """One number, or one a stage."""
+    """Return a single number, or one number per stage."""
     return np.asarray(value) if np.ndim(value) == 0 else np.broadcast_to(value, network.stages)

@@ -1,4 +1,4 @@
-"""How continuous time is stepped: an explicit pair in compiled code, SciPy's solvers beside it."""
+"""Integration in continuous time: a compiled explicit pair and SciPy's solvers."""
 
 import lazy_loader
 

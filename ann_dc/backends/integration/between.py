@@ -1,11 +1,11 @@
-r"""States inside a step: the continuous extension of an explicit pair, in compiled code.
+r"""States inside a step: compiled continuous extension of an explicit pair.
 
 .. math:: x(s + \theta h) = x + h \sum_j b_j(\theta) K_j,
 
-where the weights b_j are polynomials and a method of high order adds stages to those of the step.
-These stages are evaluated only in steps in which a state is asked for. States never leave the
-rails. In a step in which a neuron meets its rail, slopes are not smooth, and the extension is as
-good as the error estimate of that step, whatever its order.
+where the weights b_j are polynomials. A method of high order adds stages to those of the step; they
+are evaluated only in steps in which a state is requested. States never exceed the saturation
+limits. If a neuron reaches its limit in a step, slopes are not smooth, and the extension is only as
+accurate as the error estimate of that step, whatever its order.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ann_dc.evaluation.formulas import compiled, inlined
 LOOKS = 4
 """Number of parts of a step at whose ends the residual is evaluated."""
 ROUNDS, CLOSE = 20, 1e-5
-"""Largest number of iterations to a crossing; relative distance to the tolerance at its end."""
+"""Largest number of iterations to a crossing; final distance relative to the tolerance."""
 
 
 class Aside(NamedTuple):
@@ -32,13 +32,13 @@ class Aside(NamedTuple):
     which: np.ndarray
     """Entries of `Extension`."""
     weights: np.ndarray
-    """Weights of `Extension`; the last row is overwritten by that of the state asked for."""
+    """Weights of `Extension`; the last row is overwritten by that of the requested state."""
     powers: np.ndarray
     """Powers of `Extension`."""
     x: np.ndarray
     """State of the course before the step."""
     ahead: np.ndarray
-    """The state inside it."""
+    """State inside the step."""
     slopes: np.ndarray
     """Slopes of the course: those of the step, E of extra stages, one of the state inside."""
     offsets: np.ndarray
@@ -79,7 +79,7 @@ def extended(system, aside, h):
 
 @inlined
 def inside(system, aside, theta, h):
-    """Write the state at a share theta of the step into ``aside.ahead``."""
+    """Write the state at a fraction theta of the step into ``aside.ahead``."""
     row = aside.starts.shape[0] - 2
     for i in range(aside.powers.shape[0]):
         weight = 0.0
@@ -102,25 +102,12 @@ def _worst(system, aside, theta, h):
 
 @compiled
 def last_exit(system, aside, h, ends, tolerance):
-    """Locate the share of a step at which the residual last falls below a tolerance.
+    """Locate the fraction of a step at which a residual falls below a tolerance.
 
-    Parameters
-    ----------
-    system : System
-    aside : Aside
-        Overwritten.
-    h : float
-        Length of the step.
-    ends : (float, float)
-        Residuals at its ends; the second is below the tolerance.
-    tolerance : float
-
-    Returns
-    -------
-    theta : float
-        Negative if the residual stays below the tolerance throughout the step.
-    looks : int
-        Number of right-hand sides that were evaluated.
+    The last crossing in the step is located. Returns ``theta`` and the number of evaluated
+    right-hand sides. ``theta`` is negative if the residual stays below the tolerance throughout the
+    step of length ``h``. ``ends`` contains the residuals at both ends, of which the second is below
+    the tolerance. The record ``aside`` is overwritten.
     """
     before, low = ends
     looks = aside.starts.shape[0] - 2
@@ -142,7 +129,7 @@ def last_exit(system, aside, h, ends, tolerance):
 
 @inlined
 def _crossing(system, aside, h, between, ends, tolerance):
-    """Find where the residual crosses the tolerance: false position of the logarithms."""
+    """Find the crossing of the tolerance by false position of the residual logarithms."""
     (a, b), least = between, 1e-300
     high, low = np.log(ends[0] / tolerance), np.log(max(ends[1], least) / tolerance)
     theta, side = b, 0.0

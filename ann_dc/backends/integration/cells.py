@@ -1,7 +1,8 @@
-"""Whether the cells of a network are interpreted, or code is generated for them.
+"""Evaluation of the cells of a network: interpreted or in generated code.
 
-Generated code runs five to twenty times as fast and takes a tenth of a second to be made, once for
-a wiring: it is kept on disk, whatever N, gains and inputs are. The two agree to rounding.
+Generated code is five to twenty times as fast. Its generation takes a tenth of a second, once per
+wiring: the code is cached on disk and independent of N, gains and inputs. Both evaluations agree to
+rounding.
 """
 
 from __future__ import annotations
@@ -17,30 +18,17 @@ from ann_dc.evaluation.interpreted import InterpretedEvaluator
 
 
 class Cells(enum.Enum):
-    """How cells are evaluated; the value is the sentence that a user reads."""
+    """Evaluation of cells; the value is the sentence shown to the user."""
 
     WHERE_POSSIBLE = "generated where the wiring is one for which it is, else interpreted"
     INTERPRETED = "interpreted: nothing is compiled for a network"
     GENERATED = "generated: straight-line code for the wiring"
 
     def integrand(self, evaluator: FastEvaluator, guard: DomainGuard) -> Integrand:
-        """What a compiled integrator integrates.
+        """Return the integrand for a compiled integrator.
 
-        Parameters
-        ----------
-        evaluator : FastEvaluator
-            Of the network.
-        guard : DomainGuard
-            Domains of its function blocks.
-
-        Returns
-        -------
-        Integrand
-
-        Raises
-        ------
-        NetworkError
-            If code has to be generated and the wiring is none for which it is.
+        The guard contains the domains of the network's function blocks. Raises `NetworkError` if
+        code is requested for a wiring without code generation.
         """
         if self is Cells.GENERATED and (why := refusal(evaluator.tape)):
             raise NetworkError(f"cells: no code is generated for this network: {why}")

@@ -1,8 +1,8 @@
-"""States of an integration between its steps, computed when they are asked for and not before.
+"""States of an integration between its steps, computed only on request.
 
-Every gap between two known states is integrated again, by the method and at the tolerances of the
-run, and states inside a step are those of the method's continuous extension. States behind a step
-that fails are nan. An implicit solver keeps its polynomials instead, since a multistep one cannot
+Every gap between two known states is integrated again with the method and tolerances of the run.
+States inside a step come from the method's continuous extension. States behind a failing step are
+nan. For an implicit solver the polynomials are stored instead, since a multistep solver cannot
 begin in the middle of a run.
 """
 
@@ -22,20 +22,19 @@ from ann_dc.evaluation.contract import Evaluator
 from ann_dc.network.network import Network
 
 PIECES = 20_000_000
-"""Largest count of numbers in the polynomials of an implicit run; a longer run keeps none."""
+"""Largest count of numbers in the polynomials of an implicit run; a longer run stores none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CompiledAgain:
-    """Gaps integrated again in compiled code.
+    """Function that integrates gaps again in compiled code.
 
     Attributes
     ----------
-    network : Network
     method : Method
-        With a tableau.
+        Method with a tableau.
     cells : Cells
-        How cells are evaluated.
+        Evaluation of the cells.
     """
 
     network: Network
@@ -56,15 +55,14 @@ class CompiledAgain:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SolvedAgain:
-    """Gaps integrated again by an explicit SciPy solver.
+    """Function that integrates gaps again with an explicit SciPy solver.
 
     Attributes
     ----------
-    method : Method
     rhs : callable
-        dx/ds (n,) of a state (n,).
+        Function that returns dx/ds (n,) of a state (n,).
     compiled : Evaluator
-        Says what the residuals are.
+        Evaluator of the residuals.
     """
 
     method: Method
@@ -105,8 +103,9 @@ class Pieces:
     Attributes
     ----------
     pieces : sequence of scipy.integrate.DenseOutput
+        Polynomials in order of time.
     compiled : Evaluator
-        Says where the rails are.
+        Evaluator with the saturation limits.
     """
 
     pieces: Sequence[Any]
@@ -118,15 +117,9 @@ class Pieces:
 
 
 def in_pieces(pieces: Sequence[Any], times: np.ndarray, size: int) -> np.ndarray:
-    """Return states (K, size) at rising times, nan behind the last polynomial.
+    """Return states (K, size) at rising times (K,), nan behind the last polynomial.
 
-    Parameters
-    ----------
-    pieces : sequence of scipy.integrate.DenseOutput
-        One after the other.
-    times : (K,) array
-    size : int
-        Components of a state.
+    ``pieces`` are consecutive `scipy.integrate.DenseOutput` objects.
     """
     found = np.full((len(times), size), np.nan)
     numbers = np.searchsorted([piece.t for piece in pieces], times)
@@ -137,24 +130,12 @@ def in_pieces(pieces: Sequence[Any], times: np.ndarray, size: int) -> np.ndarray
 
 
 def take_step(solver: Any, method: Method, compiled: Evaluator, worst: float) -> str | None:
-    """Take a step of a SciPy solver and put its state back within the rails.
+    """Take a step of a SciPy solver and clip its state to the saturation limits.
 
-    The tolerance of an explicit method shrinks with the residual, as in `integrator.advance`. A
-    solver that keeps the slope at its state gets that of the state within the rails.
-
-    Parameters
-    ----------
-    solver : scipy.integrate.OdeSolver or LimitedSolver
-    method : Method
-    compiled : Evaluator
-        Evaluator of the network.
-    worst : float
-        Larger residual at the state from which the step starts.
-
-    Returns
-    -------
-    str or None
-        Message of a step that failed.
+    The tolerance of an explicit method shrinks with the residual, as in `integrator.advance`;
+    ``worst`` is the larger residual at the start of the step. A solver that stores the slope at its
+    state receives the slope of the clipped state. Returns the message of a failed step, otherwise
+    None.
     """
     if not method.implicit:
         share = share_of_tolerance(worst, method.rtol)
@@ -170,13 +151,6 @@ def take_step(solver: Any, method: Method, compiled: Evaluator, worst: float) ->
 
 
 def within_rails(compiled: Evaluator, x: np.ndarray) -> np.ndarray:
-    """Return states (..., n) clipped to the rails.
-
-    Parameters
-    ----------
-    compiled : Evaluator
-        Of the network.
-    x : (..., n) array
-    """
+    """Return states (..., n) clipped to the saturation limits."""
     low, high = compiled.tape.limits[compiled.tape.places[:, 0]].T
     return np.clip(x, low, high)

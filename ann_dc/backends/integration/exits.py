@@ -1,4 +1,4 @@
-"""Last exits: the last time at which a deviation exceeds its tolerance, also between samples."""
+"""Last exits: the last time at which a deviation exceeds its tolerance."""
 
 from __future__ import annotations
 
@@ -7,27 +7,19 @@ from collections.abc import Callable
 import numpy as np
 
 LOOKS, ROUNDS = 8, 4
-"""Number of parts of an interval at whose ends a deviation is evaluated, and number of grids: each
-grid divides the part with the last exit. It is located to 1 / 8^4 of a step, then interpolated."""
+"""Number of parts of an interval and number of grids. The deviation is evaluated at the ends of the
+parts, and each grid divides the part with the last exit. The exit is located to 1 / 8^4 of a step
+and then interpolated.
+"""
 
 
 def last_exit(time: np.ndarray, residual: np.ndarray, tolerance: float) -> float:
-    """Return the last time at which a residual exceeds a tolerance; nan if it still does.
+    """Return the last time at which a residual exceeds a tolerance.
 
-    Between samples the logarithm is interpolated.
-
-    Parameters
-    ----------
-    time : (T,) array
-        Rising, in any unit.
-    residual : (T,) array
-        What is no number counts as above.
-    tolerance : float
-
-    Returns
-    -------
-    float
-        In the unit of ``time``; its first entry if the residual never was above.
+    The result is nan if the residual still exceeds the tolerance. The logarithm is interpolated
+    between samples (T,) at rising times (T,). A residual that is not a number counts as above the
+    tolerance. The result is in the unit of ``time``, and is its first entry if the residual never
+    exceeds the tolerance.
 
     Examples
     --------
@@ -51,22 +43,11 @@ def located_exit(
     tolerance: float,
     rounds: int = ROUNDS,
 ) -> float | None:
-    """Locate the last time at which a deviation exceeds a tolerance, on ever finer grids.
+    """Locate the last time at which a deviation exceeds a tolerance, on refined grids.
 
-    Parameters
-    ----------
-    deviation : callable
-        Deviations (K,) at rising times (K,).
-    grid : (K,) array
-        Times of the first evaluation; the deviation at the last one is below the tolerance.
-    tolerance : float
-    rounds : int
-        Number of grids.
-
-    Returns
-    -------
-    float or None
-        None if no deviation on the grid exceeds the tolerance.
+    ``deviation`` returns deviations (K,) at rising times (K,). The deviation at the last time of
+    the first grid (K,) must be below the tolerance. Returns None if no deviation on the grid
+    exceeds the tolerance.
 
     Examples
     --------

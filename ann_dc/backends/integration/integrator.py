@@ -1,13 +1,13 @@
-r"""An explicit Runge-Kutta pair in compiled code, over interpreted or generated cells alike.
+r"""Explicit Runge-Kutta pair in compiled code, over interpreted or generated cells.
 
 A step of length h combines the slopes K_i of its stages,
 
 .. math:: x' = x + h \sum_i b_i K_i, \qquad K_i = f\big(x + h \sum_{j<i} a_{ij} K_j\big),
 
-and is accepted where the error estimate is below the tolerance. The last slope is that of the next
-step, and its evaluation says by the way what the residual is and whether a domain was left. At its
-stability limit an explicit method hovers at an error of its tolerance: that shrinks with the
-residual, so that it never stands in for the network's own.
+and is accepted if the error estimate is below the tolerance. The last slope is the first of the
+next step; its evaluation also gives the residual and shows whether a domain was left. At its
+stability limit an explicit method hovers at an error of its tolerance. The tolerance therefore
+shrinks with the residual, so that this error does not mask the network's residual.
 """
 
 from __future__ import annotations
@@ -22,53 +22,48 @@ from ann_dc.backends.integration.tableaus import Rows
 from ann_dc.evaluation.formulas import compiled, inlined
 
 SAFETY, LEAST, MOST = 0.9, 0.2, 10.0
-"""Of the next step: over what the error allows; smallest and largest factor on the last one."""
+"""Safety factor of the next step; smallest and largest factor relative to the last step."""
 SHRINK = 1e-3
-"""Relative tolerance, at most, as a share of the residual."""
+"""Largest relative tolerance, as a fraction of the residual."""
 FINEST = 3e-14
-"""Relative tolerance that floating point can keep."""
+"""Smallest relative tolerance attainable in floating point."""
 SWING = 0.7
-"""Share of the tolerance: if both ends of a step are below it, the inside is not examined."""
+"""Fraction of the tolerance: if both ends of a step are below it, the inside is not examined."""
 SHORTEST = 1e-14
-"""Step, over the time and over the step before, at which the integration is given up."""
+"""Step, relative to the time and to the step before, at which the integration fails."""
 
 GOING_ON, SETTLED, OVERFLOWN, OUTSIDE, TIME_UP, TOO_SHORT = range(6)
-"""How a piece of an integration ended."""
+"""End codes of a piece of an integration."""
 
 
 class Course(NamedTuple):
-    """Where an integration is; every piece of it overwrites this."""
+    """State of an integration, overwritten by every piece."""
 
     x: np.ndarray
-    """The state, as the system has it."""
+    """State in the layout of the system."""
     ahead: np.ndarray
-    """A state that is tried."""
+    """Trial state."""
     slopes: np.ndarray
-    """(S + 2 + E, ...), one after the other; the first is that of ``x``, that of ``ahead`` comes
-    after S of stages, and then those of `Aside`."""
+    """Slopes (S + 2 + E, ...), one after the other. The first is that of ``x``, that of ``ahead``
+    follows S stages, and then those of `Aside`.
+    """
     offsets: np.ndarray
-    """(entries,): where the slope of every entry of ``rows`` begins."""
+    """Beginning of the slope of every entry of ``rows``, (entries,)."""
     scales: np.ndarray
-    """(2,): what is handed to vector code."""
+    """Scales (2,) passed to vector code."""
     clock: np.ndarray
-    """(7,): time, next step, whether one was refused, right-hand sides, residual, first step, and
-    the time since which the residual stays below the tolerance: nan while it does not."""
+    """Scalars (7,): time, next step, refusal flag, right-hand sides, residual, first step, and the
+    time since which the residual stays below the tolerance (nan while it does not).
+    """
     aside: Aside
     """States inside a step."""
 
     @classmethod
     def at(cls, x: np.ndarray, length: int, rows: Rows, step: float) -> Course:
-        """From a state at time zero.
+        """Return the course from a state at time zero.
 
-        Parameters
-        ----------
-        x : array
-            As the system has it.
-        length : int
-            Numbers of a slope.
-        rows : Rows
-        step : float
-            The first one to try.
+        The state is in the layout of the system, ``length`` is the number of values of a slope, and
+        ``step`` is the first trial step.
         """
         x, scales, slopes = x.copy(), np.zeros(2), np.zeros((rows.slopes, length))
         return cls(
@@ -83,14 +78,14 @@ class Course(NamedTuple):
 
 
 class Log(NamedTuple):
-    """What a piece of an integration takes down."""
+    """Record of a piece of an integration."""
 
     times: np.ndarray
-    """(steps,)."""
+    """Network times (steps,)."""
     residuals: np.ndarray
-    """(steps, 2): constraint and stationarity."""
+    """Constraint and stationarity residuals (steps, 2)."""
     states: np.ndarray
-    """(steps, size): without ghosts."""
+    """States (steps, size) without ghosts."""
 
     @classmethod
     def of(cls, steps: int, size: int) -> Log:
@@ -99,31 +94,31 @@ class Log(NamedTuple):
 
 
 class Ends(NamedTuple):
-    """What ends an integration, besides a log that is full and a domain that is left."""
+    """End conditions of an integration, besides a full log and a left domain."""
 
     until: float
-    """Time."""
+    """Time limit."""
     settled: float
-    """Residual."""
+    """Residual at which the run counts as settled."""
     largest: float
-    """Magnitude of a state."""
+    """Largest magnitude of a state."""
     rtol: float
-    """Relative tolerance a step, before it shrinks."""
+    """Relative tolerance per step, before it shrinks."""
     atol: float
-    """Absolute tolerance, in network units, before it shrinks."""
+    """Absolute tolerance in network units, before it shrinks."""
     tolerance: float = 0.0
-    """Residual whose last exit is located; zero: none."""
+    """Residual whose last exit is located; zero disables the search."""
 
 
 @compiled
 def share_of_tolerance(worst, rtol):
-    """What a residual leaves of an explicit method's tolerances, at most one."""
+    """Return the tolerance factor of an explicit method at a residual, at most one."""
     return max(min(1.0, SHRINK * worst / rtol), FINEST / rtol)
 
 
 @inlined
 def error_size(first, second, h, live):
-    """Size of the error of a step, below one where it is accepted, from sums of squares."""
+    """Return the error size of a step from sums of squares; accepted if below one."""
     if first == 0.0:
         return 0.0
     return abs(h) * first / np.sqrt((first + 0.01 * second) * live)
@@ -131,7 +126,7 @@ def error_size(first, second, h, live):
 
 @inlined
 def next_step(h, size, exponent, refused):
-    """The step to try after one of length ``h`` with an error of this size."""
+    """Return the next trial step after a step of length ``h`` with this error size."""
     if not size < 1.0:
         factor = SAFETY * size**exponent if size < np.inf else LEAST
         return h * max(LEAST, factor)
@@ -141,7 +136,7 @@ def next_step(h, size, exponent, refused):
 
 @inlined
 def _begin(system, course, tolerance):
-    """The slope and the residual at the start."""
+    """Evaluate the slope and the residual at the start."""
     slope(system, course.x, course.slopes[0])
     course.clock[3] += 1.0
     constraint, stationarity, _ = residuals(system, course.x)
@@ -151,10 +146,10 @@ def _begin(system, course, tolerance):
 
 @inlined
 def _tried(system, rows, course, h):
-    """All slopes of a step, and the state that it leads to in ``course.ahead``.
+    """Evaluate all slopes of a step and write the resulting state to ``course.ahead``.
 
-    False where a function block left its domain on the way: what it said there means nothing, and
-    ``course.ahead`` is that state.
+    Returns False if a function block left its domain; the slopes are then meaningless, and
+    ``course.ahead`` is the failing state.
     """
     last = rows.starts.shape[0] - 4
     for stage in range(last + 1):
@@ -169,7 +164,7 @@ def _tried(system, rows, course, h):
 
 @inlined
 def _ended(course, ends, size):
-    """How things stand after an accepted step to a state of this magnitude."""
+    """Return the end code after an accepted step to a state of this magnitude."""
     if course.clock[4] < ends.settled:
         return SETTLED
     if not (size < ends.largest and course.clock[4] < np.inf):
@@ -179,7 +174,7 @@ def _ended(course, ends, size):
 
 @inlined
 def _step(system, rows, course, ends):
-    """One step, tried as often as it takes; `GOING_ON`, or why there is none."""
+    """Take one step with as many trials as needed; return `GOING_ON` or an end code."""
     clock, inside = course.clock, True
     share = share_of_tolerance(clock[4], ends.rtol)
     while True:
@@ -200,7 +195,7 @@ def _step(system, rows, course, ends):
 
 @inlined
 def _watch(system, course, began, worst, tolerance):
-    """Update the time since which the residual stays below the tolerance, after a step."""
+    """Update the time since which the residual stays below the tolerance."""
     clock, before = course.clock, course.clock[4]
     if not worst < tolerance:
         clock[6] = np.nan
@@ -214,7 +209,7 @@ def _watch(system, course, began, worst, tolerance):
 
 @inlined
 def _note(course, first, log, step, found):
-    """Enter a step into the log, and keep its residual for the next step."""
+    """Enter a step into the log and store its residual for the next step."""
     for i in range(log.states.shape[1]):
         log.states[step, i] = course.ahead[first + i]
     log.times[step] = course.clock[0]
@@ -233,24 +228,10 @@ def _accept(course, rows):
 
 @compiled
 def advance(system, rows, course, ends, log):
-    """Steps until something ends the integration, or the log is full.
+    """Take steps until an end condition is met or the log is full.
 
-    Parameters
-    ----------
-    system : System
-    rows : Rows
-    course : Course
-        Overwritten.
-    ends : Ends
-    log : Log
-        Overwritten, one row an accepted step.
-
-    Returns
-    -------
-    steps : int
-        Rows of the log.
-    ended : int
-        `GOING_ON` where the log is full, else why.
+    Returns the number of log rows and the end code, which is `GOING_ON` if the log is full. The
+    course and the log are overwritten; the log has one row per accepted step.
     """
     if course.clock[3] == 0.0:
         _begin(system, course, ends.tolerance)
@@ -273,27 +254,21 @@ def advance(system, rows, course, ends, log):
 def draw(system, rows, course, ends, places, known, times):
     """Compute states between known ones by integrating every gap again.
 
-    The first step that is tried is the gap, so that a gap of one step is that step.
+    The first trial step is the gap, so that a gap of one step reproduces that step. Returns states
+    (K, n), which are nan in the rest of a gap in which a step fails.
 
     Parameters
     ----------
-    system : System
-    rows : Rows
     course : Course
-        Overwritten.
+        Course that is overwritten.
     ends : Ends
-        Of which the tolerances of a step count.
+        End conditions, of which only the step tolerances are used.
     places : (n,) array of int
-        Where a state vector lies in a state as the system has it.
+        Index of each state component in the layout of the system.
     known : (T,) array, (T, n) array
         Times and states.
     times : (K,) array
-        Rising, from the first known one to the last.
-
-    Returns
-    -------
-    (K, n) array
-        nan in the rest of a gap in which a step fails.
+        Rising times, from the first known time to the last.
     """
     at, states = known
     found = np.full((times.shape[0], places.shape[0]), np.nan)

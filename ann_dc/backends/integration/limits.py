@@ -1,9 +1,10 @@
-"""Implicit integration with limits: a neuron at a limit is held until it leaves.
+"""Implicit integration with saturation limits and located switching instants.
 
-At a limit the slope of a neuron jumps to zero, so that the equations of an implicit step have no
-solution however short it is. Between two such instants they are smooth: a held neuron has slope
-zero, every other one moves as if it had no limit. A step that passes an instant ends right before
-it, located on the solver's own polynomial, and the solver begins anew right behind it.
+A neuron at a limit is fixed until it leaves the limit. Its slope jumps to zero there. The equations
+of an implicit step then have no solution, however short the step. Between two such instants the
+equations are smooth: a saturated neuron has slope zero, and every other neuron moves without a
+limit. A step that passes an instant ends right before it, located on the solver's polynomial, and
+the solver restarts right behind it.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from scipy import sparse
 from ann_dc.evaluation.codegen.evaluator import FastEvaluator
 
 INSIDE = 1e-12
-"""Distance from a limit at which a neuron that is not held is evaluated, relative to the limit."""
+"""Evaluation distance of an unsaturated neuron from its limit, relative to the limit."""
 HALVINGS = 50
 """Number of halvings of a step by which an instant is located."""
 
@@ -26,7 +27,7 @@ class Piece(NamedTuple):
     """States within a step that ends at a time t."""
 
     t: float
-    """Network time."""
+    """Network time at the end of the step."""
     states: Callable[[Any], np.ndarray]
     """Function that returns states at times from the start of the step to its end."""
 
@@ -40,18 +41,17 @@ class LimitedSolver:
 
     Parameters
     ----------
-    compiled : FastEvaluator
-        Of the network.
     solver : callable
-        Makes the `scipy.integrate.OdeSolver` from a right-hand side, its Jacobian, a time, a state
-        and the time at which to end.
+        Factory of the `scipy.integrate.OdeSolver` from a right-hand side, its Jacobian, a time, a
+        state and the end time.
     rhs : callable (time, state)
-        Of the network.
+        Right-hand side of the network.
     jacobian : callable
-        Makes the Jacobian, a callable (time, state), for neurons (n,) that are held.
+        Factory of the Jacobian, a callable (time, state), for a mask (n,) of saturated neurons.
     start : (n,) array
+        Initial state.
     until : float
-        Network time at which to end; may be put off.
+        Network time at the end; may be increased later.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class LimitedSolver:
 
     @property
     def status(self) -> str:
-        """Running, finished or failed, as SciPy has it."""
+        """Status as defined by SciPy: running, finished or failed."""
         return "running" if self._instant is not None else self._inner.status
 
     @status.setter
@@ -86,12 +86,12 @@ class LimitedSolver:
 
     @property
     def t_bound(self) -> float:
-        """Network time at which to end."""
+        """End of the integration in network time."""
         return self._until
 
     @t_bound.setter
     def t_bound(self, until: float) -> None:
-        """Put the end off."""
+        """Increase the end time."""
         self._until = self._inner.t_bound = until
 
     def step(self) -> str | None:
@@ -133,14 +133,14 @@ class LimitedSolver:
         self._polynomial = Piece(time, lambda times: _jump(times, time, before, x))
 
     def _within(self, x: np.ndarray) -> np.ndarray:
-        """Return a state whose held neurons are at their limits and all others inside."""
+        """Return a state with saturated neurons at their limits and all others inside."""
         room = [INSIDE * np.maximum(np.abs(end), 1.0) for end in (self._low, self._high)]
         low, high = (np.where(np.isfinite(r), r, 0.0) for r in room)
         inside = np.clip(x, self._low + low, self._high - high)
         return np.where(self._held, self._began, inside)
 
     def _at_rest(self, x: np.ndarray) -> np.ndarray:
-        """Mark neurons (n,) at a limit or beyond it that the rule of rails holds there."""
+        """Mark neurons (n,) at or beyond a limit that the saturation rule retains there."""
         x = np.clip(x, self._low, self._high)
         return ((x >= self._high) | (x <= self._low)) & (self._rhs(0.0, x) == 0)
 
@@ -162,9 +162,9 @@ class LimitedSolver:
 
 
 def _kept(x: np.ndarray, held: np.ndarray, began: np.ndarray) -> np.ndarray:
-    """A state (n,) or states (n, K) whose held neurons are where they began: no rounding moves one.
+    """Return states (n,) or (n, K) with saturated neurons at their restart values.
 
-    Off its limit by 1e-45 the rule of rails would take a neuron for a free one.
+    Rounding must not move a saturated neuron: 1e-45 off its limit, it would count as free.
     """
     held, began = (part.reshape(-1, *(1,) * (x.ndim - 1)) for part in (held, began))
     return np.where(held, began, x)

@@ -1,4 +1,4 @@
-"""Integration methods with their tolerances: our own in compiled code, SciPy's beside them."""
+"""Integration methods with tolerances: a compiled method and SciPy's solvers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import PositiveFinite, given_words, such_as
 
 SciPys: TypeAlias = Literal["RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA"]
-"""Solvers of `scipy.integrate`, by their names there: SciPy is loaded where one of them runs."""
+"""Names of the `scipy.integrate` solvers; SciPy is imported only when one of them runs."""
 Known: TypeAlias = tuple[np.ndarray, np.ndarray]
 """Times (T,) and states (T, n)."""
 Between: TypeAlias = Callable[[Known, np.ndarray], np.ndarray]
@@ -25,18 +25,18 @@ Between: TypeAlias = Callable[[Known, np.ndarray], np.ndarray]
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Method:
-    """An integration method with its tolerances.
+    """Integration method with its tolerances.
 
     Attributes
     ----------
     solver : Tableau, str or type
-        A tableau for compiled code, the name of one of SciPy's solvers, or a subclass of
+        Tableau for compiled code, name of a SciPy solver, or subclass of
         `scipy.integrate.OdeSolver`.
     rtol, atol : float
-        Relative and absolute tolerance a step, the latter in network units; those of an explicit
-        method get smaller as the residual falls.
+        Relative and absolute tolerance per step, the latter in network units. Those of an explicit
+        method shrink as the residual falls.
     implicit : bool
-        Whether the solver takes the exact Jacobian.
+        True if the solver uses the exact Jacobian.
 
     Examples
     --------
@@ -69,12 +69,12 @@ class Method:
 
     @property
     def rows(self) -> Rows | None:
-        """The tableau as loops read it; None of a solver of SciPy's."""
+        """Tableau in the form read by loops; None for a SciPy solver."""
         return self.solver.rows if isinstance(self.solver, Tableau) else None
 
     @property
     def scipys(self) -> Any:
-        """The subclass of `scipy.integrate.OdeSolver`, of a method that is no tableau."""
+        """Subclass of `scipy.integrate.OdeSolver` for a method without a tableau."""
         if not isinstance(self.solver, str):
             return self.solver
         from scipy import integrate
@@ -83,7 +83,10 @@ class Method:
 
     @checked
     def tighter(self, factor: PositiveFinite = 100.0) -> Method:
-        """The same method with both tolerances smaller by a factor; rtol is at least 3e-14."""
+        """Return the method with both tolerances divided by a factor.
+
+        The relative tolerance is at least 3e-14.
+        """
         return replace(self, rtol=max(self.rtol / factor, 3e-14), atol=self.atol / factor)
 
 
@@ -97,4 +100,4 @@ BDF = Method(solver="BDF", implicit=True)
 LSODA = Method(solver="LSODA", implicit=True)
 
 METHODS = {m.name: m for m in (COMPILED, RK23, RK45, DOP853, RADAU, BDF, LSODA)}
-"""By name, for the command line: that in compiled code, and SciPy's."""
+"""Methods by name for the command line: the compiled method and SciPy's."""

@@ -1,7 +1,7 @@
-"""Who takes the steps of an integration: compiled code by itself, or one of SciPy's solvers.
+"""Steppers of an integration: compiled code or a SciPy solver.
 
-A stepper is where the integration is (time, state) and takes some steps at a time. It tells every
-one of them with its residuals, and stops by itself where it cannot go on.
+A stepper stores the time and state of an integration and takes several steps at a time. It returns
+every step with its residuals, and it stops if it cannot continue.
 """
 
 from __future__ import annotations
@@ -39,23 +39,23 @@ from ann_dc.network.network import Network
 Steps: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Network times (steps,), (constraint, stationarity) residuals (steps, 2), states (steps, n)."""
 RightHandSide: TypeAlias = Callable[[np.ndarray], np.ndarray]
-"""dx/ds (n,) of a state vector (n,)."""
+"""Function that returns dx/ds (n,) of a state vector (n,)."""
 
 DENSE_JACOBIAN = 400
-"""Largest network whose Jacobian is handed to an implicit solver as a dense matrix."""
+"""Largest network whose Jacobian is passed to an implicit solver as a dense matrix."""
 LOGGED = 200_000
-"""Numbers of states that compiled code takes down before it hands over."""
+"""Number of state values that compiled code records per call."""
 FIRST_STEP = 0.05
-"""First step to try, in fastest time constants."""
+"""First trial step in fastest time constants."""
 
 
 class Beginning(NamedTuple):
-    """What is known of a network where it starts; nothing of it ever changes."""
+    """Constant facts about a network at its start."""
 
     x: np.ndarray
-    """(n,): the start."""
+    """Start (n,)."""
     guard: DomainGuard
-    """Domains of the function blocks, from there on."""
+    """Domains of the function blocks from the start on."""
     residuals: tuple[float, float]
     """Constraint and stationarity residuals."""
     fastest: float
@@ -63,7 +63,7 @@ class Beginning(NamedTuple):
 
     @classmethod
     def of(cls, network: Network, compiled: FastEvaluator) -> Beginning:
-        """Worked out once a network."""
+        """Return the facts of a network; they are computed once per network."""
         if network not in _starts:
             x = network.start_state
             guard, residuals = compiled.domain_guard(x), compiled.residuals(x)
@@ -75,25 +75,25 @@ _starts: WeakKeyDictionary[Network, Beginning] = WeakKeyDictionary()
 
 
 class Stepper(ABC):
-    """An integration under way.
+    """Integration in progress.
 
     Attributes
     ----------
     time : float
         Network time.
     state : (n,) array
-        As it is then.
+        State at that time.
     failed : str or None
-        Why there is no next step, in words.
+        Reason why no next step is possible.
     beyond : (n,) array or None
-        A state outside the domain of a function block, into which every next step leads.
+        State outside the domain of a function block, to which every next step leads.
     at_end : bool
-        Whether the time that was asked for has passed.
+        True if the requested time has passed.
     evaluations : int
-        Right-hand sides so far.
+        Number of right-hand sides so far.
     exit : float
         Network time of the residual's last exit from above the tolerance, located inside its step;
-        nan while it is above.
+        nan while the residual is above.
     """
 
     time: float
@@ -111,26 +111,23 @@ class Stepper(ABC):
 
     @abstractmethod
     def steps(self, most: int) -> Steps:
-        """Up to ``most`` more steps, one at least where it has not failed."""
+        """Take up to ``most`` more steps, at least one unless the stepper has failed."""
 
     @abstractmethod
     def go_on(self, until: float) -> None:
-        """The end is later than was said."""
+        """Move the end of the integration to a later time."""
 
 
 @final
 class CompiledStepper(Stepper):
-    """Many steps a call, in compiled code: see `integrator.advance`.
+    """Stepper in compiled code with many steps per call: see `integrator.advance`.
 
     Parameters
     ----------
-    integrand : Integrand
-    rows : Rows
-    start : (n,) array
     first : float
-        First step to try.
-    ends : integrator.Ends
+        First trial step.
     between : Between
+        Function that returns states between the steps.
     """
 
     def __init__(
@@ -155,7 +152,7 @@ class CompiledStepper(Stepper):
         return self._between
 
     def steps(self, most: int) -> Steps:
-        """As many as are asked for, or as the log has room for."""
+        """Take the requested number of steps, or as many as the log has room for."""
         size, first = self.system.size, self.system.ghost
         log = integrator.Log.of(min(most, max(LOGGED // max(size, 1), 1)), size)
         count, ended = integrator.advance(self.system, self.rows, self.course, self.ends, log)
@@ -170,24 +167,22 @@ class CompiledStepper(Stepper):
         return log.times[:count], log.residuals[:count], log.states[:count][:, self._chosen]
 
     def go_on(self, until: float) -> None:
-        """The end is later than was said."""
+        """Move the end of the integration to a later time."""
         self.ends, self.at_end = self.ends._replace(until=until), False
 
 
 @final
 class SciPyStepper(Stepper):
-    """One step a call, by a solver with SciPy's interface.
+    """Stepper with one step per call, by a solver with SciPy's interface.
 
     Parameters
     ----------
     compiled : FastEvaluator
-        Says what the residuals are.
-    rhs : callable
-    method : Method
+        Evaluator of the residuals.
     solver : callable
-        Makes the `scipy.integrate.OdeSolver`, from its right-hand side.
+        Factory of the `scipy.integrate.OdeSolver` from its right-hand side.
     tolerance : float
-        Residual whose last exit is looked for.
+        Residual whose last exit is located.
     """
 
     def __init__(
@@ -207,7 +202,7 @@ class SciPyStepper(Stepper):
 
     @property
     def between(self) -> Between | None:
-        """Polynomials of an implicit solver; gaps integrated again by an explicit one."""
+        """Polynomials of an implicit solver; gaps integrated again for an explicit one."""
         if self._pieces is not None:
             return Pieces(pieces=self._pieces, compiled=self.compiled)
         if self.method.implicit:
@@ -243,7 +238,7 @@ class SciPyStepper(Stepper):
         return self.rhs(x)
 
     def steps(self, most: int) -> Steps:
-        """Take one step; no row if it fails."""
+        """Take one step; return no row if it fails."""
         began, message = self.time, take_step(self.solver, self.method, self.compiled, self._worst)
         if self.solver.status == "failed":
             self.failed = message or "the method failed"
@@ -256,7 +251,7 @@ class SciPyStepper(Stepper):
         return np.array([self.time]), np.array([residuals]), np.array([self.state])
 
     def go_on(self, until: float) -> None:
-        """The end is later than was said."""
+        """Move the end of the integration to a later time."""
         self.solver.t_bound, self.solver.status, self.at_end = until, "running", False
 
 
@@ -270,29 +265,21 @@ def stepper_of(
     guard: DomainGuard,
     first: float,
 ) -> Stepper:
-    """An integration from a network's start.
+    """Return a stepper that begins at a network's start.
 
-    Compiled code calls no right-hand side but the network's own: for another, SciPy's method of the
-    same kind does.
+    Compiled code supports only the network's right-hand side. For another right-hand side, SciPy's
+    method of the same kind is used.
 
     Parameters
     ----------
-    compiled : FastEvaluator
-        Of the network.
-    method : Method
     rhs : RightHandSide, optional
-        By default the network's own, which alone comes with its Jacobian.
-    ends : integrator.Ends
+        Right-hand side; by default that of the network, which alone has a Jacobian.
     cells : Cells
-        How cells are evaluated in compiled code.
+        Evaluation of the cells in compiled code.
     guard : DomainGuard
-        Domains of the function blocks, from the start on.
+        Domains of the function blocks from the start on.
     first : float
-        First step to try, in compiled code.
-
-    Returns
-    -------
-    Stepper
+        First trial step in compiled code.
     """
     network = compiled.network
     start = network.start_state
@@ -324,7 +311,7 @@ def _limited(compiled: FastEvaluator, method: Method, rhs: Callable, until: floa
 def _jacobian(
     compiled: FastEvaluator, method: Method, held: np.ndarray
 ) -> Callable[[float, np.ndarray], Any]:
-    """d rhs / dx as a function of time and state, while some neurons (n,) are held."""
+    """Return d rhs / dx as a function of time and state for saturated neurons (n,)."""
     network, metric = compiled.network, evaluator(compiled.network).metric
     if (held & network.metric.reach(network.row)[network.places[:, 0]]).any():
         metric = sparse.csr_array(network.metric.among(network.row, held)(np.eye(len(held))))

@@ -1,4 +1,4 @@
-"""Systems to integrate: code at addresses, generated for a network or interpreting its tape."""
+"""Systems to integrate: functions at addresses, generated or interpreting a tape."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from ann_dc.evaluation.tape import Tape
 
 
 class System(NamedTuple):
-    """Functions at addresses; states are flat, with a ghost chunk at either end.
+    """Functions at addresses, with flat states that have a ghost chunk at either end.
 
     The ghosts of a vector (n,) have no numbers.
     """
@@ -45,7 +45,7 @@ class System(NamedTuple):
     residuals: int
     """Address of ``residuals``."""
     keep: int
-    """Address of ``keep``; 0 where no neuron has a rail."""
+    """Address of ``keep``; 0 if no neuron has a saturation limit."""
     combine: int
     """Address of ``combine``."""
     error: int
@@ -53,32 +53,33 @@ class System(NamedTuple):
     table: np.ndarray
     """Addresses of all tables."""
     found: np.ndarray
-    """(3,) at least: what is given back."""
+    """Returned values, at least (3,)."""
     ghost: int
-    """Numbers of a ghost chunk."""
+    """Size of a ghost chunk."""
     size: int
-    """Numbers of a state without ghosts."""
+    """Size of a state without ghosts."""
     live: int
-    """n, the neurons among them that move."""
+    """Number n of neurons that move."""
     padded: int
-    """Numbers of a state in whole blocks."""
+    """Size of a state in whole blocks."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Integrand:
-    """A system with the way from a state vector and back; it has to live as long as that runs.
+    """System with conversions from and to state vectors.
+
+    The record must live as long as the system runs.
 
     Attributes
     ----------
-    system : System
     state : callable
-        A state vector (n,) as the system has it.
+        Function that returns a state vector (n,) in the layout of the system.
     chosen : (n,) array of int
-        Where the state vector lies in it, without ghosts.
+        Indices of the state vector in that layout, without ghosts.
     length : int
-        Numbers of a slope.
+        Size of a slope.
     owner : object
-        What has the memory that compiled code knows by address.
+        Object with the memory that compiled code addresses.
     """
 
     system: System
@@ -89,7 +90,7 @@ class Integrand:
 
 
 def interpreted(compiled: InterpretedEvaluator, guard: DomainGuard) -> Integrand:
-    """Loops over a tape, within the domains of its function blocks."""
+    """Return the integrand that interprets a tape within its function block domains."""
     size, code = len(compiled.tape.places), loop_code()
     steps = step_code(Axis.STAGES.lanes, is_shared=True)
     arrays = [_contiguous(array) for array in (*compiled.tape, *compiled.work, *guard)]
@@ -126,7 +127,7 @@ def _contiguous(array: np.ndarray) -> np.ndarray:
 
 
 def generated(lanes: Lanes, guard: DomainGuard) -> Integrand:
-    """The code of a network, within the domains of its function blocks."""
+    """Return the integrand in generated code within its function block domains."""
     entry, steps = lanes.entry, step_code(lanes.lanes, is_shared=lanes.plan.axis is Axis.STAGES)
     lanes.watch(guard)
     system = System(
@@ -218,7 +219,7 @@ def _keep(table, x, out):
 
 @cache
 def loop_code() -> dict[str, Any]:
-    """Return what generated code has besides, for any tape, each with its ``address``."""
+    """Return the shared loops of generated code for any tape, with their ``address``."""
     signature = types.int64(types.int64, types.int64, types.int64)
     functions = {"rhs": _rhs, "residuals": _residuals, "keep": _keep}
     return {name: called_by_address(code, signature) for name, code in functions.items()}
@@ -236,7 +237,7 @@ def slope(system, x, out):
 
 @inlined
 def residuals(system, x):
-    """Return both, and the largest magnitude, of the state whose slope was last asked for."""
+    """Return both residuals and the largest magnitude of the state of the last slope."""
     found = system.found
     addresses = (system.table.ctypes.data, x.ctypes.data, found.ctypes.data)
     call(system.residuals, addresses, ())
@@ -245,21 +246,21 @@ def residuals(system, x):
 
 @inlined
 def kept(system, x):
-    """Put a state back to the rails that a step went past."""
+    """Clip a state to the saturation limits that a step exceeded."""
     if system.keep != 0:
         call(system.keep, (system.table.ctypes.data, x.ctypes.data, x.ctypes.data), ())
 
 
 @inlined
 def _states(system, course):
-    """Addresses of the state and of the one ahead, past their ghosts."""
+    """Return the addresses of the state and of the trial state, past their ghosts."""
     ghost = 8 * system.ghost
     return course.x.ctypes.data + ghost, course.ahead.ctypes.data + ghost
 
 
 @inlined
 def _terms(rows, first, course):
-    """Addresses of the slopes, of their weights and places from a row on, and of the scales."""
+    """Return addresses of slopes, weights, offsets from a row on, and scales."""
     offset = 8 * first
     return (
         course.slopes.ctypes.data,
@@ -271,7 +272,7 @@ def _terms(rows, first, course):
 
 @inlined
 def combined(system, rows, stage, course, h):
-    """Write the state ahead: x plus h times the weighted slopes of a stage."""
+    """Write the trial state: x plus h times the weighted slopes of a stage."""
     first, last = rows.starts[stage], rows.starts[stage + 1]
     course.scales[0] = h
     x, ahead = _states(system, course)
@@ -280,7 +281,7 @@ def combined(system, rows, stage, course, h):
 
 @inlined
 def squares(system, rows, course, rtol, atol):
-    """Return sums of the squares of both error estimates, each over the tolerance there."""
+    """Return sums of squares of both error estimates, each relative to the tolerance."""
     stages = rows.starts.shape[0] - 3
     first, middle, last = rows.starts[stages], rows.starts[stages + 1], rows.starts[-1]
     course.scales[0], course.scales[1] = rtol, atol

@@ -1,4 +1,4 @@
-"""Explicit Runge-Kutta pairs as tables of numbers."""
+"""Coefficients of explicit Runge-Kutta pairs."""
 
 from __future__ import annotations
 
@@ -11,26 +11,28 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Tableau:
-    """A Butcher tableau with its error estimate; the slope at the new point is the last one (FSAL).
+    """Butcher tableau with its error estimate.
+
+    The last slope is that at the new point (FSAL).
 
     Attributes
     ----------
     a : (S, S) array
-        Below the diagonal, the stages.
+        Coefficients of the stages, below the diagonal.
     b : (S,) array
-        The step.
+        Weights of the step.
     error : (S + 1,) array
-        The estimate, the last of the new slope.
+        Weights of the error estimate; the last is that of the new slope.
     third : (S + 1,) array
-        That of order three which DOP853 weighs in; zero where there is none.
+        Weights of the estimate of order three that DOP853 includes; zero for other pairs.
     exponent : float
-        -1 over one more than the order of the estimate.
+        -1 divided by one more than the order of the estimate.
     extra : (E, S + 1 + E) array
-        Extra stages of the continuous extension, after the new slope; E is zero where slopes of
+        Extra stages of the continuous extension, after the new slope; E is zero if the slopes of
         the step suffice.
     between : (D, S + 1 + E) array
-        The continuous extension: coefficients of theta, theta^2, ... of every slope's weight, so
-        that ``x + h sum_j b_j(theta) K_j`` is the state at a share theta of the step.
+        Coefficients of theta, theta^2, ... of every slope's weight in the continuous extension: ``x
+        + h sum_j b_j(theta) K_j`` is the state at a fraction theta of the step.
 
     References
     ----------
@@ -50,21 +52,24 @@ class Tableau:
 
     @cached_property
     def rows(self) -> Rows:
-        """The tableau as loops read it."""
+        """Tableau in the form read by loops."""
         return Rows.of(self)
 
 
 class Extension(NamedTuple):
-    """Continuous extension without zeros: a row for each extra stage, then one for the state."""
+    """Continuous extension without its zeros.
+
+    The rows are one for each extra stage and one for the state.
+    """
 
     starts: np.ndarray
-    """(E + 2,): where every row begins."""
+    """Beginning of every row, (E + 2,)."""
     which: np.ndarray
-    """(entries,): slope of every entry."""
+    """Slope of every entry, (entries,)."""
     weights: np.ndarray
-    """(entries,); the last row depends on where in the step the state is asked for."""
+    """Weights (entries,); the last row depends on the requested position in the step."""
     powers: np.ndarray
-    """(entries of the last row, D): coefficients of its weights."""
+    """Coefficients (entries of the last row, D) of the weights of the last row."""
 
     @classmethod
     def of(cls, tableau: Tableau) -> Extension:
@@ -75,21 +80,21 @@ class Extension(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """A tableau without its zeros, as loops read it.
+    """Tableau without its zeros, in the form read by loops.
 
-    There is a row for every stage but the first, one for the step and one for each estimate.
+    The rows are one for every stage but the first, one for the step, and one for each estimate.
     """
 
     starts: np.ndarray
-    """(S + 3,): where every row begins."""
+    """Beginning of every row, (S + 3,)."""
     which: np.ndarray
-    """(entries,): slope of every entry."""
+    """Slope of every entry, (entries,)."""
     weights: np.ndarray
-    """(entries,)."""
+    """Weights (entries,)."""
     exponent: float
-    """That of the tableau."""
+    """Exponent of the tableau."""
     extension: Extension
-    """States between the ends of a step."""
+    """Continuous extension, for states between the ends of a step."""
 
     @property
     def slopes(self) -> int:
@@ -98,13 +103,13 @@ class Rows(NamedTuple):
 
     @classmethod
     def of(cls, tableau: Tableau) -> Rows:
-        """The rows of a tableau."""
+        """Return the rows of a tableau."""
         table = [*tableau.a[1:], tableau.b, tableau.error, tableau.third]
         return cls(*_without_zeros(table), tableau.exponent, Extension.of(tableau))
 
 
 def _without_zeros(table: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return where the rows begin, and the columns and values of all entries."""
+    """Return the beginnings of the rows, and the columns and values of all entries."""
     which = [np.flatnonzero(row) for row in table]
     starts = np.cumsum([0, *map(len, which)])
     weights = np.concatenate([row[at] for row, at in zip(table, which)])
@@ -112,7 +117,7 @@ def _without_zeros(table: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def _below_the_diagonal(*rows: list[float]) -> np.ndarray:
-    """(S, S): the rows of all stages but the first, as far as they are not zero."""
+    """Return the matrix (S, S) from the nonzero parts of all rows but the first."""
     table = np.zeros((len(rows) + 1, len(rows) + 1))
     for stage, row in enumerate(rows, 1):
         table[stage, :stage] = row
@@ -122,8 +127,8 @@ def _below_the_diagonal(*rows: list[float]) -> np.ndarray:
 def _alternating(b: np.ndarray, rest: np.ndarray) -> np.ndarray:
     """Return the extension of DOP853 in powers of theta: (3 + R, S + 1 + E).
 
-    ``x + theta (F_0 + (1 - theta) (F_1 + theta (F_2 + (1 - theta) (F_3 + ...))))``, where F_0 is
-    the step, F_1 and F_2 match the slopes at its ends, and R rows of ``rest`` follow ([1]_, II.6).
+    ``x + theta (F_0 + (1 - theta) (F_1 + theta (F_2 + (1 - theta) (F_3 + ...))))``: F_0 is the
+    step, F_1 and F_2 match the slopes at its ends, and R rows of ``rest`` follow ([1]_, II.6).
 
     References
     ----------
@@ -244,9 +249,9 @@ TSIT5_TABLEAU = Tableau(
          -34.87065786149661, 2.5],
     ]),
 )  # fmt: skip
-"""Tsitouras, of order five: few slopes to keep, so that many networks fit a cache.
+"""Tsitouras pair of order five, with few stored slopes, so that many networks fit a cache.
 
-The continuous extension has order 4 and takes no extra stage ([1]_, section 5).
+The continuous extension has order 4 and needs no extra stage ([1]_, section 5).
 
 References
 ----------

@@ -1,4 +1,4 @@
-"""Many networks at once in generated code: a lane of every vector is a sample."""
+"""Batches of networks in generated code, with one sample per vector lane."""
 
 import lazy_loader
 

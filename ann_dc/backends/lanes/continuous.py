@@ -1,4 +1,4 @@
-"""Many integrations at once: every lane has its own step, tolerance and time."""
+"""Batches of integrations: every lane has a separate step, tolerance and time."""
 
 from __future__ import annotations
 
@@ -46,79 +46,74 @@ from ann_dc.evaluation.formulas import inlined, released
 
 
 class LaneEnds(NamedTuple):
-    """What ends a sample, besides a domain that is left."""
+    """End conditions of a sample, besides a left domain."""
 
     until: float
-    """Network time."""
+    """Limit on network time."""
     first: float
-    """First step to try."""
+    """First trial step."""
     tolerance: float
-    """Residual, for the settling time."""
+    """Residual tolerance of the settling time."""
     settled: float
-    """Residual at which it is sure."""
+    """Residual that confirms settling."""
     overflow: float
-    """Magnitude of a state, relative to the largest at the start."""
+    """Largest magnitude of a state, relative to the largest at the start."""
     most_steps: int
-    """Steps of a sample."""
+    """Largest number of steps of a sample."""
     window: int
-    """Steps in which the lowest residual has to become smaller."""
+    """Number of steps in which the lowest residual must decrease."""
     headway: float
-    """By this factor."""
+    """Required factor of that decrease."""
     rtol: float
-    """Relative tolerance a step, before it shrinks."""
+    """Relative tolerance per step, before it shrinks."""
     atol: float
-    """Absolute tolerance, in network units, before it shrinks."""
+    """Absolute tolerance in network units, before it shrinks."""
 
 
 class Pointers(NamedTuple):
-    """What an attempt works on: addresses and sizes, in the order in which the code takes them."""
+    """Addresses used by an attempt, in the order in which the code takes them."""
 
     rhs: int
-    """Of the code of the network."""
+    """Address of ``rhs`` in the code of the network."""
     residuals: int
-    """The same."""
+    """Address of ``residuals`` in the code of the network."""
     keep: int
-    """The same."""
+    """Address of ``keep`` in the code of the network."""
     table: int
-    """Of all tables."""
+    """Address of the table of all tables."""
     x: int
-    """States, with ghosts."""
+    """Address of the states, with ghosts."""
     ahead: int
-    """States that are tried, with ghosts."""
+    """Address of the trial states, with ghosts."""
     slopes: int
-    """Of all stages."""
+    """Address of the slopes of all stages."""
     memory: int
-    """Of `backends.lanes.memory`."""
+    """Address of the rows of `backends.lanes.memory`."""
     found: int
-    """What ``residuals`` gives."""
+    """Address of the results of ``residuals``."""
     numbers: int
-    """Constants."""
+    """Address of the constants."""
 
 
 class Integration(NamedTuple):
-    """How steps go, and where."""
+    """End conditions, code and memory addresses of an integration."""
 
     ends: LaneEnds
-    """Of samples."""
+    """End conditions of samples."""
     numbers: np.ndarray
-    """(n,): what the code reads of them."""
+    """Constants (n,) read by the code."""
     attempt: int
     """Address of the code."""
     pointers: Pointers
-    """Where all that lies."""
+    """Addresses of the memory."""
     sizes: tuple[int, int, int]
-    """Numbers of a ghost, from slope to slope, and of all states in whole blocks."""
+    """Size of a ghost, distance between slopes, and size of all states in whole blocks."""
 
     @classmethod
     def of(cls, group: Group, rows: Rows, ends: LaneEnds) -> Integration:
-        """For a group, which has to live as long.
+        """Return the integration of a group, which must live as long as the record.
 
-        Parameters
-        ----------
-        group : Group
-        rows : Rows
-            Of the method.
-        ends : LaneEnds
+        The rows are those of the method's tableau.
         """
         entry, constants = group.entry, {**ends._asdict(), "live": group.entry.live}
         numbers = lined_up([float(constants[name]) for name in NUMBERS])
@@ -135,7 +130,7 @@ class Integration(NamedTuple):
 
 @inlined
 def _code(group, ends, lane):
-    """How a sample stands after an accepted step, or before the first."""
+    """Return the code of a sample after an accepted step, or before the first."""
     memory, size = group.memory, group.entry.found[2 * group.who.shape[0] + lane]
     worst, steps = memory[WORST, lane], memory[DONE, lane]
     if worst < ends.settled:
@@ -155,7 +150,7 @@ def _code(group, ends, lane):
 
 @inlined
 def _begin(group, ends, lane):
-    """A lane's memory before the first step, at residuals just read."""
+    """Initialise a lane's memory before the first step from the residuals just read."""
     memory, width = group.memory, group.who.shape[0]
     constraint, stationarity = group.entry.found[lane], group.entry.found[width + lane]
     memory[CONSTRAINT, lane], memory[STATIONARITY, lane] = constraint, stationarity
@@ -167,7 +162,7 @@ def _begin(group, ends, lane):
 
 @inlined
 def _draw(group, found, lane):
-    """A lane's state on its curve, if there is one."""
+    """Add a lane's state to its curve, if curves are stored."""
     count = int(group.memory[DONE, lane])
     if found.curve_times.shape[1] > 0 and count % group.stride[lane] == 0:
         draw(group, found, lane, count)
@@ -175,7 +170,10 @@ def _draw(group, found, lane):
 
 @inlined
 def _fill(group, samples, found, integration, queue):
-    """New samples into the lanes that wait; their slopes and residuals. Whether any is left."""
+    """Load new samples into waiting lanes; return the number of lanes that still wait.
+
+    Slopes and residuals of the loaded samples are evaluated.
+    """
     ends, width = integration.ends, group.who.shape[0]
     loaded, waiting, outside = 0, 0, 0
     for lane in range(width):
@@ -201,7 +199,7 @@ def _fill(group, samples, found, integration, queue):
 
 @inlined
 def _look(group, found, ends, bits):
-    """Look at the lanes that an attempt gives; whether any is done."""
+    """Check the lanes reported by an attempt; return True if any is done."""
     width, over = group.who.shape[0], False
     for lane in range(width):
         is_accepted = (bits >> (2 * width + lane)) & 1
@@ -222,24 +220,11 @@ def _look(group, found, ends, bits):
 
 @released
 def advance_lanes(group, integration, samples, found, queue, attempts):
-    """Steps of all lanes, until every sample of a queue is done or so many were tried.
+    """Take steps of all lanes until the queue is done or the attempts are used.
 
-    Parameters
-    ----------
-    group : Group
-        Overwritten.
-    integration : Integration
-    samples : Samples
-    found : Found
-        Filled in as samples are done.
-    queue : (2,) array of int
-        The next sample, and the one at which to stop; overwritten.
-    attempts : int
-
-    Returns
-    -------
-    bool
-        Whether all are done.
+    The queue (2,) contains the next sample and the end of the range; it and the group are
+    overwritten, and ``found`` is filled in when samples are done. Returns True if all samples are
+    done.
     """
     width, has_room = group.who.shape[0], True
     address, pointers, sizes = integration.attempt, integration.pointers, integration.sizes

@@ -1,4 +1,7 @@
-"""A step of an explicit pair for every lane at once, as vector code: tried, judged and entered."""
+"""Vector code for a step of an explicit pair in every lane at once.
+
+A step is tried, accepted or refused, and recorded.
+"""
 
 from __future__ import annotations
 
@@ -30,33 +33,24 @@ from ann_dc.evaluation.codegen.step_code import UNROLLED
 from ann_dc.evaluation.codegen.writer import Function, Module
 
 REFUSED, WORST = OWN, OWN + 1
-"""Whether the last step was refused; the larger residual."""
+"""Memory rows: refusal of the last step; larger residual."""
 ROWS = OWN + 2
 BEFORE = 1
-"""Row of slopes that is free at the end of a step. It takes the states before the step if the
-residual of a lane falls below the tolerance."""
+"""Row of slopes that is free at the end of a step. It receives the states before the step if the
+residual of a lane falls below the tolerance.
+"""
 NUMBERS = "until", "first", "tolerance", "settled", "most_steps", "rtol", "atol", "live"
-"""Constants that the code reads, in this order: see `LaneEnds`; the last is n of a sample."""
+"""Constants in the order read by the code, see `LaneEnds`; the last is n of a sample."""
 
 
 def continuous_code(rows: Rows, lanes: int) -> int:
-    """Address of ``attempt``.
+    """Return the address of ``attempt``.
 
     ``attempt(rhs, residuals, keep, table, x, ahead, slopes, memory, found, numbers; ghost, stride,
-    n)``
-    tries a step of every lane and takes over those that are accepted. It gives bits: W for the
-    lanes that need a closer look, W for those that left a domain, W for those accepted.
+    n)`` tries a step of every lane and accepts it in lanes with a small error. It returns bits: W
+    for the lanes that need a check, W for those that left a domain, W for those accepted.
 
-    Parameters
-    ----------
-    rows : Rows
-        Of a tableau, which is written into the code.
-    lanes : int
-        W, of a vector.
-
-    Returns
-    -------
-    int
+    The tableau ``rows`` is written into the code, and ``lanes`` is the vector width W.
     """
     identity = rows.starts.tolist(), rows.which.tolist(), rows.weights.tolist(), rows.exponent
     control = SAFETY, LEAST, MOST, SHRINK, FINEST, SHORTEST
@@ -71,7 +65,7 @@ def _text(rows: Rows, lanes: int) -> str:
 
 
 class _Attempt:
-    """Writes ``attempt``."""
+    """Writer of ``attempt``."""
 
     def __init__(self, module: Module, rows: Rows, lanes: int) -> None:
         names = "rhs", "residuals", "keep", "table", "x", "ahead", "slopes", "memory", "found"
@@ -94,7 +88,7 @@ class _Attempt:
         ]
 
     def write(self) -> None:
-        """All of it."""
+        """Write the complete function."""
         f, memory = self.f, self.memory
         left = f.op("fsub", self.numbers["until"], memory[TIME])
         h = memory[STEP] = f.smaller(memory[STEP], left)
@@ -117,14 +111,14 @@ class _Attempt:
     # ---- states ------------------------------------------------------------------------------
 
     def _places(self) -> Iterable[list[str]]:
-        """Places of the vectors of every block: a loop."""
+        """Loop over blocks and yield the places of the vectors of each block."""
         f = self.f
         with f.loop(f.integer("sdiv", "%n", UNROLLED)) as block:
             first = f.integer("mul", block, UNROLLED)
             yield [f.integer("add", first, i * f.width) for i in range(UNROLLED // f.width)]
 
     def _sum(self, terms: list[tuple[int, float]], slopes: dict[int, str], total: str = "") -> str:
-        """Weighted slopes, added to a sum."""
+        """Return the weighted sum of slopes, added to a total."""
         f = self.f
         for number, weight in terms:
             if number not in slopes:
@@ -134,9 +128,9 @@ class _Attempt:
         return total or f.constant(0.0)
 
     def _combine(self, stage: int, h: str) -> None:
-        """The state of a stage; with the last one, what its slopes say of the errors so far.
+        """Write the state of a stage and, with the last one, the partial error estimates.
 
-        That goes where the second and third slopes were, which nobody else reads any more.
+        The estimates replace the second and third slopes, which are not read any more.
         """
         f, terms = self.f, self.stages[stage]
         is_last = stage == len(self.stages) - 1
@@ -153,7 +147,7 @@ class _Attempt:
                         f.store(total, f.address(self.slopes[row], place))
 
     def _squares(self) -> list[str]:
-        """Sums of the squares of both estimates over rtol max(\\|x\\|, \\|ahead\\|) + atol."""
+        r"""Return sums of squares of both estimates over rtol max(\|x\|, \|ahead\|) + atol."""
         f, numbers, sums = self.f, self.numbers, [self.f.slot(), self.f.slot()]
         share = f.op("fmul", f.constant(SHRINK), f.op("fdiv", self.memory[WORST], numbers["rtol"]))
         finest = f.op("fdiv", f.constant(FINEST), numbers["rtol"])
@@ -176,7 +170,10 @@ class _Attempt:
         return [f.load(total) for total in sums]
 
     def _inverted(self, values: list[str]) -> list[str]:
-        """1 over each: with one division for two of them, which are as slow as all the rest."""
+        """Return the reciprocals, with one division per two values.
+
+        Divisions take as long as all remaining operations.
+        """
         f = self.f
         if len(values) % 2:
             return [f.op("fdiv", f.constant(1.0), value) for value in values]
@@ -187,7 +184,7 @@ class _Attempt:
         return inverses
 
     def _accept(self, accepted: str) -> None:
-        """Take over the states and slopes of these lanes."""
+        """Accept the states and slopes of these lanes."""
         f = self.f
         pairs = (self.x, self.ahead), (self.slopes[0], self.slopes[-1])
         for places in self._places():
@@ -199,7 +196,7 @@ class _Attempt:
     # ---- lanes -------------------------------------------------------------------------------
 
     def _judge(self, h: str, sizes: list[str], outside: str) -> str:
-        """The lanes whose step is accepted; the next step of all: see `integrator.next_step`."""
+        """Return the accepted lanes and set all next steps: see `integrator.next_step`."""
         f, memory, one = self.f, self.memory, self.f.constant(1.0)
         first, second = sizes
         both = f.op("fmul", f.fma(f.constant(0.01), second, first), self.numbers["live"])
@@ -219,10 +216,10 @@ class _Attempt:
         return f.logical("and", good, f.compare("une", memory[RUNS], f.constant(0.0)))
 
     def _enter(self, accepted: str, h: str) -> str:
-        """Enter time, steps and residuals of the lanes; return those to examine.
+        """Enter time, steps and residuals of the lanes; return those to check.
 
-        A lane whose residual falls below the tolerance keeps the states before that step; the exit
-        is located after the batch.
+        For a lane whose residual falls below the tolerance, the states before that step are stored;
+        the exit is located after the batch.
         """
         f, memory, numbers = self.f, self.memory, self.numbers
         began, since = memory[TIME], memory[SINCE]
@@ -250,7 +247,7 @@ class _Attempt:
         return f.logical("or", f.logical("or", over, late), enters)
 
     def _too_short(self, accepted: str) -> str:
-        """The lanes whose next step is none."""
+        """Return the lanes whose next step is too short."""
         f, memory = self.f, self.memory
         most = f.larger(memory[TIME], self.numbers["first"])
         is_long = f.compare("ogt", memory[STEP], f.op("fmul", f.constant(SHORTEST), most))

@@ -1,7 +1,7 @@
-"""A group of samples on their way: one in every lane, as generated code takes them.
+"""Group of samples in progress, one per lane, in the layout of generated code.
 
-A sample that is done makes room for the next one at once, and one that fails costs itself alone: no
-lane knows of another, so that what comes out is the same whatever runs beside it.
+A finished sample is immediately replaced by the next sample, and a failing sample fails alone.
+Lanes are independent, so that the result of a sample does not depend on the samples in other lanes.
 """
 
 from __future__ import annotations
@@ -32,70 +32,70 @@ from ann_dc.evaluation.codegen.step_code import UNROLLED, step_code
 from ann_dc.evaluation.formulas import compiled, inlined
 
 STALLED = 6
-"""How a sample ended whose residual became no smaller; the other codes are the integrator's."""
+"""Code of a sample whose residual stopped decreasing; the other codes are the integrator's."""
 OPEN = -1
-"""The code of a sample that is not done."""
+"""Code of a sample that is not done."""
 NOBODY = -1
-"""In a lane that waits."""
+"""Sample number of a waiting lane."""
 
 
 class Samples(NamedTuple):
-    """What goes in, one row a sample: B of them."""
+    """Inputs of B samples, one row per sample."""
 
     states: np.ndarray
-    """(B, n): state vectors at the start."""
+    """Start state vectors (B, n)."""
     pins: np.ndarray
-    """(B, K): neurons that stand still, and those beyond the left end of the row."""
+    """Values (B, K) of fixed neurons and of the left boundary."""
     pinned: np.ndarray
-    """(K,): where these lie in a table with ghosts."""
+    """Indices (K,) of these values in a table with ghosts."""
     inputs: np.ndarray
-    """(B, N + 2, I)."""
+    """Inputs (B, N + 2, I)."""
     left: np.ndarray
-    """(B, K): what stored blocks say beyond the left end of the row."""
+    """Values (B, K) of stored blocks at the left boundary."""
     sides: np.ndarray
-    """(B, N, G): sides of poles."""
+    """Sides (B, N, G) of poles."""
     weights: np.ndarray
-    """(B, E, N): where every sample has its own; (1, E, N): one for all; else nothing."""
+    """Weights (B, E, N) per sample, (1, E, N) for all samples, or empty."""
     rates: np.ndarray
-    """(B, P, N): the same."""
+    """Rates (B, P, N) per sample, (1, P, N) for all samples, or empty."""
     nominal: np.ndarray
-    """(P, N): rates of the network that all are samples of."""
+    """Rates (P, N) of the network of which all are samples."""
 
 
 class Found(NamedTuple):
-    """What comes out, one row a sample."""
+    """Results, one row per sample."""
 
     states: np.ndarray
-    """(B, n): state vectors."""
+    """State vectors (B, n)."""
     codes: np.ndarray
-    """(B,): how it ended."""
+    """End code (B,) of each sample."""
     steps: np.ndarray
-    """(B, 2): steps done, and after which the residual stayed below the tolerance, or -1."""
+    """Steps (B, 2): number of steps, and steps after which the residual stayed below the tolerance,
+    or
+    -1.
+    """
     times: np.ndarray
-    """(B, 2): network time at the end, and after which the residual stayed below the tolerance."""
+    """Network times (B, 2) at the end, and after which the residual stayed below the tolerance."""
     residuals: np.ndarray
-    """(B, 2)."""
+    """Residuals (B, 2)."""
     exits: np.ndarray
-    """(B, n): states before the step in which the residual fell below the tolerance."""
+    """States (B, n) before the step in which the residual fell below the tolerance."""
     spans: np.ndarray
-    """(B, 2): when that step began and ended; nan where there was none."""
+    """Begin and end (B, 2) of that step; nan if there was none."""
     curve_sizes: np.ndarray
-    """(B,): rows of the curve."""
+    """Number of curve rows (B,)."""
     curve_times: np.ndarray
-    """(B, C): network times; C is 0 where no curves are kept, else one more than are asked for."""
+    """Network times (B, C) of the curves; C is 0 without curves, else one more than requested."""
     curves: np.ndarray
-    """(B, C, n)."""
+    """Curve states (B, C, n)."""
     curve_residuals: np.ndarray
-    """(B, C, 2)."""
+    """Curve residuals (B, C, 2)."""
 
     @classmethod
     def of(cls, starts: np.ndarray, curves: int) -> Found:
-        """Room for samples with so many states of each and its end, which are where they start.
+        """Return empty results for samples that start at states (B, n).
 
-        Parameters
-        ----------
-        starts : (B, n) array
-        curves : int
+        The record has room for ``curves`` states of each sample and its end.
         """
         (count, size), curves = starts.shape, curves + (curves > 0)
         return cls(
@@ -114,46 +114,47 @@ class Found(NamedTuple):
 
 
 class Group(NamedTuple):
-    """As many samples as there are lanes, on their way; W lanes."""
+    """Group of W samples in progress, one per lane."""
 
     entry: Entry
-    """The code of the network and its tables."""
+    """Code of the network and its tables."""
     combine: int
     """Address of ``combine``."""
     inputs: np.ndarray
-    """(N + 2, I, W) as code reads them."""
+    """Inputs (N + 2, I, W) in the layout of the code."""
     work: np.ndarray
-    """(N + 2, K, W)."""
+    """Values of stored blocks (N + 2, K, W)."""
     sides: np.ndarray
-    """(N, G, W)."""
+    """Sides of poles (N, G, W)."""
     weights: np.ndarray
-    """(N, E, W); W is 1 where they are the same for all samples."""
+    """Weights (N, E, W); W is 1 if all samples have the same weights."""
     rates: np.ndarray
-    """(N, P, W): the same."""
+    """Rates (N, P, W); W is 1 if all samples have the same rates."""
     roots: np.ndarray
-    """Of the samples' rates over the network's; flat, empty where no metric asks for them."""
+    """Square roots of the samples' rates over the network's; flat, empty if the metric needs none.
+    """
     components: np.ndarray
-    """(n,): where a state vector lies."""
+    """Indices (n,) of the state vector components."""
     x: np.ndarray
     """States of all lanes, with ghosts."""
     ahead: np.ndarray
-    """States that are tried."""
+    """Trial states."""
     slopes: np.ndarray
-    """(S + 1, ...)."""
+    """Slopes (S + 1, ...)."""
     memory: np.ndarray
-    """(rows, W): see `backends.lanes.memory`."""
+    """Memory (rows, W): see `backends.lanes.memory`."""
     who: np.ndarray
-    """(W,) samples, or `NOBODY`."""
+    """Sample number (W,) of each lane, or `NOBODY`."""
     stride: np.ndarray
-    """(W,): of the curve."""
+    """Stride (W,) of the curve."""
     padded: int
-    """Numbers of all states in whole blocks."""
+    """Size of all states in whole blocks."""
 
     @classmethod
     def of(cls, lanes: Lanes, slopes: int, rows: int) -> Group:
-        """An empty group with so many slopes and rows of memory.
+        """Return an empty group with numbers of slopes and memory rows.
 
-        It knows the tables of ``lanes`` by their addresses, so these have to live as long.
+        The group stores addresses of the tables of ``lanes``, which must live as long.
         """
         entry, steps, width = lanes.entry, step_code(lanes.lanes, is_shared=False), lanes.lanes
         neurons = lanes.ghosted(lanes.tape.values[: lanes.neurons]).ravel()
@@ -180,14 +181,17 @@ class Group(NamedTuple):
 
 @inlined
 def evaluate(group, address, x, row):
-    """The code at an address, into a row of slopes; the lanes outside a domain, as bits."""
+    """Run the code at an address into a row of slopes.
+
+    Returns the lanes outside a domain as bits.
+    """
     addresses = (group.entry.table.ctypes.data, x.ctypes.data, group.slopes[row].ctypes.data)
     return call(address, addresses, ())
 
 
 @inlined
 def read_residuals(group, x):
-    """Those of the states at which slopes were last asked for, into ``found``."""
+    """Write the residuals of the last evaluated states into ``found``."""
     found = group.entry.found
     call(
         group.entry.residuals, (group.entry.table.ctypes.data, x.ctypes.data, found.ctypes.data), ()
@@ -196,7 +200,7 @@ def read_residuals(group, x):
 
 @inlined
 def load(group, samples, state, lane, sample):
-    """A sample into a lane, at a state (n,)."""
+    """Load a sample into a lane, at a state (n,)."""
     for i in range(state.shape[0]):
         at = group.entry.ghost + group.components[i] + lane
         group.x[at] = group.ahead[at] = state[i]
@@ -217,7 +221,7 @@ def load(group, samples, state, lane, sample):
 
 @inlined
 def _load_numbers(group, samples, lane, sample):
-    """Its own weights and rates, if it has them; one network's serve all samples."""
+    """Load the weights and rates of a sample, or those shared by all samples."""
     own = sample if samples.weights.shape[0] > 1 else 0
     for i in range(samples.weights.shape[1]):
         for k in range(samples.weights.shape[2]):
@@ -233,7 +237,7 @@ def _load_numbers(group, samples, lane, sample):
 
 @inlined
 def begin(group, lane, overflow, window):
-    """A lane's memory before the first step."""
+    """Initialise a lane's memory before the first step."""
     for row in range(group.memory.shape[0]):
         group.memory[row, lane] = 0.0
     width, largest = group.who.shape[0], 1.0
@@ -247,7 +251,7 @@ def begin(group, lane, overflow, window):
 
 @inlined
 def close(group, found, lane, code):
-    """A sample is done: its lane waits for the next."""
+    """Close a finished sample and mark its lane as waiting."""
     sample = group.who[lane]
     found.codes[sample] = code
     enter(group, found, lane)
@@ -260,7 +264,7 @@ def close(group, found, lane, code):
 
 @compiled
 def enter(group, found, lane):
-    """Where a lane is, and the end of its curve."""
+    """Enter the state of a lane and the end of its curve into the results."""
     sample = group.who[lane]
     found.steps[sample, 0] = group.memory[DONE, lane]
     found.steps[sample, 1] = group.memory[SINCE, lane]
@@ -276,7 +280,10 @@ def enter(group, found, lane):
 
 @inlined
 def keep_exit(group, found, lane, before):
-    """Keep the states before the last step, without ghosts, and the time span of that step."""
+    """Store the states before the last step and the time span of that step.
+
+    The states are stored without ghosts.
+    """
     sample = group.who[lane]
     found.spans[sample, 0] = group.memory[SINCE_TIME, lane]
     found.spans[sample, 1] = group.memory[TIME, lane]
@@ -286,7 +293,10 @@ def keep_exit(group, found, lane, before):
 
 @inlined
 def draw(group, found, lane, count):
-    """State number ``count`` of a curve; where there is no room, every second one goes."""
+    """Add state number ``count`` to a curve.
+
+    A full curve is thinned to every second state.
+    """
     sample, most = group.who[lane], found.curve_times.shape[1] - 1
     if found.curve_sizes[sample] == most:
         for row in range(1, (most + 1) // 2):
@@ -314,12 +324,12 @@ def _add_to_curve(group, found, lane):
 
 @inlined
 def _copy_out(group, lane, out):
-    """The state vector of a lane."""
+    """Copy the state vector of a lane."""
     for i in range(group.components.shape[0]):
         out[i] = group.x[group.entry.ghost + group.components[i] + lane]
 
 
 def hand_over(group: Group, found: Found) -> None:
-    """Enter where the samples are that nobody goes on with, at the end of their curves too."""
+    """Enter states and curve ends of unfinished samples into the results."""
     for lane in np.flatnonzero(group.who != NOBODY):
         enter(group, found, lane)

@@ -1,7 +1,7 @@
 """Last exits of residuals inside their steps, located after a batch.
 
-The step in which a residual falls below the tolerance for good is taken again from the state before
-it, and its continuous extension is evaluated. `integration.between` does so for a single run.
+The step in which a residual finally falls below the tolerance is repeated from the state before it,
+and its continuous extension is evaluated. `integration.between` does the same for a single run.
 """
 
 from __future__ import annotations
@@ -25,43 +25,37 @@ from ann_dc.evaluation.formulas import inlined, released
 
 CLOSE = 1e-4
 """Relative distance to the tolerance at which a lane is done: the accuracy of a residual at the
-tolerances of batches."""
+tolerances of batches.
+"""
 
 
 class Again(NamedTuple):
-    """Steps taken again, a lane each."""
+    """Repeated steps, one per lane."""
 
     stages: int
-    """Rows of the step; those of extra stages and of the state inside the step follow."""
+    """Number of rows of the step; those of extra stages and of the state inside the step follow."""
     starts: np.ndarray
-    """(rows + 1,): beginning of every row."""
+    """Beginning of every row, (rows + 1,)."""
     offsets: np.ndarray
-    """(entries,): beginning of the slope of every entry."""
+    """Beginning of the slope of every entry, (entries,)."""
     weights: np.ndarray
-    """(entries, W); the last row is overwritten by that of the states inside the steps."""
+    """Weights (entries, W); the last row is overwritten by that of the states inside the steps."""
     powers: np.ndarray
     """Powers of `Extension`."""
     theta: np.ndarray
-    """(W,): where in the step each lane looks."""
+    """Evaluated position (W,) in the step of each lane."""
     ends: np.ndarray
-    """(2, W): the last share of the step above the tolerance, and the next one below."""
+    """Bracket (2, W): the last fraction of the step above the tolerance, and the next one below."""
     logs: np.ndarray
-    """(2, W): logarithms of the residuals there, over the tolerance."""
+    """Logarithms (2, W) of the residuals there, over the tolerance."""
     is_open: np.ndarray
-    """(W,): whether a lane goes on."""
+    """Mask (W,) of lanes that continue."""
     sides: np.ndarray
-    """(W,): index of the end that the last evaluation replaced, or -1."""
+    """Index (W,) of the end that the last evaluation replaced, or -1."""
 
     @classmethod
     def of(cls, group: Group, rows: Rows) -> Again:
-        """Return the record for a group, which has to live as long.
-
-        Parameters
-        ----------
-        group : Group
-        rows : Rows
-            Of the method.
-        """
+        """Return the record for a group, which must live as long; rows are the method's."""
         width, length, extension = len(group.who), group.slopes.shape[1], rows.extension
         stages, which = len(rows.starts) - 3, rows.which[: rows.starts[-3]]
         weights = np.concatenate([rows.weights[: len(which)], extension.weights])
@@ -87,7 +81,10 @@ def _keep(group):
 
 @inlined
 def _move(group, again, row):
-    """Compute the state of a row and its slope, within rails at ends of steps and inside."""
+    """Compute the state of a row and its slope.
+
+    States at the ends of steps and inside are within the saturation limits.
+    """
     at, first, last = 8 * group.entry.ghost, again.starts[row], again.starts[row + 1]
     addresses = (
         group.ahead.ctypes.data + at,
@@ -113,7 +110,7 @@ def _above(group, lane, tolerance):
 
 @inlined
 def _take(group, again, tolerance):
-    """Evaluate all slopes of the steps and of the extension, and the residuals at their ends."""
+    """Evaluate all slopes of steps and extension, and the residuals at their ends."""
     ends, logs = again.ends, again.logs
     evaluate(group, group.entry.rhs, group.x, 0)
     read_residuals(group, group.x)
@@ -171,20 +168,10 @@ def _cross(group, again, tolerance):
 
 @released
 def locate_exits(group, again, samples, found, chosen, tolerance):
-    """Locate last exits of chosen samples in a group that no sample runs in.
+    """Locate last exits of chosen samples (K,) in a group without running samples.
 
-    Parameters
-    ----------
-    group : Group
-        Overwritten.
-    again : Again
-        Overwritten.
-    samples : Samples
-    found : Found
-        Its ``exits`` and ``spans`` are read, and its ``times`` overwritten.
-    chosen : (K,) array of int
-        Samples.
-    tolerance : float
+    The group and ``again`` are overwritten. ``exits`` and ``spans`` of ``found`` are read, and its
+    ``times`` are overwritten.
     """
     width, count = group.who.shape[0], chosen.shape[0]
     for first in range(0, count, width):

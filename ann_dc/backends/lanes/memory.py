@@ -1,4 +1,7 @@
-"""What every lane remembers: rows of as many numbers, for vector code and for compiled loops."""
+"""Memory of the lanes, shared by vector code and compiled loops.
+
+Every row contains one number per lane.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +9,17 @@ from ann_dc.evaluation.codegen.writer import Function
 
 (RUNS, STEP, TIME, DONE, CONSTRAINT, STATIONARITY, SINCE, SINCE_TIME, LARGEST, TURN, BEST,
  BEST_BEFORE) = range(12)  # fmt: skip
-"""Whether there is a sample; length of a step; network time; steps done; residuals; since which
-step and time they stay below the tolerance (-1 before); largest state that is no overflow; step at
-which headway is asked for next; lowest residual of this window and of the last."""
+"""Memory rows: presence of a sample; step length; network time; number of steps; two residuals;
+step
+and time since which they stay below the tolerance (-1 before); largest state that is not an
+overflow; step of the next headway check; lowest residual of this window and of the last.
+"""
 OWN = 12
-"""The first row of those that belong to a way to take steps."""
+"""First row of those specific to a stepping method."""
 
 
 class Memory:
-    """The rows, as code under way reads and writes them.
-
-    Parameters
-    ----------
-    f : Function
-    base : str
-        Address of the first.
-    """
+    """Memory rows as read and written by the code; ``base`` is their address."""
 
     def __init__(self, f: Function, base: str = "%memory") -> None:
         self.f, self.base = f, base
@@ -36,12 +34,15 @@ class Memory:
         self.f.store(value, self._at(row))
 
     def enter(self, row: int, chosen: str, value: str) -> str:
-        """A value in chosen lanes; the row as it is then."""
+        """Write a value in chosen lanes; return the resulting row."""
         self[row] = found = self.f.select(chosen, value, self[row])
         return found
 
     def note(self, chosen: str, found: str) -> tuple[str, str]:
-        """Residuals at an address, in chosen lanes; the larger one, and the largest state."""
+        """Store the residuals at an address in chosen lanes.
+
+        Returns the larger residual and the largest state.
+        """
         f, width = self.f, self.f.width
         both = f.load(found), f.load(f.address(found, width))
         for row, residual in zip((CONSTRAINT, STATIONARITY), both):
@@ -49,7 +50,7 @@ class Memory:
         return f.larger(*both), f.load(f.address(found, 2 * width))
 
     def is_over(self, chosen: str, worst: str, size: str, settled: str, most: str) -> str:
-        """Chosen lanes at which loops have to look more closely: very likely they are done."""
+        """Return the chosen lanes that loops must check, since they are very likely done."""
         f = self.f
         self.enter(BEST, chosen, f.smaller(worst, self[BEST]))
         signs = (

@@ -1,4 +1,4 @@
-"""The orders in which the neurons of a recurrent step move, in generated code; see `Order`."""
+"""Update orders of a recurrent step in generated code; see `Order`."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from ann_dc.evaluation.formulas import inlined
 from ann_dc.evaluation.tape import DUAL
 
 SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE = range(3)
-"""Which neurons move first."""
+"""Codes of the update orders."""
 
 
 class Scratch(NamedTuple):
-    """What a recurrence needs besides a `Group`."""
+    """Memory of a recurrence in addition to a `Group`."""
 
     duals: np.ndarray
     """Rows of the dual neurons."""
     cells: tuple[int, int]
     """N and P."""
     limits: np.ndarray
-    """(P, 2): rails."""
+    """Saturation limits (P, 2)."""
     railed: np.ndarray
-    """Rows of the neurons that have one."""
+    """Rows of the neurons with a saturation limit."""
     drives: np.ndarray
-    """Of all lanes, as code reads them."""
+    """Drives of all lanes in the layout of the code."""
     kept: np.ndarray
-    """Those of the state that a step begins with."""
+    """Drives of the state with which a step begins."""
     before: np.ndarray
     """Moves of the step before."""
     one: np.ndarray
-    """(W,): the weight of a single slope in every lane."""
+    """Weight (W,) of a single slope in every lane."""
     none: np.ndarray
-    """(1,): where it begins."""
+    """Beginning (1,) of that slope."""
     reach: int
-    """Stages on either side that a drive depends on."""
+    """Number of stages on either side on which a drive depends."""
 
     @classmethod
     def of(cls, lanes: Lanes) -> Scratch:
-        """Of a network; ``lanes`` has to live as long."""
+        """Return the memory for a network; ``lanes`` must live as long."""
         tape = lanes.tape
         return cls(
             duals=np.flatnonzero(tape.roles == DUAL),
@@ -62,7 +62,7 @@ class Scratch(NamedTuple):
 
 @inlined
 def copy(source, target):
-    """Number by number."""
+    """Copy an array number by number."""
     for i in range(source.shape[0]):
         target[i] = source[i]
 
@@ -78,14 +78,14 @@ def _within_rails(scratch, x, width, ghost, stage):
 
 @inlined
 def keep_within_rails(group, scratch, x):
-    """States back to the rails that a step went past."""
+    """Clip states to the saturation limits that a step exceeded."""
     for stage in range(scratch.cells[0]):
         _within_rails(scratch, x, group.who.shape[0], group.entry.ghost, stage)
 
 
 @inlined
 def _step_to(group, scratch, move, target):
-    """``target = x + h move`` within the rails."""
+    """Write ``target = x + h move`` within the saturation limits."""
     first = 8 * group.entry.ghost
     ends = (target.ctypes.data + first, group.x.ctypes.data + first)
     terms = (move.ctypes.data, scratch.one.ctypes.data, scratch.none.ctypes.data)
@@ -105,7 +105,7 @@ def _rows(scratch, source, target, width):
 
 @inlined
 def _two_phase(group, scratch):
-    """Primal neurons first, dual neurons on what they say then."""
+    """Update primal neurons first, then dual neurons from the updated primal state."""
     width, move, second = group.who.shape[0], group.slopes[0], group.slopes[1]
     for i in range(second.shape[0]):
         second[i] = 0.0
@@ -117,13 +117,13 @@ def _two_phase(group, scratch):
 
 @inlined
 def _rate(group, stage, row, lane):
-    """1 / tau; its own where a sample has one."""
+    """Return 1 / tau, of the sample if it has separate rates."""
     return group.rates[stage, row, min(lane, group.rates.shape[2] - 1)]
 
 
 @inlined
 def _stage_by_stage(group, scratch):
-    """One stage after the other, each on what was written before; the metric at the end."""
+    """Update the stages in turn from the values written before; metric at the end."""
     width, (stages, neurons) = group.who.shape[0], scratch.cells
     move, table, ghost = group.slopes[0], group.entry.table, group.entry.ghost
     seen = group.slopes[1]
@@ -152,7 +152,7 @@ def _stage_by_stage(group, scratch):
 
 @inlined
 def reorder(group, scratch, order):
-    """Moves in another order, after all neurons said theirs at once; their drives are kept."""
+    """Compute moves in another order after simultaneous moves, storing their drives."""
     copy(scratch.drives, scratch.kept)
     if order == TWO_PHASE:
         _two_phase(group, scratch)

@@ -1,7 +1,7 @@
-"""Recurrent steps in generated code: a lane is a sample, with its own length of a step.
+"""Recurrent steps in generated code: one sample and step length per lane.
 
-The same orders, rules and looks as the recurrent layers have, number by number: see
-`backends.recurrent` for what they mean. Neither gradients nor acceleration.
+Orders, step rules and checks are those of the recurrent layers, number by number; see
+`backends.recurrent` for their definition. Gradients and acceleration are not supported.
 """
 
 from __future__ import annotations
@@ -50,125 +50,120 @@ from ann_dc.evaluation.formulas import inlined, released
 
 
 class StepLengths(NamedTuple):
-    """A step rule as numbers; see `AdaptiveStep`, whose fields these are."""
+    """Numbers of a step rule; see `AdaptiveStep` for the fields."""
 
     first: float
-    """First step, in units of network time."""
+    """First step in units of network time."""
     longest: float
-    """Longest one."""
+    """Longest step."""
     window: float
-    """Steps after which progress is looked for."""
+    """Number of steps after which progress is checked."""
     growth: float
-    """Factor a step until the first cut."""
+    """Factor per step until the first cut."""
     cut: float
     """Factor of a cut."""
     rise: float
-    """Of the energy, that causes a cut."""
+    """Rise of the energy that causes a cut."""
     earned: float
     """Power of the progress by which a step grows after the first cut."""
     progress: float
-    """Share of the lowest energy that a window has to get below."""
+    """Fraction of the lowest energy below which a window must get."""
     least: float
-    """Shortest step over the longest."""
+    """Shortest step relative to the longest."""
     turn: float
-    """Sum of sin(angle / 2) between successive moves in which a swing has its peak."""
+    """Sum of sin(angle / 2) between successive moves in which an oscillation has its peak."""
 
     @classmethod
     def always(cls, step: float) -> StepLengths:
-        """The same step, in units of network time: nothing causes a cut, and no factor is other."""
+        """Return the numbers of a constant step in units of network time.
+
+        Nothing causes a cut, and all factors are one.
+        """
         return cls(step, step, np.inf, 1.0, 1.0, np.inf, 1.0, 1.0, 1.0, 0.0)
 
     @property
     def is_fixed(self) -> bool:
-        """Whether no step is shorter than the longest."""
+        """True if the shortest step equals the longest."""
         return self.least >= 1.0 and self.first >= self.longest
 
 
 class Looks(NamedTuple):
-    """When somebody looks, and what ends a sample."""
+    """Check times and end conditions of a sample."""
 
     order: int
-    """Which neurons of a step move first."""
+    """Update order of a step."""
     check: int
-    """Steps between two looks."""
+    """Number of steps between two checks."""
     limit: int
-    """Most steps."""
+    """Largest number of steps."""
     tolerance: float
-    """Residual, for the settling time."""
+    """Residual tolerance of the settling time."""
     settled: float
-    """Residual at which it is sure."""
+    """Residual that confirms settling."""
     overflow: float
-    """Magnitude of a state, relative to the largest at the start."""
+    """Largest magnitude of a state, relative to the largest at the start."""
     window: int
-    """Steps in which the lowest residual has to become smaller."""
+    """Number of steps in which the lowest residual must decrease."""
     headway: float
-    """By this factor."""
+    """Required factor of that decrease."""
     growth: float
-    """Factor a window by which a state that diverges grows."""
+    """Factor per window by which a diverging state grows."""
 
 
 class Pointers(NamedTuple):
-    """Where the pieces of a step begin and what they work on: addresses and sizes."""
+    """Addresses of the functions and memory of a step."""
 
     rhs: int
-    """Of the code of the network."""
+    """Address of ``rhs`` in the code of the network."""
     residuals: int
-    """The same."""
+    """Address of ``residuals`` in the code of the network."""
     look: int
-    """Of `recurrence_code`."""
+    """Address of ``look`` of `recurrence_code`."""
     go_on: int
-    """The same."""
+    """Address of ``go_on`` of `recurrence_code`."""
     table: int
-    """Of all tables."""
+    """Address of the table of all tables."""
     states: int
-    """With ghosts."""
+    """Address of the states with ghosts."""
     x: int
-    """States without them."""
+    """Address of the states without ghosts."""
     moves: int
-    """Of all neurons."""
+    """Address of the moves of all neurons."""
     drives: int
-    """Those of the states that a step begins with."""
+    """Address of the drives of the states with which a step begins."""
     before: int
-    """Moves of the step before."""
+    """Address of the moves of the step before."""
     memory: int
-    """Of `backends.lanes.memory`."""
+    """Address of the rows of `backends.lanes.memory`."""
     found: int
-    """What ``residuals`` gives."""
+    """Address of the results of ``residuals``."""
     numbers: int
-    """Constants."""
+    """Address of the constants."""
     padded: int
-    """Numbers of all states in whole blocks."""
+    """Size of all states in whole blocks."""
     has_rails: bool
-    """Whether a step may go past one."""
+    """True if a step may exceed a saturation limit."""
 
 
 class Recurrence(NamedTuple):
-    """How a network's steps go, and where its samples are."""
+    """Step rule, checks and memory of a network's recurrence."""
 
     scratch: Scratch
-    """What orders need."""
+    """Memory of the update orders."""
     lengths: StepLengths
-    """Of steps."""
+    """Step lengths."""
     looks: Looks
-    """And ends."""
+    """Check times and end conditions."""
     numbers: np.ndarray
-    """(n,): constants of both, as code reads them."""
+    """Constants (n,) of both in the layout of the code."""
     pointers: Pointers
-    """Where all that lies."""
+    """Addresses of the memory."""
     tick: np.ndarray
-    """(2,): steps of the whole group, and that at which a sample has done its last."""
+    """Counters (2,): steps of the whole group, and the step at which a sample reaches its limit."""
 
     @classmethod
     def of(cls, lanes: Lanes, group: Group, lengths: StepLengths, looks: Looks) -> Recurrence:
-        """For lanes and the group on them, which have to live as long.
-
-        Parameters
-        ----------
-        lanes : Lanes
-        group : Group
-        lengths : StepLengths
-        looks : Looks
-        """
+        """Return the recurrence of lanes and their group, which must live as long."""
         scratch, steps, entry = Scratch.of(lanes), recurrence_code(lanes.lanes), group.entry
         constants = looks._asdict() | lengths._asdict()  # growth is that of steps
         numbers = lined_up([float(constants[name]) for name in NUMBERS])
@@ -196,7 +191,7 @@ class Recurrence(NamedTuple):
 
 @inlined
 def _code(group, looks, lane):
-    """How a sample stands that has to be looked at more closely."""
+    """Return the code of a sample that needs a check."""
     memory, size = group.memory, group.entry.found[2 * group.who.shape[0] + lane]
     worst = max(memory[CONSTRAINT, lane], memory[STATIONARITY, lane])
     stalled = memory[DONE, lane] >= memory[TURN, lane] and _makes_no_headway(
@@ -217,7 +212,10 @@ def _code(group, looks, lane):
 
 @inlined
 def _makes_no_headway(memory, looks, size, lane):
-    """Asked once a window: whether its lowest residual is no smaller, and nothing grows."""
+    """Return True if a window's lowest residual did not decrease and nothing grows.
+
+    The check is made once per window.
+    """
     turn = memory[DONE, lane] // looks.window
     stalled = memory[BEST, lane] >= looks.headway * memory[BEST_BEFORE, lane]
     stalled = stalled and size < looks.growth * memory[SIZE, lane] and turn > 2.0
@@ -228,7 +226,7 @@ def _makes_no_headway(memory, looks, size, lane):
 
 @inlined
 def _fill(group, recurrence, samples, queue):
-    """New samples into the lanes that wait; whether any lane has one."""
+    """Load new samples into waiting lanes; return True if any lane has a sample."""
     running, lengths, memory = False, recurrence.lengths, group.memory
     for lane in range(group.who.shape[0]):
         if group.who[lane] == NOBODY and queue[0] < queue[1]:
@@ -244,7 +242,7 @@ def _fill(group, recurrence, samples, queue):
 
 @inlined
 def _look(group, recurrence, found, due, outside):
-    """Look at the lanes that are due, as bits; close those that are done."""
+    """Check the due lanes, given as bits; close those that are done."""
     at, looks = recurrence.pointers, recurrence.looks
     call(at.residuals, (at.table, at.states, at.found), ())
     over = call(at.look, (at.memory, at.found, at.numbers), (due, outside))
@@ -265,7 +263,7 @@ def _look(group, recurrence, found, due, outside):
 
 @inlined
 def _due(group, looks, tick):
-    """The lanes to look at, as bits; at the end of some other step than looks are at, few."""
+    """Return the lanes to check as bits; few between the regular check steps."""
     due, left = 0, looks.limit
     for lane in range(group.who.shape[0]):
         if group.who[lane] != NOBODY:
@@ -278,27 +276,11 @@ def _due(group, looks, tick):
 
 @released
 def recur_lanes(group, recurrence, samples, found, queue, attempts):
-    """Steps of all lanes, until every sample of a queue is done or so many were done.
+    """Take steps of all lanes until the queue is done or the attempts are used.
 
-    Lanes are filled at steps at which somebody looks, so that looks at all lanes fall together.
-
-    Parameters
-    ----------
-    group : Group
-        Overwritten.
-    recurrence : Recurrence
-        Overwritten.
-    samples : Samples
-    found : Found
-        Filled in as samples are done.
-    queue : (2,) array of int
-        The next sample, and the one at which to stop; overwritten.
-    attempts : int
-
-    Returns
-    -------
-    bool
-        Whether all are done.
+    Lanes are filled at check steps, so that all lanes are checked together. The queue (2,) contains
+    the next sample and the end of the range. Queue, group and recurrence are overwritten, and
+    ``found`` is filled in when samples are done. Returns True if all samples are done.
     """
     at, tick, order = recurrence.pointers, recurrence.tick, recurrence.looks.order
     check = recurrence.looks.check

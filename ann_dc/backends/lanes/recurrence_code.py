@@ -1,4 +1,4 @@
-"""What every recurrent step does with its lanes, as vector code: looks, and lengths of steps."""
+"""Vector code of a recurrent step for its lanes: checks and step lengths."""
 
 from __future__ import annotations
 
@@ -14,35 +14,29 @@ from ann_dc.evaluation.codegen.writer import Function, Module
 ROWS = OWN + 12
 (LONGEST, LOWEST, LIMITED, AGE, MARK, WINDOW, STRAYED, SIZE, ENERGY, TURNED, PEAK,
  FLOOR) = range(OWN, ROWS)  # fmt: skip
-"""Longest step; lowest energy since the last cut; whether there was one; steps into the window, its
-lowest energy at the beginning, and its length; whether a domain was left; largest state at the last
-question for headway; energy of the step before; how far moves have turned since the last turn was
-full, and the highest energy since; lowest of these peaks since the last cut."""
+"""Memory rows: longest step; lowest energy since the last cut; existence of a cut; steps into the
+window, lowest energy at its beginning, and its length; left domain; largest state at the last
+headway check; energy of the step before; turn of the moves since the last full turn, and highest
+energy since then; lowest of these peaks since the last cut.
+"""
 NAMES = "look", "go_on"
 NUMBERS = (
     "tolerance", "settled", "limit", "growth", "cut", "rise", "earned", "progress", "least", "turn",
 )  # fmt: skip
-"""Constants that the code reads, in this order: see `Looks` and `StepLengths`."""
+"""Constants in the order read by the code: see `Looks` and `StepLengths`."""
 
 
 @cache
 def recurrence_code(lanes: int) -> dict[str, int]:
-    r"""Addresses of what a recurrence does with its lanes.
+    r"""Return the addresses of the functions that a recurrence applies to its lanes.
 
-    ``look(memory, found, numbers; due, outside)`` enters the residuals of the lanes that are due
-    and gives those that need a closer look, as bits.
-    ``go_on(x, drives, moves, before, memory, numbers; n, outside)`` is ``x += h m`` with the step
-    of every lane, and then ``h`` for the next one by the energy sqrt(sum \|d m\|) and the angle to
-    the moves before, which are replaced: see `AdaptiveStep`.
+    ``look(memory, found, numbers; due, outside)`` enters the residuals of the due lanes and returns
+    those that need a check, as bits.
 
-    Parameters
-    ----------
-    lanes : int
-        Of a vector.
-
-    Returns
-    -------
-    dict of str to int
+    ``go_on(x, drives, moves, before, memory, numbers; n, outside)`` computes ``x += h m`` with the
+    step of every lane. It then sets ``h`` of the next step from the energy sqrt(sum \|d m\|) and
+    the angle to the moves before, which are replaced: see `AdaptiveStep`. ``lanes`` is the vector
+    width.
     """
     key = key_of(("recurrence", lanes), Path(__file__).parent)
     return code(key, lambda: _text(lanes), NAMES)
@@ -56,7 +50,7 @@ def _text(lanes: int) -> str:
 
 
 def _numbers(f: Function) -> dict[str, str]:
-    """The constants, in every lane."""
+    """Return the constants in every lane."""
     return {name: f.spread(f.load(f.address("%numbers", i), 1)) for i, name in enumerate(NUMBERS)}
 
 
@@ -117,7 +111,10 @@ def _turn(f: Function, along: str, energies: str) -> str:
 def _note_peak(
     f: Function, memory: Memory, energy: str, turned: str, ends: tuple[str, str]
 ) -> None:
-    """Update the peak energy of a turn and the lowest peak; a cut or a full turn ends it."""
+    """Update the peak energy of a turn and the lowest peak.
+
+    A cut or a full turn ends a turn.
+    """
     cut, full = ends
     peak, none = f.larger(energy, memory[PEAK]), f.constant(0.0)
     floor = f.select(full, f.smaller(peak, memory[FLOOR]), memory[FLOOR])
@@ -127,7 +124,7 @@ def _note_peak(
 
 
 def _some_steps(f: Function, step: str, first: str, sums: list[tuple[str, str]]) -> None:
-    """Step as many vectors as there are pairs of sums: independent sums wait less."""
+    """Step as many vectors as pairs of sums, since independent sums wait less."""
     for i, (total, along) in enumerate(sums):
         at = f.integer("add", first, i * f.width)
         drive, move = f.load(f.address("%drives", at)), f.load(f.address("%moves", at))
@@ -141,7 +138,7 @@ def _some_steps(f: Function, step: str, first: str, sums: list[tuple[str, str]])
 
 
 def _update(f: Function, memory: Memory, numbers: dict[str, str], energy: str, turned: str) -> None:
-    """The next step of every lane, as `StepState.next` has it."""
+    """Set the next step of every lane, as `StepState.next` does."""
     lowest, limited = memory[LOWEST], _holds(f, memory[LIMITED])
     age = f.op("fadd", memory[AGE], f.constant(1.0))
     over = f.compare("oge", age, memory[WINDOW])
@@ -153,7 +150,7 @@ def _update(f: Function, memory: Memory, numbers: dict[str, str], energy: str, t
     deserves = f.logical("and", better, limited)
 
     def by_progress() -> list[str]:
-        """A power of it, by its logarithm."""
+        """Return a power of the progress, by its logarithm."""
         progress = f.call("log", f.op("fdiv", lowest, energy))
         power = f.call("exp", f.op("fmul", numbers["earned"], progress))
         return [f.select(deserves, power, numbers["growth"])]

@@ -1,4 +1,7 @@
-"""The samples of a batch as generated code takes them: states, inputs and left, a row a sample."""
+"""Samples of a batch in the layout of generated code.
+
+States, inputs and left boundary have one row per sample.
+"""
 
 from __future__ import annotations
 
@@ -24,28 +27,12 @@ def samples_of(
     x: np.ndarray | None,
     numbers: Numbers | None,
 ) -> tuple[Samples, dict[str, np.ndarray]]:
-    """Samples of a network, and all their inputs.
+    """Return the samples of a network and all their inputs (B, N) by name.
 
-    Parameters
-    ----------
-    network : Network
-    plan : Plan
-        Of its wiring.
-    inputs : mapping of input name to number, (B,) or (B, N) array
-    x : (n,) or (B, n) array, optional
-        Where to start, in network units; by default the network's start, moved with its ends.
-    numbers : Numbers, optional
-        Of 1 or B samples; by default all have the network's.
-
-    Returns
-    -------
-    samples : Samples
-    every : dict of str to (B, N) array
-
-    Raises
-    ------
-    UnknownNameError, NetworkError
-        If an input does not exist, or sizes do not agree.
+    The plan is that of the network's wiring. The initial guess ``x`` is in network units; by
+    default it is the network's start, adapted to its boundary conditions. ``numbers`` contains
+    those of 1 or B samples; by default all samples have the network's. Raises `UnknownNameError` or
+    `NetworkError` if an input does not exist or sizes do not agree.
     """
     every = input_batch(network, inputs)
     starts = moved_starts(network, every) if x is None else _given(network, x)
@@ -87,7 +74,7 @@ def samples_of(
 
 
 def _count(starts: np.ndarray, inputs: Mapping[str, np.ndarray], numbers: Numbers | None) -> int:
-    """B, as all that is given says."""
+    """Return the batch size B given by all arguments."""
     given = max((len(values) for values in inputs.values()), default=1)
     if len({len(starts), given} - {1}) > 1:
         raise NetworkError(
@@ -103,7 +90,7 @@ def _count(starts: np.ndarray, inputs: Mapping[str, np.ndarray], numbers: Number
 
 
 def _given(network: Network, x: np.ndarray) -> np.ndarray:
-    """(B, n) or (1, n): the start that is given."""
+    """Return the given start as an array (B, n) or (1, n)."""
     starts = np.atleast_2d(np.asarray(x, float))
     if starts.ndim != 2 or starts.shape[1] != network.size or not len(starts):
         raise NetworkError(
@@ -114,7 +101,7 @@ def _given(network: Network, x: np.ndarray) -> np.ndarray:
 
 
 def _enter_sides(network: Network, plan: Plan, samples: Samples, places: np.ndarray) -> None:
-    """On which side of a pole every guarded block begins, by its sample's own inputs."""
+    """Enter the initial side of every guarded block's pole, by its sample's inputs."""
     poles = [network.cell.blocks[step] for step in plan.guarded]
     if not any(function_block(block.function).has_pole for block in poles):  # type: ignore
         return

@@ -1,7 +1,8 @@
-"""Steps until settled: update orders, step rules and acceleration, in generated code or in torch.
+"""Recurrent runs until settled, in generated code or in torch.
 
-What a run is told are plain data (`rules`). A run steps in generated code, without torch, or in
-`layers` on it, which know acceleration, gradients and GPUs; one step of theirs is in `cell`.
+Update orders, step rules and acceleration are plain data (`rules`). A run uses generated code,
+without torch, or the torch modules of `layers`, which support acceleration, gradients and GPUs. One
+step of the layers is in `cell`.
 """
 
 import lazy_loader

@@ -1,8 +1,8 @@
-"""Recurrent steps as a backend: one network with its trajectory, or a batch of them.
+"""Backend with recurrent steps for one network with trajectory, or for a batch.
 
-A run looks at every step, and takes down each unless there are thousands; a batch looks at every
-fifth only, and says of each sample how it ended, and where it was on its way if it is asked to.
-Both are in generated code; what that does not know is for the layers, which need torch.
+A single run checks every step and records each, unless there are thousands. A batch checks every
+fifth step only; it returns the outcome of each sample and, if requested, its trajectory. Both use
+generated code. Features that generated code does not support run in the layers, which need torch.
 """
 
 from __future__ import annotations
@@ -33,51 +33,51 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count, Index
 
 LARGEST_CURVE = 40_000_000
-"""Numbers of all states that a run takes down."""
+"""Largest count of state values that a run records."""
 LATE = 4
-"""Part of the states of a run, its last, in which a stalled network shows that it swings."""
+"""Reciprocal of the last fraction of a run in which a stalled network shows oscillation."""
 SHORTER = "shorter steps: step=ann_dc.AdaptiveStep() or none"
-"""Advice for steps of a fixed length, which may be what keeps a network from settling."""
+"""Advice for steps of a fixed length, which may prevent a network from settling."""
 CHECK = 5
-"""Steps of a batch between two looks at who has settled."""
+"""Steps of a batch between two convergence checks."""
 CHECK_ON_GPU = 40
-"""The same where every look makes the processor wait for the GPU."""
+"""Steps between two checks on a GPU, where every check makes the processor wait."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecurrentBackend:
-    """Runs networks in discrete time: in generated code, or in layers on torch.
+    """Backend that runs networks in discrete time, in generated code or in torch.
 
-    Acceleration and a GPU are for the layers, and so is a wiring that no code is generated for;
-    nothing else needs torch.
+    Acceleration, a GPU, and a wiring without code generation require the layers. Nothing else needs
+    torch.
 
     Attributes
     ----------
     order : Order
-        `SIMULTANEOUS`, `TWO_PHASE` or `STAGE_BY_STAGE`.
+        Update order: `SIMULTANEOUS` (default), `TWO_PHASE` or `STAGE_BY_STAGE`.
     step : StepRule or None
-        As in `RecurrentLayer`.
+        Step rule, as in `RecurrentLayer`.
     acceleration : Anderson or None
-        None: every step is the network's own.
+        Acceleration; None takes every step as the network gives it.
     settling : Settling
-        When a run counts as settled.
-    limit : int
+        Definition of a settled run.
+    limit : int, default 50,000
         Largest number of steps.
-    curves : int
-        States that `run_batch` keeps of every sample on its way, seen every `CHECK` steps (on a GPU
-        every `CHECK_ON_GPU`) and thinned beyond that number, so that ``batch.trajectory(sample)``
-        is there; 0: the last one alone. A batch of B samples of n neurons takes up to 8 B n
-        ``curves`` bytes: 200 states of a thousand cars are 260 MB.
+    curves : int, default 0
+        Number of states that `run_batch` stores of every sample, for ``batch.trajectory(sample)``;
+        0 stores the last state only. States are recorded every `CHECK` steps (on a GPU every
+        `CHECK_ON_GPU`) and thinned above this number. A batch of B samples of n neurons takes up to
+        8 B n ``curves`` bytes: 200 states of a thousand cars are 260 MB.
     device : str
-        Of torch: ``cpu``, ``cuda``.
+        Torch device: ``cpu`` (default) or ``cuda``.
     progress : Progress
-        Told one line every half second.
+        Receiver of one progress line every half second.
 
     Raises
     ------
     NetworkError
-        If torch has no such device.
+        If torch does not have the device.
     ImportError
         If layers are needed and torch is not installed.
 
@@ -110,10 +110,11 @@ class RecurrentBackend:
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
-        """All metrics in the two-phase order or with acceleration, else no grid and no tree.
+        """Preconditioner kinds among which a design for this backend chooses.
 
-        Their modes are alike in speed but little damped, and the simultaneous order is slow on
-        what is little damped: the car takes 250 steps on a grid, 180 on a pyramid.
+        All kinds in the two-phase order or with acceleration, otherwise neither grid nor tree.
+        Modes of grid and tree have similar speeds but little damping, and the simultaneous order is
+        slow on weakly damped modes. The car takes 250 steps on a grid and 180 on a pyramid.
         """
         if self.order == TWO_PHASE or self.acceleration is not None:
             return ALL_KINDS
@@ -121,19 +122,21 @@ class RecurrentBackend:
 
     @property
     def _is_plain(self) -> bool:
-        """Whether generated code knows all that a run is told."""
+        """True if generated code supports all settings of the run."""
         return self.acceleration is None and self.device == "cpu"
 
     def layer(self, network: Network):
-        """The `RecurrentLayer` that runs a network; needs torch.
+        """Return the `RecurrentLayer` that runs a network; needs torch.
 
         Parameters
         ----------
         network : Network
+            Network whose cell is repeated.
 
         Returns
         -------
         RecurrentLayer
+            Layer with the settings of the backend.
         """
         from ann_dc.backends.recurrent.layers.layer import RecurrentLayer  # needs torch
 
@@ -147,12 +150,12 @@ class RecurrentBackend:
 
     @checked
     def run(self, network: Network) -> Run:
-        """Step from the network's start until it settles, diverges, or the steps are up.
+        """Step from the start until the network settles, diverges or runs out of steps.
 
         Returns
         -------
         Run
-            Its network time is the sum of the steps' lengths.
+            Result for every outcome; its network time is the sum of the step lengths.
         """
         why: list[str] = []
 
@@ -224,26 +227,28 @@ class RecurrentBackend:
         Parameters
         ----------
         network : Network
-            What all samples are copies of.
+            Network of which all samples are copies.
         inputs : mapping of input name to number, (B,) or (B, N) array
-            As in ``network.inputs``, from which the rest is taken. An input that is no finite
-            number costs its own sample only.
+            Inputs that replace those of ``network.inputs``. An input that is not finite fails only
+            its sample.
         x : (n,) or (B, n) array, optional
-            Where to start, in network units; by default the network's start, its ends moved with
-            the inputs.
+            Initial guess in network units; by default the network's start, with boundary conditions
+            adapted to the inputs.
         numbers : Numbers, optional
-            Weights and time constants of every sample, from `numbers_of`; by default the network's,
-            by which the lengths of steps go in any case. Only without acceleration, on the CPU.
+            Weights and time constants of every sample, from `numbers_of`; by default those of the
+            network, which determine the step lengths in any case. Only without acceleration, on the
+            CPU.
 
         Returns
         -------
         BatchRun
+            Final states, outcomes, steps and settling times of all samples.
 
         Raises
         ------
         UnknownNameError, NetworkError
-            If an input does not exist, sizes do not agree, ``curves`` is no number of states, or
-            numbers are those of another wiring or given to layers.
+            If an input does not exist; if sizes do not agree or ``curves`` is not a number of
+            states; if numbers belong to another wiring or are passed to layers.
 
         Examples
         --------
@@ -262,7 +267,7 @@ class RecurrentBackend:
 
 
 def _status(batch: BatchRun, now: float, why: str, states: np.ndarray, *, adapts: bool) -> Status:
-    """How the only run of a batch ended at a network time, from its states (T, n) on the way."""
+    """Return the status of the only run of a batch, from its states (T, n)."""
     network, x, steps = batch.network, batch.states[0], int(batch.steps[0])
     constraint, stationarity = batch.residuals[0].tolist()
     outcome, residuals = batch.outcomes[0], (constraint, stationarity)

@@ -1,7 +1,7 @@
-"""Recurrent runs in generated code, one or many: the steps of the layers, without tensors.
+"""Recurrent runs in generated code: the steps of the layers without tensors.
 
-It serves every order and step rule, on the CPU and without acceleration; for everything else, and
-for gradients, there are the layers.
+One or many runs are supported, with every order and step rule, on the CPU and without acceleration.
+Everything else, and gradients, require the layers.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ ORDERS = {
 
 
 def is_possible(network: Network) -> bool:
-    """Whether there is code for the wiring of a network."""
+    """Return True if code is generated for the wiring of a network."""
     return refusal(evaluator(network).tape) is None
 
 
 def looks_of(order: Order, settling: Settling, limit: int, check: int) -> Looks:
-    """When somebody looks, every ``check`` steps, and what ends a sample."""
+    """Return check times, every ``check`` steps, and end conditions of a sample."""
     return Looks(
         order=ORDERS[order],
         check=check,
@@ -68,7 +68,7 @@ def run_batch(
     curves: int,
     progress: Progress,
 ) -> BatchRun:
-    """As `RecurrentBackend.run_batch`, where it `is_possible`."""
+    """Run a batch as `RecurrentBackend.run_batch` does, if it `is_possible`."""
     lengths, attempts = step_lengths(network, step), attempts_of(network)
 
     def begin(lanes: Lanes) -> Thread:
@@ -94,9 +94,9 @@ def run_batch(
 
 
 def step_lengths(network: Network, step: StepRule) -> StepLengths:
-    """A step rule as numbers for a network.
+    """Return the numbers of a step rule for a network.
 
-    Warns (`UserWarning`) of a fixed step above the stability limit at the network's start.
+    Warns (`UserWarning`) if a fixed step exceeds the stability limit at the network's start.
     """
     lengths = step.lengths(dual_limit(network))
     if lengths.is_fixed:
@@ -107,7 +107,7 @@ def step_lengths(network: Network, step: StepRule) -> StepLengths:
 
 
 def dual_limit(network: Network) -> float:
-    """As `layers.steps.dual_limit`, of a network's own numbers."""
+    """Return `layers.steps.dual_limit` for the numbers of a network."""
     edges, tape = evaluator(network).edges, evaluator(network).tape
     fastest = 2.0 / fast_evaluator(network).fastest_rate(network.start_state)
     limits = [fastest]

@@ -1,4 +1,4 @@
-"""Networks as circuits in ngspice: a netlist is written, simulated, and read back by neuron."""
+"""Networks as circuits in ngspice: netlist, simulation and read-back by neuron."""
 
 import lazy_loader
 

@@ -1,9 +1,9 @@
-"""A network as a circuit in ngspice: scaled by a probe run, written as a deck, read back by neuron.
+"""Network as a circuit in ngspice: scaling, netlist, simulation and read-back.
 
     network --prepare--> circuit, probe --deck--> netlist --ngspice--> voltages --read_back--> run
 
-The probe is the ideal network's run in continuous time: it says how many volts a unit of every node
-is, how long to simulate, and what the circuit is compared with.
+The probe is the run of the ideal network in continuous time. It determines the volts per unit of
+every node, the simulation time, and the reference for the circuit.
 """
 
 from __future__ import annotations
@@ -46,45 +46,48 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Index, PositiveFinite, Range
 
 NODE_LAG = 1e-3
-"""Of a grid's nodes, in the network's fastest time constants."""
+"""Time constant of a grid's nodes, in the network's fastest time constants."""
 Headroom: TypeAlias = Annotated[float, Range(words="a number, 1 or more", low=1.0)]
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpiceBackend:
-    """Runs networks as circuits, in ngspice.
+    """Backend that runs networks as circuits in ngspice.
 
     Attributes
     ----------
     level : Level
-        What is built, of which parts, and where it stands.
+        Circuit model, parts and operating conditions; by default `BEHAVIOURAL`.
     simulation : Simulation, optional
-        How it is simulated; what suits the level where none is given.
+        Simulation settings; by default those suited to the level.
     simulator : Ngspice, optional
-        One with the simulation's patience where none is given.
-    seed : int or None
-        Draws the errors of single parts from the level's tolerances; None: all as they should be.
+        Simulator; by default one with the time limit of the simulation.
+    seed : int or None, default None
+        Seed of part errors drawn from the level's tolerances; None for nominal parts.
     series : Series
-        What resistors are taken from, and capacitors with them; the seed's errors come on top.
-    headroom : float
-        Full scale over the largest value of the probe run, at least 1; see `scale`.
+        Series of resistor values, and of capacitors with them; by default exact values. Drawn
+        errors are added to the series rounding.
+    headroom : float, default `HEADROOM`
+        Full scale relative to the largest value of the probe run, at least 1; see `scale`.
     margin : float, optional
-        k = 2 pi f T / radius: usable bandwidth of the parts over the network's fastest mode. Where
-        none is given it is `MARGIN`, or what capacitances and poles of the parts ask for.
+        Bandwidth margin, the usable bandwidth of the parts over that of the network's fastest mode:
+        k = 2 pi f T / radius. The default is `MARGIN`, or the margin that capacitances and poles of
+        the parts require.
     intervals : mapping of node name to (low, high)
         Ranges that the probe run does not show, in the user's units; see `scale`, and
-        `fitting_intervals` for what suits Lagrange multipliers.
-    node_lag : float
-        Of a grid's nodes, capacitance over conductance, in the network's fastest time constants.
-    require_stable : bool
-        Refuse a circuit whose pole model oscillates; set it to False to watch one ring.
+        `fitting_intervals` for Lagrange multipliers.
+    node_lag : float, default `NODE_LAG`
+        Time constant (capacitance over conductance) of a grid's nodes, in the network's fastest
+        time constants.
+    require_stable : bool, default True
+        True to reject a circuit whose pole model oscillates; False to simulate the oscillation.
     progress : Progress
-        Told one line at a time what is going on.
+        Receiver of one progress line at a time.
 
     Examples
     --------
-    Up to ngspice, a circuit needs no ngspice:
+    Without ngspice, everything up to the netlist is available:
 
     >>> import ann_dc
     >>> problem = ann_dc.plants.double_integrator(N=5)
@@ -112,7 +115,10 @@ class SpiceBackend:
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
-        """Time constants and pyramids; a grid and a tree are built where they are asked for."""
+        """Default preconditioner kinds: time constants and pyramids.
+
+        A grid and a tree are built on request.
+        """
         return tuple(k for k in self.level.metrics if k not in (Kind.GRID, Kind.TREE))
 
     @checked
@@ -124,27 +130,28 @@ class SpiceBackend:
         NetworkError
             If the network does not settle in continuous time, or the pole model oscillates.
         NgspiceMissing, SpiceError
-            If ngspice is not there, or fails.
+            If ngspice is not found, or fails.
         """
         return simulate(self, *self.prepare(network))
 
     @checked
     def prepare(self, network: Network) -> tuple[Circuit, Trajectory]:
-        """Probe, scale and choose components.
+        """Run the probe, scale the circuit and choose components.
 
         Returns
         -------
         circuit : Circuit
-            Of the given network, or of one with rows in the place of rails of coupled neurons.
+            Circuit of the given network, or of one with constraints in place of the saturation
+            limits of coupled neurons.
         probe : Trajectory
-            The ideal network's run that it was scaled by.
+            Run of the ideal network used for scaling.
 
         Raises
         ------
         NetworkError
-            If the network does not settle, so that there is nothing to scale by, parts of the level
-            clip below full scale, or its technology cannot build the metric, the rails of a
-            neuron, or one that all cells share, or has no resistors that a series could have.
+            If the network does not settle, so that scaling is impossible; if parts of the level
+            clip below full scale; or if its technology does not support the metric, the saturation
+            limits of a neuron, a neuron common to all cells, or resistors of a series.
         """
         level = self.level
         check_full_scale(level)
@@ -172,15 +179,16 @@ class SpiceBackend:
 
     @checked
     def deviations(self, circuit: Circuit) -> dict[str, np.ndarray]:
-        """Errors of single parts: of resistors and capacitors by their series, and drawn.
+        """Return the errors of single parts: series rounding and drawn errors.
 
-        The level's tolerances say how large drawn ones are. Transistors of a foundry have theirs by
-        its models, with the same seed, in the deck.
+        Series rounding applies to resistors and capacitors. The level's tolerances give the size of
+        drawn errors. Errors of a foundry's transistors come from its models in the deck, with the
+        same seed.
 
         Returns
         -------
         dict of parameter name to (N,) array
-            Shares of resistors, capacitors and gains; volts of offsets.
+            Relative errors of resistors, capacitors and gains; offsets in volts.
         """
         off = snapped(circuit, self.series)
         if self.seed is None:
@@ -191,21 +199,25 @@ class SpiceBackend:
 
     @checked
     def deck(self, circuit: Circuit, probe: Trajectory, deviations: Deviations) -> Deck:
-        """The netlist of a circuit, for a run as long as its slowest pole takes; see `span_of`.
+        """Return the netlist of a circuit, for a run as long as its slowest pole requires.
+
+        For the duration see `span_of`.
 
         Parameters
         ----------
         circuit : Circuit
+            Circuit to be written.
         probe : Trajectory
+            Run of the ideal network.
         deviations : mapping of parameter name to (N,) array
-            Which parts are off by how much; empty for none.
+            Errors of parts; empty for nominal parts.
 
         Raises
         ------
         UnknownNameError
             If a deviation names no parameter.
         NetworkError
-            If the level's cells have no such error.
+            If the level's cells do not have such an error.
         """
         span = span_of(circuit, self.level, probe)
         deck = deck_of(
@@ -220,18 +232,20 @@ class SpiceBackend:
 
     @checked
     def check_stable(self, emulation: Emulation, probe: Trajectory) -> None:
-        """Refuse a circuit that oscillates, by its emulation.
+        """Raise an error if the emulation of a circuit oscillates.
 
         Parameters
         ----------
         emulation : Emulation
-            Of the circuit.
+            Behavioural emulation of the circuit.
         probe : Trajectory
+            Run of the ideal network.
 
         Raises
         ------
         NetworkError
-            Saying whether the parts are too slow, or the ideal network oscillates as well.
+            If a pole oscillates. The message distinguishes parts that are too slow from an ideal
+            network that oscillates as well.
         """
         self.progress("eigenvalues of the pole model")
         found = pole_spectrum(emulation, probe.final)
@@ -253,20 +267,21 @@ class SpiceBackend:
 
     @checked
     def measure(self, circuit: Circuit, deck: Deck, probe: Trajectory) -> CircuitRun:
-        """Run a circuit's netlist in ngspice, whatever the pole model says of it.
+        """Run a circuit's netlist in ngspice, regardless of its pole model.
 
         Parameters
         ----------
         circuit : Circuit
+            Circuit of the netlist.
         deck : Deck
-            Its netlist.
+            Netlist.
         probe : Trajectory
-            What it is compared with.
+            Reference run.
 
         Raises
         ------
         NgspiceMissing, SpiceError
-            If ngspice is not there, or fails.
+            If ngspice is not found, or fails.
         """
         self.progress(f"ngspice, {self.level.name} level")
         raw = ngspice_of(self).run(deck.text, end_time=deck.end)
@@ -280,27 +295,12 @@ def simulate(
     probe: Trajectory,
     deviations: Deviations | None = None,
 ) -> CircuitRun:
-    """Run a circuit on a backend's level, and compare it with its probe run.
+    """Run a circuit on a backend's level and compare it with its probe run.
 
-    Parameters
-    ----------
-    backend : SpiceBackend
-    circuit : Circuit
-    probe : Trajectory
-        The ideal network's run that the circuit was scaled by.
-    deviations : mapping of parameter name to (N,) array, optional
-        Which parts are off by how much, instead of what the backend's series and seed say.
-
-    Returns
-    -------
-    CircuitRun
-
-    Raises
-    ------
-    NetworkError
-        If the pole model oscillates and the backend requires stability.
-    NgspiceMissing, SpiceError
-        If ngspice is not there, or fails.
+    ``probe`` is the run of the ideal network by which the circuit was scaled. ``deviations``
+    replace the part errors from the backend's series and seed. Raises `NetworkError` if the pole
+    model oscillates and the backend requires stability, and `NgspiceMissing` or `SpiceError` if
+    ngspice is not found or fails.
 
     Examples
     --------
@@ -321,6 +321,6 @@ def simulate(
 
 
 def ngspice_of(backend: SpiceBackend) -> Ngspice:
-    """The backend's own simulator, or one with the patience that its level takes."""
+    """Return the backend's simulator, or one with the time limit of its level."""
     chosen = backend.simulation or simulation_for(backend.level)
     return backend.simulator or Ngspice(timeout=chosen.patience, progress=backend.progress)

@@ -1,9 +1,9 @@
-"""One run of a circuit, read back: voltages of nodes become states of neurons, in network units.
+"""Run of a circuit: node voltages converted to neuron states in network units.
 
-A neuron q, u or t is the value of its node, x = p (S / V) v with polarity p and S / V units a volt.
-The node of a PI dual carries the multiplier m = mu + rho c, so its mu is what is left of m without
-rho c, with c from the other nodes; that of a diode neuron, once it is off, leaks towards the zero
-at its output. Volts beyond what a part can do are kept as overloads.
+The value of a neuron q, u or t is that of its node, x = p (S / V) v, where p is the polarity. S / V
+is in units per volt. The node of a PI dual carries the multiplier m = mu + rho c, so mu is m minus
+rho c, with c from the other nodes. The node of a diode neuron that is off leaks towards the zero at
+its output. Voltages beyond the capability of a part are recorded as overloads.
 """
 
 from __future__ import annotations
@@ -33,34 +33,34 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import such_as
 
 OVERLOAD = 0.95
-"""Share of full scale from which on a node counts as overloaded, where there are no rails."""
+"""Fraction of full scale above which a node without rails counts as overloaded."""
 
 KNEE = 0.9
-"""Share of its rails from which on a part clips."""
+"""Fraction of its rails above which a part clips."""
 
 OFF = 1e-4
-"""Share of full scale below which the output of a diode neuron counts as zero."""
+"""Fraction of full scale below which the output of a diode neuron counts as zero."""
 
 Voltages: TypeAlias = dict[tuple[str, int], np.ndarray]
-"""(T,) volts by node name and stage."""
+"""Voltages (T,) in volts by node name and stage."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Overload:
-    """A node that went further than its part can.
+    """Node that exceeded the capability of its part.
 
     Attributes
     ----------
     node : str
         Name in the network.
     stage : int
-        Its cell, from 0.
+        Cell, from 0.
     time : float
-        Seconds from the opening of the reset switches on.
+        Seconds since the reset switches opened.
     volts, limit : float
-        How far it went, and how far it may.
+        Reached and permitted magnitude.
     clips : bool
-        True if its part has rails; without, the limit is a share of full scale.
+        True if the part has rails; otherwise the limit is a fraction of full scale.
 
     Examples
     --------
@@ -86,27 +86,28 @@ class Overload:
 @such_as("ann_dc.SpiceBackend().run(network)")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircuitRun(Tabulated):
-    """One run of a circuit.
+    """Run of a circuit.
 
     Attributes
     ----------
     trajectory : Trajectory
-        States in network units over network time, from the opening of the reset switches on.
+        States in network units over network time, from the opening of the reset switches.
     deck : Deck
-        The netlist that ran.
+        Simulated netlist.
     overloads : tuple of Overload
-        Nodes above `KNEE` of their rails, or above `OVERLOAD` of full scale where parts have none,
-        worst first: a clipped circuit can settle quietly to a wrong point.
+        Nodes above `KNEE` of their rails, or above `OVERLOAD` of full scale if parts have no rails,
+        worst first. A clipped circuit can settle to a wrong point without further signs.
     probe : Trajectory
-        The ODE run of the same network.
+        ODE run of the same network.
     circuit : Circuit
-        What the netlist was written for.
+        Circuit of the netlist.
     tightest : Overload or None
-        The node that came closest to full scale, whether it is overloaded or not.
+        Node that came closest to full scale, overloaded or not.
     settling_error : float
-        Seconds by which finer steps moved its settling time; nan of a run without them.
+        Change of the settling time by finer steps, in seconds; nan for a run without finer steps.
     finer : function of the run, optional
-        Returns the run with finer steps for `timed`; without it `timed` is the run itself.
+        Function that returns the run with finer steps for `timed`; without it `timed` is the run
+        itself.
 
     Examples
     --------
@@ -145,13 +146,13 @@ class CircuitRun(Tabulated):
 
     @property
     def fullest(self) -> str:
-        """Name of the tightest node and its share of full scale; empty if it is unknown."""
+        """Name of the tightest node and its fraction of full scale; empty if unknown."""
         top = self.tightest
         return f"{top.node} at {top.volts / self.scaling.full_scale:.0%}" if top else ""
 
     @cached_property
     def timed(self) -> CircuitRun:
-        """The run with steps fine enough for its settling time.
+        """Run with steps fine enough for its settling time.
 
         ngspice runs once or twice more at the first access. Errors do not need these runs.
 
@@ -164,7 +165,7 @@ class CircuitRun(Tabulated):
 
     @property
     def curves(self) -> Curves:
-        """Every neuron in the user's units, over seconds from the opening of the switches on."""
+        """Values of every neuron in the user's units, over seconds since the release."""
         found, unit = self.trajectory.curves, self.deck.timing.unit
         return replace(
             found, time=unit * found.time, time_unit="s", residual_time=unit * found.residual_time
@@ -172,14 +173,18 @@ class CircuitRun(Tabulated):
 
     @property
     def control_error(self) -> float:
-        """Largest error of a control at the end, over the size of the probe's; see `size_of`."""
+        """Largest final control error relative to the size of the probe's controls.
+
+        For the size see `size_of`.
+        """
         return control_error(self.trajectory.control_values[-1], self.probe)
 
     @property
     def mean_square_error(self) -> float:
-        """Of the whole trajectory against the ODE's, relative to the mean square of those.
+        """Relative mean square error of the trajectory against the ODE's.
 
-        The reference is at least that of one state which is `RESTING` of its scale.
+        The error is relative to the mean square of the ODE trajectory. This reference is at least
+        that of one state at `RESTING` of its scale.
         """
         at, probe = self.trajectory.time, self.probe
         if probe.is_dense:
@@ -192,21 +197,22 @@ class CircuitRun(Tabulated):
 
     @property
     def unsettled(self) -> str:
-        """What keeps the run from telling where the circuit settles, in a clause, or nothing."""
+        """Clause on why the run does not show the settled state; empty if it does."""
         if not self.settled():
             why = f": {self.deck.cut}" if self.deck.cut else ""
             return f"its controls still move at the end of the run{why}"
         return f"its run is too short to tell: {self.deck.cut}" if self.deck.cut else ""
 
     def settled(self, share: float = 1e-3) -> bool:
-        """Whether the controls kept within ``share`` for the last third of the run.
+        """Return True if the controls stayed settled for the last third of the run.
 
-        They may, and move on later, where the run was cut short: `unsettled` says so, too.
+        The allowed deviation is the fraction ``share`` of their size. The controls can still move
+        later if the run was cut short; `unsettled` reports this case.
         """
         return control_settling(self.trajectory, share) < 2 / 3 * float(self.trajectory.time[-1])
 
     def settling_time(self, share: float = 1e-3) -> float:
-        """Return the seconds after which every control stays within ``share`` of their size.
+        """Return the seconds after which every control stays within ``share`` of its size.
 
         The run is repeated with finer steps (`timed`) if its steps are too long for the result.
         """
@@ -217,28 +223,10 @@ class CircuitRun(Tabulated):
 def read_back(
     circuit: Circuit, deck: Deck, raw: Raw, probe: Trajectory, datasheet: Datasheet | None = None
 ) -> CircuitRun:
-    """States of the neurons from the voltages of a run.
+    """Return the circuit run with neuron states from the voltages of ngspice.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    deck : Deck
-        Its netlist.
-    raw : Raw
-        What ngspice answered.
-    probe : Trajectory
-        The ODE run of the same network.
-    datasheet : Datasheet, optional
-        Whose rails tell an overload; ideal parts where none is given.
-
-    Returns
-    -------
-    CircuitRun
-
-    Raises
-    ------
-    UnknownNameError
-        If the answer lacks a node of the deck.
+    ``probe`` is the ODE run of the same network. Rails of the datasheet define an overload; without
+    a datasheet, parts are ideal. Raises `UnknownNameError` if the answer lacks a node of the deck.
     """
     network = circuit.schematic.network
     time, volts = _voltages(circuit, deck, raw)
@@ -259,7 +247,7 @@ def read_back(
 
 
 def _voltages(circuit: Circuit, deck: Deck, raw: Raw) -> tuple[np.ndarray, Voltages]:
-    """Network time of the samples, and the voltage of every node with the sign of its value."""
+    """Return network times of the samples and signed voltages of every node."""
     polarity, timing = circuit.schematic.polarity, deck.timing
     columns = {
         (name, stage): polarity[name] * np.real(raw[node])
@@ -275,7 +263,7 @@ def _voltages(circuit: Circuit, deck: Deck, raw: Raw) -> tuple[np.ndarray, Volta
 
 
 def _states(circuit: Circuit, volts: Voltages, count: int) -> np.ndarray:
-    """(T, n): q, u, t as they are; mu = m - rho c, with c from the others."""
+    """Return states (T, n): q, u, t from their nodes; mu = m - rho c from all nodes."""
     network, scaling = circuit.schematic.network, circuit.scaling
     values = np.repeat(network.unpack(np.zeros(network.size))[None], count, axis=0)
     for (name, stage), across in volts.items():
@@ -303,7 +291,7 @@ def _states(circuit: Circuit, volts: Voltages, count: int) -> np.ndarray:
 def _reached(
     circuit: Circuit, volts: Voltages, seconds: np.ndarray, datasheet: Datasheet
 ) -> list[Overload]:
-    """Largest magnitude of every node, relative to its limit, in falling order."""
+    """Return every node's largest magnitude relative to its limit, in falling order."""
     found = []
     for (name, stage), across in volts.items():
         rails = _rails(circuit, name, datasheet)
@@ -317,23 +305,16 @@ def _reached(
 
 
 def _rails(circuit: Circuit, name: str, datasheet: Datasheet) -> float:
-    """Volts at which the part of a node saturates."""
+    """Return the volts at which the part of a node saturates."""
     part = circuit.schematic.by_name.get(name)
     computed = isinstance(part, (Multiplier, Generator))
     return datasheet.multiplier_rails if computed else datasheet.rails
 
 
 def check_full_scale(level: Level) -> None:
-    """Refuse a full scale at which parts of a level clip.
+    """Raise `NetworkError` if parts of a level clip at its full scale.
 
-    Parameters
-    ----------
-    level : Level
-
-    Raises
-    ------
-    NetworkError
-        With the largest that there may be.
+    The message contains the largest admissible full scale.
     """
     if level.full_scale > KNEE * level.limit:
         share = level.conditions.supply

@@ -1,4 +1,4 @@
-"""Levels of fidelity by the words that a user types: as they are, or made for a network."""
+"""Model levels by the names on the command line: fixed, or made for a network."""
 
 from __future__ import annotations
 
@@ -18,17 +18,14 @@ from ann_dc.hardware.parts.levels import (
 from ann_dc.network.network import Network
 
 STEP = 0.3
-"""Step of a switched-capacitor circuit over the stability limit at the start."""
+"""Step of a switched-capacitor circuit relative to the stability limit at the start."""
 
 
 def level_words() -> dict[str, Level | Callable[..., Level]]:
-    """Every level by its word: as it is, or, where its op amps can be chosen, what makes it.
+    """Return every level by its name, or a function that makes it.
 
-    What makes one takes a network, and figures of its op amps by name.
-
-    Returns
-    -------
-    dict of word to Level or function
+    The function takes a network and figures of its op amps by name. It is present for levels whose
+    op amps can be chosen.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""Noise in a netlist: sources with the samples, at virtual grounds and multipliers in the cells.
+"""Noise in a netlist: sampled sources at virtual grounds and multipliers.
 
-A transient of ngspice has no noise of its own that a seed would repeat, so the samples of
+A transient analysis of ngspice has no noise that a seed would reproduce, so the samples of
 `ann_dc.hardware.emulation.noise_currents` are written out. ngspice searches such a list from its
 start at every time step: twice the samples take four times as long (a hundred sources of 1000
 samples about 1 s).
@@ -24,33 +24,17 @@ MACRO = {"models/macro/mul4q.lib", "models/board/mul4q.lib"}
 """Models of multipliers that have a pole to which noise can be added."""
 
 STEPS = 5
-"""Time steps of the simulator between two samples, at least: noise is too small for `reltol`."""
+"""Smallest number of simulator steps between two samples: noise is too small for `reltol`."""
 
 
 @checked
 def with_noise(deck: Deck, circuit: Circuit, currents: Currents) -> Deck:
-    """A deck with noise, from the opening of its reset switches on.
+    """Return a deck with noise from the opening of its reset switches.
 
-    The simulator takes at least `STEPS` steps between samples. Without noise the deck stays as it
-    is.
-
-    Parameters
-    ----------
-    deck : Deck
-        Of a level of single-ended op amps.
-    circuit : Circuit
-        What the deck was written for.
-    currents : Currents
-        Samples in amperes, a step in seconds apart.
-
-    Returns
-    -------
-    Deck
-
-    Raises
-    ------
-    NetworkError
-        If the samples end before the run, or multipliers are noisy that are no macro models.
+    The deck is of a level with single-ended op amps. The samples are in amperes, one step (in
+    seconds) apart. The simulator takes at least `STEPS` steps between samples. Without noise the
+    deck is unchanged. Raises `NetworkError` if the samples end before the run, or if noisy
+    multipliers are not macro models.
 
     Examples
     --------
@@ -85,20 +69,10 @@ def with_noise(deck: Deck, circuit: Circuit, currents: Currents) -> Deck:
 
 
 def noise_cards(circuit: Circuit, currents: Currents, release: float) -> tuple[str, ...]:
-    """The sources of all noise.
+    """Return the netlist lines of all noise sources.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    currents : Currents
-        Samples in amperes, in volts for multipliers.
-    release : float
-        Seconds at which the first sample flows.
-
-    Returns
-    -------
-    tuple of str
-        Lines of a netlist.
+    Samples are in amperes, and in volts for multipliers. The first sample flows at ``release``, in
+    seconds.
     """
     times = release + currents.step * np.arange(currents.samples.shape[2])
     lines = ["* ---- noise"]
@@ -116,7 +90,10 @@ def noise_cards(circuit: Circuit, currents: Currents, release: float) -> tuple[s
 
 
 def _voltage(alias: str, stage: int, times: np.ndarray, volts: np.ndarray) -> tuple[str, str]:
-    """A voltage, and what it adds to the output of a macro multiplier, before its pole."""
+    """Return a voltage source and its addition to a macro multiplier's output.
+
+    The voltage is added before the pole of the multiplier.
+    """
     name, pole = f"product__{alias}__{stage}", f"x_cell_{stage}.x_{alias}.p"
     return (
         source_card(f"V_{name}", f"noise_{name}", "0", times, volts),
@@ -125,7 +102,7 @@ def _voltage(alias: str, stage: int, times: np.ndarray, volts: np.ndarray) -> tu
 
 
 def _nodes(place: Place, cell: str, alias: str, summing: str) -> tuple[str, str]:
-    """Nodes inside a cell between which a current flows, as ngspice names them from outside."""
+    """Return the nodes of a noise current inside a cell, as named by ngspice outside."""
     summing = summing.replace("@", f"{cell}.")
     return {
         Place.GROUND: ("0", summing),
@@ -135,16 +112,10 @@ def _nodes(place: Place, cell: str, alias: str, summing: str) -> tuple[str, str]
 
 
 def source_card(name: str, start: str, end: str, times: np.ndarray, samples: np.ndarray) -> str:
-    """A source with samples joined by straight lines: of volts, or of amperes from start to end.
+    """Return a source with linearly interpolated samples of volts or amperes.
 
-    Parameters
-    ----------
-    name, start, end : str
-        Of the source, and of its nodes.
-    times : (K,) array
-        Seconds.
-    samples : (K,) array
-        Volts of ``start`` over ``end``, or amperes from ``start`` through the source to ``end``.
+    The times (K,) are in seconds. The samples (K,) are volts of ``start`` over ``end``, or amperes
+    from ``start`` through the source to ``end``.
 
     Examples
     --------

@@ -1,7 +1,8 @@
-"""Probe runs: what the ideal network does, by which its circuit is scaled.
+"""Probe runs of the ideal network, by which its circuit is scaled.
 
-The probe is run in continuous time: it says how many volts a unit of every node is, how long to
-simulate, and what the circuit is compared with. Rails of coupled neurons become rows before.
+The probe is run in continuous time. It determines the volts per unit of every node, the simulation
+time, and the reference for the circuit. Saturation limits of coupled neurons are replaced by
+constraints before the run.
 """
 
 from __future__ import annotations
@@ -21,22 +22,21 @@ from ann_dc.network.selection import clamped_rows
 from ann_dc.progress import Progress
 
 PROBE = OdeBackend(method=DOP853, verify=False)
-"""The run that a circuit is scaled by and compared with."""
+"""Backend of the run by which a circuit is scaled and with which it is compared."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Probed:
-    """A network with its probe run and the scaling of its circuit.
+    """Network with its probe run and the scaling of its circuit.
 
     Attributes
     ----------
     network : Network
-        The network that is built.
+        Network that is built.
     trajectory : Trajectory
-        Its run.
+        Run of the network.
     rate : float
-        Fastest rate that op amps are sized for, in units of 1 / network time.
-    scaling : Scaling
+        Fastest rate for which op amps are sized, in units of 1 / network time.
     """
 
     network: Network
@@ -46,22 +46,10 @@ class Probed:
 
 
 def probed(network: Network, rules: ScalingRules, progress: Progress) -> Probed:
-    """Run a network and scale its circuit, with rows in the place of rails of coupled neurons.
+    """Run a network and scale its circuit.
 
-    Parameters
-    ----------
-    network : Network
-    rules : ScalingRules
-    progress : Progress
-
-    Returns
-    -------
-    Probed
-
-    Raises
-    ------
-    NetworkError
-        If the network does not settle, so that there is nothing to scale by.
+    Constraints replace the saturation limits of coupled neurons. Raises `NetworkError` if the
+    network does not settle, so that scaling is impossible.
 
     Examples
     --------
@@ -90,7 +78,7 @@ def probed(network: Network, rules: ScalingRules, progress: Progress) -> Probed:
 def _probed(
     network: Network, rules: ScalingRules, progress: Progress, least: float = 0.0
 ) -> Probed:
-    """Run a network and scale its circuit for the rate of its fastest mode, or the ``least``."""
+    """Run a network and scale its circuit for its fastest rate, or the ``least`` rate."""
     trajectory = _run(network, progress)
     rate = max(spectrum(network, trajectory.final).radius, least)
     scaling = _scaling(trajectory, rules, rate)

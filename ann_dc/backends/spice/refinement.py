@@ -1,8 +1,8 @@
-"""The settling time of a circuit with steps fine enough for it: more runs, up to where it settles.
+"""Settling time of a circuit from repeated runs with finer steps.
 
-A run that shows where a circuit settles spends most of its steps after that. A second one ends
-there, with a largest step a fourth as long and an eighth of the truncation error; how far that
-moves the settling time says how good it is.
+A run that shows the settled state spends most of its steps after settling. A second run ends at the
+settling time, with a largest step a fourth as long and an eighth of the truncation error. The
+change of the settling time is its error estimate.
 """
 
 from __future__ import annotations
@@ -25,34 +25,28 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count
 
 FINER = 4
-"""Largest step of a run over that of the next one."""
+"""Ratio of the largest steps of a run and the next one."""
 
 TRUNCATION = 7.0
-"""ngspice's own factor of tolerated truncation errors, ``trtol``."""
+"""Factor of tolerated truncation errors in ngspice, ``trtol``."""
 
 RUNS = 2
-"""At most."""
+"""Largest number of finer runs."""
 
 ENOUGH = 0.01
-"""Share by which a run moves the settling time, below which there is no other one."""
+"""Relative change of the settling time below which no further run is made."""
 
 BEYOND = 1.1
-"""End of a finer run over the settling time."""
+"""End of a finer run relative to the settling time."""
 
 
 def read_timed(
     answer: tuple[Circuit, Deck, Raw, Trajectory], simulator: Ngspice, datasheet: Datasheet
 ) -> CircuitRun:
-    """Read back a run whose settling time is that of finer runs, made when it is asked for.
+    """Read back a run whose settling time comes from finer runs, made on request.
 
-    Parameters
-    ----------
-    answer : tuple
-        Circuit, netlist, answer of ngspice and probe, as `read_back` takes them.
-    simulator : Ngspice
-        Of the finer runs.
-    datasheet : Datasheet
-        Of the level.
+    ``answer`` contains circuit, netlist, answer of ngspice and probe, as for `read_back`. The
+    simulator makes the finer runs, and the datasheet is that of the level.
     """
     finer = partial(refined, simulator=simulator, datasheet=datasheet)
     return replace(read_back(*answer, datasheet), finer=finer)
@@ -62,23 +56,12 @@ def read_timed(
 def refined(
     run: CircuitRun, simulator: Ngspice, datasheet: Datasheet, *, finer: Count = FINER
 ) -> CircuitRun:
-    """A settled run with finer steps up to where it settles, and an error of its settling time.
+    """Return a settled run with finer steps and an error of its settling time.
 
-    Parameters
-    ----------
-    run : CircuitRun
-        One that did not settle is handed back as it is; a clocked one is good to a period.
-    simulator : Ngspice
-    datasheet : Datasheet
-        Of the level.
-    finer : int
-        Largest step of a run over that of the next one; truncation errors shrink twice as much.
-
-    Returns
-    -------
-    CircuitRun
-        Its ``settling_error`` is the change by the last of the finer runs. If ngspice fails in one,
-        the settling time is that of the run before, with a warning and a ``settling_error`` of nan.
+    A run that did not settle is returned unchanged; a clocked run is accurate to a period. The
+    largest steps shrink by ``finer`` from run to run, and truncation errors by twice as much.
+    ``settling_error`` is the change by the last of the finer runs. If ngspice fails in a run, the
+    settling time is that of the run before, with a warning and a ``settling_error`` of nan.
     """
     samples = run.deck.timing.samples
     if samples is not None:
@@ -108,7 +91,7 @@ def refined(
 
 
 def _finer(deck: Deck, settling: float, factor: int) -> Deck:
-    """The same netlist, up to where it settles, with steps finer by a factor."""
+    """Return the netlist up to the settling time, with steps finer by a factor."""
     timing = deck.timing
     end = min(timing.release + BEYOND * settling, timing.end)
     finer = replace(timing, end=end, step=timing.step / factor)
@@ -117,7 +100,7 @@ def _finer(deck: Deck, settling: float, factor: int) -> Deck:
 
 
 def _joined(fine: Trajectory, coarse: Trajectory) -> Trajectory:
-    """A trajectory, and after its end another one."""
+    """Return a trajectory followed, after its end, by another one."""
     later = coarse.time > fine.time[-1]
     time = np.concatenate([fine.time, coarse.time[later]])
     residuals = np.concatenate([fine.residuals, coarse.residuals[later]])

@@ -1,11 +1,13 @@
-"""How long a circuit is simulated: as long as its slowest pole takes, and longer than the probe.
+"""Duration of a circuit simulation, from the slowest pole and the probe run.
 
-The probe run says how long the ideal network takes; its slowest mode, if it starts near its end.
-Op amps can add modes that are slower than any
-of its own, and so do clamps beside an output that rests near a rail; the slowest pole of the pole
-model tells, and up to a bound the run waits for it.
-Controls that end far below where they have been take longer to settle, and the run with them.
-A run ends after the slowest mode has decayed below the predicted error, which is read at its end.
+The duration is at least 14 time constants of the slowest pole, limited to between 1.5 and 20 probe
+durations. The probe run shows the settling of the ideal network; if it starts near its end, the
+slowest mode is used instead. Op amps can add modes slower than those of the network, and so do
+clamps at an output that is close to a rail. The slowest pole of the pole model shows these modes,
+and the run covers it up to a bound.
+
+Controls that end far below their largest values take longer to settle, so the run is longer. A run
+ends after the slowest mode has decayed below the predicted error, which is read at its end.
 """
 
 from __future__ import annotations
@@ -27,33 +29,34 @@ from ann_dc.hardware.emulation.states import emulated_state, pole_spectrum
 from ann_dc.hardware.parts.levels import Level
 
 LONGER = 1.5
-"""Duration of a circuit run over that of the probe run, at least."""
+"""Smallest duration of a circuit run relative to the probe run."""
 
 LONGEST = 20.0
-"""The same, at most."""
+"""Largest duration of a circuit run relative to the probe run."""
 
 LIFETIMES = 14.0
-"""Duration of a circuit run in time constants of its slowest pole, at least."""
+"""Smallest duration of a circuit run in time constants of its slowest pole."""
 
 SMALL, LATER = 0.1, 3.0
-"""Share of their reach below which controls end small; time constants that a run is longer for each
-factor of e that they end below it: one to fall by that, and the rest that has to be seen."""
+"""Fraction of their reach below which controls end small, and additional time constants per factor
+of
+e below this fraction: one for the decay, and the rest for observing it.
+"""
 
 LEFT = 0.02
-"""Deviation that the slowest mode leaves at the end of a run, over the predicted error."""
+"""Deviation that the slowest mode leaves at the end of a run, relative to the predicted error."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Span:
-    """How long a circuit is simulated.
+    """Duration of a circuit simulation.
 
     Attributes
     ----------
     duration : float
         Network time.
     wanted : float
-        Network time that its slowest pole asks for; longer than ``duration`` where that is at its
-        bound.
+        Network time required by the slowest pole; longer than ``duration`` if the bound is reached.
 
     Examples
     --------
@@ -68,7 +71,7 @@ class Span:
 
     @property
     def cut(self) -> str:
-        """Why the run may be too short, in a clause; empty where it is not."""
+        """Clause on why the run may be too short; empty if it is long enough."""
         if self.wanted <= self.duration:
             return ""
         return (
@@ -78,19 +81,9 @@ class Span:
 
 
 def span_of(circuit: Circuit, level: Level, probe: Trajectory) -> Span:
-    """How long to simulate a circuit.
+    """Return the simulation duration of a circuit.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    level : Level
-        Where its circuits are not emulated, the probe alone says it.
-    probe : Trajectory
-        The ideal network's run.
-
-    Returns
-    -------
-    Span
+    For a level whose circuits are not emulated, the probe alone determines the duration.
     """
     ideal = float(probe.time[-1])
     if not level.emulated:
@@ -112,13 +105,13 @@ def _ideal_run(probe: Trajectory) -> float:
 
 
 def _lifetimes(probe: Trajectory) -> float:
-    """Return the time constants after which controls that went far have settled near their end."""
+    """Return the time constants for controls that end far below their largest values."""
     fall = SMALL * probe.control_reach / probe.control_size
     return LIFETIMES + LATER * math.log(max(fall, 1.0))
 
 
 def _lifetimes_of_error(emulation: Emulation, probe: Trajectory) -> float:
-    """Return the time constants that leave `LEFT` of the error; 0 if there is no equilibrium."""
+    """Return the time constants that leave `LEFT` of the error; 0 without equilibrium."""
     try:
         x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
     except NetworkError:

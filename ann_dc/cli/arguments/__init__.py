@@ -1,7 +1,7 @@
-"""Words become objects: what a user types, looked up in a table or read as numbers.
+"""Conversion of command-line text to objects, by table lookup or number parsing.
 
-Nothing that is typed is ever evaluated. The library is imported inside the functions, so that
-``ann-dc --help`` answers at once; what they return is therefore inferred, and not written down.
+User input is never evaluated as code. The library is imported inside the functions, so ``ann-dc
+--help`` starts without delay. Return types are therefore inferred and not annotated.
 """
 
 import lazy_loader

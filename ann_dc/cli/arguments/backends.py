@@ -1,7 +1,6 @@
-"""How a network is to run: --backend with its options, --form, --start, --lower.
+"""Options of a run: --backend with its options, --form, --start, --lower.
 
-An option that means something with one backend only is refused with the other: it would be
-silently ignored.
+An option of one backend is rejected with another, because it would have no effect.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ LimitOption = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class StartOptions:
-    """Where the neurons start."""
+    """Initial guess of the neurons."""
 
     start: Annotated[
         str,
@@ -71,7 +70,7 @@ class StartOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """What belongs to one backend only; None is an option not given."""
+    """Options of a single backend; None for an option that was not given."""
 
     method: Annotated[
         str | None,
@@ -120,7 +119,7 @@ class RunOptions:
     ] = False
 
     def given(self) -> dict[str, Any]:
-        """The options that were given."""
+        """Return the options that were given."""
         return {
             name: value
             for name, value in asdict(self).items()
@@ -129,18 +128,18 @@ class RunOptions:
 
 
 BACKENDS = {"ode": ("method", "verify"), "recurrent": ("order", "step", "accelerate")}
-"""Backends, each with the options that mean something with this one only."""
+"""Backends with the options that are specific to each."""
 
 
 def form_of(word: str):
-    """The form of the equations that --form names."""
+    """Return the form of the equations that --form names."""
     from ann_dc.decomposition.form import FORMS
 
     return named("--form", word, FORMS)
 
 
 def start_of(options: StartOptions):
-    """What makes the start of a problem's neurons that --start and --seed name."""
+    """Return the function for the initial guess that --start and --seed describe."""
     from ann_dc.problem.initial_guess import line_start, random_start, zero_start
 
     kinds = {
@@ -154,12 +153,10 @@ def start_of(options: StartOptions):
 def backend_of(
     word: str, options: RunOptions, *, limit: float | None = None, progress: Progress = silent
 ):
-    """The backend that --backend and its options describe, `OdeBackend` or `RecurrentBackend`.
+    """Return the backend that --backend and its options describe.
 
-    Raises
-    ------
-    ProblemError
-        For an option of another backend, and for a limit that is no positive number.
+    The result is an `OdeBackend` or a `RecurrentBackend`. Raises `ProblemError` for an option of
+    another backend and for a limit that is not a positive number.
     """
     backend = named("--backend", word, {name: name for name in BACKENDS})
     given = options.given()
@@ -179,7 +176,7 @@ def backend_of(
 
 
 def objective_of(word: str, options: RunOptions):
-    """What a refinement makes small for the backend that runs: time, or steps of its order."""
+    """Return the objective of a refinement: settling time, or steps of the order."""
     from ann_dc.analysis.objectives import SETTLING_TIME, STEPS, TWO_PHASE_STEPS
 
     if word.lower() != "recurrent":
@@ -217,7 +214,10 @@ def _recurrent(
 
 
 def _step_length(word: str) -> float | None:
-    """Network time of a fixed step; None for steps that adapt."""
+    """Return the network time of a fixed step; None for adaptive steps.
+
+    Raises `ProblemError` for other text.
+    """
     if word.lower() == "adaptive":
         return None
     with contextlib.suppress(ValueError):
@@ -235,13 +235,15 @@ def _whole(limit: float) -> int:
 
 
 SHARPER = 0.01
-"""Tolerance of the lower level's drives over that of the relative residual, which is larger."""
+"""Tolerance of the lower level's net input, as a fraction of the larger relative residual
+tolerance.
+"""
 
 
 def lower_of(word: str | None, tolerance: float):
-    """Return the lower level that --lower names, more exact than the upper one has to be.
+    """Return the lower level that --lower names, more accurate than the upper level.
 
-    None is the one that suits the coordinator.
+    None selects the lower level that suits the coordinator.
     """
     from ann_dc.two_level.lower_level import Closed, Iterated
 
@@ -253,13 +255,7 @@ def lower_of(word: str | None, tolerance: float):
 
 @contextlib.contextmanager
 def needing_torch(word: str) -> Iterator[None]:
-    """Where torch is not installed, a sentence says what would need it.
-
-    Raises
-    ------
-    ProblemError
-        Instead of an ImportError.
-    """
+    """Raise a `ProblemError` that names the option if torch is not installed."""
     try:
         yield
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""What ``circuit`` and ``ladder`` do before anything is built: the network gets its gains."""
+"""Gain design before a circuit is built, for ``circuit`` and ``ladder``."""
 
 from __future__ import annotations
 
@@ -28,14 +28,10 @@ def network_to_build(
     simulated: bool = True,
     progress: Progress = silent,
 ) -> Network:
-    """The designed network of a problem, with a kind of metric.
+    """Return the designed network of a problem, with one preconditioner kind.
 
-    Raises
-    ------
-    NgspiceMissing
-        If it is to be simulated and there is no ngspice: told before the design.
-    ProblemError
-        If the design did not settle.
+    Raises `NgspiceMissing` before the design if a simulation is requested without ngspice. Raises
+    `ProblemError` if the design did not settle.
     """
     if simulated:
         find_ngspice()
@@ -53,14 +49,10 @@ def network_to_build(
 
 
 def fitted_to_build(backend: SpiceBackend, network: Network) -> SpiceBackend:
-    """The backend, or with a metric of op amps one with the margin and intervals that suit it.
+    """Return the backend with a margin and intervals that suit the preconditioner.
 
-    Raises
-    ------
-    NetworkError
-        If the level cannot build the metric.
-    ProblemError
-        If no margin makes the circuit stable.
+    A diagonal preconditioner needs no change. Raises `NetworkError` if the level cannot realise the
+    preconditioner, and `ProblemError` if no margin gives a stable circuit.
     """
     kind = network.metric.kind
     if kind is Kind.TIME_CONSTANTS:

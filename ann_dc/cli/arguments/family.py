@@ -1,4 +1,4 @@
-"""A family of inputs, as words: ``--over q_d.x=3:7``."""
+"""Operating range of inputs as options: ``--over q_d.x=3:7``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OverOption = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class FamilyOptions:
-    """The words that describe a family of inputs."""
+    """Options that describe an operating range."""
 
     over: OverOption = None
     held_out: Annotated[

@@ -1,4 +1,4 @@
-"""Which kinds of metric a design may choose from, as words."""
+"""Names of the preconditioner kinds that a design may choose from."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ann_dc.errors import DesignError
 from ann_dc.network.preconditioners.base import Kind
 
 KINDS = {kind.name.lower().replace("_", "-"): kind for kind in Kind}
-"""Word of every kind."""
+"""Preconditioner kinds by name."""
 
 KindsOption = Annotated[
     str | None,
@@ -29,20 +29,9 @@ MetricOption = Annotated[
 
 
 def metric_of(word: str) -> Kind:
-    """The kind that one word stands for.
+    """Return the preconditioner kind of a name.
 
-    Parameters
-    ----------
-    word : str
-
-    Returns
-    -------
-    Kind
-
-    Raises
-    ------
-    UnknownNameError
-        With the words that exist.
+    Raises `UnknownNameError` with the valid names.
 
     Examples
     --------
@@ -53,24 +42,9 @@ def metric_of(word: str) -> Kind:
 
 
 def kinds_of(given: str | None, default: tuple[Kind, ...]) -> tuple[Kind, ...]:
-    """The kinds that words with commas between them stand for.
+    """Return the preconditioner kinds of comma-separated names, or the default.
 
-    Parameters
-    ----------
-    given : str or None
-    default : tuple of Kind
-        Where nothing is given.
-
-    Returns
-    -------
-    tuple of Kind
-
-    Raises
-    ------
-    UnknownNameError
-        With the words that exist.
-    DesignError
-        If there is no word.
+    Raises `UnknownNameError` with the valid names, and `DesignError` for an empty list.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a circuit is built of: --level with its op amps, and the series of its resistors."""
+"""Parts of a circuit: --level with its op amps, and the series of its resistors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ann_dc.cli.arguments.lookup import hyphened, named
 from ann_dc.errors import ProblemError
 
 LADDER = "ladder"
-"""No level: the report of them all."""
+"""Name that is not a level but the comparison of all levels."""
 
 
 MarginOption = Annotated[
@@ -26,7 +26,7 @@ MarginOption = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class LevelOptions:
-    """A level of fidelity, and the op amps of those that let the user choose them."""
+    """Model level, and the op amps of levels with selectable op amps."""
 
     level: Annotated[
         str,
@@ -59,28 +59,27 @@ class LevelOptions:
     ] = None
 
     def op_amps(self) -> dict[str, float]:
-        """What was given of them."""
+        """Return the given values of the op amps."""
         return {n: v for n, v in (("a0", self.a0), ("gbw", self.gbw)) if v is not None}
 
 
 def level_of(options: LevelOptions, *, netlist: bool = True):
-    """What makes the level that a word names, for a network.
+    """Return a function that makes the level of a name for a network.
 
     Parameters
     ----------
-    options : LevelOptions
     netlist : bool
-        Whether a netlist is written, for which a foundry's models have to be there.
+        True if a netlist is written, which requires the models of a foundry.
 
     Raises
     ------
     UnknownNameError
-        With the levels and presets that there are.
+        For an unknown name, with the levels and part sets.
     ProblemError
-        If op amps are chosen for a level that has its own, an area for one that is not of the
-        generic transistors, or the ladder is taken for a level.
+        If op amps are chosen for a level with fixed ones, or an area for a level without generic
+        transistors. Also if the level comparison is given as a level.
     PdkMissing
-        If a foundry's models are needed, and not there: told before the design.
+        If the models of a foundry are required and missing; raised before the design.
     """
     from ann_dc.backends.spice import level_words
     from ann_dc.backends.spice.pdk import PACKAGE, installed
@@ -114,7 +113,7 @@ def level_of(options: LevelOptions, *, netlist: bool = True):
 
 
 def series_of(word: str):
-    """The resistor series that a word names: ``E96-pairs`` is two E96 resistors in series.
+    """Return the resistor series of a name; ``E96-pairs`` is two E96 in series.
 
     >>> series_of("e24-pairs").name
     'E24 pairs'

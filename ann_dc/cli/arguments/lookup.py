@@ -1,4 +1,4 @@
-"""A word stands for a thing in a table; where it does not, the error lists the words that do."""
+"""Lookup of names in tables, with errors that list the valid names."""
 
 from __future__ import annotations
 
@@ -11,15 +11,12 @@ Thing = TypeVar("Thing")
 
 
 def named(option: str, word: str, table: Mapping[str, Thing]) -> Thing:
-    """Look up what a word stands for, in upper or lower case.
+    """Return the table entry of a name, in upper or lower case.
+
+    Raises `UnknownNameError` with the valid names.
 
     >>> named("--colour", "RED", {"red": 1})
     1
-
-    Raises
-    ------
-    UnknownNameError
-        With the words that exist.
     """
     for name, thing in table.items():
         if name.lower() == word.lower():
@@ -28,7 +25,7 @@ def named(option: str, word: str, table: Mapping[str, Thing]) -> Thing:
 
 
 def hyphened(table: Mapping[str, Thing]) -> dict[str, Thing]:
-    """The same table with names that can be typed without quotes.
+    """Return the table with names that need no quotes on a command line.
 
     >>> hyphened({"two phase": 2})
     {'two-phase': 2}

@@ -1,6 +1,6 @@
-"""Text becomes numbers: ``--set NAME=VALUE`` as a table, each value of the kind of its default.
+"""Conversion of ``--set NAME=VALUE`` text to numbers of the type of the default.
 
-Every number is finite and small enough for the products of a network to fit into a float.
+Every number is finite and small enough that products in a network do not overflow.
 """
 
 from __future__ import annotations
@@ -13,30 +13,24 @@ from typing import Any
 from ann_dc.errors import ProblemError
 
 ENDS = ("q_0", "q_d")
-"""Of which a component may be free."""
+"""Settings with components that may be free."""
 LARGEST = 1e100
-"""Beyond this magnitude, products of three numbers do not fit into a float."""
+"""Magnitude above which products of three numbers overflow."""
 
 
 def settings_of(given: Iterable[str]) -> dict[str, str]:
-    """``["D=0.5", "horizon=18"]`` as a table; horizon is another word for N.
+    """Return ``["D=0.5", "horizon=18"]`` as a table; horizon is an alias of N.
 
-    Raises
-    ------
-    ProblemError
-        If an item is not NAME=VALUE, or a name is given twice.
+    Raises `ProblemError` if an item is not NAME=VALUE, or a name occurs twice.
     """
     renamed = [re.sub(r"^\s*horizon\s*=", "N=", item) for item in given]
     return pairs_of(renamed, "--set", "D=0.5 or q_d=5,5,0,free")
 
 
 def pairs_of(given: Iterable[str], option: str, example: str) -> dict[str, str]:
-    """NAME=VALUE, each name once, as a table.
+    """Return a table of NAME=VALUE items.
 
-    Raises
-    ------
-    ProblemError
-        If an item is not NAME=VALUE, or a name is given twice.
+    Raises `ProblemError` if an item is not NAME=VALUE, or a name occurs twice.
     """
     pairs: dict[str, str] = {}
     for item in given:
@@ -52,19 +46,10 @@ def pairs_of(given: Iterable[str], option: str, example: str) -> dict[str, str]:
 
 
 def value_of(name: str, text: str, like: Any) -> Any:
-    """A parameter's value from its text, of the same kind as its default.
+    """Return a parameter value of the type of its default `like` from text.
 
-    Parameters
-    ----------
-    name, text : str
-        As typed after --set.
-    like : int, float, sequence or None
-        The default; None and sequences take numbers separated by commas, but a dt takes one.
-
-    Raises
-    ------
-    ProblemError
-        If it is no such number, or there are too many or too few of them.
+    For None and sequences the text contains comma-separated numbers, except for dt, which takes
+    one. Raises `ProblemError` for invalid numbers or a wrong count.
     """
     if isinstance(like, (tuple, list)) or like is None:
         if name in ("q_d", "dt") and text.lower() == "free":
@@ -87,12 +72,9 @@ def value_of(name: str, text: str, like: Any) -> Any:
 
 
 def number_of(name: str, text: str) -> float:
-    """A number that the arithmetic can work with, `LARGEST` at most.
+    """Return a number whose magnitude is at most `LARGEST`.
 
-    Raises
-    ------
-    ProblemError
-        If it is none; the message names the parameter.
+    Raises `ProblemError` with the parameter name for other text.
     """
     try:
         number = float(text)
@@ -110,7 +92,7 @@ def number_of(name: str, text: str) -> float:
 
 
 def as_typed(value: Any) -> str:
-    """A value as --set takes it."""
+    """Return a value in the form that --set accepts."""
     if isinstance(value, (tuple, list)):
         return ",".join(map(as_typed, value))
     return "free" if value is None else f"{value:.6g}"

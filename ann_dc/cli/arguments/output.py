@@ -1,6 +1,6 @@
-"""What every command can be told about its output: --json, --figure, --quiet, and --timing.
+"""Output options of every command: --json, --figure, --quiet and --timing.
 
---timing tells on stderr where the time went, when the command ends.
+--timing prints the time per phase on stderr when the command ends.
 """
 
 from __future__ import annotations
@@ -37,12 +37,9 @@ TimingOption = Annotated[
 
 
 def timed(command: Callable[..., None]) -> Callable[..., None]:
-    """The command with one more option, --timing; to stand below `unfolded`.
+    """Add the option --timing to a command with keyword parameters.
 
-    Parameters
-    ----------
-    command : callable
-        With keyword parameters.
+    The decorator must be below `unfolded`.
     """
 
     @functools.wraps(command)

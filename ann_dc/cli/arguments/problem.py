@@ -1,7 +1,7 @@
-"""Which problem: PROBLEM, --set, --horizon, --q-0 and --q-d as one declared problem.
+"""Problem options: PROBLEM, --set, --horizon, --q-0 and --q-d as one problem.
 
-PROBLEM is the name of a plant, whose parameters --set changes, or a .toml file, of which q_0, q_d,
-horizon and dt can be changed from here.
+PROBLEM is the name of a plant, whose parameters --set changes, or a .toml file. For a file, q_0,
+q_d, horizon and dt can be changed.
 """
 
 from __future__ import annotations
@@ -54,15 +54,15 @@ TargetOption = Annotated[
 
 
 SCALE = "scale."
-"""How a scale set by hand is told from a parameter of a plant."""
+"""Prefix that distinguishes a manual scale from a parameter of a plant."""
 
 NOT_FINITE = re.compile(r"\b(infs?|nans?|finite|too big|too large|maximum)\b", re.IGNORECASE)
-"""What NumPy and SciPy say of numbers, and of arrays, that got too large for them."""
+"""Pattern of NumPy and SciPy messages on numbers and arrays that are too large."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProblemOptions:
-    """The words that describe a problem."""
+    """Options that describe a problem."""
 
     problem: ProblemArgument
     settings: SetOption = None
@@ -72,27 +72,27 @@ class ProblemOptions:
 
     @phase("problem")
     def declared(self):
-        """The problem that they describe, an `OptimalControlProblem`."""
+        """Return the described `OptimalControlProblem`."""
         return problem_of(self.problem, self.settings or (), self.horizon, self.q_0, self.q_d)
 
 
 Declared = TypeVar("Declared")
-"""What a plant declares: an `OptimalControlProblem`."""
+"""Type of the result of a plant: an `OptimalControlProblem`."""
 
 
 class Named(Protocol):
-    """Of a problem, all that a sentence needs."""
+    """Part of a problem that messages need."""
 
     @property
     def name(self) -> str:
-        """What the user calls it."""
+        """Name of the problem."""
         ...
 
 
 def problem_of(
     word: str, given: Sequence[str], horizon: int | None, q_0: str | None, q_d: str | None
 ):
-    """The problem that PROBLEM, --set, --horizon, --q-0 and --q-d describe."""
+    """Return the problem that PROBLEM, --set, --horizon, --q-0 and --q-d describe."""
     short = {"N": horizon, "q_0": q_0, "q_d": q_d}
     settings = settings_of([*given, *(f"{n}={v}" for n, v in short.items() if v is not None)])
     scales = {
@@ -104,7 +104,7 @@ def problem_of(
 
 
 def _unscaled(word: str, settings: Mapping[str, str]):
-    """A plant's problem, or a file's, with its settings but no scales set from here."""
+    """Return the problem of a plant or file with its settings, without manual scales."""
     from ann_dc.problem import plants
 
     is_file = word.lower().endswith(".toml") or os.sep in word or Path(word).is_file()
@@ -114,12 +114,9 @@ def _unscaled(word: str, settings: Mapping[str, str]):
 
 
 def plant_of(word: str):
-    """The plant of this name.
+    """Return the plant of a name.
 
-    Raises
-    ------
-    UnknownNameError
-        If there is none; the message has the names nearest to it, and all others.
+    Raises `UnknownNameError` with the nearest and all other names.
     """
     from ann_dc.problem import plants
 
@@ -134,12 +131,12 @@ def plant_of(word: str):
 
 
 def defaults_of(plant: Callable[..., object]) -> dict[str, Any]:
-    """A plant's parameters with their default values."""
+    """Return the parameters of a plant with their defaults."""
     return {p.name: p.default for p in inspect.signature(plant).parameters.values()}
 
 
 def _declared(plant: Callable[..., Declared], settings: Mapping[str, str]) -> Declared:
-    """A plant's problem with some of its parameters changed."""
+    """Return the problem of a plant with some parameters changed."""
     defaults = defaults_of(plant)
     values = {}
     for name, text in settings.items():
@@ -154,7 +151,7 @@ def _declared(plant: Callable[..., Declared], settings: Mapping[str, str]) -> De
 
 
 def _from_file(path: str, settings: Mapping[str, str]):
-    """A file's problem with some of its numbers changed."""
+    """Return the problem of a file with some numbers changed."""
     from ann_dc.problem.toml_file import load_problem
 
     problem = load_problem(path)
@@ -176,15 +173,9 @@ def _from_file(path: str, settings: Mapping[str, str]):
 
 @contextlib.contextmanager
 def arithmetic_of(problem: Named) -> Iterator[None]:
-    """Numbers that overflow are told as what they are: bad input.
+    """Convert overflow, singular matrices and oversized arrays to a `ProblemError`.
 
-    So are matrices that cannot be solved and arrays that do not fit. Any other ValueError or
-    TypeError is a defect of the library, and is raised as it is.
-
-    Raises
-    ------
-    ProblemError
-        Instead of what NumPy and SciPy say of such numbers.
+    Any other ValueError or TypeError indicates a defect of the library and is raised unchanged.
     """
     import numpy as np
 

@@ -1,13 +1,13 @@
-"""Options that belong together are one record, declared once and shared by the commands.
+"""Records of related options, declared once and used by several commands.
 
-A command takes records; typer sees the options that are their fields, in the order in which the
-command's parameters and the records' fields stand:
+A command has records as parameters. Typer sees the fields of the records as options, in the order
+of the command's parameters and of the fields:
 
     @unfolded
     def solve(*, problem: ProblemOptions, quiet: QuietOption = False) -> None: ...
 
-is for typer a command with PROBLEM, --set, -N, --q-0, --q-d and --quiet, and is called with a
-`ProblemOptions` that has them all.
+Typer sees a command with PROBLEM, --set, -N, --q-0, --q-d and --quiet. The function is called with
+a `ProblemOptions` that contains all of them.
 """
 
 from __future__ import annotations
@@ -22,12 +22,10 @@ Command = Callable[..., None]
 
 
 def unfolded(command: Command) -> Command:
-    """The command as typer is to see it: every record in its signature is its fields.
+    """Replace every record in the signature of a command by its fields, for typer.
 
-    Parameters
-    ----------
-    command : callable
-        With keyword parameters; a parameter whose type is a dataclass is a record of options.
+    The parameters of the command are keyword parameters. A parameter whose type is a dataclass is a
+    record of options.
 
     Examples
     --------
@@ -74,7 +72,7 @@ def _options_of(record: type) -> Iterator[Parameter]:
 
 
 def _folded(given: Mapping[str, Any], records: Mapping[str, type]) -> dict[str, Any]:
-    """What was given, with every record's fields gathered in it."""
+    """Return the given values, with the fields of each record collected in it."""
     rest, gathered = dict(given), {}
     for name, record in records.items():
         own = {field.name: rest.pop(field.name) for field in fields(record) if field.name in rest}

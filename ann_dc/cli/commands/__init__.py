@@ -1,4 +1,4 @@
-"""The commands, a module each: words become objects, the library is called, a report is printed."""
+"""Commands, one module each: parse options, call the library, print a report."""
 
 import lazy_loader
 

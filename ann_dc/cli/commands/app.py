@@ -1,13 +1,13 @@
-"""The commands as one application, and the one place where what goes wrong is caught and told.
+"""Application of all commands, with central error handling.
 
-Words that a user types become objects in `arguments`; from there on a command is a few calls of the
-library and what `report` says of the result.
+User input is converted to objects in `arguments`. A command then consists of a few library calls
+and the output of `report`.
 
-Exit codes: 0 settled and certified (or shown), 1 ran but did not settle or is not certified,
-2 bad input or unwritable output, 130 interrupted.
+Exit codes: 0 settled and certified (or shown), 1 ran but did not settle or is not certified, 2 bad
+input or unwritable output, 130 interrupted.
 
-A command is loaded when it is asked for, and imports the library when it runs: no command waits for
-what another needs.
+A command is loaded on request and imports the library when it runs. No command therefore waits for
+imports of another.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ COMMANDS = (
     "solve", "design", "coordinate", "circuit", "ladder", "navigate", "study", "report", "export",
     "inspect", "show", "plants", "paper",
 )  # fmt: skip
-"""Names, each of a function that `commands` hands on, in the order of the help."""
+"""Names of the functions that `commands` exports, in the order of the help."""
 
 
 class _OnDemand(Mapping[str, Any]):
-    """Commands by name."""
+    """Commands by name, loaded on request."""
 
     def __init__(self) -> None:
         self._loaded: dict[str, Any] = {}
@@ -57,7 +57,7 @@ class _OnDemand(Mapping[str, Any]):
 
 
 class _Commands(TyperGroup):
-    """The one place where an error becomes a sentence and an exit code."""
+    """Group of commands that converts errors to messages and exit codes."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
@@ -89,7 +89,7 @@ app = typer.Typer(
 
 
 def main() -> None:
-    """Entry point of ``ann-dc`` and of ``python -m ann_dc``."""
+    """Run the command line; entry point of ``ann-dc`` and of ``python -m ann_dc``."""
     gc.set_threshold(400_000, 50, 50)  # what a command loads lives to its end, or nearly
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a letter that cannot be shown becomes `?`

@@ -1,4 +1,4 @@
-"""``ann-dc circuit``: the network as a circuit, predicted, simulated by ngspice, and priced."""
+"""``ann-dc circuit``: circuit of a network with prediction, ngspice run and costs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from ann_dc.report.json_file import make_room
 
 @dataclass(frozen=True, kw_only=True)
 class BuildOptions:
-    """How the network is built of the level's parts."""
+    """Options of the circuit construction from the parts of a level."""
 
     margin: MarginOption = None
     full_scale: Annotated[
@@ -55,7 +55,7 @@ class BuildOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class StudyOptions:
-    """What is asked of the circuit."""
+    """Requested analyses of the circuit."""
 
     budget: Annotated[
         int,
@@ -87,7 +87,7 @@ class StudyOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class CircuitFiles:
-    """What is written, and where."""
+    """Output files."""
 
     deck: Annotated[
         Path | None, typer.Option("--deck", metavar="FILE", help="Write the netlist.")
@@ -101,16 +101,13 @@ class CircuitFiles:
     json_file: JsonOption = None
 
     def given(self) -> dict[str, Path]:
-        """The files that are to be written."""
+        """Return the requested files."""
         return {name: file for name, file in asdict(self).items() if file is not None}
 
     def make_room(self, simulated: bool) -> None:
-        """Before a long run: all of them can be written, and there will be something to write.
+        """Check before a long run that all requested files can be written.
 
-        Raises
-        ------
-        ProblemError
-            If something is to show what ngspice did, and it is not run.
+        Raises `ProblemError` if a file requires a simulation and none is requested.
         """
         if not simulated and (self.figure is not None or self.curves is not None):
             option = "--curves" if self.figure is None else "--figure"
@@ -136,14 +133,14 @@ def circuit(
     files: CircuitFiles,
     quiet: QuietOption = False,
 ) -> None:
-    """Build the network as a circuit, predict and simulate it, and compare with the optimum.
+    """Build the network as a circuit, predict, simulate and compare with the optimum.
 
-    The network is designed, scaled to volts and seconds by a run of its
-    ODE, and given resistors and capacitors. Eigenvalues of the pole model
-    tell whether it is stable; then ngspice runs it from reset to rest.
-    The error budget tells which parts to pay for.
+    The network is designed, scaled to volts and seconds by a run of its ODE,
+    and given resistors and capacitors. Eigenvalues of the pole model
+    determine stability. Then ngspice simulates the circuit from reset until
+    it settles. The error budget lists the parts that dominate the error.
 
-    Examples:
+    Usage examples:
 
       ann-dc circuit car
       ann-dc circuit car --level opa192_ad734 --seed 1 --budget 10
@@ -159,15 +156,22 @@ def circuit(
       ann-dc circuit car --level opa192_ad734 --trim "error<1%"
       ann-dc circuit car --dac 12 --adc 12 --resistors E96-pairs --seed 1
 
-    With --corners, --yield, --trim, --dac or --adc there are tables instead
-    of the one circuit, and --json is the only file.
+    With --corners, --yield, --trim, --dac or --adc the output is a table per
+    analysis instead of one circuit, and --json is the only file.
 
-    Exit code: 0 the circuit settled near the optimum (1 % of the largest
-    control, from its scale's offset), is predicted to, or nothing is known of
-    it; of a table, every corner does, tolerances aside, a drawn circuit keeps
-    the spec, trims are enough, converters leave it near for the worst inputs.
-    1 not so, 2 bad input, an unstable circuit, no ngspice, or unwritable
-    output. All levels at once: ann-dc ladder.
+    Exit code 0: the circuit settled near the optimum (within 1 % of the
+    largest control, from its scale's offset), is predicted to, or nothing is
+    known. Conditions for exit code 0 of the tables:
+
+      --corners     every corner is near the optimum, tolerances aside
+      --yield       a drawn circuit meets the specification
+      --trim        the trims are sufficient
+      --dac, --adc  converters leave it near the optimum for the worst inputs
+
+    Exit code 1: otherwise. Exit code 2: bad input, an unstable circuit,
+    ngspice not found, or unwritable output.
+
+    Comparison of all levels: ann-dc ladder.
     """
     with progress_line(quiet) as progress:
         declared = problem.declared()
@@ -223,7 +227,7 @@ def circuit(
 def _of_one_circuit(
     build: BuildOptions, study: StudyOptions, files: CircuitFiles, board: BoardOptions
 ) -> dict:
-    """What belongs to one circuit that is built, by option."""
+    """Return the options that apply to the construction of one circuit only."""
     rest = {name: file for name, file in files.given().items() if name != "json_file"}
     return {
         "budget": study.budget,

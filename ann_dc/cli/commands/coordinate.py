@@ -1,4 +1,4 @@
-"""``ann-dc coordinate``: the paper's two-level algorithm, stages below and a coordinator above."""
+"""``ann-dc coordinate``: two-level algorithm of the paper, stages and coordinator."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ann_dc.errors import ProblemError
 from ann_dc.report.json_file import make_room, write_json
 
 SMALLEST_TOLERANCE = 1e-8
-"""A share of less is lost in rounding."""
+"""Smallest tolerance; smaller fractions are below the rounding error."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CoordinationOptions:
-    """What coordinates, and what is coordinated."""
+    """Options of the coordinator and of the stages."""
 
     coordinator: Annotated[
         str,
@@ -59,17 +59,18 @@ def coordinate(
     json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Run the paper's two-level algorithm: stages solve, a coordinator moves t and beta.
+    """Run the two-level algorithm: stages solve, a coordinator updates t and beta.
 
-    A network is designed for the corrected equations (with q_0 as a neuron),
-    Theorem IV.2 is checked at its solution, and the iteration runs from the
-    usual start: in every outer iteration the stages settle with t and beta
-    held, then the coordinator moves them. lambda_t and lambda_beta of the
-    gradient coordinator are the best at the solution, in network units;
-    'predicted' is what their spectral radius lets expect. Theta is half the
-    squared distance of t and beta from the solution, in network units.
+    A network is designed for the corrected equations (with q_0 as a neuron)
+    and Theorem IV.2 is checked at its solution. The iteration starts from the
+    default initial guess. In every outer iteration the stages settle with t
+    and beta fixed, then the coordinator updates t and beta. lambda_t and
+    lambda_beta of the gradient coordinator are the best at the solution, in
+    network units. 'predicted' is the number of iterations expected from their
+    spectral radius. Theta is half the squared distance of t and beta from the
+    solution, in network units.
 
-    Examples:
+    Usage examples:
 
       ann-dc coordinate car
       ann-dc coordinate car --coordinator newton

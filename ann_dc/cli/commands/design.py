@@ -1,4 +1,4 @@
-"""``ann-dc design``: the gains of a problem's network, what was compared, and why it is slow."""
+"""``ann-dc design``: gains of a network, compared candidates and diagnosis."""
 
 from __future__ import annotations
 
@@ -46,28 +46,28 @@ def design(
 ) -> None:
     """Choose the gains of a problem's network, without running it to the end.
 
-    The ratio of the fastest to the slowest rate at the settled point is what
-    the design makes small: settling to 1e-6 takes 14 times as many fastest
-    time constants. Its limit is 2. --why tells how far away that is: which
-    modes are slow, which rows of the constraints are weakly reachable (how
-    much more than its penalty a multiplier answers a push), and what would
-    help. Numbers are in network units.
+    The design minimises the stiffness ratio, the ratio of the fastest to the
+    slowest rate at the equilibrium. Settling to 1e-6 takes 14 times as many
+    fastest time constants. The lower limit of the ratio is 2. --why reports
+    the slow modes, the weakly reachable constraints (by how much a multiplier
+    responds to a perturbation beyond its penalty), and remedies. Numbers are
+    in network units.
 
-    --over designs one network for ranges of inputs: constants are read off
-    settled points of a sample, race on more and more inputs, and are judged
-    on held-out ones, each with a certificate. Inputs that fail are told, with
-    the reason.
+    --over designs one network for ranges of inputs. Gain candidates come from
+    equilibria of a sample, are screened on an increasing number of inputs,
+    and are validated on held-out inputs, each with a certificate. Failing
+    inputs are listed with the reason.
 
-    Examples:
+    Usage examples:
 
       ann-dc design car
       ann-dc design car --over q_d.x=3:7 --over q_d.y=3:7 --out out/cars
       ann-dc design pendulum --why --out out/pendulum
       ann-dc design two_link_arm --kinds pyramid --refine --why
 
-    Exit code: 0 the first run settled, so that the gains belong to the
-    solution (with --over: 99 % of the held-out inputs are certified), 1 it
-    did not, 2 bad input or unwritable output.
+    Exit code: 0 the gain-scheduled run settled, so the gains belong to the
+    solution (with --over: 99 % of the held-out inputs are certified), 1 the
+    run did not settle, 2 bad input or unwritable output.
     """
     if family.over:
         _design_family(problem, start, kinds, family, out=out, quiet=quiet, other=refine or why)
@@ -106,7 +106,7 @@ def design(
 
 
 ENOUGH = 0.99
-"""Share of held-out inputs with which a design for a family counts as done."""
+"""Fraction of certified held-out inputs required of a design over a range."""
 
 
 def _design_family(
@@ -119,7 +119,7 @@ def _design_family(
     quiet: bool,
     other: bool,
 ) -> None:
-    """``--over``: one network for a family of inputs; ends the command."""
+    """Design one network over an operating range (``--over``) and end the command."""
     with progress_line(quiet) as progress:
         if other or start != StartOptions(seed=start.seed):
             raise DesignError(

@@ -1,4 +1,4 @@
-"""``ann-dc export``: a network taken away, in the formats of those who build or run it."""
+"""``ann-dc export``: export of a network in the formats of external tools."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ann_dc.errors import ProblemError
 from ann_dc.progress import Progress
 
 NETWORKS = (".npz", ".safetensors")
-"""Endings of a PROBLEM that is a network already."""
+"""File name extensions of a PROBLEM that is already a network."""
 
 
 def _list_formats(wanted: bool) -> None:
@@ -72,20 +72,20 @@ def export(
     ] = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Take a problem's network away: weights, runtimes, circuits, chips, pictures.
+    """Export a network as weights or to runtimes, circuits, chips and figures.
 
-    PROBLEM may also be a weight file (.npz, .safetensors), the folder of an
-    export to weights, or one that ann-dc solve --save wrote (./car, if it has
-    the name of a plant); a plant or a problem file is designed first, with the
-    metric that --metric names. An earlier export in DIR is replaced. Every
-    format gets a reference vector, by which whoever takes it can check what it
-    does, and an index with hashes. What a format makes is checked before it is
-    written, and what the check found is told.
+    PROBLEM may also be a weight file (.npz, .safetensors) or the folder of an
+    export to weights. A folder written by ann-dc solve --save is valid, too
+    (./car, if it has the name of a plant). A plant or a problem file is
+    designed first, with the preconditioner that --metric names. An earlier
+    export in DIR is replaced. Every format includes a test vector, which
+    allows the recipient to verify the result, and an index with hashes. Every
+    result is checked before it is written, and the check is reported.
 
-    A format that cannot carry a network names the nodes that it cannot. With
-    several formats the others are written all the same.
+    If a format cannot represent a network, the nodes concerned are named.
+    With several formats the others are still written.
 
-    Examples:
+    Usage examples:
 
       ann-dc export --formats
       ann-dc export car --to onnx --metric pyramid --out out/car
@@ -94,8 +94,8 @@ def export(
       ann-dc export network.npz --to all
       ann-dc inspect out/car
 
-    Exit code: 0 written, 1 some formats cannot carry the network, 2 bad input,
-    a package is missing, or unwritable output.
+    Exit code: 0 written, 1 some formats cannot represent the network,
+    2 bad input, a missing package, or unwritable output.
     """
     with notes(quiet), progress_line(quiet) as progress:
         from ann_dc.export.exporting import export_network, settings_from
@@ -110,7 +110,7 @@ def export(
 
 
 def _sentence(done: Any) -> str:
-    """What became of a format."""
+    """Return the result of a format in one sentence."""
     if done.why_not:
         return f"no {done.name}: {done.why_not}"
     files = ", ".join(str(file.relative_to(done.folder)) for file in done.files)
@@ -118,7 +118,7 @@ def _sentence(done: Any) -> str:
 
 
 def _network(problem: ProblemOptions, metric: str | None, progress: Progress) -> Any:
-    """The network of a weight file, of a folder that has one, or designed for a problem."""
+    """Return the network of a weight file or folder, or design one for a problem."""
     from ann_dc.problem import plants
 
     place = Path(problem.problem)

@@ -1,4 +1,4 @@
-"""Tables about exports: the formats that there are, and what was found in one."""
+"""Tables of export formats and of inspected exports."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ from ann_dc.report.tables import named_rows, printable, table
 
 
 def formats_table() -> Table:
-    """Every format: what it is, carries and loses, and its settings with their defaults."""
+    """Return a table of formats: title, preserved and omitted data, and settings.
+
+    Settings are shown with their defaults.
+    """
     shown = table("format", "what it is", "carries", "loses", "settings")
     for name, form in FORMATS.items():
         settings = "\n".join(_setting(form, key) for key in form.settings)
@@ -24,7 +27,7 @@ def formats_table() -> Table:
 
 
 def _setting(form: Format, key: str) -> str:
-    """A setting with its default, and its values where they have names."""
+    """Return a setting with its default, and its values if they have names."""
     kind = typing.get_type_hints(form.write)[key]
     values = typing.get_args(kind) if typing.get_origin(kind) is typing.Literal else ()
     others = f" ({', '.join(map(str, values))})" if values else ""
@@ -32,7 +35,7 @@ def _setting(form: Format, key: str) -> str:
 
 
 def inspections_table(found: Sequence[Inspection]) -> Table:
-    """A row for each of several places, and a verdict of all."""
+    """Return a table of several inspections, with a common verdict."""
     shown = table("format", "as it was", "what was found")
     for each in found:
         good = Text("yes", "green") if each.good else Text("no", "red")
@@ -47,7 +50,7 @@ def inspections_table(found: Sequence[Inspection]) -> Table:
 
 
 def inspection_table(found: Inspection) -> Table:
-    """What was found in one place."""
+    """Return a table of one inspection."""
     good = Text("yes", "green") if found.good else Text(printable(f"no: {found.wrong}"), "red")
     place = {"place": str(found.place), "format": found.kind}
     return named_rows({**place, **found.facts, "as it was": good})

@@ -1,4 +1,4 @@
-"""``ann-dc inspect``: what is inside a file or an export, and whether it still does what it did."""
+"""``ann-dc inspect``: content and verification of a network file or an export."""
 
 from __future__ import annotations
 
@@ -24,20 +24,21 @@ def inspect(
     ],
     quiet: QuietOption = False,
 ) -> None:
-    """Tell what is inside, compare the hashes, and see whether it still does what it did.
+    """Show the content of a file or export, and verify hashes and behaviour.
 
-    An export is compared with its reference vector, in the runtime that it is
-    for where that is installed; the network of a weight file is let settle.
-    Nothing from a file is executed but by the runtime whose format it is. Of
-    several exports there is a line each; look into one for all that it says.
+    An export is compared with its test vector, in its runtime if that is
+    installed. The network of a weight file is run until it settles. Nothing
+    from a file is executed except by the runtime of its format. Several
+    exports have one line each; inspect a single export for all details.
 
-    Examples:
+    Usage examples:
 
       ann-dc inspect network.npz
       ann-dc inspect out/export/onnx
       ann-dc inspect out/export
 
-    Exit code: 0 all is well, 1 something is wrong, 2 nothing of the kind there.
+    Exit code: 0 verified, 1 verification failed, 2 no network file or
+    export found.
     """
     with progress_line(quiet) as progress:
         from ann_dc.cli.commands.export_tables import inspection_table, inspections_table

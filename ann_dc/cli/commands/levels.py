@@ -1,4 +1,4 @@
-"""``ann-dc ladder``: one problem at every level of fidelity, from the ODE to transistors."""
+"""``ann-dc ladder``: comparison of all model levels, from the ODE to transistors."""
 
 from __future__ import annotations
 
@@ -32,22 +32,23 @@ def ladder(
     json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Climb from ideal to real: the problem at every level, prediction beside measurement.
+    """Compare the problem at every model level, with predictions and measurements.
 
-    The ODE, the recurrent layer, then circuits in ngspice: ideal parts, every
-    defect of real parts alone, parts by name with all of them, transistors;
-    at last what solvers on this CPU take. Told are the error of the settled
-    controls, over the largest one, the time to settle within 0.1 % in us,
-    watts, and uJ a solve.
+    The levels are the ODE, the recurrent layer, then circuits in ngspice. The
+    circuits have ideal parts, every non-ideality of real parts alone, named
+    parts with all non-idealities, and transistors. The last rows are solvers
+    on this CPU. The error of the settled controls is relative to the largest
+    control. The settling time within 0.1 % is in us, the power in W and the
+    energy per solve in uJ.
 
-    Examples:
+    Usage examples:
 
       ann-dc ladder car
       ann-dc ladder car --figure out/ladder.png --json out/ladder.json
       ann-dc ladder unicycle --seed 3 --slow
 
-    Exit code: 0 it was climbed (a rung that fails says why), 2 bad input,
-    no ngspice, or unwritable output, 130 interrupted.
+    Exit code: 0 the comparison was run (a failed level shows the reason),
+    2 bad input, ngspice not found, or unwritable output, 130 interrupted.
     """
     with progress_line(quiet) as progress:
         declared = problem.declared()

@@ -1,4 +1,4 @@
-"""``ann-dc navigate``: a robot among obstacles, planned anew every control period."""
+"""``ann-dc navigate``: robot among obstacles, replanned every control period."""
 
 from __future__ import annotations
 
@@ -39,25 +39,26 @@ def navigate(
     ),
     quiet: QuietOption = False,
 ) -> None:
-    """Drive a robot through a world, with a network that plans every period.
+    """Drive a robot through a scenario, with a network that plans every period.
 
-    The network gets constant gains once (a minute), read off contacts with
-    obstacles in other worlds. Then every control period its neurons shift by
-    a stage, run for a stated number of fastest time constants, and the first
-    control is applied. With op amps of 10 MHz and a margin of 10 a fastest
-    time constant is 0.16 us: 1000 of them are 0.16 ms.
+    The network gets fixed gains once (in about a minute), from contacts with
+    obstacles in other scenarios. In every control period its neurons shift by
+    one stage, run for a given number of fastest time constants, and the first
+    control is applied. With 10 MHz op amps and a bandwidth margin of 10 a
+    fastest time constant is 0.16 us: 1000 of them are 0.16 ms.
 
-    --planner waypoint is the paper's section IV.C: where an obstacle appears
-    on the way, a waypoint beside it, the leg to it and one on to the goal;
-    --planner as-printed leaves the leg to the waypoint out.
+    --planner waypoint is section IV.C of the paper: for an obstacle on the
+    path it adds a waypoint next to the obstacle, a segment to the waypoint
+    and a segment to the goal. --planner as-printed omits the segment to the
+    waypoint.
 
-    Examples:
+    Usage examples:
 
       ann-dc navigate demos/crossing.toml
       ann-dc navigate demos/crossing.toml --budget 300 --film
       ann-dc navigate demos/crossing.toml --planner waypoint
 
-    Exit code: 0 if it reaches the goal without a collision, 1 if not, 2 bad input.
+    Exit code: 0 goal reached without a collision, 1 otherwise, 2 bad input.
     """
     kind = named("--planner", planner, PLANNERS)
     with progress_line() as progress:

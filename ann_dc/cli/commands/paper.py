@@ -1,4 +1,4 @@
-"""``ann-dc paper``: the paper's car, corrected; what its printed equations do; Figures 4 to 6."""
+"""``ann-dc paper``: corrected car example, printed equations and Figures 4 to 6."""
 
 from __future__ import annotations
 
@@ -19,21 +19,22 @@ def paper(
         Path("out")
     ),
 ) -> None:
-    """Solve the paper's car example, and show what its printed equations do.
+    """Solve the paper's car example and show the effect of its printed equations.
 
     Six runs: the corrected network with wheel base D = 1 m and D = 0.5 m;
-    (16) and (17) exactly as printed, where rho = 0, and once more with the
-    gains of the corrected network; the corrected equations without dB/dq; and
-    on the plain network (rho = 0, unit time constants), started 1 % off the
-    optimum. Then the two-level iteration of Figure 6, with both theorems.
-    Times as in 'ann-dc solve'. Writes result.json, the figures of the two
-    corrected runs, and Figures 1 to 6, beside what the printed equations give.
+    (16) and (17) exactly as printed (rho = 0), and with the gains of the
+    corrected network; the corrected equations without dB/dq, and on the plain
+    network (rho = 0, unit time constants) from 1 % off the optimum. Then the
+    two-level iteration of Figure 6, with both theorems. Times are as in
+    'ann-dc solve'. Files: result.json, the figures of the two corrected runs,
+    and Figures 1 to 6 with the printed equations for comparison.
 
     Example:
 
       ann-dc paper --out out
 
-    Exit code: 0 if both corrected runs settle and are certified, 1 if not, 2 bad input.
+    Exit code: 0 both corrected runs settle and are certified, 1 otherwise,
+    2 bad input.
     """
     result = out / "result.json"
     make_folder(out)
@@ -67,7 +68,7 @@ def paper(
 def _two_levels(
     out: Path, progress: Progress
 ) -> tuple[tuple[Any, ...], dict[str, Any], list[Path]]:
-    """Return what is said of Figures 1 to 6 and the theorems, their numbers and pictures."""
+    """Return the report on Figures 1 to 6 and the theorems, its data and its files."""
     from ann_dc import plotting
     from ann_dc.paper import around, iterations
     from ann_dc.plotting.paper import (

@@ -1,4 +1,7 @@
-"""Where a circuit stands: --temperature, --supply, --process, one of each or several."""
+"""Operating conditions of a circuit: --temperature, --supply, --process.
+
+With --corners each option takes several values.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ PANEL = "Boards and chips"
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceOptions:
-    """Temperature, supplies and process; with --corners several of each, with commas."""
+    """Temperature, supplies and process; comma-separated values with --corners."""
 
     temperature: Annotated[
         str | None,
@@ -48,30 +51,23 @@ class PlaceOptions:
     ] = None
 
     def several(self) -> dict[str, list]:
-        """All that were given, by what `corners` calls them.
+        """Return all given values by parameter name of `corners`.
 
-        Raises
-        ------
-        ProblemError
-            If a temperature or a supply is no number.
+        Raises ProblemError if a temperature or a supply is not a number.
         """
         return {name: values for name, (_, values) in self._given().items()}
 
     def nominal(self):
-        """Where a circuit is designed that will stand at several places, a `Conditions`."""
+        """Return the nominal `Conditions` for the design of a circuit with corners."""
         from ann_dc.hardware.parts.conditions import NOMINAL
 
         return NOMINAL
 
     def single(self):
-        """The one place that is meant, a `Conditions`.
+        """Return the `Conditions` of a single operating point.
 
-        Raises
-        ------
-        ProblemError
-            If there are several, which belong to --corners.
-        NetworkError
-            If one is out of range, or no corner.
+        Raises `ProblemError` if several values are given, which require --corners. Raises
+        NetworkError if a value is out of range or not a corner.
         """
         from ann_dc.hardware.parts.conditions import Conditions
 
@@ -83,7 +79,7 @@ class PlaceOptions:
         return Conditions(**found)
 
     def _given(self) -> dict[str, tuple[str, list]]:
-        """Option and values, by what `corners` calls them."""
+        """Return options and values by parameter name of `corners`."""
         given = {}
         for plural, option, text in (
             ("temperatures", "temperature", self.temperature),

@@ -1,4 +1,4 @@
-"""``ann-dc plants``: the problems that come with the package."""
+"""``ann-dc plants``: shipped problems and their parameters."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ def plants(
         str | None, typer.Argument(metavar="[NAME]", help="A plant, to see its parameters.")
     ] = None,
 ) -> None:
-    """List the plants that come with the package, or the parameters of one.
+    """List the plants of the package, or the parameters of one.
 
-    Every plant is a problem that 'ann-dc solve' takes by name, and --set
-    changes its parameters. The page of a plant tells its units.
+    Every plant is a problem that 'ann-dc solve' accepts by name, and --set
+    changes its parameters. The page of a plant lists its units.
 
-    Examples:
+    Usage examples:
 
       ann-dc plants
       ann-dc plants car

@@ -1,4 +1,4 @@
-"""What is asked of a circuit away from the bench: --corners, --yield, --trim, --dac and --adc."""
+"""Circuit analyses beyond one run: --corners, --yield, --trim, --dac and --adc."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from ann_dc.cli.commands.places import PANEL, PlaceOptions
 from ann_dc.errors import NetworkError, ProblemError
 
 SAMPLES = 100
-"""Circuits that are drawn where nothing else is said."""
+"""Default number of drawn circuits."""
 
 TRIMMED = 20
-"""Circuits that are drawn, and trimmed."""
+"""Default number of circuits that are drawn and trimmed."""
 
 _ONE = "belongs to one circuit that is built and simulated; leave it out here"
 _REFUSED = {"seed": "--yield and --trim draw circuits with seeds 0, 1, ...; leave it out"}
@@ -23,7 +23,7 @@ _REFUSED = {"seed": "--yield and --trim draw circuits with seeds 0, 1, ...; leav
 
 @dataclass(frozen=True, kw_only=True)
 class BoardOptions:
-    """Questions; any of them is answered instead of simulating one circuit."""
+    """Analyses; any of them replaces the simulation of one circuit."""
 
     corners: Annotated[
         bool,
@@ -90,34 +90,30 @@ class BoardOptions:
 
     @property
     def converts(self) -> bool:
-        """Whether converters are asked about."""
+        """True if converters are analysed."""
         return self.dac is not None or self.adc is not None
 
     @property
     def written(self) -> bool:
-        """True if a netlist is written: of one circuit, of its corners, of one drawn circuit."""
+        """True if a netlist is written: of one circuit, its corners or simulated samples."""
         return bool(self.corners or self.spot or not self.asked)
 
     @property
     def asked(self) -> bool:
-        """Whether anything is asked."""
+        """True if any analysis is requested."""
         return self.corners or self.draws or self.converts
 
     @property
     def draws(self) -> bool:
-        """Whether circuits are drawn, so that --samples counts them."""
+        """True if circuits are drawn; --samples is their number."""
         return self.spec is not None or self.trim is not None
 
     def check(self, given: Mapping[str, Any], level: str) -> None:
-        """Refuse options of one circuit, where something else is asked for.
+        """Reject options of a single circuit if an analysis is requested.
 
-        Raises
-        ------
-        ProblemError
-            Naming the first of ``given``, by option, that is given, or a spec that is none.
-        NgspiceMissing
-            If drawn circuits, or corners of the level of that word, run in ngspice and there is
-            none: told before the design.
+        `given` contains these options by name. Raises `ProblemError` for the first one with a
+        value, or for an invalid specification. Raises NgspiceMissing before the design if simulated
+        samples, or corners of the level named `level`, require ngspice.
         """
         if self.spot and self.spec is None:
             raise ProblemError("--spot: is about drawn circuits; say --yield SPEC too")
@@ -138,11 +134,11 @@ class BoardOptions:
 
     @property
     def takes_seed(self) -> bool:
-        """Whether anything is asked of one circuit, which may be one of drawn parts."""
+        """True if one circuit is analysed, whose parts may be drawn."""
         return self.corners or self.converts
 
     def report(self, problem, network, backend, place: PlaceOptions, samples: int | None):
-        """The answers, a `BoardReport`."""
+        """Return the results as a `BoardReport`."""
         from ann_dc.report.board_report import BoardReport
 
         circuit, probe = backend.prepare(network)
@@ -190,7 +186,7 @@ class BoardOptions:
 
 
 def _simulated(word: str) -> bool:
-    """Whether corners of a level with given parts run in ngspice."""
+    """Return True if corners of a level with given parts run in ngspice."""
     from ann_dc.backends.spice import level_words
     from ann_dc.hardware.parts.levels import Level
 

@@ -1,4 +1,4 @@
-"""``ann-dc report``: what a study found, as one HTML page."""
+"""``ann-dc report``: result of a study as one HTML page."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.report.json_file import make_room
 
 NAME = "report.html"
-"""File in the study's folder where --out gives no other."""
+"""Default file name in the folder of the study, without --out."""
 
 
 @unfolded
@@ -29,21 +29,22 @@ def report(
     ] = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Write what a study found as one HTML page, to be read, searched and printed.
+    """Write the result of a study as one HTML page to read, search and print.
 
-    The page needs no network and no other file: send it, keep it, open it from
-    the disk. It tells what was asked, how the points ended and why, the yield
-    against the spec with its interval, exponents, figures that one can hover
-    over and zoom, the slowest and worst points with the command that repeats
-    each, and all rows as a table that sorts by a click and filters by words
-    and by numbers. A study that still runs gives the page of what it has.
+    The page is self-contained and needs no network connection. It shows the
+    declaration of the study, outcomes with causes, the yield against the
+    specification with its interval, and exponents. Interactive figures
+    support hovering and zooming. The slowest and worst cases are listed with
+    the command that repeats each. A table of all records can be sorted by a
+    click and filtered by text and numbers. For a running study the page shows
+    the records so far.
 
-    Examples:
+    Usage examples:
 
       ann-dc report out/study
       ann-dc report out/study --out study.html
 
-    Exit code: 0 written, 2 no study there, a package is missing, or unwritable
+    Exit code: 0 written, 2 study not found, a missing package, or unwritable
     output, 130 interrupted.
     """
     with progress_line(quiet) as progress:

@@ -1,4 +1,4 @@
-"""``ann-dc show``: what is wired for a problem, before anything runs."""
+"""``ann-dc show``: network of a problem before any run."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ def show(
     form: FormOption = "corrected",
     problem: ProblemOptions,
 ) -> None:
-    """Show what is wired for a problem: equations, cell, counts, scales.
+    """Show the network of a problem: equations, cell, counts, scales.
 
-    PROBLEM may also be a folder that ann-dc solve --save wrote: then what was
-    found there is shown, or what is wired for its problem.
+    PROBLEM may also be a folder written by ann-dc solve --save. Then the
+    stored solution, or the network of its problem, is shown.
 
     Without options: the equations as text, the counts and the scales. Time
     constants tau and weights are in network units, before gains are designed.
-    Scales follow from the problem, so that the network is the same in any
-    units; --set scale.x=1000 sets one by hand.
+    Scales follow from the problem, so the network is the same in any units.
+    --set scale.x=1000 sets a scale manually.
 
-    Examples:
+    Usage examples:
 
       ann-dc show car
       ann-dc show car --cell
@@ -84,7 +84,7 @@ def show(
 
 
 def _saved(problem: ProblemOptions):
-    """The solution that the folder PROBLEM holds; None where it is no folder."""
+    """Return the solution stored in the folder PROBLEM; None if it is not a folder."""
     from ann_dc.problem import plants
     from ann_dc.solution.loading import load_solution
 

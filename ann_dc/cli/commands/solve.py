@@ -1,4 +1,4 @@
-"""``ann-dc solve``: a problem in, a settled and certified network out."""
+"""``ann-dc solve``: solution of a problem by a settled and certified network."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from ann_dc.timing import phase
 
 @dataclass(frozen=True, kw_only=True)
 class SolutionFiles:
-    """What is written, and where."""
+    """Output files."""
 
     plot: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write the figures into this folder.")
@@ -53,7 +53,7 @@ class SolutionFiles:
     ] = None
 
     def make_room(self) -> None:
-        """Before a long run: all of them can be written."""
+        """Check before a long run that all requested files can be written."""
         if self.curves is not None:
             from ann_dc.backends.curves import check_curves_file
 
@@ -68,13 +68,13 @@ class SolutionFiles:
 
     @property
     def network(self) -> Path | None:
-        """The file of the frozen network."""
+        """File of the network with fixed gains."""
         is_file = self.save is not None and self.save.suffix in (".npz", ".safetensors")
         return self.save if is_file else None
 
     @property
     def folder(self) -> Path | None:
-        """The new folder of the whole solution."""
+        """New folder of the complete solution."""
         return self.save if self.network is None else None
 
 
@@ -100,12 +100,13 @@ def solve(
     quiet: QuietOption = False,
     run: RunOptions,
 ) -> None:
-    """Let the network solve a problem, and check that its answer is an optimum.
+    """Solve a problem with the network and certify that the result is an optimum.
 
-    Settling is told in fastest time constants: multiply them by that of your
-    hardware. Values are in the problem's own units, which the table tells.
+    Settling times are in fastest time constants: multiply them by the fastest
+    time constant of the hardware. Values are in the units of the problem,
+    which the table lists.
 
-    Examples:
+    Usage examples:
 
       ann-dc solve car --set D=0.5 --json out/car.json
       ann-dc solve unicycle -N 30 --q-d 2,1,free --plot out
@@ -160,14 +161,14 @@ def solve(
 
 
 def _deadline(progress: Progress, seconds: float | None) -> Deadline:
-    """That of --time-limit, or none."""
+    """Return the deadline of --time-limit, or one without a limit."""
     if seconds is not None:
         require_positive(ProblemError, **{"--time-limit": seconds})
     return Deadline(progress, float("inf") if seconds is None else seconds)
 
 
 def _refined(declared, form, options: Mapping[str, Any], objective, progress: Progress):
-    """A design whose gains are refined, a `Design`; of the form's corrected equations."""
+    """Return a `Design` with refined gains, for the corrected equations of the form."""
     from ann_dc import solver
     from ann_dc.decomposition.equations import decompose
 
@@ -179,7 +180,7 @@ def _refined(declared, form, options: Mapping[str, Any], objective, progress: Pr
 def _refuse(
     start: StartOptions, *, backend: str, form: str, refine: bool, time_limit: float | None
 ) -> None:
-    """What has no meaning with --starts: it would be silently ignored."""
+    """Raise `ProblemError` for options that have no effect with --starts."""
     given = {
         "--start": start.start != "line",
         "--form": form != "corrected",
@@ -193,14 +194,14 @@ def _refuse(
 
 
 def _for_many(run: RunOptions, limit: float | None) -> tuple[RunOptions, float]:
-    """The same defaults as `multistart` has."""
+    """Return the run options and limit with the defaults of `multistart`."""
     from ann_dc.families.seeded_starts import LONGEST
 
     return replace(run, order=run.order or "two-phase"), float(LONGEST) if limit is None else limit
 
 
 def _from_many(declared, starts: int, seed: int, kinds: str | None, chosen, progress: Progress):
-    """The optima that --starts finds, a `Multistart`."""
+    """Return the optima that --starts finds, as a `Multistart`."""
     from ann_dc.families.many_starts import multistart
 
     try:
@@ -217,7 +218,7 @@ def _from_many(declared, starts: int, seed: int, kinds: str | None, chosen, prog
 
 
 def _write(solution, found, files: SolutionFiles, progress: Progress) -> list[Path]:
-    """The files that were asked for; with --starts, the JSON has every optimum."""
+    """Write the requested files; with --starts the JSON file contains every optimum."""
     from ann_dc.report.solution import write_solution
 
     single = files.json_file if found is None else None

@@ -1,4 +1,4 @@
-"""``ann-dc study``: a study from a file, run, gone on with, or repeated point by point."""
+"""``ann-dc study``: run or continuation of a study file, or repetition of a case."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FINISHED, SOME_FAILED, INTERRUPTED = 0, 1, 130
 
 @dataclass(frozen=True, kw_only=True)
 class Running:
-    """Who does it, and where rows are kept."""
+    """Options of execution and storage."""
 
     out: Annotated[
         Path | None,
@@ -43,7 +43,7 @@ class Running:
 
 @dataclass(frozen=True, kw_only=True)
 class Exports:
-    """Files that the table is written into."""
+    """Export files of the table."""
 
     csv: Annotated[
         Path | None, typer.Option("--csv", metavar="FILE", help="Write the table as CSV.")
@@ -53,12 +53,9 @@ class Exports:
     ] = None
 
     def check(self, *, is_whole: bool) -> None:
-        """Before anything runs: there will be a whole study to write.
+        """Check before the run that a whole study is run if a table is requested.
 
-        Raises
-        ------
-        StudyError
-            If a table is asked for, and not a whole study.
+        Raises `StudyError` otherwise.
         """
         if not is_whole and (self.csv or self.parquet):
             raise StudyError(
@@ -66,7 +63,7 @@ class Exports:
             )
 
     def write(self, folder: Path) -> list[Path]:
-        """Those that were asked for, from the store in a folder."""
+        """Write the requested files from the store in a folder, and return their paths."""
         from ann_dc.study.store import Store
 
         with Store.open(folder) as store:
@@ -98,25 +95,25 @@ def study(
     exports: Exports,
     quiet: QuietOption = False,
 ) -> None:
-    """Vary what a file says, measure every point, and keep the rows.
+    """Vary the settings of a study file, measure every case and store the records.
 
-    Rows reach DIR as they finish. Ctrl-C, a crash or a power cut lose none of
-    them: the same command goes on where it was. Points that fail are rows that
-    say why; --retry does them again.
+    Records are stored in DIR as they finish. Ctrl-C, a crash or a power cut
+    lose none of them: the same command continues the study. Failed cases have
+    records with the reason; --retry repeats them.
 
-    On a cluster, start a scheduler and workers, then give the address:
+    On a cluster, start a scheduler and workers, then pass the address:
 
       dask scheduler                       prints tcp://HOST:8786
       dask worker tcp://HOST:8786 --nworkers 8 --nthreads 1
 
-    Examples:
+    Usage examples:
 
       ann-dc study demos/yield.toml --out out/yield --workers 2
       ann-dc report out/yield
       ann-dc study out/yield --point 17
       ann-dc study car --settings
 
-    Exit code: 0 every point has a result, 1 some have none, 2 bad input,
+    Exit code: 0 every case has a result, 1 some have none, 2 bad input,
     130 interrupted.
     """
     exports.check(is_whole=not settings and point is None)
@@ -137,12 +134,9 @@ def study(
 def _run(
     source: str, running: Running, exports: Exports, progress: Progress
 ) -> tuple[list[Any], list[Path], int]:
-    """What is said of the study, files written, and the exit code.
+    """Return the summary of the study, the files written, and the exit code.
 
-    Raises
-    ------
-    StudyError
-        If no folder is named, or the file holds no study.
+    Raises `StudyError` if no folder is given, or the file does not contain a study.
     """
     if running.out is None:
         raise StudyError("--out: is missing; name the folder where rows are to be kept")
@@ -167,7 +161,7 @@ def _run(
 
 
 def _settable(source: str) -> list[Any]:
-    """Tables of what can be varied and measured."""
+    """Return tables of the available settings and metrics."""
     from ann_dc.cli.arguments.problem import problem_of
     from ann_dc.problem import plants
     from ann_dc.report.study_summary import settings_table
@@ -179,7 +173,7 @@ def _settable(source: str) -> list[Any]:
 
 
 def _one(source: str, point: int) -> list[Any]:
-    """The row of one point of a study file, or of a folder's study."""
+    """Return the record of one case of a study file, or of the study in a folder."""
     from ann_dc.report.tables import named_rows
     from ann_dc.study.store import Store
     from ann_dc.study.study_file import load_study, study_from
@@ -194,12 +188,9 @@ def _one(source: str, point: int) -> list[Any]:
 
 @contextmanager
 def _executor(scheduler: str | None) -> Iterator[Any]:
-    """That of a Dask cluster; None for processes of this machine.
+    """Yield the executor of a Dask cluster; None for processes of this machine.
 
-    Raises
-    ------
-    StudyError
-        If Dask is not installed, or no scheduler answers.
+    Raises `StudyError` if Dask is not installed or the scheduler does not respond.
     """
     if scheduler is None:
         yield None

@@ -1,4 +1,4 @@
-"""Code that is generated for a wiring: a lane of every vector is a stage, or a sample."""
+"""Code generated for a wiring; a lane of every vector is a stage or a sample."""
 
 import lazy_loader
 

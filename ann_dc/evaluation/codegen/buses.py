@@ -1,6 +1,7 @@
-"""Neurons that all cells share, as vector code: read in every lane, and a sum over all of them.
+"""Vector code for shared neurons: read in every lane, summed over all cells.
 
-Their states and moves lie where the last stage has them; other stages have zeros in their places.
+Their states and derivatives are stored at the places of the last stage. Other stages have zeros in
+these places.
 """
 
 from __future__ import annotations
@@ -11,28 +12,28 @@ from ann_dc.evaluation.codegen.writer import Function
 
 
 class Buses:
-    """The shared neurons of a function that is being written.
+    """Shared neurons of a function under construction.
 
     Parameters
     ----------
     f : Function
-        Whose lines come next: the states are read at once.
+        Function to which the lines are added. The states are read immediately.
     rows : sequence of int
-        Of the shared neurons among all.
+        Rows of the shared neurons among all neurons.
     neurons : int
-        P.
+        Number of neurons P of a cell.
     base : dict of str to str
-        Addresses of ``x``, ``rates``, ``drives`` and ``out``, and ``last``, where the first neuron
-        of the last stage lies in a table of moves.
+        Addresses of ``x``, ``rates``, ``drives`` and ``out``, and the offset ``last`` of the first
+        neuron of the last stage in a table of derivatives.
     is_row : bool
-        Whether a lane is a stage; else it is a sample.
+        True if a lane is a stage, False if a lane is a sample.
     is_wide : bool
-        Whether rates have a number a lane.
+        True if rates have one number per lane.
 
     Attributes
     ----------
     values : dict of int to str
-        Of every shared neuron, in all lanes.
+        State of every shared neuron in all lanes.
     """
 
     def __init__(
@@ -46,16 +47,16 @@ class Buses:
         self.totals: dict[int, str] = {}
 
     def begin(self) -> None:
-        """Nothing has arrived yet."""
+        """Reset the sums of all shared neurons to zero."""
         self.totals = {row: self.f.slot() for row in self.rows}
 
     def add(self, row: int, arriving: str) -> None:
-        """What these cells send to a neuron; a lane each."""
+        """Add the contribution of the cells, one per lane, to the sum of a neuron."""
         f, total = self.f, self.totals[row]
         f.store(f.op("fadd", f.load(total), arriving), total)
 
     def end(self, at_rails: Callable[[int, str], str]) -> None:
-        """Drives and moves of all of them, which stop where ``at_rails`` says."""
+        """Write net inputs and derivatives of all shared neurons, limited by ``at_rails``."""
         f = self.f
         for row, slot in self.totals.items():
             total = f.load(slot)

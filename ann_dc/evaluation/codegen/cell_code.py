@@ -1,14 +1,15 @@
-"""The cell as straight-line vector code: one function that gives dx/ds, one that gives residuals.
+"""Cell as straight-line vector code: one function for dx/ds, one for residuals.
 
-Of every table there is a *chunk* for as many stages as there are lanes (a lane is a stage), or for
-every stage (a lane is a sample). States, inputs and stored blocks have a ghost chunk at either end
-of the row, for what a neighbour beyond it would say. A neighbour is a lane further on in the one
-case, a chunk further on in the other; that is all the difference.
+Every table consists of *chunks*: one per group of stages if a lane is a stage, one per stage if a
+lane is a sample. States, inputs and stored blocks have a ghost chunk at either end of the row, for
+the values of a neighbour beyond the end. A neighbour is one lane further if a lane is a stage, and
+one chunk further if a lane is a sample. The two cases differ in nothing else.
 
-d drive / dx as straight-line vector code: the operations of a tape, every one a line.
+Generated code for d drive / dx: straight-line operations of a tape.
 
-It reads what the cell has left of a state, so that blocks which a neighbour reads are there. What
-is no slot of an entry and is read by no other cell stays in registers. No metric is in it.
+The code reads the blocks that the cell has stored, so that blocks read by a neighbour are
+available. Slots that belong to no entry and that no other cell reads stay in registers. The
+preconditioner is not included.
 """
 
 from __future__ import annotations
@@ -51,35 +52,29 @@ FIELDS = (
     "clamps",
     *METRIC_FIELDS,
 )
-"""What the code reads and fills, in the order of the table of addresses: see `Lanes`."""
+"""Arrays that the code reads and fills, in the order of the table of addresses; see `Lanes`."""
 INTEGERS = ("first", "chunks", "last", *METRIC_INTEGERS)
-"""Those that are numbers themselves."""
+"""Fields that are integers themselves."""
 GIVEN = (*INTEGERS, "clamp")
-"""Those that are no addresses of tables: numbers, and what is called."""
+"""Fields that are not addresses of tables: integers, and the called function."""
 GHOSTED = ("x", "inputs", "work", "slots")
-"""Those with a ghost chunk at either end."""
+"""Fields with a ghost chunk at either end."""
 NAMES = "rhs", "cell", "metric", "rails", "residuals", "keep"
-"""The functions of a piece of code."""
+"""Functions of a piece of code."""
 
 
 def cell_code(plan: Plan) -> str:
-    """The code of a wiring, in LLVM's language.
+    """Return the code of a wiring in LLVM's language.
 
-    ``i64 rhs(table, x, out)`` gives dx/ds and, lane by lane as bits, whether a function block left
-    its domain (for a single network 0 or 1); ``residuals(table, x, out)`` then the two residuals
-    and the largest state. Its parts are there too: ``i64 cell(table, x, out)`` with the moves that
-    every drive makes by itself, of the chunks that the table names; ``metric(table, out)``, which
-    adds to them; ``rails(table, x, out)``, which projects them on what rails allow. The drives of
-    neurons that a metric couples are cut there, not in ``cell``. ``keep(table, x, x)`` brings
-    states back to the rails that a step went past.
+    ``i64 rhs(table, x, out)`` computes dx/ds and returns one bit per lane: 1 if a function block
+    left its domain (0 or 1 for a single network). ``residuals(table, x, out)`` then computes the
+    two residuals and the largest state.
 
-    Parameters
-    ----------
-    plan : Plan
-
-    Returns
-    -------
-    str
+    The parts of ``rhs`` are separate functions. ``i64 cell(table, x, out)`` computes the
+    derivatives that every net input causes alone, for the chunks that the table names.
+    ``metric(table, out)`` adds the coupling. ``rails(table, x, out)`` projects the derivatives on
+    the saturation limits and cuts the net inputs of coupled neurons, which ``cell`` does not cut.
+    ``keep(table, x, x)`` clips states that a step took past a limit.
     """
     module = Module()
     CellWriter(plan, module, "cell").write_cell()
@@ -93,7 +88,7 @@ def cell_code(plan: Plan) -> str:
 
 
 def _whole(plan: Plan, module: Module) -> None:
-    """``rhs``."""
+    """Write ``rhs``."""
     f = Function(module, "rhs", ("table", "x", "out"), width=plan.axis.lanes)
     outside = f.value("call i64 @cell(ptr %table, ptr %x, ptr %out)")
     if plan.has_metric:
@@ -104,7 +99,7 @@ def _whole(plan: Plan, module: Module) -> None:
 
 
 def _fields(f: Function) -> dict[str, str]:
-    """The table of addresses, read."""
+    """Load the table of addresses."""
     return {
         name: f.field("%table", row, "i64" if name in INTEGERS else "ptr")
         for row, name in enumerate(FIELDS)
@@ -112,15 +107,10 @@ def _fields(f: Function) -> dict[str, str]:
 
 
 class CellWriter:
-    """Writes a function of a cell: ``cell``, ``rails``, or another that reads its values here.
+    """Writer of a cell function, for example ``cell`` or ``rails``.
 
-    Parameters
-    ----------
-    plan : Plan
-    module : Module
-        To which the function is added.
-    name : str
-        Of the function.
+    Functions that read the values of a cell derive from it. The function ``name`` is added to the
+    module.
     """
 
     def __init__(self, plan: Plan, module: Module, name: str) -> None:
@@ -150,7 +140,11 @@ class CellWriter:
         self.outside, self.cut = "", set[int]()
 
     def write_cell(self, *, is_cut: bool = True) -> None:
-        """Drives, and the moves that each makes by itself; cut at rails where no metric couples."""
+        """Write net inputs and the derivative that each causes alone.
+
+        With ``is_cut``, net inputs are cut at saturation limits unless the preconditioner couples
+        the neuron.
+        """
         f, plan = self.f, self.plan
         self.cut = set(plan.railed) - set(plan.clamped) if is_cut else set()
         self.outside = f.slot()
@@ -167,7 +161,7 @@ class CellWriter:
             f.done(f.bits(found))
 
     def write_rails(self) -> None:
-        """Moves past no rail: another function is called where a coupled neuron stands at one."""
+        """Write the projection on limits: calls a clamp if a coupled neuron saturates."""
         f, clamped = self.f, self.plan.clamped
         if clamped:
             found = f.slot()
@@ -189,7 +183,7 @@ class CellWriter:
         return []
 
     def write_keep(self) -> None:
-        """No live neuron beyond a rail."""
+        """Write the clipping of live neurons to their saturation limits."""
         if self.plan.railed:
             with self.f.loop(self.base["chunks"]) as chunk:
                 self.begin(chunk)
@@ -206,7 +200,7 @@ class CellWriter:
     # ---- tables ------------------------------------------------------------------------------
 
     def begin(self, chunk: str) -> None:
-        """Every table at a chunk of the row."""
+        """Set all table addresses to a chunk of the row."""
         f = self.f
         self.known, self.circular, self.at = {}, {}, {}
         ghosted = f.integer("add", chunk, 1)
@@ -221,12 +215,12 @@ class CellWriter:
         return self.f.width if self.is_wide or name not in ("weights", "rates", "walls") else 1
 
     def row(self, name: str, row: int, chunks_on: int = 0) -> str:
-        """The address of a row at this chunk, or at one further on."""
+        """Return the address of a row at the current chunk, or at a later chunk."""
         rows = row + chunks_on * self.rows[name]
         return self.f.address(self.at[name], rows * self._width(name))
 
     def number(self, name: str, row: int) -> str:
-        """A weight, a rate or a rail."""
+        """Load a weight, a rate or a saturation limit."""
         f = self.f
         if self.is_wide:
             return f.load(self.row(name, row))
@@ -239,7 +233,7 @@ class CellWriter:
     # ---- values ------------------------------------------------------------------------------
 
     def value(self, node: int, offset: int = 0) -> str:
-        """A node at these stages, or at those of a neighbour."""
+        """Return the value of a node at the current stages or at those of a neighbour."""
         f, plan = self.f, self.plan
         if node == plan.one:
             return f.constant(1.0)
@@ -255,7 +249,7 @@ class CellWriter:
         return found
 
     def at_neighbour(self, name: str, row: int, offset: int) -> str:
-        """A row of a table with ghosts at these stages, or at those of a neighbour."""
+        """Load a row of a ghosted table at the current stages or at those of a neighbour."""
         f = self.f
         there = f.load(self.row(name, row, offset))
         if offset == 0 or not self.is_row:
@@ -266,7 +260,7 @@ class CellWriter:
         return f.shuffle(own, there, range(1, w + 1))
 
     def _arriving(self, first: int, last: int) -> str:
-        """What connections bring."""
+        """Write the sum of some connections."""
         f, plan, total = self.f, self.plan, None
         for edge in sorted(range(first, last), key=lambda e: plan.unit[e] != 1):
             source, offset = self.tape.sources[edge].tolist()
@@ -281,7 +275,7 @@ class CellWriter:
         return total or f.constant(0.0)
 
     def _phase(self, phase: int) -> None:
-        """All blocks and drives of a phase."""
+        """Write all blocks and net inputs of a phase."""
         plan = self.plan
         for step, node in enumerate(self.tape.blocks[:, 1].tolist()):
             if plan.phase[node] == phase:
@@ -294,7 +288,7 @@ class CellWriter:
                 self._drive(row)
 
     def block(self, step: int) -> str:
-        """What a block says."""
+        """Write the value of a block."""
         kind, _, a, b = self.tape.blocks[step].tolist()
         if kind == SUM:
             return self._arriving(a, b)
@@ -305,12 +299,12 @@ class CellWriter:
         return function_of(self.f, a, self.value(b), self.circular)
 
     def where_alive(self, value: str) -> str:
-        """Zero beyond the end of the row."""
+        """Select zero beyond the end of the row."""
         alive = self.f.compare("une", self.f.load(self.row("alive", 0)), self.f.constant(0.0))
         return self.f.select(alive, value, self.f.constant(0.0))
 
     def watch(self, step: int, code: int, argument: str) -> None:
-        """Note the lanes in which a function block is not defined."""
+        """Record the lanes in which a function block is outside its domain."""
         f, (low, high) = self.f, FUNCTIONS[code].domain
         side, zero = f.load(self.row("sides", self.plan.guarded[step])), f.constant(0.0)
         inside = f.logical(
@@ -326,7 +320,7 @@ class CellWriter:
         f.store(f.call("maxnum", f.load(self.outside), bad), self.outside)
 
     def _drive(self, row: int) -> None:
-        """A neuron's drive, and its move without what a metric adds."""
+        """Write the net input of a neuron and its derivative without the coupling."""
         f = self.f
         rate = self.number("rates", row)
         drive = self._arriving(*self.tape.drives[row].tolist())
@@ -339,7 +333,7 @@ class CellWriter:
         f.store(f.op("fmul", rate, drive), self.row("out", row))
 
     def _at_rails(self, row: int, move: str) -> str:
-        """Zero where a drive would take a neuron past its rail, if no metric couples it."""
+        """Cut a net input that leads past the limit of an uncoupled neuron."""
         if row not in self.cut:
             return move
         f, state, zero = self.f, self.value(row), self.f.constant(0.0)
@@ -360,24 +354,18 @@ JACOBIAN_NAMES = "cell", "jacobian"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Slots:
-    """The derivatives of a wiring, sorted like the blocks of a `Plan`.
-
-    Attributes
-    ----------
-    plan : Plan
-        Of stages.
-    """
+    """Derivatives of a wiring, sorted like the blocks of a `Plan` of stages."""
 
     plan: Plan
 
     @cached_property
     def operations(self) -> list[list[int]]:
-        """Target, source, offset, kind and index of the factor."""
+        """Target, source, offset, kind and index of the factor of every operation."""
         return self.plan.tape.slots.tolist()
 
     @cached_property
     def phase(self) -> dict[int, int]:
-        """Of every slot that is computed; those of the neurons themselves are one."""
+        """Phase of every computed slot; the slots of the neurons themselves are one."""
         phase: dict[int, int] = {}
         for target, source, offset, *_ in self.operations:
             after = phase.get(source, 0) + (offset != 0 and source >= self.plan.neurons)
@@ -386,7 +374,7 @@ class Slots:
 
     @cached_property
     def stored(self) -> dict[int, int]:
-        """Row in the table of slots, by slot, of what a neighbour or a later phase reads."""
+        """Row in the table of slots of each slot read by a neighbour or a later phase."""
         kept = {
             source
             for target, source, offset, *_ in self.operations
@@ -396,32 +384,27 @@ class Slots:
 
     @cached_property
     def used(self) -> dict[int, int]:
-        """Row in the table that is given back, by slot, of those of an entry."""
+        """Row in the returned table, by slot, for slots of an entry."""
         return {slot: row for row, slot in enumerate(np.unique(self.plan.tape.entries[:, 2]))}
 
     @cached_property
     def key(self) -> str:
-        """Of the code."""
+        """Key of the code."""
         own = JACOBIAN_NAMES, self.operations, list(map(int, self.used))
         return key_of((*own, *self.plan.cell_identity()), WRITERS)
 
 
 @lru_cache(maxsize=64)
 def slots_of(plan: Plan) -> Slots:
-    """The derivatives of a plan, sorted once."""
+    """Return the sorted derivatives of a plan (cached)."""
     return Slots(plan=plan)
 
 
 def jacobian_code(slots: Slots) -> str:
-    """``i64 cell(table, x, moves)`` and, after it, ``jacobian(table, x, out)``, as LLVM has it.
+    """Return the LLVM text of ``cell`` and ``jacobian``.
 
-    Parameters
-    ----------
-    slots : Slots
-
-    Returns
-    -------
-    str
+    The functions are ``i64 cell(table, x, moves)`` and ``jacobian(table, x, out)``. Call
+    ``jacobian`` after ``cell``.
     """
     module = Module()
     CellWriter(slots.plan, module, "cell").write_cell(is_cut=False)  # for its blocks alone
@@ -430,7 +413,7 @@ def jacobian_code(slots: Slots) -> str:
 
 
 class _JacobianWriter(CellWriter):
-    """Writes ``jacobian``; blocks are computed where a factor asks for them."""
+    """Writer of ``jacobian``; blocks are computed when a factor needs them."""
 
     def __init__(self, slots: Slots, module: Module) -> None:
         super().__init__(slots.plan, module, "jacobian")
@@ -440,7 +423,6 @@ class _JacobianWriter(CellWriter):
         self.rows |= {"out": len(slots.used), "slots": len(slots.stored)}
 
     def write(self) -> None:
-        """All of it."""
         for phase in range(1 + max(self.slots.phase.values(), default=0)):
             with self.f.loop(self.base["chunks"]) as chunk:
                 self.begin(chunk)
@@ -453,17 +435,17 @@ class _JacobianWriter(CellWriter):
         self.f.done()
 
     def watch(self, step: int, code: int, argument: str) -> None:
-        """The cell has looked."""
+        """Skip the domain check, which ``cell`` has made."""
 
     def value(self, node: int, offset: int = 0) -> str:
-        """A node at these stages, or at those of a neighbour; computed where nobody has yet."""
+        """Return a node at the current or neighbouring stages, computed on first use."""
         is_new = (node, offset) not in self.known and node > self.plan.one
         if is_new and offset == 0 and node not in self.plan.stored:
             self.known[node, 0] = self.block(self.step[node])
         return super().value(node, offset)
 
     def _add(self, target: int, source: int, offset: int, kind: int, index: int) -> None:
-        """d(target) += factor * d(source)."""
+        """Write d(target) += factor * d(source)."""
         f, total = self.f, self.derivative.get(target)
         share = None if source < self.plan.neurons else self._read(source, offset)
         unit = self.plan.unit[index] if kind == BY_WEIGHT else 0
@@ -488,13 +470,13 @@ class _JacobianWriter(CellWriter):
         return slope_of(self.f, code, self.value(argument), self.value(node), self.circular)
 
     def _read(self, slot: int, offset: int) -> str:
-        """A slot of this phase, of an earlier one or of a neighbour."""
+        """Return a slot of this phase, of an earlier phase or of a neighbour."""
         if offset == 0 and slot in self.derivative:
             return self.derivative[slot]
         return self.at_neighbour("slots", self.slots.stored[slot], offset)
 
     def _keep(self, slot: int, found: str) -> None:
-        """What others read."""
+        """Store a slot that others read."""
         if slot in self.slots.stored:
             self.f.store(self.where_alive(found), self.row("slots", self.slots.stored[slot]))
         if slot in self.slots.used:

@@ -1,7 +1,7 @@
-"""Addresses of compiled functions, by the wiring that they were made for.
+"""Addresses of compiled functions by the wiring for which they were compiled.
 
-Code is looked for in memory, then on disk, and made where there is none. The key is everything that
-it depends on: wiring, processor, compiler, and the modules here that wrote it.
+Code is searched in memory, then on disk, and compiled if there is none. The key contains everything
+on which the code depends: wiring, processor, compiler, and the modules that wrote the code.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _lock = threading.Lock()
 
 @cache
 def _written_by(folder: Path) -> bytes:
-    """The modules of a room, as a checksum."""
+    """Return the checksum of the modules in a folder."""
     total = hashlib.sha256()
     for module in sorted(folder.glob("*.py")):
         total.update(module.read_bytes())
@@ -29,19 +29,10 @@ def _written_by(folder: Path) -> bytes:
 
 
 def key_of(identity: tuple, *folders: Path) -> str:
-    """The key of a piece of code.
+    """Return the key of a piece of code as a hexadecimal string.
 
-    Parameters
-    ----------
-    identity : tuple
-        Plain numbers and words that tell it from any other.
-    *folders : Path
-        Of the modules that write it.
-
-    Returns
-    -------
-    str
-        Hexadecimal.
+    The identity contains plain numbers and words that distinguish the code. The folders contain the
+    modules that write the code.
     """
     written = map(_written_by, (*folders, Path(__file__).parent))
     parts = repr(identity).encode(), processor().encode(), *written
@@ -49,19 +40,9 @@ def key_of(identity: tuple, *folders: Path) -> str:
 
 
 def code(key: str, write: Callable[[], str], names: tuple[str, ...]) -> dict[str, int]:
-    """Addresses of the functions of a piece of code.
+    """Return the addresses of the named functions of a piece of code.
 
-    Parameters
-    ----------
-    key : str
-    write : callable
-        Gives its text where it has to be compiled.
-    names : tuple of str
-        Of its functions.
-
-    Returns
-    -------
-    dict of str to int
+    ``write`` returns the text of the code, if it must be compiled.
     """
     with _lock:
         if key not in _loaded:

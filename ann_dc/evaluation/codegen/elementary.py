@@ -1,9 +1,10 @@
-"""Function blocks as vector code: sine and cosine as polynomials, the rest as LLVM or libm has it.
+"""Vector code of function blocks: polynomials for sine and cosine, LLVM or libm.
 
-The argument of a sine is brought to within pi / 4 of a multiple of pi / 2, which is taken off in
-three parts so that nothing of it is lost (Cody and Waite), and the rest goes through the
-polynomials of fdlibm. That holds up to `LARGEST_ARGUMENT`; beyond it libm is asked, lane by lane.
-A function block without a line here is written from the trees of its formulas.
+The argument of a sine is reduced to within pi / 4 of a multiple of pi / 2. The multiple is
+subtracted in three parts without loss of digits (Cody and Waite [1]_). The remainder is evaluated
+with the polynomials of fdlibm [2]_. The reduction is valid up to `LARGEST_ARGUMENT`; larger
+arguments use libm, lane by lane. A function block without an implementation here is written from
+the trees of its formulas.
 
 References
 ----------
@@ -19,13 +20,13 @@ from ann_dc.evaluation.codegen.writer import Function
 from ann_dc.network.functions import CODE, FUNCTIONS, Tree, folded
 
 LARGEST_ARGUMENT = 1e5
-"""Of a sine, in radians, that the polynomials serve."""
+"""Largest argument of a sine, in radians, for the polynomials."""
 _QUARTER_TURNS = (
     1.57079632673412561417,
     6.07710050630396597660e-11,
     2.02226624879595063154e-21,
 )
-"""pi / 2 in three parts, of which the first two have room for the multiple in their last bits."""
+"""Three parts of pi / 2; the last bits of the first two leave room for the multiple."""
 _SINE = (
     -1.66666666666666324348e-01,
     8.33333333332248946124e-03,
@@ -43,32 +44,21 @@ _COSINE = (
     -1.13596475577881948265e-11,
 )
 _ROUNDING = 1.5 * 2.0**52
-"""Added to a number, it leaves the nearest integer in the last bits."""
+"""Constant that, added to a number, leaves the nearest integer in the last bits."""
 _LIBM = ("tanh", "sinh", "cosh", "atan", "asin", "acos")
 _LLVM = ("exp", "log", "sqrt")
 _ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
 CIRCULAR = ("sin", "cos", "tan")
-"""Those that are polynomials: long chains of instructions, each of which waits for the last."""
+"""Functions evaluated as polynomials: long chains of dependent instructions."""
 WRITTEN = frozenset((*CIRCULAR, *_LIBM, *_LLVM, "reciprocal", "rectify"))
-"""Function blocks that have lines here; the others are written from their trees."""
+"""Function blocks implemented here; the others are written from their trees."""
 
 
 def function_of(f: Function, code: int, x: str, circular: dict[str, tuple[str, str]]) -> str:
-    """y of a function block.
+    """Write a function block and return the name of its value.
 
-    Parameters
-    ----------
-    f : Function
-    code : int
-        Of the function block, as in ``CODE``.
-    x : str
-        Its argument, a vector.
-    circular : dict
-        (sine, cosine) of arguments for which they are there already; extended.
-
-    Returns
-    -------
-    str
+    ``code`` is the code of the block in ``CODE`` and ``x`` the name of its argument, a vector.
+    ``circular`` contains the computed (sine, cosine) pairs by argument; new pairs are added.
     """
     name = FUNCTIONS[code].name
     if name in CIRCULAR:
@@ -103,22 +93,9 @@ def _of_tree(
 
 
 def slope_of(f: Function, code: int, x: str, y: str, circular: dict[str, tuple[str, str]]) -> str:
-    """df/dx of a function block where it says y.
+    """Write df/dx of a function block at ``x`` with value ``y`` and return its name.
 
-    Parameters
-    ----------
-    f : Function
-        To which the lines are added.
-    code : int
-        Of the function.
-    x, y : str
-        Its argument and value.
-    circular : dict
-        As for `function_of`.
-
-    Returns
-    -------
-    str
+    The other arguments are those of `function_of`.
     """
     one, name = f.constant(1.0), FUNCTIONS[code].name
     square = lambda v: f.op("fmul", v, v)  # noqa: E731
@@ -147,12 +124,12 @@ def slope_of(f: Function, code: int, x: str, y: str, circular: dict[str, tuple[s
 
 
 def sine_and_cosine(f: Function, x: str) -> tuple[str, str]:
-    """Both of a vector, to a unit or two in the last place."""
+    """Write sine and cosine of a vector, to one or two units in the last place."""
     near = _near(f, x)
     far = f.compare("ogt", f.call("fabs", x), f.constant(LARGEST_ARGUMENT))
 
     def from_libm() -> list[str]:
-        """In those lanes only: no lane says what another gets."""
+        """Write libm calls for large lanes only, so that lanes do not affect each other."""
         exact = _lane_by_lane(f, "sin", x), _lane_by_lane(f, "cos", x)
         return [f.select(far, slow, fast) for slow, fast in zip(exact, near)]
 
@@ -184,7 +161,7 @@ def _near(f: Function, x: str) -> tuple[str, str]:
     odd = f.value(f"trunc {bits} {quarter} to <{f.width} x i1>")
 
     def signed(value: str, quarters: str) -> str:
-        """With its sign turned in the third and fourth quarter."""
+        """Write a value with its sign inverted in the third and fourth quarter."""
         sign = f.value(f"shl {bits} {quarters}, {integer(62)}")
         sign = f.value(f"and {bits} {sign}, {integer(-(1 << 63))}")
         raw = f.value(f"bitcast {f.vector} {value} to {bits}")

@@ -1,4 +1,4 @@
-"""A network as generated code evaluates it, a state at a time: what integrators call in loops."""
+"""Evaluator with generated code, one state at a time, for use in loops."""
 
 from __future__ import annotations
 
@@ -30,12 +30,7 @@ _of_thread = threading.local()
 
 
 def lanes_of(network: Network) -> Lanes:
-    """A network's own numbers, kept as long as it is, with a work space for every thread.
-
-    Parameters
-    ----------
-    network : Network
-    """
+    """Return the tables of a network, cached per network and thread."""
     kept = _of_thread.__dict__.setdefault("lanes", WeakKeyDictionary())
     if network not in kept:
         kept[network] = _lanes(network, evaluator(network).tape)
@@ -46,7 +41,7 @@ _plans: WeakKeyDictionary[Network, list[Plan]] = WeakKeyDictionary()
 
 
 def _lanes(network: Network, tape: Tape) -> Lanes:
-    """The numbers of a tape of a network, whose wirings are sorted once."""
+    """Return the tables of a tape; a wiring is planned once."""
     plans = _plans.setdefault(network, [])
     plan = next((plan for plan in plans if plan.serves(tape)), None)
     lanes = Lanes(tape, Axis.STAGES, plan)
@@ -57,26 +52,13 @@ def _lanes(network: Network, tape: Tape) -> Lanes:
 
 @final
 class GeneratedEvaluator(Evaluator):
-    """Straight-line vector code for the cell of a network, made for this processor.
+    """Evaluator with straight-line vector code of the cell for the current processor.
 
-    Values of every node, which nobody asks for in a loop, come from array operations. Evaluators of
-    a network's own numbers share their tables within the thread that made them: one a thread.
-
-    Parameters
-    ----------
-    network : Network
-    tape : Tape, optional
-        Replaces the network's own by one with other numbers.
-
-    Attributes
-    ----------
-    lanes : Lanes
-        The network's numbers as the code reads them; every call overwrites its work.
-
-    Raises
-    ------
-    NetworkError
-        If code is not generated for such a wiring; the message says why.
+    The values of all nodes are not needed in loops and come from array operations. Within a thread,
+    evaluators of the network's tape use common tables. Use one evaluator per thread. An optional
+    tape replaces the network's tape by other numbers. Every call overwrites the work arrays of
+    ``lanes``, the numbers of the network as the code reads them. Raises `NetworkError` with the
+    reason if no code is generated for the wiring.
 
     Examples
     --------
@@ -104,13 +86,7 @@ class GeneratedEvaluator(Evaluator):
         self._rates = self.tape.rates[self.tape.places[:, 0], self.tape.places[:, 1]]
 
     def renumber(self, tape: Tape) -> None:
-        """From now on with other numbers.
-
-        Parameters
-        ----------
-        tape : Tape
-            Of the same network.
-        """
+        """Replace the tape by another tape of the same network."""
         is_trial, self.tape = self.tape is not evaluator(self.network).tape, tape
         if is_trial and self.lanes.renumber(tape):
             self._pace()
@@ -120,12 +96,12 @@ class GeneratedEvaluator(Evaluator):
     # ---- the contract ------------------------------------------------------------------------
 
     def values(self, x: np.ndarray) -> np.ndarray:
-        """Values (nodes, N + 2) of every node."""
+        """Return the values (nodes, N + 2) of all nodes."""
         with np.errstate(all="ignore"):
             return node_values(self.tape, np.asarray(x, float))
 
     def drives(self, x: np.ndarray) -> np.ndarray:
-        """What arrives at every neuron, (neurons, N)."""
+        """Return the net inputs (neurons, N)."""
         self._evaluate(x)
         lanes = self.lanes
         inner = lanes.tables["drives"][: lanes.size]
@@ -133,12 +109,12 @@ class GeneratedEvaluator(Evaluator):
         return inner.reshape(lanes.neurons, -1)[:, : lanes.stages].copy()
 
     def rhs(self, x: np.ndarray) -> np.ndarray:
-        """dx/ds (n,)."""
+        """Return dx/ds (n,)."""
         self._evaluate(x)
         return self.lanes.moves[self.lanes.components]
 
     def move(self, drive: np.ndarray) -> np.ndarray:
-        """M drive, both (n,)."""
+        """Multiply net inputs (n,) by M."""
         lanes, places = self.lanes, self.lanes.components
         drives = lanes.tables["drives"]
         drives[:] = 0.0
@@ -149,14 +125,14 @@ class GeneratedEvaluator(Evaluator):
         return lanes.moves[places]
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
-        """Relative (constraint, stationarity) residuals."""
+        """Return the relative (constraint, stationarity) residuals."""
         self._evaluate(x)
         self._call("residuals")
         found = self.lanes.entry.found
         return float(found[0]), float(found[1])
 
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
-        """Entries of d drive / dx (nnz,); zero at a rail."""
+        """Return the entries (nnz,) of d drive / dx; zero at a saturation limit."""
         self._state[self.lanes.inner] = x
         self._call("cell")
         self._call("jacobian")
@@ -166,19 +142,19 @@ class GeneratedEvaluator(Evaluator):
         return entries
 
     def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
-        """(block, stage) of the first function block outside its domain, or (-1, -1)."""
+        """Return (block, stage) of the first block outside its domain, or (-1, -1)."""
         self.lanes.watch(guard)
         if not self._evaluate(x):
             return -1, -1
         return outside_of(self.tape, self.values(x), guard)
 
     def _evaluate(self, x: np.ndarray) -> int:
-        """Drives and moves of a state, and whether a block is outside its domain."""
+        """Compute net inputs and derivatives; return nonzero outside a domain."""
         self._state[self.lanes.inner] = x
         return self._call("rhs")
 
     def _call(self, name: str) -> int:
-        """A function of the code, on the tables that it always has here."""
+        """Call a function of the code with its tables."""
         if name not in self._calls:
             self._calls[name] = self._bound(name)
         return self._calls[name]()
@@ -196,11 +172,11 @@ class GeneratedEvaluator(Evaluator):
     # ---- what generated code can do besides --------------------------------------------------
 
     def clamped(self, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """`move` while some neurons are held."""
+        """Return `move` with some neurons held."""
         return clamped_moves(self.tape, held) or self.move
 
     def fastest_rate(self, x: np.ndarray, iterations: int = 20) -> float:
-        """Estimate of the spectral radius of d rhs / dx; see `Evaluator.fastest_rate`."""
+        """Estimate the spectral radius of d rhs / dx; see `Evaluator.fastest_rate`."""
         if np.isin(self.tape.places[~self.free(x), 0], self.tape.reached).any():
             return super().fastest_rate(x, iterations)
         lanes, values = self.lanes, self.jacobian_entries(x)
@@ -219,7 +195,7 @@ class GeneratedEvaluator(Evaluator):
     def recur(
         self, x: np.ndarray, step: float, bounds: Bounds, *, count: int, tolerance: float
     ) -> tuple[int, float, int]:
-        """Forward Euler steps on ``x`` in place; see `InterpretedEvaluator.recur`."""
+        """Run forward Euler steps on ``x`` in place; see `InterpretedEvaluator.recur`."""
         lanes = self.lanes
         entry, places = lanes.entry, lanes.components
         lanes.watch(bounds.guard)
@@ -241,13 +217,9 @@ FastEvaluator = GeneratedEvaluator | InterpretedEvaluator
 
 
 def fast_evaluator(network: Network, tape: Tape | None = None) -> FastEvaluator:
-    """Generated code where the wiring is one for which it is, else loops over a tape.
+    """Return an evaluator with generated code if supported, else with loops.
 
-    Parameters
-    ----------
-    network : Network
-    tape : Tape, optional
-        Replaces the network's own by one with other numbers.
+    An optional tape replaces the network's tape by other numbers.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What takes many steps on the generated code of one network: Euler, and power iterations."""
+"""Loops over the generated code of one network: Euler steps, power iterations."""
 
 from __future__ import annotations
 
@@ -11,23 +11,18 @@ from ann_dc.evaluation.rules import LOST, OVERFLOW, RAN, SETTLED
 
 @compiled
 def recur(entry, x, moves, found, limits, step, count, tolerance):
-    """Up to ``count`` forward Euler steps of ``step`` on a state in place.
+    """Run up to ``count`` forward Euler steps of ``step`` on a state in place.
+
+    Step, count, tolerance and the results (steps, residual, outcome) are those of `loops.recur`.
 
     Parameters
     ----------
     entry : (4,) array of int
-        Addresses of ``rhs``, ``residuals`` and their table, and numbers of a ghost chunk.
+        Addresses of ``rhs``, ``residuals`` and their table, and the numbers of a ghost chunk.
     x, moves, found : arrays
-        A state with ghosts, dx/ds, and what ``residuals`` gives.
+        State with ghosts, dx/ds, and the result of ``residuals``.
     limits : (size, 3) array
-        Largest move in a step, lowest and highest state, for the numbers of a state.
-    step, count, tolerance
-        As `loops.recur`.
-
-    Returns
-    -------
-    steps, residual, outcome
-        As `loops.recur`.
+        Largest change in a step, lowest and highest state, for the numbers of a state.
     """
     rhs, residuals, table, ghost, last = entry[0], entry[1], entry[2], entry[3], 0.0
     for done in range(count):
@@ -59,7 +54,7 @@ def _length(v):
 
 @inner
 def _push(drives, places, entries, values, v, length):
-    """Drives K v / |v|."""
+    """Compute the net inputs K v / |v|."""
     for i in range(len(v)):
         drives[places[i]] = 0.0
     for e in range(len(values)):
@@ -68,27 +63,22 @@ def _push(drives, places, entries, values, v, length):
 
 @compiled
 def grown(entry, places, rates, entries, values, v, tables, iterations):
-    """How much longer the last of some iterations v' = M K v / |v| has made ``v``, in its place.
+    """Return the growth of ``v`` in the last of several iterations v' = M K v / |v|.
+
+    The vector is overwritten. The result is 1 if nothing grows.
 
     Parameters
     ----------
     entry : (2,) array of int
-        Addresses of ``metric``, zero where there is none, and of its table.
+        Addresses of ``metric`` (zero if there is none) and of its table.
     places : (n,) array
-        Where the components of a state lie in a table without ghosts.
+        Places of the state components in a table without ghosts.
     rates : (n,) array
-        Of the neurons, without the metric.
+        Rates of the neurons without the coupling.
     entries, values : (nnz, 4) and (nnz,) arrays
-        Rows, columns and numbers of K, as a tape has them.
-    v : (n,) array
+        Rows, columns and numbers of K, as in a tape.
     tables : two arrays
-        Of drives and moves, which ``metric`` reads and adds to.
-    iterations : int
-
-    Returns
-    -------
-    float
-        1 where nothing grows.
+        Net inputs and derivatives, which ``metric`` reads and adds to.
     """
     metric, table, rate = entry[0], entry[1], 1.0
     drives, moves = tables

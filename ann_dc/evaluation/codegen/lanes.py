@@ -1,7 +1,7 @@
-"""The numbers of a network as generated code reads them, and the way there and back.
+"""Tables of a network as generated code reads them, with conversions of states.
 
-A table holds (chunks, rows, lanes) numbers; see `cell_code` for what a chunk is. Tables that are
-read as neighbours see them have a ghost chunk at either end.
+A table contains (chunks, rows, lanes) numbers; `cell_code` defines a chunk. Tables that neighbours
+read have a ghost chunk at either end.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from ann_dc.evaluation.tape import Tape
 
 
 class Entry(NamedTuple):
-    """A network as an integrator of generated code takes it: addresses and sizes."""
+    """Addresses and sizes of a network for an integrator of generated code."""
 
     rhs: int
     """Address of ``rhs``."""
@@ -48,50 +48,39 @@ class Entry(NamedTuple):
     table: np.ndarray
     """Addresses and integers of all tables."""
     found: np.ndarray
-    """(3 lanes,): what ``residuals`` gives; of a single network the first three."""
+    """Results of ``residuals`` (3 lanes,); the first three for a single network."""
     ghost: int
     """Numbers of a ghost chunk of a state."""
     size: int
     """Numbers of a state without ghosts."""
     live: int
-    """n, the neurons among them that move."""
+    """Number n of live neurons."""
 
 
 class JacobianEntry(NamedTuple):
-    """d drive / dx of a network in generated code."""
+    """Generated code for d drive / dx of a network."""
 
     cell: int
     """Address of ``cell``."""
     jacobian: int
-    """Address of ``jacobian``, to be called after it."""
+    """Address of ``jacobian``, called after ``cell``."""
     table: np.ndarray
     """Addresses and integers of all tables."""
     found: np.ndarray
-    """Derivatives, a slot a row."""
+    """Derivatives, one row per slot."""
     chosen: np.ndarray
-    """(nnz,): where the entries lie among them."""
+    """Places of the entries among the derivatives (nnz,)."""
 
 
 _NOTHING = np.zeros(1)
-"""A table that no code reads."""
+"""Table that no code reads."""
 
 
 class Lanes:
-    """Tables of one network, or of as many samples as there are lanes (one a thread).
+    """Tables of one network, or of one sample per lane; use one object per thread.
 
-    Parameters
-    ----------
-    tape : Tape
-    axis : Axis
-    plan : Plan, optional
-        Whose code reads them, where there is one already that serves the tape.
-
-    Attributes
-    ----------
-    tables : dict of str to array
-        By their names in ``FIELDS``.
-    moves : array
-        What a single call gives: dx/ds, in a table without ghosts.
+    An existing plan that serves the tape may be given. ``tables`` contains the tables by their
+    names in ``FIELDS``. ``moves`` is the result dx/ds of a single call, in a table without ghosts.
     """
 
     def __init__(self, tape: Tape, axis: Axis, plan: Plan | None = None) -> None:
@@ -110,16 +99,9 @@ class Lanes:
         self._clamps: LaneClamps | None = None
 
     def renumber(self, tape: Tape) -> bool:
-        """Take over the numbers of another tape of the same network.
+        """Copy the numbers of another tape of the same network.
 
-        Parameters
-        ----------
-        tape : Tape
-
-        Returns
-        -------
-        bool
-            Whether the code is the same for it; else nothing is taken over.
+        Returns True if the same code serves the tape; otherwise nothing is copied.
         """
         if tape.values is not self.tape.values or not self.plan.serves(tape):
             return False
@@ -139,7 +121,7 @@ class Lanes:
 
     @cached_property
     def entry(self) -> Entry:
-        """Addresses for an integrator; compiles the code where it is not there."""
+        """Addresses for an integrator; compiles the code if needed."""
         found = self._code
         self.tables |= self._metric() | self._clamp_tables()
         return Entry(
@@ -162,7 +144,7 @@ class Lanes:
 
     @cached_property
     def jacobian(self) -> JacobianEntry:
-        """Addresses for who wants d drive / dx; compiles the code where it is not there."""
+        """Addresses for d drive / dx; compiles the code if needed."""
         slots, (slot, stage) = slots_of(self.plan), self.tape.entries[:, 2:].T
         found = code(slots.key, lambda: jacobian_code(slots), JACOBIAN_NAMES)
         self.tables["slots"] = np.zeros((self.chunks + 2) * len(slots.stored) * self.lanes)
@@ -176,7 +158,7 @@ class Lanes:
         )
 
     def _addresses_of(self, fields: tuple[str, ...]) -> np.ndarray:
-        """Of the tables of these names, or their numbers themselves."""
+        """Return the addresses of the named tables, or their numbers."""
         tables = [self.tables.get(name, _NOTHING) for name in fields]
         return np.array(
             [
@@ -187,7 +169,7 @@ class Lanes:
         )
 
     def beside(self) -> Lanes:
-        """The same with tables of its own, for another thread."""
+        """Return equal lanes with separate tables, for another thread."""
         other = copy(self)
         for made in ("entry", "jacobian"):
             other.__dict__.pop(made, None)
@@ -219,7 +201,7 @@ class Lanes:
         return {name: lined_up(table) for name, table in tables.items()}
 
     def _metric(self) -> dict[str, np.ndarray]:
-        """What only a metric reads."""
+        """Return the tables that only a preconditioner reads."""
         tape, plan = self.tape, self.plan
         if plan.chains:
             metric = pyramid_tables(tape, is_coupled=plan.is_coupled)
@@ -234,7 +216,7 @@ class Lanes:
         return {name: lined_up(table) for name, table in metric.items()}
 
     def _clamp_tables(self) -> dict[str, np.ndarray]:
-        """What is called where neurons that a metric couples stand at rails."""
+        """Return the clamp tables for coupled neurons at saturation limits."""
         if not self.plan.clamped:
             return {}
         tape, at = self.tape, np.full(self.tape.rates.shape, -1)
@@ -249,7 +231,7 @@ class Lanes:
         return {"clamps": self._clamps.table, "clamp": np.array(clamp_code().address)}
 
     def _walls(self) -> np.ndarray:
-        """Rails of the neurons that a metric couples; none where there is no neuron."""
+        """Return the limits of coupled neurons, infinite for omitted neurons."""
         tape, rows = self.tape, list(self.plan.clamped)
         limits = np.where(tape.rates[rows, :, None] > 0, tape.limits[rows, None], [-np.inf, np.inf])
         walls = limits.transpose(0, 2, 1).reshape(-1, self.stages)
@@ -258,20 +240,23 @@ class Lanes:
         return np.where(there > 0, self._numbers(walls), none)
 
     def _addresses(self, places: np.ndarray) -> np.ndarray:
-        """Where (..., 2) neurons at stages lie in a table without ghosts; -1 in the reserve."""
+        """Return the places of neurons at stages (..., 2) in a table without ghosts.
+
+        Missing neurons have the place -1 in the reserve.
+        """
         neuron, stage = places[..., 0], places[..., 1]
         at = self._places(neuron, stage, self.neurons)
         return np.where(neuron < 0, self.reserve, at).astype(np.int64)
 
     def _places(self, row: np.ndarray, stage: np.ndarray, rows: int) -> np.ndarray:
-        """Where a row of a table with so many stands at a stage."""
+        """Return the place of a row at a stage in a table with a number of rows."""
         chunk, lane = stage, 0
         if self.plan.axis is Axis.STAGES:
             chunk, lane = stage // self.lanes, stage % self.lanes
         return (chunk * rows + row) * self.lanes + lane
 
     def _inner(self, rows: np.ndarray) -> np.ndarray:
-        """(R, N) as a table without ghosts."""
+        """Convert (R, N) to a table without ghosts."""
         if self.plan.axis is not Axis.STAGES:
             return np.repeat(rows.T[:, :, None], self.lanes, axis=2)
         table = np.zeros((len(rows), self.chunks * self.lanes))
@@ -280,13 +265,13 @@ class Lanes:
         return np.ascontiguousarray(table.transpose(1, 0, 2))
 
     def _numbers(self, rows: np.ndarray) -> np.ndarray:
-        """(R, N) weights or rates; those that are the same for all samples are there once."""
+        """Convert (R, N) weights or rates; numbers equal for all samples are stored once."""
         if self.plan.axis is Axis.SAMPLES:
             return np.ascontiguousarray(rows.T)[:, :, None]
         return self._inner(rows)
 
     def ghosted(self, rows: np.ndarray) -> np.ndarray:
-        """(R, N + 2) as a table with ghosts."""
+        """Convert (R, N + 2) to a table with ghosts."""
         if self.plan.axis is not Axis.STAGES:
             return np.repeat(np.ascontiguousarray(rows.T)[:, :, None], self.lanes, axis=2)
         table = np.zeros((self.chunks + 2, len(rows), self.lanes))
@@ -298,12 +283,12 @@ class Lanes:
 
     @cached_property
     def components(self) -> np.ndarray:
-        """(n,) integers: where the components of a state vector lie in a table without ghosts."""
+        """Places (n,) of the state components in a table without ghosts."""
         return self._addresses(self.tape.places)
 
     @cached_property
     def inner(self) -> np.ndarray:
-        """Where the components of a state vector lie in a table with ghosts: (n,), or (W, n)."""
+        """Places of the state components in a table with ghosts, (n,) or (W, n)."""
         places = self.components + self.neurons * self.lanes
         if self.plan.axis is Axis.STAGES:
             return places
@@ -314,11 +299,11 @@ class Lanes:
         return self.ghosted(self.tape.values[: self.neurons]).ravel()
 
     def state(self, x: np.ndarray) -> np.ndarray:
-        """A state vector (n,) as a table with ghosts, flat; pins and ends are those of the tape."""
+        """Convert a state (n,) to a flat table with ghosts, pins and ends of the tape."""
         table = self._pinned.copy()
         table[self.inner] = x
         return table
 
     def watch(self, guard: DomainGuard) -> None:
-        """From now on reciprocals keep these sides of their poles."""
+        """Set the pole sides that reciprocals must preserve."""
         self.tables["sides"][:] = self._inner(guard.signs[list(self.plan.guarded)])

@@ -1,4 +1,6 @@
-"""The machine that code is made for: LLVM, for this processor, within this process.
+"""Compilation by LLVM for the current processor, within the process.
+
+The compiler infrastructure is LLVM [1]_.
 
 References
 ----------
@@ -16,12 +18,12 @@ import llvmlite
 import llvmlite.binding as llvm
 
 SPEED = 2
-"""How hard LLVM tries to choose instructions."""
+"""Optimisation level of LLVM's instruction selection."""
 
 
 @cache
 def _engine() -> tuple[Any, Any]:
-    """What runs code, and the processor that it is made for."""
+    """Return the execution engine and the target machine."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     target = llvm.Target.from_default_triple().create_target_machine(
@@ -32,7 +34,7 @@ def _engine() -> tuple[Any, Any]:
 
 @cache
 def processor() -> str:
-    """What the code depends on besides its text: the processor and the compiler."""
+    """Return a description of the processor and compiler, on which the code depends."""
     features = llvm.get_host_cpu_features().flatten()
     version = ".".join(map(str, llvm.llvm_version_info))
     return f"{llvm.get_host_cpu_name()} {features} LLVM {version} llvmlite {llvmlite.__version__}"
@@ -40,7 +42,7 @@ def processor() -> str:
 
 @cache
 def _passes() -> Any:
-    """What makes such text fast: all passes of the usual level take twice as long for 2 %."""
+    """Return the optimisation passes; the standard pipeline doubles the time for 2 %."""
     passes = llvm.create_new_function_pass_manager()
     passes.add_sroa_pass()
     passes.add_new_gvn_pass()
@@ -49,18 +51,10 @@ def _passes() -> Any:
 
 
 def compile_text(text: str, suffix: str) -> bytes:
-    """An object file of a module, optimised for this processor.
+    """Compile a module to an object file, optimised for the current processor.
 
-    Parameters
-    ----------
-    text : str
-        In LLVM's language.
-    suffix : str
-        That the names of its functions get, so that no two objects share one.
-
-    Returns
-    -------
-    bytes
+    The text is in LLVM's language. The suffix is appended to the function names, so that names are
+    unique across objects.
     """
     _, target = _engine()
     for name in re.findall(r"^define \S+ @(\w+)", text, flags=re.M):
@@ -75,19 +69,10 @@ def compile_text(text: str, suffix: str) -> bytes:
 
 
 def load_object(content: bytes, names: tuple[str, ...], suffix: str) -> dict[str, int]:
-    """Addresses of the functions of an object file; it stays in memory as long as the process.
+    """Load an object file and return the addresses of its functions.
 
-    Parameters
-    ----------
-    content : bytes
-        From `compile_text`, of this very machine.
-    names : tuple of str
-    suffix : str
-        That it was compiled with.
-
-    Returns
-    -------
-    dict of str to int
+    The object file stays in memory for the lifetime of the process. The content comes from
+    `compile_text` on the same machine, with the same suffix.
     """
     engine, _ = _engine()
     engine.add_object_file(llvm.ObjectFileRef.from_data(content))

@@ -1,6 +1,6 @@
-"""Arrays that vector code reads: each begins at a line of the cache.
+"""Cache-line alignment of the arrays that vector code reads.
 
-A vector that lies in two lines costs as much as two vectors.
+A vector that crosses a cache line costs as much as two vectors.
 """
 
 from __future__ import annotations
@@ -10,20 +10,11 @@ from typing import Any
 import numpy as np
 
 LINE = 64
-"""Bytes of a line of the cache, and of the widest vector."""
+"""Bytes of a cache line, and of the widest vector."""
 
 
 def lined_up(array: Any) -> np.ndarray:
-    """A copy that begins at a line.
-
-    Parameters
-    ----------
-    array : array_like
-
-    Returns
-    -------
-    np.ndarray
-        Contiguous.
+    """Return a contiguous copy of an array that begins at a cache line.
 
     Examples
     --------

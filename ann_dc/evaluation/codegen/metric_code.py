@@ -1,17 +1,17 @@
-"""What a metric adds to the moves, as loops over its nodes: any N with the same code.
+"""Code of the preconditioner: loops over its nodes, the same code for any N.
 
-A node of a pyramid is a grid point, with a number a chain. Where a lane is a stage they are one
-short vector, and a gain is a sum over its columns; where a lane is a sample they are as many
-vectors, and a gain is a number each. A table says where in the drives they lie; what is pinned or
-absent reads a zero and writes where nobody looks.
+A node of a pyramid is a grid point with one number per chain. If a lane is a stage, the numbers are
+one short vector, and a gain is a sum over its columns. If a lane is a sample, they are several
+vectors, and a gain is one number each. A table gives their places among the net inputs. Pinned and
+absent neurons read zero and write to an unused place.
 
-A node of a stiffness is a neuron in two cells at once, as far from the left end of the row as from
-the right one. Where a lane is a stage the two are one vector, else a vector each. A number of its
-factor is stored once and read twice, on the way there and on the way back: in a long row the tables
-come from afar, and that is what takes the time.
+A node of a stiffness is a neuron in two cells at once, equally far from the left and the right end
+of the row. If a lane is a stage, the two are one vector, else two vectors. A number of the factor
+is stored once and read twice, in the forward and the backward sweep. In a long row, memory access
+to the tables dominates the time.
 
-The sums are those of the loops in `metric_code`, in the same order; here no address is looked up,
-zeros are left out, and a chain that no gain couples to others stays in registers. Gains are data.
+The sums are those of the loops in `metric_arrays`, in the same order. The code looks up no
+addresses and omits zeros, and an uncoupled chain stays in registers. Gains are data.
 """
 
 from __future__ import annotations
@@ -27,19 +27,13 @@ from ann_dc.evaluation.codegen.writer import Function, Module
 # ---- A pyramid over a short row, written out: every node is a value, and nothing lies in tables
 
 Value: TypeAlias = str | None
-"""A vector; None where it is zero."""
+"""Name of a vector; None for zero."""
 
 
 class StraightPyramid:
-    """Writes what a pyramid adds to the moves, for a lane that is a sample.
+    """Writer of the contribution of a `straight` pyramid; a lane is a sample.
 
-    Parameters
-    ----------
-    f : Function
-    plan : Plan
-        With a `straight` pyramid.
-    base : dict of str to str
-        Addresses of ``drives``, ``gains`` and ``out``.
+    ``base`` contains the addresses of ``drives``, ``gains`` and ``out``.
     """
 
     def __init__(self, f: Function, plan: Plan, base: dict[str, str]) -> None:
@@ -48,7 +42,7 @@ class StraightPyramid:
         self.wide = plan.gain_columns
 
     def write(self) -> None:
-        """All of it: chains that are coupled at once, else one after the other."""
+        """Write coupled chains together, uncoupled chains one after the other."""
         every = list(range(self.plan.chains))
         for chains in [every] if self.plan.is_coupled else [[chain] for chain in every]:
             G = [dict[int, Value]() for _ in chains]
@@ -66,26 +60,25 @@ class StraightPyramid:
         return self.f.op("fadd", a, b) if a and b else a or b
 
     def _scaled(self, factor: float, value: Value, to: Value) -> Value:
-        """A known number times a value, added to another."""
+        """Write a known number times a value, plus another value."""
         if value is None or factor == 0.0:
             return to
         scale = self.f.constant(factor)
         return self.f.fma(scale, value, to) if to else self.f.op("fmul", scale, value)
 
     def _mean(self, a: Value, b: Value) -> Value:
-        """Half of both."""
         return a if a == b else self._scaled(0.5, self._sum(a, b), None)
 
     # ---- levels ----------------------------------------------------------------------------------
 
     def _at(self, name: str, chain: int, point: int) -> str | None:
-        """Address of a neuron of the row; None where there is none."""
+        """Return the address of a neuron of the row; None if there is none."""
         neuron, stage = self.places[point][chain]
         row = stage * self.plan.neurons + neuron
         return self.f.address(self.base[name], row * self.f.width) if neuron >= 0 else None
 
     def _inner(self, level: int) -> list[tuple[int, tuple[int, int]]]:
-        """Points of a level, each with the two of the next that it lies between."""
+        """Return the points of a level, each with its two neighbours on the next level."""
         first, following = self.starts[level : level + 2]
         return [
             (first + 1 + a, (following + 1 + a // 2, following + 1 + a // 2 + a % 2))
@@ -93,7 +86,10 @@ class StraightPyramid:
         ]
 
     def _down(self, chain: int, nodes: dict[int, Value]) -> None:
-        """Drives below every hat; the finest level is summed up first, each next from the last."""
+        """Write the restriction of the net inputs, the finest level first.
+
+        Each coarser level is computed from the next finer level.
+        """
         for p, (left, share) in enumerate(zip(self.hats, self.shares)):
             at = self._at("drives", chain, p)
             drive = self.f.load(at) if at else None
@@ -109,7 +105,7 @@ class StraightPyramid:
     def _gain(
         self, chains: list[int], G: list[dict[int, Value]], point: int, above: tuple[int, int]
     ) -> None:
-        """Gains times drives, plus the rates of the coarser level."""
+        """Write the gains times net inputs, plus the rates of the coarser level."""
         drives = [nodes.get(point) for nodes in G]
         for chain, nodes in zip(chains, G):
             rate = self._mean(*(nodes.get(node) for node in above))
@@ -125,7 +121,7 @@ class StraightPyramid:
         return self.f.spread(self.f.load(at, 1))
 
     def _up(self, chain: int, nodes: dict[int, Value]) -> None:
-        """Every neuron's part of the rates on either side."""
+        """Write the interpolated rates of every neuron."""
         for p, (left, share) in enumerate(zip(self.hats, self.shares)):
             at = self._at("out", chain, p)
             rate = self._scaled(1.0 - share, nodes.get(left), None)
@@ -137,20 +133,16 @@ class StraightPyramid:
 # ---- what a metric adds to the moves, as loops over its nodes: any N with the same code
 
 Node: TypeAlias = list[str]
-"""The numbers of a node: one vector, or several."""
+"""Numbers of a node, one vector or several."""
 Entries: TypeAlias = list[tuple[int, int, int]]
-"""Of a matrix: row, column, and which number of the table."""
+"""Entries of a matrix: row, column and index in the table."""
 
 
 def add_metric(module: Module, plan: Plan, fields: Callable[[Function], dict[str, str]]) -> None:
-    """Write ``metric(table, out)``: what it adds to the moves that every drive makes by itself.
+    """Write ``metric(table, out)``, which adds the coupling to derivatives ``out``.
 
-    Parameters
-    ----------
-    module : Module
-    plan : Plan
-    fields : callable
-        Loads `FIELDS` and ``drives`` from the table of addresses.
+    ``out`` contains the derivatives that every net input causes alone. ``fields`` loads `FIELDS`
+    and ``drives`` from the table of addresses.
     """
     f = Function(module, "metric", ("table", "out"), width=plan.axis.lanes)
     base = fields(f) | {"out": "%out"}
@@ -169,7 +161,7 @@ def add_metric(module: Module, plan: Plan, fields: Callable[[Function], dict[str
 
 
 class _Nodes:
-    """How the numbers of a grid point are held."""
+    """Representation of the numbers of a grid point."""
 
     def __init__(self, f: Function, axis: Axis, count: int) -> None:
         self.f, self.axis, self.count = f, axis, count
@@ -178,7 +170,6 @@ class _Nodes:
         self.parts = 1 if axis is Axis.STAGES else count
 
     def zero(self) -> Node:
-        """Nothing."""
         return [self.f.constant(0.0, self.width)] * self.parts
 
     def _parts(self, base: str, node: str) -> list[str]:
@@ -186,22 +177,19 @@ class _Nodes:
         return [self.f.address(at, part * self.width) for part in range(self.parts)]
 
     def load(self, base: str, node: str) -> Node:
-        """From a table of nodes."""
         return [self.f.load(at, self.width) for at in self._parts(base, node)]
 
     def store(self, values: Node, base: str, node: str) -> None:
-        """Into a table of nodes."""
         for at, value in zip(self._parts(base, node), values):
             self.f.store(value, at, self.width)
 
     def _addresses(self, base: str, places: str, row: str) -> list[str]:
-        """Of every number."""
         f = self.f
         at = f.address(places, f.integer("mul", row, self.count))
         return [f.address(base, f.load_integer(f.address(at, i))) for i in range(self.count)]
 
     def gather(self, base: str, places: str, row: str) -> Node:
-        """From where a row of the table ``places`` says."""
+        """Load numbers from the addresses in a row of the table ``places``."""
         f, addresses = self.f, self._addresses(base, places, row)
         if self.axis is not Axis.STAGES:
             return [f.load(at) for at in addresses]
@@ -211,25 +199,24 @@ class _Nodes:
         return [vector]
 
     def scatter(self, values: Node, base: str, places: str, row: str) -> None:
-        """Added to what is where a row of the table ``places`` says."""
+        """Add numbers to the values at the addresses in a row of the table ``places``."""
         f, width = self.f, None if self.axis is not Axis.STAGES else 1
         for i, at in enumerate(self._addresses(base, places, row)):
             value = f.lane(values[0], i, self.width) if width else values[i]
             f.store(f.op("fadd", f.load(at, width), value, width=width), at, width)
 
     def scaled(self, factor: str, node: Node, to: Node) -> Node:
-        """A number times a node, added to another."""
+        """Write a number times a node, plus another node."""
         spread = self.f.spread(factor, self.width)
         return [self.f.fma(spread, v, t, self.width) for v, t in zip(node, to)]
 
     def mean(self, a: Node, b: Node) -> Node:
-        """Half of both."""
         f, half = self.f, self.f.constant(0.5, self.width)
         added = [f.op("fadd", x, y, width=self.width) for x, y in zip(a, b)]
         return [f.op("fmul", half, x, width=self.width) for x in added]
 
     def stretched(self, base: str, row: str, node: Node, to: Node) -> Node:
-        """``to`` plus a diagonal of a table times a node."""
+        """Write ``to`` plus a diagonal of a table times a node."""
         f = self.f
         at = f.address(base, f.integer("mul", row, self.column))
         if self.axis is Axis.STAGES:
@@ -238,10 +225,9 @@ class _Nodes:
         return [f.fma(*terms) for terms in zip(gains, node, to)]
 
     def multiplied(self, base: str, row: str, node: Node, to: Node) -> Node:
-        """``to`` plus a matrix of a table times a node.
+        """Write ``to`` plus a matrix of a table, stored by columns, times a node.
 
-        A matrix is stored by its columns. Every other column goes to a sum of its own, so that a
-        sum waits half as long for its last term.
+        Alternate columns go to two separate sums, which halves the latency of a sum.
         """
         f, wide = self.f, self.column
         at = f.address(base, f.integer("mul", row, self.count * wide))
@@ -261,7 +247,7 @@ class _Nodes:
 
 
 class _Pyramid:
-    """Drives below every hat, the rates of the coarse neurons, and the way back."""
+    """Restriction of net inputs, rates of coarse neurons, and interpolation."""
 
     def __init__(self, f: Function, plan: Plan, base: dict[str, str]) -> None:
         self.f, self.base, self.coupled = f, base, plan.is_coupled
@@ -269,7 +255,7 @@ class _Pyramid:
         self.G = base["nodes"]
 
     def write(self) -> None:
-        """All of it; the finest level is summed up first, each next from the last."""
+        """Write all levels, the finest first; each coarser level uses the next finer one."""
         f, nodes, G = self.f, self.nodes, self.G
         points, levels, starts = (self.base[name] for name in ("points", "levels", "starts"))
         with f.loop(f.load_integer(f.address(starts, 1))) as point:
@@ -298,12 +284,15 @@ class _Pyramid:
         return left, f.integer("add", left, 1), share
 
     def _level(self, level: str) -> tuple[str, str]:
-        """First point of a level and of the next; a point without a neuron stands before each."""
+        """Load the first points of a level and of the next level.
+
+        An empty point precedes each level.
+        """
         at = self.f.address(self.base["starts"], level)
         return self.f.load_integer(at), self.f.load_integer(self.f.address(at, 1))
 
     def _inner(self, first: str, following: str) -> str:
-        """Number of points of a level."""
+        """Compute the number of points of a level."""
         return self.f.integer("sub", self.f.integer("sub", following, first), 2)
 
     def _coarser(self, level: str) -> None:
@@ -321,7 +310,7 @@ class _Pyramid:
             nodes.store(total, G, f.integer("add", f.integer("add", first, a), 1))
 
     def _rates(self, number: str) -> None:
-        """Gains times drives, plus the rates of the coarser level; from the coarsest on."""
+        """Write gains times net inputs plus the coarser rates, from the coarsest level on."""
         f, nodes, G = self.f, self.nodes, self.G
         levels = self.base["levels"]
         level = f.integer("sub", f.integer("sub", levels, 1), number)
@@ -340,12 +329,12 @@ class _Pyramid:
 
 
 class _Stiffness:
-    """K K' z = d over the cells, from both ends of the row to its middle and back; see `TwoEnds`.
+    """Solution of K K' z = d over the cells, from both ends to the middle and back.
 
-    Two cells are dealt with at once, one on either side, so that neither end waits for the other:
-    y_t = K_t^{-1} (d_t - A_t y_{t-1}), then z_t = K_t'^{-1} (y_t - A_{t+1}' z_{t+1}), where y lies
-    among the moves until the way back. The cell in the middle hears of both ends and belongs to
-    both. In a product the numbers that are known last come last.
+    Two cells, one on either side, are processed at once, so that neither end waits for the other:
+    y_t = K_t^{-1} (d_t - A_t y_{t-1}), then z_t = K_t'^{-1} (y_t - A_{t+1}' z_{t+1}). The y are
+    stored among the derivatives until the backward sweep. The middle cell receives from both ends
+    and belongs to both. In a product, numbers known last come last. See `TwoEnds`.
     """
 
     def __init__(self, f: Function, plan: Plan, base: dict[str, str]) -> None:
@@ -361,7 +350,6 @@ class _Stiffness:
         self.zero = [[f.constant(0.0, self.width)] * (1 if self.is_pair else 2) for _ in size]
 
     def write(self) -> None:
-        """All of it."""
         f, middle = self.f, self.base["middle"]
         carried = [[f.slot(width=self.width) for _ in parts] for parts in self.zero]
         with f.loop(middle) as t:
@@ -380,7 +368,7 @@ class _Stiffness:
         self._clear_gaps()
 
     def _clear_gaps(self) -> None:
-        """Where no neuron is nothing moves, though a drive be no number."""
+        """Set derivatives at omitted neurons to zero, even if a net input is not a number."""
         f, width = self.f, 1 if self.is_pair else self.f.width
         with f.loop(self.base["gaps"]) as gap:
             place = f.load_integer(f.address(self.base["gap_places"], gap))
@@ -389,7 +377,7 @@ class _Stiffness:
     # ---- numbers of a cell on either side ------------------------------------------------------
 
     def _product(self, matrix: Entries, t: str, v: list[Node], to: list[Node]) -> list[Node]:
-        """A matrix of the table times ``v``, added to another."""
+        """Write a matrix of the table times ``v``, plus another vector."""
         f, total = self.f, list(to)
         row = f.address(self.base["factor"], f.integer("mul", t, self.row))
         for i, j, entry in matrix:
@@ -409,7 +397,7 @@ class _Stiffness:
         return [[reduce(add, parts) for parts in zip(*nodes)] for nodes in zip(*terms)]
 
     def _mirrored(self, values: list[Node]) -> list[Node]:
-        """What either side has, in the order of the other."""
+        """Exchange the values of the two sides, in the order of the other side."""
         if self.is_pair:
             return [[self.f.shuffle(v, "poison", [1, 0], 2)] for (v,) in reversed(values)]
         return [node[::-1] for node in reversed(values)]
@@ -420,7 +408,7 @@ class _Stiffness:
     # ---- where the cells lie -------------------------------------------------------------------
 
     def _places(self, name: str, t: str) -> list[tuple[str, str]]:
-        """Of every neuron on either side, in the order there."""
+        """Return the addresses of every neuron on either side, in the order of that side."""
         f, at = self.f, self.f.address(self.base["places"], self.f.integer("mul", t, 2))
         cells = [f.load_integer(f.address(at, side)) for side in (0, 1)]
         left, right = (f.address(self.base[name], cell) for cell in cells)
@@ -435,7 +423,7 @@ class _Stiffness:
         return [[f.with_lane(v, f.load(right, 1), 1, 2)] for v, (_, right) in zip(lefts, places)]
 
     def _give(self, values: list[Node], t: str, carried: list[Node]) -> None:
-        """To where the moves lie, and to the next cell."""
+        """Store the values among the derivatives and for the next cell."""
         f = self.f
         for node, slots, places in zip(values, carried, self._places("out", t)):
             for value, slot in zip(node, slots):
@@ -446,5 +434,5 @@ class _Stiffness:
 
 
 def _transposed(matrix: Entries) -> Entries:
-    """With the numbers that come first last."""
+    """Transpose a matrix; the columns known first come last."""
     return [(j, i, entry) for i, j, entry in reversed(matrix)]

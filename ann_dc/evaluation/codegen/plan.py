@@ -1,8 +1,9 @@
-"""What the generated code of a network depends on: its wiring, in the order of computation.
+"""Wiring on which the generated code depends, in the order of computation.
 
-A block that another cell reads has to be there in all cells first. Blocks are therefore sorted into
-*phases*: within one, everything stays in registers, and what a later phase or a neighbour reads is
-stored. Numbers (weights but 1 and -1, rates, gains, inputs, N) are data and no part of a plan.
+A block that another cell reads must be complete in all cells first. Blocks are therefore sorted
+into *phases*. Within a phase all values stay in registers. Values that a later phase or a neighbour
+reads are stored. Numbers (weights other than 1 and -1, rates, gains, inputs, N) are data and not
+part of a plan.
 """
 
 from __future__ import annotations
@@ -39,29 +40,21 @@ FIELDS = (
     "gaps",
     "gap_places",
 )
-"""Arrays that a metric reads and fills, in the order of the table of addresses."""
+"""Arrays that a preconditioner reads and fills, in the order of the table of addresses."""
 INTEGERS = ("points", "levels", "middle", "gaps")
-"""Those that are numbers themselves."""
+"""Fields that are integers themselves."""
 
 
 def node_width(count: int) -> int:
-    """Numbers in a vector that holds those of a node: a power of two, 2 at least."""
+    """Return the vector width for a node: a power of two, at least 2."""
     return 1 << max(count - 1, 1).bit_length()
 
 
 def pyramid_tables(tape: Tape, *, is_coupled: bool) -> dict[str, np.ndarray]:
-    """Return the tables of a tape with chains; points without a neuron stand beside every level.
+    """Return the tables of a tape with chains, with empty points around every level.
 
-    Parameters
-    ----------
-    tape : Tape
-    is_coupled : bool
-        Whether gains couple chains; else only their diagonals are read.
-
-    Returns
-    -------
-    dict of str to array
-        ``places`` are (neuron, stage) there, -1 where nothing is.
+    Without ``is_coupled`` only the diagonals of the gains are used. ``places`` contains (neuron,
+    stage), or -1 if there is none.
     """
     sizes = np.diff(tape.grid_starts)
     starts = np.concatenate([[0], np.cumsum(sizes + 2)])
@@ -93,27 +86,22 @@ def pyramid_tables(tape: Tape, *, is_coupled: bool) -> dict[str, np.ndarray]:
 class TwoEnds:
     """M^{-1} of a stiffness, factored from either end of the row to its middle.
 
-    K is what a cell says to itself, lower triangular, and A what the cell before says to it. From
-    the right everything is the mirror image: the cells come in the opposite order, and so do the
-    neurons in a cell. A cell is thus tied to the next one in the same way on either side, and one
-    code serves both. A row of even length has a cell more, without neurons: the identity.
-
-    Attributes
-    ----------
-    tape : Tape
-        With a stiffness.
+    K couples a cell to itself (lower triangular), A to the cell before. From the right, the order
+    of the cells and of the neurons in a cell is reversed. The coupling of a cell to the next is
+    then equal on both sides, and one code serves both. A row of even length has an additional cell
+    without neurons, the identity. The tape must have a stiffness.
     """
 
     tape: Tape
 
     @cached_property
     def neurons(self) -> np.ndarray:
-        """(m,): which it couples, at any stage; in this order from the left."""
+        """Coupled neurons (m,) at any stage, in order from the left."""
         return np.unique(self.tape.coupled[:-1, 0])
 
     @cached_property
     def factor(self) -> tuple[np.ndarray, np.ndarray]:
-        """K and A of every cell, from the left to the right end, (2h + 1, m, m) each."""
+        """K and A of every cell from left to right, (2h + 1, m, m) each."""
         tape, size = self.tape, len(self.neurons)
         starts, stages = tape.coupled[:, 2], tape.rates.shape[1]
         values, ends = tape.factor.copy(), starts[1:] - 1
@@ -130,10 +118,10 @@ class TwoEnds:
 
     @cached_property
     def ahead(self) -> np.ndarray:
-        """(m, m) booleans: where A may have numbers, on either side.
+        """Mask (m, m) of the possible nonzeros of A, on either side.
 
-        Those that are tied to the cell before hear of the first there that is tied to them, and
-        of all that come later: within a cell every neuron hears of all before it.
+        Rows tied to the cell before depend on the first neuron there that is tied to them, and on
+        all later neurons. Within a cell, every neuron depends on all neurons before it.
         """
         own, last = ((table != 0).any(axis=0) for table in self.factor)
         tied = last @ own.T
@@ -141,10 +129,10 @@ class TwoEnds:
         return np.outer(tied.any(axis=1), np.logical_or.accumulate(tied.any(axis=0)))
 
     def sides(self) -> tuple[np.ndarray, np.ndarray]:
-        """K and A from either side, (h + 1, 2, m, m) each.
+        """Return K and A from either side, (h + 1, 2, m, m) each.
 
-        From the left as the tape has them. From the right K is turned, cell by cell, so that M^{-1}
-        stays the same to rounding: what a cell says to the one on its left it then no longer says.
+        The left side is that of the tape. On the right side K is rotated cell by cell, so that
+        M^{-1} is unchanged to rounding and the coupling of a cell to its left neighbour vanishes.
         """
         (own, last), size = self.factor, len(self.neurons)
         middle = len(own) // 2
@@ -162,18 +150,11 @@ class TwoEnds:
 
 
 def stiffness_tables(tape: Tape) -> dict[str, np.ndarray]:
-    """Return the tables of a tape with a stiffness: those of both neighbours, side by side.
+    """Return the tables of a tape with a stiffness, both sides next to each other.
 
-    Parameters
-    ----------
-    tape : Tape
-
-    Returns
-    -------
-    dict of str to array
-        ``places`` (h + 1, 2) are (neuron, stage) where the cells begin, -1 for the one that is not
-        there, and ``gap_places`` those of neurons that are not; ``factor`` (h + 1, entries, 2) has
-        -A, then K^{-1} row by row; ``middle`` is h.
+    ``places`` (h + 1, 2) contains (neuron, stage) of the first neuron of each cell, -1 for the
+    missing cell; ``gap_places`` those of missing neurons. ``factor`` (h + 1, entries, 2) contains
+    -A, then K^{-1} row by row. ``middle`` is h.
     """
     ends = TwoEnds(tape=tape)
     within, before = ends.sides()
@@ -196,17 +177,17 @@ def stiffness_tables(tape: Tape) -> dict[str, np.ndarray]:
 # ---- what the generated code of a network depends on: its wiring, in the order of computation
 
 LONGEST = 20_000
-"""Blocks and connections of a cell beyond which compiling it takes longer than it saves."""
+"""Blocks and connections of a cell beyond which compilation takes longer than it saves."""
 WRITTEN_OUT = 128
-"""Neurons under a pyramid up to which it is written out, where a lane is a sample."""
+"""Largest number of neurons under a pyramid that is written out, if a lane is a sample."""
 
 
 WRITERS = Path(__file__).parent
-"""Folder of the modules that write the code of a cell."""
+"""Folders of the modules that write the code of a cell."""
 
 
 class Axis(enum.Enum):
-    """What a lane of the vectors is; the value is the sentence that a user reads."""
+    """Meaning of a vector lane; the value is the description for users."""
 
     STAGES = "a lane is a stage: one network"
     SAMPLES = "a lane is a sample: one network as often as there are lanes, on inputs of its own"
@@ -214,17 +195,12 @@ class Axis(enum.Enum):
 
     @property
     def lanes(self) -> int:
-        """How many: two registers are not too many where nothing is shuffled."""
+        """Number of lanes; without shuffles, two registers per vector are efficient."""
         return 4 if self is Axis.STAGES else 8
 
 
 def refusal(tape: Tape) -> str | None:
-    """Why code is not generated for a network, in words; None where it is.
-
-    Parameters
-    ----------
-    tape : Tape
-    """
+    """Return the reason for which code is not generated for a network, or None."""
     far = np.abs(tape.sources[:, 1]).max(initial=0)
     if far > 1:
         return f"a connection reaches over {far} stages, and generated cells read neighbours only"
@@ -241,7 +217,7 @@ def refusal(tape: Tape) -> str | None:
 
 
 def _traced_functions(tape: Tape) -> list[tuple[str, Tree, Tree]]:
-    """Return the function blocks whose code is generated from their formulas, with trees."""
+    """Return the function blocks whose code is generated from formulas, with trees."""
     used = {int(code) for kind, _, code, _ in tape.blocks if kind == FUNCTION}
     blocks = [FUNCTIONS[code] for code in sorted(used)]
     return [(block.name, *block.trees) for block in blocks if block.name not in WRITTEN]
@@ -249,43 +225,36 @@ def _traced_functions(tape: Tape) -> list[tuple[str, Tree, Tree]]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
-    """A wiring, sorted.
-
-    Attributes
-    ----------
-    tape : Tape
-        Of which only the wiring counts.
-    axis : Axis
-    """
+    """Sorted wiring of a network; only the wiring of the tape is used."""
 
     tape: Tape
     axis: Axis
 
     @property
     def neurons(self) -> int:
-        """P."""
+        """Number of neurons P."""
         return len(self.tape.drives)
 
     @cached_property
     def one(self) -> int:
-        """The node of the constant one; inputs stand before it, blocks after it."""
+        """Node of the constant one, after the inputs and before the blocks."""
         return len(self.tape.values) - len(self.tape.blocks) - 1
 
     @property
     def shared(self) -> tuple[int, ...]:
-        """Neurons that all cells share."""
+        """Neurons shared by all cells."""
         return tuple(self.tape.shared.tolist())
 
     @property
     def inputs(self) -> int:
-        """How many there are."""
+        """Number of inputs."""
         return self.one - self.neurons
 
     @cached_property
     def unit(self) -> np.ndarray:
-        """(E,): 1 or -1 where a weight is that in every stage, else 0.
+        """Weights (E,) equal to 1 or -1 in every stage, 0 for all others.
 
-        Where every sample has its own, none is: networks of one wiring have one code.
+        All are 0 if every sample has different weights: networks of one wiring have one code.
         """
         if self.axis is Axis.VARIANTS:
             return np.zeros(len(self.tape.weights), int)
@@ -299,7 +268,7 @@ class Plan:
 
     @cached_property
     def guarded(self) -> dict[int, int]:
-        """Row in the table of sides, by block, of the functions that are not defined everywhere."""
+        """Row in the table of sides, by block, of the functions with a limited domain."""
         limited = [
             step
             for step, (kind, _, code, _) in enumerate(self.tape.blocks)
@@ -309,20 +278,20 @@ class Plan:
 
     @cached_property
     def railed(self) -> tuple[int, ...]:
-        """Neurons that have a rail."""
+        """Neurons with a saturation limit."""
         return tuple(np.flatnonzero(np.isfinite(self.tape.limits).any(axis=1)).tolist())
 
     @property
     def clamped(self) -> tuple[int, ...]:
-        """Neurons among them that the metric couples to others."""
+        """Neurons with a saturation limit that the preconditioner couples to others."""
         return tuple(row for row in self.railed if row in self.tape.reached)
 
     @cached_property
     def early(self) -> frozenset[int]:
-        """Nodes that are said in a phase before whoever reads them.
+        """Nodes computed one phase before they are read.
 
-        Circular functions of samples: those of a whole row follow one another while each waits for
-        its digits, which in one piece with the rest of a cell they would not.
+        These are the circular functions of samples. Computed for a whole row, each function
+        overlaps the latency of the others; within the rest of a cell it would not.
         """
         if self.axis is Axis.STAGES:
             return frozenset()
@@ -334,7 +303,7 @@ class Plan:
 
     @cached_property
     def _first(self) -> set[int]:
-        """Blocks that early ones depend on, and these: no other has a part in the first phase."""
+        """Early blocks and their dependencies, the only blocks of the first phase."""
         needed = set(self.early)
         for kind, node, a, b in self.tape.blocks.tolist()[::-1]:
             if node in needed:
@@ -343,7 +312,7 @@ class Plan:
 
     @cached_property
     def phase(self) -> dict[int, int]:
-        """Of every node."""
+        """Phase of every node."""
         phase = dict.fromkeys(range(self.one + 1), 0)
         for kind, node, a, b in self.tape.blocks.tolist():
             reads = self._read_by(kind, a, b)
@@ -352,25 +321,25 @@ class Plan:
 
     @cached_property
     def drive_phase(self) -> list[int]:
-        """Of every neuron's drive."""
+        """Phase of the net input of every neuron."""
         return [
             self._after(self._read_by(SUM, first, last), self.phase, is_first=False)
             for first, last in self.tape.drives.tolist()
         ]
 
     def _after(self, reads: list[list[int]], phase: dict[int, int], *, is_first: bool) -> int:
-        """When all that is read is there."""
+        """Return the phase in which all reads are available."""
         waits = [phase[s] + (s in self.early or (o != 0 and s > self.one)) for s, o in reads]
         return max([*waits, int(bool(self.early) and not is_first)])
 
     @property
     def phases(self) -> int:
-        """How many."""
+        """Number of phases."""
         return 1 + max([*self.drive_phase, *self.phase.values()])
 
     @cached_property
     def stored(self) -> dict[int, int]:
-        """Row in the table of work, by block, of what a neighbour or a later phase reads."""
+        """Row in the table of work of each block read by a neighbour or a later phase."""
         reads = [
             (node_read, offset, self.phase[node])
             for kind, node, a, b in self.tape.blocks.tolist()
@@ -386,7 +355,7 @@ class Plan:
         return {node: row for row, node in enumerate(sorted(kept))}
 
     def _read_by(self, kind: int, a: int, b: int) -> list[list[int]]:
-        """(node, offset) of all that a block reads."""
+        """Return (node, offset) of all reads of a block."""
         if kind == SUM:
             return self.tape.sources[a:b].tolist()
         return [[a, 0], [b, 0]] if kind == PRODUCT else [[b, 0]]
@@ -395,19 +364,20 @@ class Plan:
 
     @property
     def chains(self) -> int:
-        """C under a pyramid, 0 where there is none."""
+        """Number of chains C under a pyramid, 0 without a pyramid."""
         return len(self.tape.chains)
 
     @cached_property
     def is_coupled(self) -> bool:
-        """Whether the gains of a pyramid couple chains."""
+        """True if the gains of a pyramid couple chains."""
         return bool((self.tape.grids * (1 - np.eye(self.chains))).any())
 
     @cached_property
     def straight(self) -> tuple[list, ...]:
-        """Starts of levels, hats, shares and places of a pyramid that is written out, else nothing.
+        """Level starts, hats, interpolation weights and places of a written-out pyramid.
 
-        See `pyramid_tables`; these are wiring then.
+        Empty for any other preconditioner. For a written-out pyramid the `pyramid_tables` are
+        wiring.
         """
         if self.axis is Axis.STAGES or not 0 < self.chains * len(self.tape.hats) <= WRITTEN_OUT:
             return ()
@@ -416,37 +386,34 @@ class Plan:
 
     @property
     def gain_columns(self) -> int:
-        """Numbers of a row of the table of gains."""
+        """Numbers in a row of the table of gains."""
         return node_width(self.chains)
 
     @property
     def has_stiffness(self) -> bool:
-        """Whether a stiffness couples neighbours."""
+        """True if a stiffness couples neighbours."""
         return len(self.tape.coupled) > 1
 
     @property
     def has_roots(self) -> bool:
-        """Whether a stiffness between given time constants serves samples that have others."""
+        """True if samples have other time constants than the stiffness was made for."""
         return self.axis is Axis.VARIANTS and self.has_stiffness
 
     @property
     def has_metric(self) -> bool:
-        """Whether drives are spread at all."""
+        """True if the preconditioner is not diagonal."""
         return bool(self.chains) or self.has_stiffness
 
     @cached_property
     def stiffness(self) -> tuple[list, ...]:
-        """Neurons that a stiffness couples, and where one cell tells the next; else nothing.
-
-        See `TwoEnds`.
-        """
+        """Neurons coupled by a stiffness and the nonzeros of `TwoEnds.ahead`; else empty."""
         if not self.has_stiffness:
             return ()
         ends = TwoEnds(tape=self.tape)
         return ends.neurons.tolist(), np.argwhere(ends.ahead).tolist()
 
     def cell_identity(self) -> tuple:
-        """All that the code of a cell depends on, as plain numbers."""
+        """Return all data on which the code of a cell depends, as plain numbers."""
         tape = self.tape
         arrays = (tape.blocks, tape.drives, tape.sources, self.unit, tape.roles)
         return (
@@ -462,17 +429,12 @@ class Plan:
         )
 
     def identity(self) -> tuple:
-        """All that the code depends on, as plain numbers, to tell one wiring from another."""
+        """Return all data on which the code depends, as plain numbers."""
         metric = self.chains, self.is_coupled, self.straight, self.stiffness
         return *self.cell_identity(), self.clamped, *metric
 
     def serves(self, tape: Tape) -> bool:
-        """Whether the code is the same for another tape of the same network.
-
-        Parameters
-        ----------
-        tape : Tape
-        """
+        """Return True if the code also serves another tape of the same network."""
         own, other = self.tape, Plan(tape=tape, axis=self.axis)
         return (
             tape.blocks is own.blocks
@@ -487,5 +449,5 @@ class Plan:
 
     @cached_property
     def key(self) -> str:
-        """Of the code."""
+        """Key of the code."""
         return key_of(self.identity(), WRITERS)

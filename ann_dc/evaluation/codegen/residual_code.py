@@ -1,4 +1,4 @@
-"""The residuals of a state as vector code, after its drives are there."""
+"""Residuals of a state as vector code, after the net inputs are computed."""
 
 from __future__ import annotations
 
@@ -15,20 +15,12 @@ def add_residuals(
     module: Module, roles: Sequence[int], fields: Callable[[Function], dict[str, str]], *,
     width: int, is_row: bool,
 ) -> None:  # fmt: skip
-    """``i64 residuals(table, x, out)``: see `rules.residuals`, and max|x|; a lane each, or of all.
+    """Add ``i64 residuals(table, x, out)``: `rules.residuals` and max|x|.
 
-    Parameters
-    ----------
-    module : Module
-        To which the function is added.
-    roles : sequence of P integers
-        As a tape has them.
-    fields : callable
-        Addresses of tables by name, as a function reads them; here ``chunks`` and ``drives``.
-    width : int
-        Lanes.
-    is_row : bool
-        Whether a lane is a stage; else it is a sample.
+    The results are one per lane if a lane is a sample, and one in total if a lane is a stage
+    (``is_row``). The roles (P integers) are those of a tape. ``fields`` returns the addresses of
+    tables by name as a function reads them; ``chunks`` and ``drives`` are needed. ``width`` is the
+    number of lanes.
     """
     f = Function(module, "residuals", ("table", "x", "out"), width=width)
     base, lanes = fields(f), width

@@ -1,7 +1,7 @@
-"""Time constants that a metric was not made for: what it reads and gives, scaled by their roots.
+"""Scaling of a preconditioner to time constants that differ from its design.
 
-A stiffness is M = T^{1/2} S^{-1} T^{1/2}. Where a sample has T' = R T R, its moves are those of the
-same metric between scaled drives and scaled moves, R M R; S stays.
+A stiffness preconditioner is M = T^{1/2} S^{-1} T^{1/2}. For a sample with T' = R T R and the same
+S, the preconditioner is R M R: net inputs and derivatives are both scaled by the roots R.
 """
 
 from __future__ import annotations
@@ -14,20 +14,10 @@ from ann_dc.evaluation.codegen.writer import Function
 def add_scaling(
     f: Function, base: dict[str, str], rows: Sequence[int], neurons: int, source: str, target: str
 ) -> None:
-    """``target = roots source`` for some neurons of every cell; a lane is a sample.
+    """Write ``target = roots source`` for some neurons of every cell (lane: sample).
 
-    Parameters
-    ----------
-    f : Function
-        Whose lines come next.
-    base : dict of str to str
-        Addresses of ``roots``, ``source`` and ``target``, tables without ghosts; and ``chunks``.
-    rows : sequence of int
-        Of the neurons.
-    neurons : int
-        P.
-    source, target : str
-        Names of tables.
+    ``base`` contains the addresses of ``roots``, ``source`` and ``target`` (tables without ghosts)
+    and of ``chunks``. ``rows`` are the scaled neurons of the P ``neurons`` of a cell.
     """
     with f.loop(base["chunks"]) as chunk:
         first = f.integer("mul", chunk, neurons * f.width)

@@ -1,6 +1,6 @@
-"""What every explicit method does with states, as vector code: sums of slopes and sizes of errors.
+"""Vector code of explicit integration methods: sums of slopes and error norms.
 
-A step length is one number for all lanes, or a number a lane. Lengths of arrays are data.
+A step length is one number for all lanes or one number per lane. Array lengths are data.
 """
 
 from __future__ import annotations
@@ -12,30 +12,23 @@ from ann_dc.evaluation.codegen.code import code, key_of
 from ann_dc.evaluation.codegen.writer import Function, Module
 
 UNROLLED = 16
-"""Numbers of a state that are dealt with at a time: arrays have whole such blocks."""
+"""Numbers of a state that are processed at a time; arrays contain whole blocks."""
 NAMES = "combine", "error"
 
 
 @cache
 def step_code(lanes: int, *, is_shared: bool) -> dict[str, int]:
-    r"""Addresses of the functions that integrators call.
+    """Return the addresses of the functions that integrators call.
 
-    ``combine(out, x, slopes, weights, which, h; count, stride, n)`` is
-    ``out = x + h sum_j weights[j] slopes[which[j]]``, where weights are shared if h is;
-    ``error(x, ahead, slopes, weights, which, scales, out; first, second, stride, n)`` sums the
-    squares of two estimates over rtol max(|x|, |ahead|) + atol (``scales`` are rtol, then atol),
-    the first from so many weights, the second from the rest.
+    ``combine(out, x, slopes, weights, which, h; count, n)`` computes ``out = x + h sum_j weights[j]
+    slopes[which[j]]``; weights are shared if h is shared.
 
-    Parameters
-    ----------
-    lanes : int
-        Of a vector.
-    is_shared : bool
-        Whether all lanes have one step, and errors are summed over all of them.
+    ``error(x, ahead, slopes, weights, which, scales, out; first, both, n)`` sums the squares of two
+    estimates over rtol max(|x|, |ahead|) + atol. ``scales`` contains rtol, then atol. The first
+    estimate uses the first weights (``first``), the second estimate the rest, up to ``both``.
 
-    Returns
-    -------
-    dict of str to int
+    ``lanes`` is the number of lanes of a vector. ``is_shared`` is True if all lanes have one step;
+    errors are then summed over all lanes.
     """
     key = key_of(("steps", lanes, is_shared), Path(__file__).parent)
     return code(key, lambda: _text(lanes, is_shared), NAMES)
@@ -59,7 +52,7 @@ def _sum(
     at: list[str],
     is_shared: bool,
 ) -> list[str]:
-    """Weighted slopes at some places of the state, over a span of the weights."""
+    """Sum weighted slopes at some places of the state, over a span of the weights."""
     slopes, weights, which = terms
     (first, last), sums = span, [f.slot() for _ in at]
     for total in sums:
@@ -74,7 +67,6 @@ def _sum(
 
 
 def _places(f: Function, block: str) -> list[str]:
-    """Places of the vectors of a block."""
     first = f.integer("mul", block, UNROLLED)
     return [f.integer("add", first, i * f.width) for i in range(UNROLLED // f.width)]
 
@@ -116,7 +108,7 @@ def _error(module: Module, lanes: int, is_shared: bool) -> None:
 
 
 def _give(f: Function, total: str, number: int, is_shared: bool) -> None:
-    """A sum, of all lanes or a lane each."""
+    """Store a sum, of all lanes or one per lane."""
     if is_shared:
         f.store(f.across("fadd", total), f.address("%out", number), 1)
     else:

@@ -1,8 +1,8 @@
-"""A function in LLVM's language, line by line: vectors of numbers, loops, loads and stores.
+"""Writer of functions in LLVM's language: vectors, loops, loads and stores.
 
-Every value is named once and never changes, so that a formula is written as a Python expression
-writes it: from the inside out, each call one instruction. Numbers that change in a loop lie in
-`slot`\\ s, which LLVM turns into registers.
+Every value has one name and never changes. A formula is therefore written as a Python expression,
+from the inside out, one instruction per call. Numbers that change in a loop are stored in a `slot`,
+which LLVM converts to a register.
 """
 
 from __future__ import annotations
@@ -14,44 +14,36 @@ from functools import reduce
 
 
 def number(value: float) -> str:
-    """A double as LLVM writes it: its bits."""
+    """Return the LLVM notation of a double, its bits."""
     return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
 
 
 class Module:
-    """Functions of one piece of code, and what they call from outside."""
+    """Functions of one piece of code and their external declarations."""
 
     def __init__(self) -> None:
         self._bodies: list[str] = []
         self._declared: dict[str, str] = {}
 
     def declare(self, name: str, result: str, arguments: Sequence[str]) -> str:
-        """A function from outside; its name."""
+        """Declare an external function and return its name."""
         self._declared[name] = f"declare {result} @{name}({', '.join(arguments)})"
         return f"@{name}"
 
     def add(self, function: Function) -> None:
-        """One more function, whose last line is written."""
+        """Add a complete function."""
         self._bodies.append(function.text())
 
     def text(self) -> str:
-        """All of it."""
+        """Return the text of the module."""
         return "\n".join([*self._declared.values(), *self._bodies])
 
 
 class Function:
-    """A function under way: every method adds a line and gives the name of its value.
+    """Function under construction; methods add a line and return a value's name.
 
-    Parameters
-    ----------
-    module : Module
-    name : str
-    arguments : tuple of str
-        Their names; all are addresses, but ``numbers``.
-    numbers : tuple of str
-        Those arguments that are integers.
-    width : int
-        Lanes of a vector.
+    All arguments are addresses, except the integers ``numbers``. ``width`` is the number of lanes
+    of a vector.
     """
 
     def __init__(
@@ -72,7 +64,7 @@ class Function:
         self._block = "start"
 
     def text(self) -> str:
-        """The whole function."""
+        """Return the text of the function."""
         entry = [self._head, "entry:", *self._entry, "br label %start", "start:"]
         return "\n".join([*entry, *self._lines, "}"])
 
@@ -83,91 +75,94 @@ class Function:
         return f"%v{self._count}"
 
     def value(self, instruction: str) -> str:
-        """The value of an instruction."""
+        """Add an instruction and return the name of its value."""
         name = self._name()
         self._lines.append(f"{name} = {instruction}")
         return name
 
     def do(self, instruction: str) -> None:
-        """An instruction without a value."""
+        """Add an instruction without a value."""
         self._lines.append(instruction)
 
     def of_type(self, width: int | None) -> str:
-        """A vector of so many lanes, a number for 1; by default of all."""
+        """Return the type of a vector with a number of lanes, by default all.
+
+        The type for one lane is a scalar.
+        """
         return self.vector if width is None else "double" if width == 1 else f"<{width} x double>"
 
     def constant(self, value: float, width: int | None = None) -> str:
-        """The same number in every lane."""
+        """Return a constant with the same number in every lane."""
         if width == 1:
             return number(value)
         return "<" + ", ".join([f"double {number(value)}"] * (width or self.width)) + ">"
 
     def op(self, name: str, *values: str, width: int | None = None) -> str:
-        """Arithmetic on vectors: ``fadd``, ``fsub``, ``fmul``, ``fdiv``, ``fneg``."""
+        """Add vector arithmetic: ``fadd``, ``fsub``, ``fmul``, ``fdiv``, ``fneg``."""
         return self.value(f"{name} {self.of_type(width)} {', '.join(values)}")
 
     def call(self, name: str, *values: str, width: int | None = None) -> str:
-        """One of LLVM's own functions on vectors: ``fma``, ``fabs``, ``sqrt``, ``maxnum``."""
+        """Call an LLVM intrinsic on vectors: ``fma``, ``fabs``, ``sqrt``, ``maxnum``."""
         of = self.of_type(width)
         suffix = "f64" if width == 1 else f"v{width or self.width}f64"
         called = self.module.declare(f"llvm.{name}.{suffix}", of, [of] * len(values))
         return self.value(f"call {of} {called}({', '.join(f'{of} {v}' for v in values)})")
 
     def fma(self, a: str, b: str, c: str, width: int | None = None) -> str:
-        """a b + c."""
+        """Compute a b + c."""
         return self.call("fma", a, b, c, width=width)
 
     def compare(self, how: str, a: str, b: str, width: int | None = None) -> str:
-        """A comparison, lane by lane, as LLVM names it: ``olt``, ``oge``, ``une``, ``uno``."""
+        """Compare lane by lane with an LLVM predicate: ``olt``, ``oge``, ``une``, ``uno``."""
         return self.value(f"fcmp {how} {self.of_type(width)} {a}, {b}")
 
     def logical(self, name: str, a: str, b: str, width: int | None = None) -> str:
-        """``and``, ``or``, ``xor`` of comparisons."""
+        """Combine comparisons with ``and``, ``or``, ``xor``."""
         return self.value(f"{name} <{width or self.width} x i1> {a}, {b}")
 
     def select(self, mask: str, a: str, b: str, width: int | None = None) -> str:
-        """a where the mask holds, else b."""
+        """Select a in the lanes of a mask and b in the others."""
         of = self.of_type(width)
         masks = "i1" if width == 1 else f"<{width or self.width} x i1>"
         return self.value(f"select {masks} {mask}, {of} {a}, {of} {b}")
 
     def any_mask(self, *masks: str) -> str:
-        """The lanes in which one of some comparisons holds."""
+        """Combine comparisons to a mask of the lanes in which any one is true."""
         return reduce(lambda a, b: self.logical("or", a, b), masks)
 
     def negated(self, mask: str) -> str:
-        """The lanes in which a comparison does not hold."""
+        """Return the mask of the lanes in which a comparison is false."""
         every = "<" + ", ".join(["i1 true"] * self.width) + ">"
         return self.logical("xor", mask, every)
 
     def larger(self, a: str, b: str, width: int | None = None) -> str:
-        """The larger one; b where either is no number."""
+        """Return the larger value; b if either is not a number."""
         return self.select(self.compare("ogt", a, b, width), a, b, width)
 
     def smaller(self, a: str, b: str, width: int | None = None) -> str:
-        """The smaller one; b where either is no number."""
+        """Return the smaller value; b if either is not a number."""
         return self.select(self.compare("olt", a, b, width), a, b, width)
 
     def bits(self, mask: str) -> str:
-        """A comparison as an integer, a bit a lane."""
+        """Convert a mask to an integer, one bit per lane."""
         lanes = f"i{self.width}"
         packed = self.value(f"bitcast <{self.width} x i1> {mask} to {lanes}")
         return self.value(f"zext {lanes} {packed} to i64")
 
     def mask(self, bits: str) -> str:
-        """The comparison that an integer is."""
+        """Convert an integer to the mask that its bits represent."""
         lanes = f"i{self.width}"
         packed = self.value(f"trunc i64 {bits} to {lanes}")
         return self.value(f"bitcast {lanes} {packed} to <{self.width} x i1>")
 
     def any_of(self, mask: str) -> str:
-        """Whether a comparison holds in any lane."""
+        """Return True in the generated code if a comparison is true in any lane."""
         of = f"<{self.width} x i1>"
         called = self.module.declare(f"llvm.vector.reduce.or.v{self.width}i1", "i1", [of])
         return self.value(f"call i1 {called}({of} {mask})")
 
     def across(self, name: str, vector: str) -> str:
-        """The lanes put together into a number: ``fmax``; ``fadd``, in their order."""
+        """Reduce the lanes to a number with ``fmax``, or ``fadd`` in lane order."""
         of, first = self.vector, "double 0.0, " if name == "fadd" else ""
         types = ["double", of] if first else [of]
         called = self.module.declare(f"llvm.vector.reduce.{name}.v{self.width}f64", "double", types)
@@ -176,57 +171,57 @@ class Function:
     # ---- lanes -------------------------------------------------------------------------------
 
     def shuffle(self, a: str, b: str, lanes: Iterable[int], width: int | None = None) -> str:
-        """Chosen lanes of two vectors that stand side by side."""
+        """Return chosen lanes of two concatenated vectors."""
         of, mask = self.of_type(width), list(lanes)
         chosen = ", ".join(f"i32 {lane}" for lane in mask)
         return self.value(f"shufflevector {of} {a}, {of} {b}, <{len(mask)} x i32> <{chosen}>")
 
     def spread(self, scalar: str, width: int | None = None) -> str:
-        """A number in every lane."""
+        """Return a vector with a number in every lane."""
         of, count = self.of_type(width), width or self.width
         one = self.value(f"insertelement {of} poison, double {scalar}, i32 0")
         return self.shuffle(one, "poison", [0] * count, width)
 
     def lane(self, vector: str, lane: int, width: int | None = None) -> str:
-        """The number in a lane."""
+        """Return the number in a lane."""
         return self.value(f"extractelement {self.of_type(width)} {vector}, i32 {lane}")
 
     def with_lane(self, vector: str, scalar: str, lane: int, width: int | None = None) -> str:
-        """The same vector with another number in a lane."""
+        """Return a copy of a vector with another number in a lane."""
         of = self.of_type(width)
         return self.value(f"insertelement {of} {vector}, double {scalar}, i32 {lane}")
 
     # ---- integers and memory -----------------------------------------------------------------
 
     def integer(self, name: str, a: str, b: str | int) -> str:
-        """``add``, ``sub``, ``mul``, ``sdiv``, ``ashr``, ``and`` of integers."""
+        """Add integer arithmetic: ``add``, ``sub``, ``mul``, ``sdiv``, ``ashr``, ``and``."""
         return self.value(f"{name} i64 {a}, {b}")
 
     def address(self, base: str, *offsets: str | int) -> str:
-        """Of a double, so many doubles beyond another."""
+        """Return the address of a double at offsets, in doubles, from a base address."""
         for offset in offsets:
             if offset != 0:
                 base = self.value(f"getelementptr double, ptr {base}, i64 {offset}")
         return base
 
     def load(self, address: str, width: int | None = None) -> str:
-        """A vector; one number for a width of 1."""
+        """Load a vector, or one number for a width of 1."""
         return self.value(f"load {self.of_type(width)}, ptr {address}, align 8")
 
     def store(self, vector: str, address: str, width: int | None = None) -> None:
-        """A vector; one number for a width of 1."""
+        """Store a vector, or one number for a width of 1."""
         self.do(f"store {self.of_type(width)} {vector}, ptr {address}, align 8")
 
     def load_integer(self, address: str) -> str:
-        """An integer."""
+        """Load an integer."""
         return self.value(f"load i64, ptr {address}, align 8")
 
     def field(self, base: str, index: int, kind: str = "ptr") -> str:
-        """An entry of a table of addresses and integers."""
+        """Load an entry of a table of addresses and integers."""
         return self.value(f"load {kind}, ptr {self.address(base, index)}, align 8")
 
     def slot(self, start: str | None = None, width: int | None = None) -> str:
-        """A place for a vector that changes, by default zero at first."""
+        """Allocate a place for a changing vector, initially zero by default."""
         name, of = self._name(), self.of_type(width)
         self._entry.append(f"{name} = alloca {of}, align 64")
         self.store(start or self.constant(0.0, width), name, width)
@@ -236,7 +231,10 @@ class Function:
 
     @contextmanager
     def loop(self, count: str | int, first: str | int = 0) -> Iterator[str]:
-        """For i in range(first, count); at least the condition is asked once."""
+        """Open a loop for i in range(first, count), as a context manager.
+
+        The condition is tested before the first pass.
+        """
         label, i, following = self._name()[1:], self._name(), self._name()
         before = self._block
         head, body, behind = f"head_{label}", f"body_{label}", f"behind_{label}"
@@ -258,7 +256,10 @@ class Function:
     def either(
         self, condition: str, rarely: Callable[[], Sequence[str]], else_: Sequence[str]
     ) -> list[str]:
-        """What ``rarely`` gives where a condition holds, else the vectors that are there."""
+        """Branch to ``rarely`` if a condition is true, else use the vectors ``else_``.
+
+        The branch to ``rarely`` is marked as improbable.
+        """
         label, before = self._name()[1:], self._block
         expected = self.module.declare("llvm.expect.i1", "i1", ["i1", "i1"])
         rare = self.value(f"call i1 {expected}(i1 {condition}, i1 false)")
@@ -278,6 +279,6 @@ class Function:
         self.do(f"{block}:")
 
     def done(self, result: str = "0") -> None:
-        """The last line: every function gives an integer."""
+        """Add the return of the integer result and add the function to its module."""
         self.do(f"ret i64 {result}")
         self.module.add(self)

@@ -1,4 +1,4 @@
-"""Networks for devices: conductances, capacitor ratios, circuits of analog computers."""
+"""Device exports: conductances, capacitor ratios and analog-computer circuits."""
 
 import lazy_loader
 

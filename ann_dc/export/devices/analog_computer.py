@@ -1,16 +1,16 @@
-r"""A circuit for analog computers: elements, and the matrix of coefficients between them, as JSON.
+r"""Analog-computer circuit as JSON: elements and their coefficient matrix.
 
-Every element e says X_e between -1 and 1 machine unit, which stands for S_e X_e. In machine time
-T = beta s, with s the network's,
+The output X_e of element e lies between -1 and 1 machine unit and represents S_e X_e. With machine
+time T = beta s and network time s,
 
 .. math::
     \frac{dX_i}{dT} = \sum_j c_{ij} X_j, \quad X_i = \sum_j c_{ij} X_j, \quad X_i = X_a X_b, \quad
     X_i = g(S_a X_a) / S_i
 
-at an integrator, a sum, a product and a function. S_e is what was seen in a run, with headroom;
-that of a product is S_a S_b, and that of a sum is larger where a coefficient would be too large.
-Those at integrators are made small enough by beta. A coefficient is a potentiometer up to 1, times
-the gain of an input: 1, or the largest coefficient.
+at an integrator, a sum, a product and a function. S_e is the largest value observed in a run, times
+the headroom. For a product S_e is S_a S_b; for a sum S_e is larger if a coefficient would be too
+large. The time scale beta limits the coefficients at integrators. A coefficient is a potentiometer
+setting up to 1, multiplied by an input gain of 1 or of the largest coefficient.
 """
 
 from __future__ import annotations
@@ -48,16 +48,18 @@ FORMAT = "ann_dc analog computer"
 SCHEMA = 1
 CIRCUIT = "analog_computer.json"
 SAMPLES = 500
-"""States of a run at which the ranges are read."""
+"""Number of states of a run from which the value ranges are computed."""
 LEAST = 40
-"""Steps whose time is integrated at least: a step of one time constant settles at once, a flow in
-14 of them."""
+"""Minimum integration time of the check in vector steps: one step of a time constant settles at
+once,
+a continuous flow needs 14 time constants.
+"""
 LONGER = 1.2
-"""Time of the check over that of the vector's walk."""
+"""Integration time of the check relative to the duration of the vector's iteration."""
 NEAR = 1e-3
-"""How near to the vector's end an integration has to come, over its largest state."""
+"""Tolerance of the end state, relative to the largest state of the vector's end."""
 MOST = 300_000
-"""Evaluations of the check."""
+"""Maximum number of evaluations in the check."""
 
 
 @checked
@@ -68,32 +70,23 @@ def analog_computer_files(
     largest: PositiveFinite = 10.0,
     headroom: PositiveFinite = 1.5,
 ) -> dict[str, bytes]:
-    """A network as a circuit of an analog computer.
+    """Export a network as the circuit of an analog computer.
 
-    ``analog_computer.json`` has the ``elements`` in an order in which each reads what stands before
-    it (integrators read any), the ``matrix`` as rows (target, source, coefficient, gain), the
-    ``time_scale`` beta, and the ``count`` of every kind.
+    ``analog_computer.json`` contains ``elements``, ordered such that each element reads only
+    earlier elements (integrators read any element). It also contains the ``matrix`` as rows
+    (target, source, coefficient, gain), the ``time_scale`` beta, and the ``count`` of every element
+    kind.
+
+    Raises `ExportError` if an option is below 1, the preconditioner couples neurons that have
+    saturation limits, or the network does not settle in continuous time. A vector of another
+    network also raises `ExportError`.
 
     Parameters
     ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network.
     largest : float
-        Largest coefficient, 1 or more; inputs have the gain 1 or this one.
+        Largest coefficient, at least 1. Input gains are 1 or this value.
     headroom : float
-        Machine unit over the largest value seen, 1 or more.
-
-    Returns
-    -------
-    dict of str to bytes
-        By file name.
-
-    Raises
-    ------
-    ExportError
-        If an option is below 1, the metric couples neurons that have rails, the network does not
-        settle in continuous time, or the vector is another network's.
+        Ratio of the machine unit to the largest observed value, at least 1.
 
     Examples
     --------
@@ -128,22 +121,10 @@ def analog_computer_files(
 
 @checked
 def analog_computer_check(files: Mapping[str, bytes]) -> str:
-    """Integrate the elements, from the list alone, and compare with the reference vector.
+    """Integrate the exported elements and compare the result with the test vector.
 
-    Parameters
-    ----------
-    files : mapping of str to bytes
-        What `analog_computer_files` gave.
-
-    Returns
-    -------
-    str
-        What was found, in a sentence.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing or changed, or the elements go elsewhere.
+    The integration uses only the element list. Returns the result as a sentence. Raises
+    `FileFormatError` if a file is missing or changed, or if the elements reach different states.
     """
     vector, table = vector_of(files), notes_of(files, CIRCUIT, FORMAT, SCHEMA)
     _check_whose(table, vector)
@@ -175,7 +156,7 @@ def analog_computer_check(files: Mapping[str, bytes]) -> str:
 
 
 def _peaks(network: Network, elements: Sequence[Element]) -> np.ndarray:
-    """(E,): the largest value of every element in a run in continuous time."""
+    """Return the largest magnitude (E,) of every element in a continuous-time run."""
     run = OdeBackend(verify=False).run(network)
     if not run.status.settled:
         raise ExportError(
@@ -188,7 +169,7 @@ def _peaks(network: Network, elements: Sequence[Element]) -> np.ndarray:
 
 
 def _scales(elements: Sequence[Element], wanted: np.ndarray, largest: float) -> np.ndarray:
-    """(E,): what a machine unit of every element stands for."""
+    """Return the values (E,) that one machine unit of every element represents."""
     scales = np.where(wanted > 0, wanted, 1.0)
     for k, e in enumerate(elements):
         if e.kind == PRODUCT:
@@ -206,7 +187,7 @@ def _scales(elements: Sequence[Element], wanted: np.ndarray, largest: float) -> 
 
 
 def _time_scale(elements: Sequence[Element], scales: np.ndarray, largest: float) -> float:
-    """beta: how much slower the machine has to be for the coefficients at its integrators."""
+    """Compute beta, the slowdown that limits the coefficients at the integrators."""
     sizes = [
         abs(w) * scales[p] / scales[k]
         for k, e in enumerate(elements)
@@ -220,7 +201,7 @@ def _time_scale(elements: Sequence[Element], scales: np.ndarray, largest: float)
 
 
 def _check_whose(table: Table, vector: ReferenceVector) -> None:
-    """The table is as it was written, and of the network of the vector."""
+    """Check that the table is unmodified and belongs to the network of the vector."""
     plain = {k: v for k, v in table.given.items() if k not in ("format", "schema", "sha256")}
     if _hash(plain) != table.get("sha256", str):
         raise FileFormatError(f"{CIRCUIT}: it was changed; export the network again")
@@ -229,7 +210,7 @@ def _check_whose(table: Table, vector: ReferenceVector) -> None:
 
 
 class _Runner:
-    """A machine that starts where a vector does."""
+    """Machine that starts at the initial state of a test vector."""
 
     def __init__(self, machine: Machine, places: Places, vector: ReferenceVector) -> None:
         self.machine, self.places, self.vector = machine, places, vector
@@ -237,11 +218,11 @@ class _Runner:
         self.signals = np.flatnonzero([e.kind != CONSTANT for e in machine.elements])
 
     def _states(self, x: np.ndarray) -> np.ndarray:
-        """(P, N) in network units."""
+        """Return the states (P, N) in network units."""
         return self.places.unpack(self.units * x, self.vector.start)
 
     def after(self, start: np.ndarray, count: int, step: float) -> np.ndarray:
-        """The states (P, N) so many steps after a start (P, N)."""
+        """Return the states (P, N) after ``count`` steps from the start (P, N)."""
         x = self.places.pack(start) / self.units
         with np.errstate(all="ignore"):
             for _ in range(count):
@@ -249,7 +230,10 @@ class _Runner:
         return self._states(x)
 
     def settled(self, time: float) -> tuple[float, float]:
-        """How far from the vector's end it is after a time, and the largest value on the way."""
+        """Integrate for a time; return the distance to the vector's end and the maximum.
+
+        The maximum is the largest magnitude of an element output on the way.
+        """
         from scipy.integrate import RK23
 
         machine, peak = self.machine, 0.0

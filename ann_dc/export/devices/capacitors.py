@@ -1,15 +1,15 @@
-r"""Capacitors for switched-capacitor chips: whole numbers of one unit capacitor.
+r"""Capacitor ratios for switched-capacitor chips, in units of one capacitor.
 
-In every period of the clock, h of network time, a branch of m units brings its share of a source to
-an op amp with M units across it:
+In every clock period, of network time h, a branch with m units transfers the charge of its source
+to an op amp with M feedback units:
 
 .. math::
     x_{k+1} = x_k + \sum \frac{m}{M}\, s, \quad \frac{m}{M} \approx \frac{h\, w}{\tau},
     \qquad y = \sum \frac{m}{M}\, s, \quad \frac{m}{M} \approx w,
 
-at a neuron, and at a sum. M is the same for all branches of one op amp: of all that fit below the
-largest capacitor, the one whose worst ratio is nearest. A branch with a negative m takes its source
-in the other phase.
+at a neuron and at a sum. All branches of an op amp have the same M: the value within the largest
+capacitor whose worst ratio error is smallest. A branch with negative m samples its source in the
+opposite clock phase.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ TABLE, NOTES = "capacitors.csv", "capacitors.json"
 COLUMNS = ("connection", "stage", "units", "feedback_units", "farads", "feedback_farads")
 MOST_UNITS = 4096
 SAME = 1e-12
-"""Ratios that are nearer than that are the same: of two such M the smaller one is taken."""
+"""Ratio errors closer than this are treated as equal, and the smaller M is used."""
 
 
 @checked
@@ -58,33 +58,34 @@ def capacitors_files(
     largest: PositiveFinite = 25.6e-12,
     step: NotNegative = 0.0,
 ) -> dict[str, bytes]:
-    """A network's weights as ratios of capacitors, with what rounding them costs.
+    """Export the weights of a network as capacitor ratios, with the rounding errors.
 
-    ``capacitors.csv`` has a row a branch, ``capacitors.json`` the step, the errors and the rails.
+    ``capacitors.csv`` has one row per branch. ``capacitors.json`` contains the step, the errors and
+    the saturation limits.
 
     Parameters
     ----------
     network : Network
-        With time constants alone.
+        Network with a diagonal preconditioner.
     vector : ReferenceVector
-        Of the network.
+        Test vector of the network.
     unit : float
-        The unit capacitor, in farads.
+        Unit capacitor in farads. Default 100 fF.
     largest : float
-        The largest capacitor, in farads; up to 4096 units.
+        Largest capacitor in farads, at most 4096 units. Default 25.6 pF.
     step : float
-        Network time of a period; 0: the vector's.
+        Network time of one clock period. The default 0 uses the step of the vector.
 
     Returns
     -------
     dict of str to bytes
-        By file name.
+        File contents by file name.
 
     Raises
     ------
     ExportError
-        If the network has another metric, a node needs larger capacitors, or the vector is another
-        network's.
+        If the network has another preconditioner, a node needs larger capacitors, or the vector
+        belongs to another network.
 
     Examples
     --------
@@ -137,23 +138,10 @@ def capacitors_files(
 
 @checked
 def units_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
-    """The whole numbers of unit capacitors that a table has.
+    """Read the numbers of unit capacitors (N, 2) of every connection, by name.
 
-    Parameters
-    ----------
-    files : mapping of str to bytes
-        What `capacitors_files` gave.
-
-    Returns
-    -------
-    dict of str to (N, 2) array of int
-        Units of the branch, with its sign, and across the op amp, at every stage, by the name of
-        the connection.
-
-    Raises
-    ------
-    FileFormatError
-        If they are no such files.
+    The columns are the signed branch units and the feedback units of the op amp at every stage.
+    Raises `FileFormatError` if the files are not those of `capacitors_files`.
     """
     try:
         rows = list(csv.reader(io.StringIO(file_of(files, TABLE).decode("utf-8")), strict=True))
@@ -176,22 +164,9 @@ def units_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
 
 @checked
 def capacitors_check(files: Mapping[str, bytes]) -> str:
-    """Read capacitors, and write them again from the network beside them.
+    """Read exported capacitors and compare them with a new export of the network file.
 
-    Parameters
-    ----------
-    files : mapping of str to bytes
-        What `capacitors_files` gave.
-
-    Returns
-    -------
-    str
-        What was found, in a sentence.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing or changed.
+    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or changed.
     """
     network, vector = network_and_vector(files)
     notes, units = notes_of(files, NOTES, FORMAT, SCHEMA), units_of(files)
@@ -223,7 +198,7 @@ def capacitors_check(files: Mapping[str, bytes]) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _OpAmp:
-    """Branches into one op amp: names of the connections (c,), stages (s,), and ratios (c, s)."""
+    """Branches of one op amp: connection names (c,), stages (s,) and ratios (c, s)."""
 
     node: str
     names: list[str]
@@ -232,7 +207,10 @@ class _OpAmp:
 
 
 def _op_amps(network: Network, step: float) -> Iterator[_OpAmp]:
-    """One a node and stage; of a shared neuron one for the row, equal stages together."""
+    """Yield one op amp per node and stage; a shared neuron has one for all stages.
+
+    Stages with equal ratios are grouped.
+    """
     weights, tau = weights_in(network), time_constants(network)
     shared = {network.cell.neurons[row].name for row in network.shared}
     for node in dict.fromkeys(c.target for c in network.cell.connections):
@@ -249,7 +227,7 @@ def _op_amps(network: Network, step: float) -> Iterator[_OpAmp]:
 
 
 def _units(network: Network, step: float, most: int, unit: float) -> dict[str, np.ndarray]:
-    """Units (N, 2) of every connection, and across its op amp."""
+    """Return the branch and feedback units (N, 2) of every connection."""
     units = {c.name: np.zeros((network.stages, 2), np.int64) for c in network.cell.connections}
     for amp in _op_amps(network, step):
         across = _nearest(amp, most, unit)
@@ -260,7 +238,7 @@ def _units(network: Network, step: float, most: int, unit: float) -> dict[str, n
 
 
 def _nearest(amp: _OpAmp, most: int, unit: float) -> int:
-    """M whose worst ratio is nearest; the smallest of equal ones."""
+    """Return the smallest M with the smallest worst ratio error."""
     sizes = np.unique(np.abs(amp.ratios[amp.ratios != 0]))
     if not len(sizes):
         return 1
@@ -281,7 +259,7 @@ def _nearest(amp: _OpAmp, most: int, unit: float) -> int:
 
 
 def _weights(network: Network, units: Mapping[str, np.ndarray], step: float) -> dict:
-    """The weights (N,) of a network in discrete time with these ratios."""
+    """Return the weights (N,) of the discrete-time network with these ratios."""
     tau, found = time_constants(network), {}
     for c in network.cell.connections:
         own, across = units[c.name].T
@@ -290,7 +268,7 @@ def _weights(network: Network, units: Mapping[str, np.ndarray], step: float) -> 
 
 
 def _rails(network: Network) -> dict[str, list[float | None]]:
-    """(Low, high) of the neurons that have a limiter; None where there is no rail."""
+    """Return (low, high) of the neurons with saturation limits; None for no limit."""
     ends = {n.name: (n.limiter.low, n.limiter.high) for n in network.cell.neurons}
     return {
         name: [float(end) if np.isfinite(end) else None for end in pair]

@@ -1,17 +1,18 @@
-r"""Conductances for crossbars: a pair G+ and G- for every synapse weight.
+r"""Crossbar conductances: a pair G+ and G- for every connection weight.
 
-What arrives at a node is the current of a pair of columns, scaled by the node's own amplifier:
+The net input of a node is the current of a pair of columns, scaled by the amplifier of the node:
 
 .. math:: w = \frac{G^+ - G^-}{k}, \qquad \text{folded:}\quad \frac{w}{\tau} = \frac{G^+ - G^-}{k}.
 
-A positive weight is a device in G+, a negative one a device in G-; the other place of the pair is
-left open, 0 S. Devices have conductances from a lowest one on, over some decades, so the weights of
-one node (which share k) have to lie within as many. Plain, every node has a k of its own, and the
-integrator's capacitor makes tau. Folded, the integrators of all neurons have the same capacitor and
-share one k; what arrives at a sum has no tau.
+A positive weight is a device in G+ and a negative weight is a device in G-. The other position of
+the pair is open, 0 S. Device conductances span a limited number of decades above a lowest value.
+The weights of one node have a common k, so they must lie within the same number of decades. In the
+plain form every node has its k, and the capacitor of the integrator sets tau. In the folded form
+the integrators of all neurons have the same capacitor and a common k; connections to a sum have no
+tau.
 
-Conductances are written as decimal numbers with so many digits that the weights come back to the
-last bit.
+Conductances are written as decimal numbers with enough digits to recover the weights to the last
+bit.
 """
 
 from __future__ import annotations
@@ -61,34 +62,38 @@ def conductances_files(
     levels: Index = 0,
     folded: bool = False,
 ) -> dict[str, bytes]:
-    """A network's weights as pairs of conductances, with what quantising them costs.
+    """Export the weights of a network as conductance pairs, with quantisation errors.
 
-    'conductances.csv' has a row a synapse and stage, 'conductances.json' the range, the scales
-    and the errors. A metric is no part of a crossbar; 'network.npz' has it.
+    'conductances.csv' has one row per connection and stage. 'conductances.json' contains the range,
+    the scales and the errors. The preconditioner is not part of a crossbar; it is stored in
+    'network.npz'.
 
     Parameters
     ----------
     network : Network
+        Network to export.
     vector : ReferenceVector
-        Of the network.
+        Test vector of the network.
     lowest : float
-        Smallest conductance of a device that conducts, in siemens.
+        Smallest conductance of a conducting device in siemens. Default 1e-6.
     decades : float
-        From the lowest conductance to the highest.
+        Decades from the lowest to the highest conductance. Default 2.
     levels : int
-        Values that a device can take, in equal steps from the lowest to the highest; 0: any.
+        Number of values of a device, in equal steps from the lowest to the highest conductance. The
+        default 0 allows any value.
     folded : bool
-        Whether the time constants of the neurons are folded into their conductances.
+        True if the time constants of the neurons are folded into their conductances. Default False.
 
     Returns
     -------
     dict of str to bytes
-        By file name.
+        File contents by file name.
 
     Raises
     ------
     ExportError
-        If the weights of a node do not fit the decades, or the vector is another network's.
+        If the weights of a node do not fit within the decades, or the vector belongs to another
+        network.
 
     Examples
     --------
@@ -142,22 +147,22 @@ def conductances_files(
 
 @checked
 def weights_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
-    """The weights that conductances stand for: the exact inverse.
+    """Compute the weights of exported conductances (exact inverse of the export).
 
     Parameters
     ----------
     files : mapping of str to bytes
-        What `conductances_files` gave.
+        Files returned by `conductances_files`.
 
     Returns
     -------
     dict of str to (N,) array
-        By the name of the connection.
+        Weights by connection name.
 
     Raises
     ------
     FileFormatError
-        If they are no such files.
+        If the files are not those of `conductances_files`.
 
     Examples
     --------
@@ -182,22 +187,11 @@ def weights_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
 
 @checked
 def conductances_check(files: Mapping[str, bytes]) -> str:
-    """Read conductances, write them again from the network beside them, and take its steps.
+    """Read exported conductances, export them again from the network file and compare.
 
-    Parameters
-    ----------
-    files : mapping of str to bytes
-        What `conductances_files` gave.
-
-    Returns
-    -------
-    str
-        What was found, in a sentence.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing or changed, or the network takes other steps.
+    The steps of the network with these conductances are computed as well. Returns the result as a
+    sentence. Raises `FileFormatError` if a file is missing or changed, or if the network takes
+    different steps.
     """
     network, vector = network_and_vector(files)
     notes = notes_of(files, NOTES, FORMAT, SCHEMA)
@@ -262,7 +256,7 @@ def _positive(place: str, text: object) -> Decimal:
 
 
 def _decimal(text: object) -> Decimal:
-    """A finite number that a float64 can be near."""
+    """Parse a finite decimal number within the range of a float64."""
     try:
         number = Decimal(text if isinstance(text, str) and len(text) < 60 else "nan")
     except DecimalException:
@@ -273,7 +267,7 @@ def _decimal(text: object) -> Decimal:
 
 
 def _pairs_of(content: bytes) -> dict[str, list[Decimal]]:
-    """Signed conductances by connection, in the order of stages."""
+    """Return the signed conductances by connection, in the order of stages."""
     try:
         rows = list(csv.reader(io.StringIO(content.decode("utf-8")), strict=True))
     except (UnicodeDecodeError, csv.Error) as error:

@@ -1,7 +1,7 @@
-"""How weights stand for conductances: a scale for every node that sums, in decimal arithmetic.
+"""Map between weights and conductances: one scale per summing node, in decimals.
 
-Decimal numbers of twice the digits of a float64: what is multiplied and divided again comes back to
-the last bit.
+Decimal numbers have twice the digits of a float64, so a multiplication followed by the division
+recovers the last bit.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from ann_dc.export.devices.sidecar import time_constants, weights_in
 from ann_dc.network.network import Network
 
 EXACT = Context(prec=34)
-"""The arithmetic of conductances."""
+"""Decimal context of conductances."""
 INTEGRATORS = "integrators"
-"""What shares a scale where time constants are folded in."""
+"""Name of the common scale of all integrators if time constants are folded in."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Crossbar:
-    """How weights stand for conductances.
+    """Map between weights and conductances.
 
     Attributes
     ----------
     scales : mapping of str to Decimal
-        k in siemens, by the node that sums.
+        Scale k in siemens, by summing node.
     divisors : mapping of str to tuple of N Decimal
-        What a weight is divided by before, by its connection: 1, or tau.
+        Divisors of the weights, by connection: 1 or tau.
     columns : mapping of str to str
-        The node that sums, by connection.
+        Summing node, by connection.
     """
 
     scales: Mapping[str, Decimal]
@@ -42,33 +42,22 @@ class Crossbar:
     columns: Mapping[str, str]
 
     def siemens(self, name: str, weights: np.ndarray) -> list[Decimal]:
-        """Signed conductances of a connection's weights (N,)."""
+        """Return the signed conductances of a connection's weights (N,)."""
         scale, divisors = self.scales[self.columns[name]], self.divisors[name]
         return [exact(w) * scale / by for w, by in zip(weights.tolist(), divisors)]
 
     def weights(self, name: str, siemens: list[Decimal]) -> np.ndarray:
-        """Weights (N,) of a connection's signed conductances: the inverse of `siemens`."""
+        """Return the weights (N,) of a connection's conductances (inverse of `siemens`)."""
         scale, divisors = self.scales[self.columns[name]], self.divisors[name]
         return np.array([float(g * by / scale) for g, by in zip(siemens, divisors)])
 
 
 def crossbar_of(network: Network, highest: Decimal, decades: float, folded: bool) -> Crossbar:
-    """Scales that put the largest weight of every node at the highest conductance.
+    """Compute scales that map the largest weight of a node to the highest conductance.
 
-    Parameters
-    ----------
-    network : Network
-    highest : Decimal
-        In siemens.
-    decades : float
-        Down to the lowest.
-    folded : bool
-        Whether time constants are folded in.
-
-    Raises
-    ------
-    ExportError
-        If the weights of a node do not fit.
+    Argument ``highest`` is in siemens, ``decades`` is the range down to the lowest conductance, and
+    ``folded`` folds the time constants in. Raises `ExportError` if the weights of a node do not
+    fit.
     """
     weights, tau = weights_in(network), time_constants(network)
     columns, divisors = {}, {}
@@ -98,17 +87,10 @@ def crossbar_of(network: Network, highest: Decimal, decades: float, folded: bool
 
 
 def nearest(g: Decimal, lowest: float, highest: Decimal, levels: int) -> Decimal:
-    """The nearest conductance that a device can take, with its sign; an open place stays open.
+    """Return the nearest conductance of a device, with its sign, in siemens.
 
-    Parameters
-    ----------
-    g : Decimal
-        In siemens, with a sign.
-    lowest : float
-    highest : Decimal
-        Ends of the range.
-    levels : int
-        How many values there are, in equal steps.
+    An open position remains open. A device has ``levels`` values in equal steps from ``lowest`` to
+    ``highest``.
     """
     if g == 0:
         return g
@@ -118,5 +100,5 @@ def nearest(g: Decimal, lowest: float, highest: Decimal, levels: int) -> Decimal
 
 
 def exact(number: float) -> Decimal:
-    """The shortest decimal number that a float64 is read from."""
+    """Return the shortest decimal number that parses to the float64."""
     return Decimal(repr(float(number)))

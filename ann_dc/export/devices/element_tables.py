@@ -1,4 +1,7 @@
-"""Elements of an analog computer as tables in machine units, and tables as a machine that runs."""
+"""Conversion of analog-computer elements to tables in machine units, and back.
+
+A table is converted to a `Machine` that can be run.
+"""
 
 from __future__ import annotations
 
@@ -22,31 +25,26 @@ from ann_dc.network.functions import function_block
 from ann_dc.weights.manifest import Table
 
 READS = {PRODUCT: 2, FUNCTION: 1}
-"""How many elements one of a kind reads."""
+"""Number of elements that an element of each kind reads."""
 VALUES = {INTEGRATOR: "start", CONSTANT: "value"}
-"""What the value of one of a kind is called."""
+"""Name of the value of each kind."""
 ROUNDING = 1e-12
-"""Of the scale of a product."""
+"""Relative tolerance for the scale of a product."""
 
 
 def table_of(elements: Sequence[Element], scales: np.ndarray, beta: float, largest: float) -> dict:
-    """Elements and the matrix between them, in machine units.
+    """Convert elements from network units to tables in machine units.
+
+    The tables are ``elements`` and ``matrix``.
 
     Parameters
     ----------
-    elements : sequence of Element
-        In network units.
     scales : (E,) array
-        What a machine unit of every element stands for.
+        Value that one machine unit of every element represents.
     beta : float
-        Machine time over network time.
+        Ratio of machine time to network time.
     largest : float
-        Gain of the inputs that have more than 1.
-
-    Returns
-    -------
-    dict
-        ``elements`` and ``matrix``.
+        Gain of the inputs with a coefficient above 1.
     """
     rows, matrix = [], []
     for k, e in enumerate(elements):
@@ -74,17 +72,10 @@ def _row(e: Element, scale: float) -> dict:
 
 
 def machine_of(table: Table) -> Machine:
-    """The machine that tables describe.
+    """Build the machine that a table describes.
 
-    Parameters
-    ----------
-    table : Table
-        With ``elements`` and ``matrix``, as `table_of` gives them, and the ``largest_coefficient``.
-
-    Raises
-    ------
-    FileFormatError
-        If they describe none.
+    The table has ``elements`` and ``matrix`` as in `table_of`, and ``largest_coefficient``. Raises
+    `FileFormatError` if the table does not describe a machine.
     """
     rows = list(table.rows("elements"))
     elements: list[Element] = []
@@ -149,7 +140,7 @@ def _limit(row: Table, key: str, none: float) -> float:
 def _matrix(
     table: Table, elements: Sequence[Element], largest: float
 ) -> Iterator[tuple[int, int, float]]:
-    """(target, source, coefficient times gain) of every row."""
+    """Yield (target, source, coefficient times gain) of every row."""
     for row in table.get("matrix", list):
         if not isinstance(row, list) or len(row) != 4 or any(isinstance(v, bool) for v in row):
             raise FileFormatError(f"{table.place}.matrix: expected rows of four numbers")

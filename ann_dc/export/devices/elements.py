@@ -1,8 +1,8 @@
-"""A network as elements of an analog computer: integrators, sums, products, functions.
+"""Network as analog-computer elements: integrators, sums, products and functions.
 
-Nothing is shared and nothing is implied: every stage has elements of its own, and what the metric
-does between drives and moves is wired as sums. A metric that is the inverse of a stiffness S is
-solved as S = L L': down the row by L, and back by L'.
+Elements are not shared between stages, and every operation is explicit. The map M from net inputs
+to state derivatives is built from sums. If M is the inverse of a stiffness S, the system is solved
+with S = L L': a forward pass along the stages with L, and a backward pass with L'.
 """
 
 from __future__ import annotations
@@ -25,21 +25,22 @@ INTEGRATOR, CONSTANT, SUM, PRODUCT, FUNCTION = KINDS
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Element:
-    """One element; it reads elements that stand before it, an integrator any.
+    """Analog-computer element.
+
+    An element reads earlier elements; an integrator reads any element.
 
     Attributes
     ----------
-    name, kind : str
     wires : mapping of int to float
-        What an integrator or a sum adds up: weight, by the place of the source.
+        Weights of the inputs of an integrator or a sum, by index of the source.
     reads : tuple of int
-        Places of the factors of a product, and the argument of a function.
+        Indices of the factors of a product, or of the argument of a function.
     function : str
-        Which function.
+        Name of the function.
     value : float
-        Of a constant; of an integrator, at the start.
+        Value of a constant, or initial value of an integrator.
     low, high : float
-        Where an integrator stops.
+        Saturation limits of an integrator.
     """
 
     name: str
@@ -53,14 +54,10 @@ class Element:
 
 
 def elements_of(network: Network) -> list[Element]:
-    """The elements of a network, in network units; the first n are its integrators.
+    """Return the elements of a network in network units; the first n are integrators.
 
-    A sum stands behind what it reads.
-
-    Parameters
-    ----------
-    network : Network
-        Without rails at neurons that its metric couples.
+    A sum follows the elements that it reads. The network must not have saturation limits at neurons
+    that its preconditioner couples.
     """
     return _Wiring(network).elements
 
@@ -105,7 +102,7 @@ class _Wiring:
         return self._constant(f"{name}[{stage}]", float(self.network.input_values[name][stage]))
 
     def _source(self, name: str, stage: int) -> int | None:
-        """Place of what a node says at a stage; None where that is zero."""
+        """Return the index of a node's element at a stage; None if its value is zero."""
         network = self.network
         if name == ONE:
             return self._constant(ONE, 1.0)
@@ -161,7 +158,7 @@ class _Wiring:
         return self._wires(self.network.cell.neurons[neuron].name, stages)
 
     def _moves(self, arriving: list[dict[int, float]]) -> list[dict[int, float]]:
-        """M d = spread S^-1 spread' d, with nodes for what neurons move together."""
+        """Return M d = spread S^-1 spread' d, with nodes for jointly moved neurons."""
         factors = self.network.metric.factors(self.network.row)
         spread, stiffness = factors.spread.tocsc(), factors.stiffness.tocsr()
         # nodes that belong to one neuron, and that no other node pulls
@@ -181,12 +178,12 @@ class _Wiring:
         return moves
 
     def _summed(self, component: int, wires: dict[int, float]) -> int:
-        """Add the drive of a neuron as a sum; return its place."""
+        """Add the net input of a neuron as a sum and return its index."""
         name = f"drive {self.elements[component].name}"
         return self._add(Element(name=name, kind=SUM, wires=wires))
 
     def _answers(self, spread, stiffness, drives: Mapping[int, int]) -> dict[int, int]:
-        """Places of S^-1 spread' d, of the nodes that hear any of the drives."""
+        """Return the indices of S^-1 spread' d for the nodes that depend on any net input."""
         heard = [
             n for n in range(spread.shape[1]) if any(i in drives for i, _ in _column(spread, n))
         ]
@@ -207,7 +204,7 @@ class _Wiring:
 
 
 def _cholesky(stiffness) -> sparse.coo_array:
-    """L of S = L L', for S with a narrow band."""
+    """Compute L of S = L L' for S with a narrow band."""
     below = sparse.coo_array(sparse.tril(stiffness))
     i, j = below.coords
     size, width = len(stiffness.indptr) - 1, int((i - j).max(initial=0))
@@ -224,6 +221,6 @@ def _times(wires: Mapping[int, float], factor: float) -> dict[int, float]:
 
 
 def _column(table, k: int) -> list[tuple[int, float]]:
-    """Rows and values of a column of a CSC array; columns and values of a row of a CSR one."""
+    """Return rows and values of a CSC column (or columns and values of a CSR row)."""
     span = slice(table.indptr[k], table.indptr[k + 1])
     return list(zip(table.indices[span].tolist(), table.data[span].tolist()))

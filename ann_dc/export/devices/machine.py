@@ -1,8 +1,8 @@
-"""What a list of analog elements computes: all values at a state, and how fast integrators move.
+"""Simulation of analog elements: values at a state and derivatives of integrators.
 
-Sums are added up in sparse matrices. Elements that are no sums stand in ranks: one reads sums of
-lower ranks only, so that a rank is computed at once; sums that read sums of their own rank are
-solved for together.
+Sums are evaluated with sparse matrices. Other elements are assigned to ranks: an element reads only
+sums of lower ranks, so a rank is computed at once. Sums that read sums of the same rank are solved
+for together.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from ann_dc.network.functions import function_block
 
 
 class Machine:
-    """Elements that run.
+    """Executable set of analog-computer elements.
 
     Parameters
     ----------
     elements : sequence of Element
-        Integrators first; all others read what stands before them.
+        Integrators first; all other elements read only earlier elements.
     scales : (E,) array, optional
-        What one machine unit of every element stands for; functions look up what they mean.
+        Value that one machine unit of every element represents; used by functions.
     """
 
     def __init__(self, elements: Sequence[Element], scales: np.ndarray | None = None) -> None:
@@ -53,11 +53,11 @@ class Machine:
 
     @property
     def start(self) -> np.ndarray:
-        """(n,): where the integrators start."""
+        """Initial values (n,) of the integrators."""
         return np.array([self.elements[i].value for i in self.integrators.tolist()])
 
     def values(self, x: np.ndarray) -> np.ndarray:
-        """(E,): what all elements say where the integrators stand at x (n,)."""
+        """Return the values (E,) of all elements at integrator states x (n,)."""
         values = self._fixed.copy()
         values[self.integrators] = x
         for step in self._steps:
@@ -65,17 +65,17 @@ class Machine:
         return values
 
     def moves(self, x: np.ndarray) -> np.ndarray:
-        """(n,): dX/dT of the integrators; none past its rail."""
+        """Return dX/dT (n,) of the integrators; zero if a limit would be exceeded."""
         moves = self._moves @ self.values(x)
         low, high = self._limits
         return np.where(pushes_out(x, moves, low, high), 0.0, moves)
 
     def within(self, x: np.ndarray) -> np.ndarray:
-        """The state with every integrator between its rails."""
+        """Return the state with every integrator within its limits."""
         return np.clip(x, *self._limits)
 
     def _rank(self, places: np.ndarray):
-        """What computes the elements of one rank, in the values (E,) of all."""
+        """Return the function that computes the elements of one rank in the values (E,)."""
         of = {k: [p for p in places.tolist() if self.elements[p].kind == k] for k in _NO_SUMS}
         parts = [_NO_SUMS[kind](self, found) for kind, found in of.items() if found]
         sums = np.array([p for p in places.tolist() if self.elements[p].kind == SUM], np.int64)
@@ -132,7 +132,10 @@ def _weights(elements: Sequence[Element]) -> sparse.csr_array:
 
 
 def _ranks(elements: Sequence[Element]) -> list[int]:
-    """Rank of every element: a sum has that of what it reads, any other element one more."""
+    """Return the rank of every element.
+
+    A sum has the highest rank of the elements that it reads; any other element has one more.
+    """
     ranks: list[int] = []
     for e in elements:
         if e.kind in (INTEGRATOR, CONSTANT):

@@ -1,7 +1,7 @@
-"""What stands beside every table of device values: the network itself, and its reference vector.
+"""Sidecar files of device tables: the network and its test vector.
 
-A table holds the weights alone; everything else about the network is read from its own file, whose
-content has to be that of the vector.
+A table contains only the weights. All other data of the network are read from the network file,
+whose content must match the vector.
 """
 
 from __future__ import annotations
@@ -27,33 +27,19 @@ NETWORK = "network.npz"
 
 
 def beside(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
-    """The files of a network and its vector.
+    """Return the files of a network and its test vector.
 
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-
-    Raises
-    ------
-    ExportError
-        If the vector is another network's.
+    Raises `ExportError` if the vector belongs to another network.
     """
     check_vector(network, vector)
     return {NETWORK: packed(network), VECTOR: vector.as_json()}
 
 
 def network_and_vector(files: Mapping[str, bytes]) -> tuple[Network, ReferenceVector]:
-    """Read what `beside` wrote.
+    """Read the network and the test vector written by `beside`.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-
-    Raises
-    ------
-    FileFormatError
-        If one is missing, is no such file, or the two do not belong together.
+    Raises `FileFormatError` if a file is missing or invalid, or if the two files do not belong
+    together.
     """
     vector = vector_of(files)
     network = unpacked(file_of(files, NETWORK), Path(NETWORK))
@@ -71,25 +57,18 @@ def check_rewritten(
     notes: str,
     write: Callable[[], Mapping[str, bytes]],
 ) -> str:
-    """Write a table and its notes again from the network beside them, and compare.
+    """Recreate a table and its notes from the network file and compare them.
+
+    Returns the control error of the table's network as a clause. Raises `FileFormatError` if the
+    settings are invalid, or with the name of the first line or entry that differs.
 
     Parameters
     ----------
-    files : mapping of file name to bytes
     table, notes : str
         Names of the two files.
-    write : function without arguments
-        Gives them as the network has them, with the settings that the notes state.
-
-    Returns
-    -------
-    str
-        How far the controls of the table's network are off, in a clause.
-
-    Raises
-    ------
-    FileFormatError
-        If the settings are none, or naming the line or the entry that is another.
+    write : callable
+        Function without arguments that returns both files for the network, with the settings in the
+        notes.
     """
     try:
         anew = write()
@@ -117,12 +96,7 @@ def check_rewritten(
 
 
 def weights_in(network: Network) -> dict[str, np.ndarray]:
-    """The weights (N,) of all connections, by name.
-
-    Parameters
-    ----------
-    network : Network
-    """
+    """Return the weights (N,) of all connections, by name."""
     stages = network.stages
     return {
         c.name: np.array(np.broadcast_to(np.asarray(c.weight, float), stages))
@@ -131,24 +105,15 @@ def weights_in(network: Network) -> dict[str, np.ndarray]:
 
 
 def with_weights(network: Network, weights: Mapping[str, np.ndarray]) -> Network:
-    """The network with other weights of its connections.
-
-    Parameters
-    ----------
-    network : Network
-    weights : mapping of str to (N,) array
-        For every connection, by name.
-    """
+    """Return the network with the given weights (N,) for all connections, by name."""
     wires = tuple(replace(c, weight=weights[c.name]) for c in network.cell.connections)
     return replace(network, cell=replace(network.cell, connections=wires))
 
 
 def time_constants(network: Network) -> dict[str, np.ndarray]:
-    """What the wires (N,) of every neuron are divided by; those that all share have one of it.
+    """Return the divisors (N,) of the connections to every neuron, by name.
 
-    Parameters
-    ----------
-    network : Network
+    A neuron shared by all cells has a single divisor.
     """
     stages = network.stages
     tau = {n.name: np.array(np.broadcast_to(n.tau, stages), float) for n in network.cell.neurons}
@@ -159,11 +124,9 @@ def time_constants(network: Network) -> dict[str, np.ndarray]:
 
 
 def weight_error(before: Mapping[str, np.ndarray], after: Mapping[str, np.ndarray]) -> float:
-    """Largest relative error of a weight; infinite where one that was zero is not.
+    """Compute the largest relative error of the weights (N,).
 
-    Parameters
-    ----------
-    before, after : mapping of str to (N,) array
+    The error is infinite if a zero weight has become nonzero.
     """
     worst = 0.0
     for name, exact in before.items():
@@ -176,23 +139,20 @@ def weight_error(before: Mapping[str, np.ndarray], after: Mapping[str, np.ndarra
 def control_error(
     network: Network, changed: Network, vector: ReferenceVector, step: float | None = None
 ) -> float | None:
-    """How far the controls of a changed network are from those of the network, both settled.
+    """Compute the control error of a changed network when both networks have settled.
+
+    Returns the largest difference relative to the size of the controls (`size_of`), in the user's
+    units; all neurons are compared if the network has no controls. Returns None if one of the
+    networks does not settle from the vector's end.
 
     Parameters
     ----------
-    network, changed : Network
-        The latter with other numbers.
+    changed : Network
+        Network with changed numbers.
     vector : ReferenceVector
-        Of the network.
+        Test vector of the unchanged network.
     step : float, optional
-        h of the walk in which the changed network settles; that of the vector by default.
-
-    Returns
-    -------
-    float or None
-        Largest difference over the size of the controls (`size_of`), in the user's units; of all
-        neurons where there are no controls. None where one of the two does not settle from the
-        vector's end.
+        Step h of the iteration in which the changed network settles; the vector's step by default.
     """
     start = network.pack(vector.end)
     steps, end, _ = EulerWalk(changed, step or vector.step).settled(start, vector.tolerance)

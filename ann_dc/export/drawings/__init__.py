@@ -1,4 +1,4 @@
-"""Networks as pictures that explain: diagrams, schematics with values, equations."""
+"""Drawings of networks: diagrams, schematics with values, and equations."""
 
 import lazy_loader
 

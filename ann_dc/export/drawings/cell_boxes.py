@@ -1,7 +1,7 @@
-"""What a cell is drawn as: a box for every neuron and block, one for all nodes of a multiplier.
+"""Boxes of a cell diagram: one per neuron and block, one for a multiplier neuron.
 
-A row of a box is a term of its sum, which is where a wire ends, or tells of a node, which is where
-the node's own wire begins.
+The box of a multiplier neuron contains all its nodes. A row of a box is a term of its sum, at which
+a wire ends, or describes a node, at which the wire of that node begins.
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ from ann_dc.network.cell import ONE, Connection, Function, Neuron, Product, Sum
 from ann_dc.network.network import Network
 
 INSIDE = 1.1
-"""Millimetres between the edge of a box and its words."""
+"""Distance in mm between the edge of a box and its text."""
 ROW, HEAD = 2.55, 3.0
-"""Heights of rows in millimetres."""
+"""Row heights in mm."""
 BETWEEN = 2.0
-"""Millimetres between words on the left and on the right of a row."""
+"""Gap in mm between the left and right texts of a row."""
 INTEGRAL = "∫\u00a0"
-"""With a space that its slant needs."""
+"""Integral sign with a space for its slant."""
 LONGEST_LINE = 34.0
-"""Millimetres of an equation that stands in one row."""
+"""Largest width in mm of an equation in one row."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """A line of a box.
+    """Row of a box.
 
     Attributes
     ----------
     text, right : str
-        On the left, on the right.
+        Texts on the left and on the right.
     head : bool
-        Whether it is the head.
+        True for the head row.
     reads, sends : str
-        The node whose wire ends here, begins here; empty where none does.
+        Node whose wire ends or begins at this row; empty if there is none.
     neighbour : int
-        -1 or 1 where the previous or next cell is read, or where it reads.
+        -1 or 1 if the row reads the previous or next cell, or is read by it; 0 otherwise.
     """
 
     text: str
@@ -56,30 +56,28 @@ class Row:
 
     @property
     def height(self) -> float:
-        """In millimetres."""
+        """Height in mm."""
         return HEAD if self.head else ROW
 
     @property
     def width(self) -> float:
-        """In millimetres."""
+        """Width in mm."""
         right = text_width(self.right) + BETWEEN if self.right else 0.0
         return text_width(self.text, bold=self.head) + right + 2 * INSIDE
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Box:
-    """A box.
+    """Box of a neuron or block.
 
     Attributes
     ----------
     name : str
-        Of its neuron or block.
+        Name of the neuron or block.
     kind : str
         ``neuron``, ``dual`` or ``block``.
-    color : str
-    rows : tuple of Row
     shared : bool
-        Whether all cells share it.
+        True if the neuron is common to all cells.
     """
 
     name: str
@@ -90,32 +88,27 @@ class Box:
 
     @property
     def width(self) -> float:
-        """In millimetres."""
+        """Width in mm."""
         return max(row.width for row in self.rows)
 
     @property
     def height(self) -> float:
-        """In millimetres."""
+        """Height in mm."""
         return sum(row.height for row in self.rows)
 
     @property
     def reads(self) -> list[str]:
-        """The nodes whose wires end here."""
+        """Nodes whose wires end at the box."""
         return [row.reads for row in self.rows if row.reads]
 
     @property
     def sends(self) -> list[str]:
-        """The nodes whose wires begin here."""
+        """Nodes whose wires begin at the box."""
         return [row.sends for row in self.rows if row.sends]
 
 
 class CellBoxes:
-    """The boxes of a network's cell.
-
-    Parameters
-    ----------
-    network : Network
-    """
+    """Boxes of a network's cell."""
 
     def __init__(self, network: Network) -> None:
         self.network = network
@@ -137,14 +130,14 @@ class CellBoxes:
 
     @cached_property
     def boxes(self) -> tuple[Box, ...]:
-        """Of multipliers, other blocks, other neurons."""
+        """Boxes of multiplier neurons, then of other blocks, then of other neurons."""
         members: dict[str, list[str]] = defaultdict(list)
         for name, group in self._group.items():
             members[group].append(name)
         return tuple(self._box(name, nodes) for name, nodes in members.items())
 
     def _sources_of(self, name: str) -> list[str]:
-        """The nodes of its own cell that a node reads."""
+        """Return the nodes of the same cell that a node reads."""
         block = self._blocks.get(name)
         if isinstance(block, Product):
             return [block.a, block.b]
@@ -153,7 +146,7 @@ class CellBoxes:
         return [c.source for c in self._incoming[name] if not c.template and c.source != ONE]
 
     def _groups(self) -> dict[str, str]:
-        """The neuron that each node is drawn with: the multiplier that it belongs to, or itself."""
+        """Return the neuron of each node: its multiplier neuron, or the node itself."""
         cell = self._cell
         groups = {name: name for name in (*self._blocks, *self._neurons)}
         for dual in cell.duals:
@@ -188,14 +181,14 @@ class CellBoxes:
         )  # fmt: skip
 
     def _about(self, neuron: Neuron) -> str:
-        """What kind of multiplier a neuron is, and its time constant."""
+        """Return the kind of a multiplier neuron and its time constant as text."""
         diode = neuron.name in {row.neuron for row in self._cell.diodes}
         kind = "diode" if diode else "PI"
         kind = "share" if neuron.name in {o.neuron for o in self._cell.objectives} else kind
         return f"{kind}, τ {number(neuron.tau)}"
 
     def _outer_rows(self, name: str) -> list[Row]:
-        """Of a node that is drawn by itself."""
+        """Return the rows of a node with a separate box."""
         block, own = self._blocks.get(name), self.short[name]
         if isinstance(block, Product):
             head = Row(text=f"× {own}", head=True, sends=name)
@@ -210,7 +203,7 @@ class CellBoxes:
         return [*rows, *self._terms(name), *_rails(neuron)]
 
     def _inner_rows(self, name: str, inside: set[str]) -> list[Row]:
-        """Of a node of a multiplier: in one row where it reads nothing from outside."""
+        """Return the rows of a multiplier's node: one row if it has no outside source."""
         block, own = self._blocks.get(name), self.short[name]
         sends = name if not self._readers[name] <= inside else ""
         symbol = "Σ" if isinstance(block, Sum) else INTEGRAL if block is None else ""
@@ -234,7 +227,7 @@ class CellBoxes:
         return Row(text="1" if name == ONE else self.short[name], reads="" if name == ONE else name)
 
     def _terms(self, name: str, inside: Iterable[str] = ()) -> list[Row]:
-        """A row for each term that a neuron or a sum adds up."""
+        """Return one row for each term of a neuron or a sum."""
         rows = []
         for place, wire in enumerate(self._incoming[name]):
             said = term(wire, self._said(wire), not place)
@@ -252,7 +245,7 @@ class CellBoxes:
         return rows
 
     def _handed_on(self, name: str) -> list[Row]:
-        """Where the neighbours read a node."""
+        """Return the rows at which neighbouring cells read a node."""
         far = sorted(way for source, way in self._sent if source == name)
         return [
             Row(
@@ -284,7 +277,10 @@ def _readers(sources_of, names: Iterable[str]) -> Mapping[str, set[str]]:
 
 
 def _is_ordered(groups: Mapping[str, str], sources_of, neurons: Mapping) -> bool:
-    """Whether no group waits for itself; a neuron that is drawn alone is there from the start."""
+    """Return True if no group depends on itself.
+
+    A separately drawn neuron is available from the start.
+    """
     alone = {name for name in neurons if list(groups.values()).count(name) == 1}
     graph: dict[str, set[str]] = {group: set() for group in groups.values()}
     for name, group in groups.items():

@@ -1,7 +1,8 @@
-"""Boxes in columns and panels: what reads stands to the right of what it reads.
+"""Columns and panels of a cell diagram: readers are right of the boxes they read.
 
-The upper panel shows what the multipliers measure, the lower one how all neurons move; a panel that
-would be too wide is cut. What a panel reads of neurons and of panels above stands on its left.
+The upper panel shows the residuals measured by the multiplier neurons, and the lower panel shows
+the dynamics of all other neurons. A panel that would be too wide is split. Values that a panel
+reads from neurons and from panels above are listed on its left.
 """
 
 from __future__ import annotations
@@ -16,31 +17,31 @@ from ann_dc.export.drawings.cell_boxes import Box
 from ann_dc.export.drawings.page import WIDTH, text_width
 
 SPACE = 7.0
-"""Millimetres between columns at least."""
+"""Smallest gap between columns in mm."""
 COMFORT = 16.0
-"""Millimetres between columns of panels that share a line."""
+"""Gap in mm between columns of panels that are placed on one line."""
 MARGIN = 6.0
-"""Millimetres beside a panel: where wires of neighbours come in."""
+"""Margin of a panel in mm, for wires of neighbouring cells."""
 FILL = 1.4
-"""How high a column may become, over the mean of all."""
+"""Largest column height relative to the mean column height."""
 TALL, FEW = 80.0, 3
-"""Higher columns than that, in millimetres, are split where there are fewer than so many."""
+"""Height in mm above which columns are split, if there are fewer columns than the second number."""
 APART = 1.5
-"""Millimetres between boxes of a column."""
+"""Gap in mm between boxes of a column."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Panel:
-    """A panel.
+    """Panel of a cell diagram.
 
     Attributes
     ----------
-    title : str
     pills : tuple of str
-        Nodes that it reads, in their order.
+        Nodes that the panel reads, in their order.
     columns : tuple of tuples of Box
+        Boxes by column.
     labels : tuple of str
-        What stands in the pills.
+        Texts of the pills.
     """
 
     title: str
@@ -50,36 +51,27 @@ class Panel:
 
     @cached_property
     def widths(self) -> list[float]:
-        """Of all columns in millimetres, that of the pills first."""
+        """Widths of all columns in mm, beginning with the pills."""
         pills = max((text_width(label) for label in self.labels), default=0.0) + 3.0
         return [pills, *(max(box.width for box in column) for column in self.columns)]
 
     def room(self, width: float = WIDTH) -> float:
-        """Millimetres between two columns, in a panel of that ``width``."""
+        """Return the gap in mm between two columns of a panel with the given width."""
         return (width - 2 * MARGIN - sum(self.widths)) / (len(self.widths) - 1)
 
     @property
     def comfort(self) -> float:
-        """Millimetres of a width that leaves room for wires."""
+        """Panel width in mm that leaves space for wires."""
         return 2 * MARGIN + sum(self.widths) + COMFORT * (len(self.widths) - 1)
 
 
 def panels_of(
     boxes: Sequence[Box], order: Sequence[str], label: Callable[[str], str]
 ) -> list[Panel]:
-    """The panels in which boxes are drawn.
+    """Arrange boxes in panels.
 
-    Parameters
-    ----------
-    boxes : sequence of Box
-    order : sequence of str
-        All nodes, in the order in which pills stand.
-    label : function of a node's name
-        What stands in its pill.
-
-    Returns
-    -------
-    list of Panel
+    Pills follow ``order``, a sequence of all node names, and ``label`` returns the text of a node's
+    pill.
     """
     maker = {node: box for box in boxes if box.kind != "neuron" for node in box.sends}
     reads = {box: [maker[n] for n in box.reads if n in maker and maker[n] is not box]
@@ -100,7 +92,7 @@ def panels_of(
 
 
 def lines_of(panels: Sequence[Panel]) -> list[list[tuple[Panel, float]]]:
-    """Panels, and widths that fill a page, line by line."""
+    """Return the panels of each line with widths that fill the page."""
     lines: list[list[Panel]] = [[]]
     for panel in panels:
         if lines[-1] and sum(p.comfort for p in [*lines[-1], panel]) > WIDTH:
@@ -111,7 +103,7 @@ def lines_of(panels: Sequence[Panel]) -> list[list[tuple[Panel, float]]]:
 
 
 def _ancestors(boxes: Sequence[Box], reads: dict[Box, list[Box]]) -> set[Box]:
-    """Boxes, and all whose values come into theirs."""
+    """Return the boxes and all boxes that they read directly or indirectly."""
     found, waiting = set(), list(boxes)
     while waiting:
         box = waiting.pop()
@@ -122,7 +114,10 @@ def _ancestors(boxes: Sequence[Box], reads: dict[Box, list[Box]]) -> set[Box]:
 
 
 def _columns(boxes: list[Box], reads: dict[Box, list[Box]]) -> list[list[Box]]:
-    """Each box right of those that it reads; those that none reads, where there is room."""
+    """Place each box right of the boxes that it reads.
+
+    Boxes that no other box reads are placed in columns with free height.
+    """
     inside, depth = set(boxes), {}
 
     def depth_of(box: Box) -> int:
@@ -164,7 +159,7 @@ def _height(boxes: Sequence[Box]) -> float:
 def _cut(
     title: str, columns: list[list[Box]], order: Sequence[str], label: Callable[[str], str]
 ) -> list[Panel]:
-    """As few panels as fit on a page."""
+    """Split columns into the smallest number of panels that fit on a page."""
     panels: list[Panel] = []
     for count in range(1, len(columns) + 1):
         size = math.ceil(len(columns) / count)

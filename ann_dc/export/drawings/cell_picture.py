@@ -1,7 +1,7 @@
-"""The cell as a picture: every neuron and block with the terms that it adds up, and its wires.
+"""Cell diagram: every neuron and block with the terms of its sum, and the wires.
 
-Time runs from left to right once around the loop: values of neurons stand on the left, integrators
-that make them on the right or below.
+Signals run from left to right once around the loop: values of neurons are on the left, and the
+integrators that produce them are on the right or below.
 """
 
 from __future__ import annotations
@@ -27,15 +27,16 @@ from ann_dc.network.cell import ONE, Function, Product, Sum
 from ann_dc.network.network import Network
 
 TOP, TITLE, BELOW, LINE = 13.0, 6.0, 5.0, 3.6
-"""Millimetres above the panels, above each, below each, and of a line of the legend."""
+"""Distances in mm: above the panels, above each panel, below each panel; height of a legend line.
+"""
 MOST_TITLE = 60
-"""Letters of the network's title."""
+"""Maximum number of characters of the network's title."""
 STUB = 3.2
-"""Millimetres of a wire that comes from a neighbour."""
+"""Length in mm of a wire from a neighbouring cell."""
 
 
 def cell_page(network: Network) -> Page:
-    """Draw the cell of a ``network``."""
+    """Draw the cell of a network."""
     drawn = CellBoxes(network)
     named = {**drawn.short, ONE: "1"}
     shared = {neuron.name for neuron in network.cell.neurons if neuron.shared}
@@ -76,7 +77,7 @@ def _headline(page: Page, network: Network) -> None:
 def _draw_panel(
     page: Page, drawn: CellBoxes, found: Placed, place_on: tuple[float, float, float], title: str
 ) -> None:
-    """A panel at (left, top, height)."""
+    """Draw a panel at (left, top, height)."""
     x, above, height = place_on
     top, frame = above + TITLE, Pen(color="#C8C8C8", width=0.5)
     page.box((x + 1, above + 0.5), (found.width - 2, height - 2), edge=frame, round_by=1.5)
@@ -96,7 +97,7 @@ def _draw_panel(
 
 
 def _draw_wires(page: Page, drawn: CellBoxes, found: Placed, left: list[float], top: float) -> None:
-    """From column to column, and past the boxes of a column."""
+    """Draw wires between columns and past the boxes of a column."""
     widths = found.panel.widths
     for node, place, start, end in found.wires():
         ends = (left[place] + widths[place], top + start), (left[place + 1], top + end)
@@ -142,7 +143,7 @@ def _draw_box(
 
 
 def _stub(page: Page, at: tuple[float, float], width: float, way: int, *, out: bool) -> None:
-    """A wire from or to a neighbour: the previous cell is on the left, the next on the right."""
+    """Draw a wire from or to a neighbour: the previous cell left, the next cell right."""
     x, y = at
     edge = x if way < 0 else x + width
     end = edge + way * STUB
@@ -154,11 +155,11 @@ def _stub(page: Page, at: tuple[float, float], width: float, way: int, *, out: b
 
 
 Entry = tuple[str, str, str]
-"""Kind of a sign, its colour, and what it means."""
+"""Kind of a symbol, its colour, and its meaning."""
 
 
 def _legend(drawn: CellBoxes) -> list[list[Entry]]:
-    """What the signs mean, in lines that fit."""
+    """Return the meanings of the symbols, in lines that fit the page."""
     cell = drawn.network.cell
     roles = {neuron.population: neuron.role.value for neuron in cell.neurons}
     entries: list[Entry] = [

@@ -1,8 +1,8 @@
-"""Where boxes and wires of a panel lie: each as near to what it is wired with as the others let it.
+"""Vertical placement of boxes and wires: each is placed close to its connections.
 
-A wire that goes past a column has a lane there, between the boxes. Columns are gone through forth
-and back; in each, boxes and lanes are put in the order of what they are wired with, and then moved
-as little as keeps them apart.
+A wire that passes a column has a lane between the boxes of the column. The algorithm sweeps over
+the columns in both directions. In each column, boxes and lanes are sorted by the positions of their
+connections, then moved by the smallest distance that separates them.
 """
 
 from __future__ import annotations
@@ -17,27 +17,26 @@ from ann_dc.export.drawings.cell_boxes import Box
 from ann_dc.export.drawings.cell_columns import APART, MARGIN, Panel
 
 PILL, LANE = 2.9, 0.9
-"""Heights in millimetres."""
+"""Heights in mm."""
 SWEEPS = 24
 WIDEST = 40.0
-"""Millimetres between two columns at most."""
+"""Largest gap in mm between two columns."""
 
 
 @dataclass(kw_only=True, eq=False)
 class Item:
-    """A pill, a box or a lane in a column.
+    """Pill, box or lane in a column.
 
     Attributes
     ----------
     height, top : float
-        In millimetres.
+        Position in mm.
     gap : float
-        Millimetres below it.
+        Gap below the item in mm.
     ins, outs : mapping of node name to list of float
-        How far below its top a wire ends, begins.
-    box : Box or None
+        Distances from the top at which a wire ends or begins, in mm.
     node : str
-        Of a pill or a lane.
+        Node of a pill or a lane.
     """
 
     height: float
@@ -50,21 +49,14 @@ class Item:
 
 
 class Placed:
-    """The items of a panel.
-
-    Parameters
-    ----------
-    panel : Panel
-    width : float
-        Of the panel, in millimetres.
+    """Placed items of a panel with a width in mm.
 
     Attributes
     ----------
     columns : list of lists of Item
-        That of the pills first.
+        Items by column, beginning with the pills.
     left : list of float
-        Where each column begins.
-    height : float
+        Left edge of each column in mm.
     """
 
     def __init__(self, panel: Panel, width: float) -> None:
@@ -97,7 +89,7 @@ class Placed:
                 )
 
     def wires(self) -> list[tuple[str, int, float, float]]:
-        """(node, column it comes from, height there, height where it goes to)."""
+        """Return wires as (node, source column, height at source, height at target)."""
         found = []
         for place in range(1, len(self.columns)):
             ends = _ports(self.columns[place - 1], "outs")
@@ -132,7 +124,7 @@ class Placed:
         self._settle(column, wanted)
 
     def _settle(self, column: list[Item], wanted: list[float]) -> None:
-        """Tops as near to the wanted ones as they may be in this order."""
+        """Set tops as close to the wanted tops as the order allows."""
         sizes = np.array([item.height + item.gap for item in column])
         before = np.cumsum(sizes) - sizes
         free = self.height - sizes.sum()
@@ -158,7 +150,7 @@ def _boxed(box: Box) -> Item:
 
 
 def _group(item: Item) -> str:
-    """What stays together in a column: neurons of a population."""
+    """Return the key of items that remain together: neurons of a population."""
     if item.box is None:
         return f"past {item.node}"
     return item.box.name if item.box.kind == "block" else item.box.name.partition(".")[0]
@@ -177,7 +169,7 @@ def _ports(column: list[Item], side: str) -> dict[str, list[float]]:
 
 
 def _pull(item: Item, before: Mapping, after: Mapping) -> float:
-    """The top at which an item's wires would be level on the mean."""
+    """Return the top at which an item's wires would be horizontal on average."""
     pulls = [
         y - own
         for mine, theirs in ((item.ins, before), (item.outs, after))
@@ -189,7 +181,7 @@ def _pull(item: Item, before: Mapping, after: Mapping) -> float:
 
 
 def _rising(values: np.ndarray) -> np.ndarray:
-    """The nearest values that do not fall: neighbours that would, share their mean."""
+    """Return the nearest nondecreasing values: decreasing neighbours get their mean."""
     runs: list[list[float]] = []
     for value in values:
         runs.append([float(value), 1])

@@ -1,4 +1,4 @@
-"""The row as a picture: its cells, what goes from neighbour to neighbour, ends, and the metric."""
+"""Cell-array diagram: cells, neighbour connections, boundaries and preconditioner."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from ann_dc.si_prefixes import counted
 
 SIDE, TOP = 6.0, 14.0
 ROW = (38.0, 172.0)
-"""Where the row of cells begins and ends, in millimetres."""
+"""Left and right ends of the cell array in mm."""
 STRIP, ZOOM = 3.0, 9.0
-"""Heights of the row, and of what leads from it to the cells that are drawn large."""
+"""Heights in mm of the cell array and of the zoom lines to the enlarged cells."""
 BETWEEN, DOTS = 15.0, 8.0
-"""Millimetres between two cells, and of the dots that stand for the others."""
+"""Widths in mm of the gap between two cells and of the dots for omitted cells."""
 LINE, HEAD = 3.5, 5.0
 LONGEST = 300
-"""Letters that are looked at: more fit on no page."""
+"""Maximum number of measured characters; a longer text does not fit a page."""
 MOST_WIRES = 16
-"""Wires between neighbours that are drawn one by one."""
+"""Maximum number of neighbour wires that are drawn individually."""
 
 
 def chain_page(network: Network) -> Page:
-    """Draw the row of a ``network``."""
+    """Draw the cell array of a network."""
     cells, wires = _cells(network), _wires(network)
     inside = max(len(cell) for _, cell in cells)
     tall = HEAD + LINE * max(inside + 1, len(wires)) + 2
@@ -71,11 +71,11 @@ def _headline(page: Page, network: Network) -> None:
 
 
 Entry = tuple[str, str, bool]
-"""Population, what is said of it, and whether it is alive."""
+"""Population, its text, and True if it is live."""
 
 
 def _cells(network: Network) -> list[tuple[int, list[Entry]]]:
-    """Stages that are drawn large, and what is in each."""
+    """Return the enlarged stages and the entries of each."""
     last = network.stages - 1
     stages = range(last + 1) if last < 3 else (0, 1, last)
     return [(stage, _inside(network, stage)) for stage in stages]
@@ -112,7 +112,7 @@ def _said(population: str, state: str, parts: list[str]) -> str:
 
 
 def _wires(network: Network) -> list[tuple[str, str, int]]:
-    """Name of a node, its colour, and the way it goes: 1 to the next cell, -1 to the previous."""
+    """Return node, colour and direction of each wire: 1 to the next cell, else -1."""
     colors, sent = node_colours(network.cell), {}
     for connection in network.cell.connections:
         if connection.template and connection.source != ONE:
@@ -130,7 +130,6 @@ def _bus(network: Network) -> list[str]:
 
 
 def _draw_strip(page: Page, network: Network, top: float) -> None:
-    """All cells of the row, small."""
     count, (start, end) = network.stages, ROW
     step = (end - start) / count
     page.text((start - 3, top + STRIP / 2), f"cells 0…{count - 1}", align="right")
@@ -142,7 +141,7 @@ def _draw_strip(page: Page, network: Network, top: float) -> None:
 
 
 def _slots(network: Network, count: int) -> tuple[list[float], float]:
-    """Left edges of the cells that are drawn large, and their width."""
+    """Return the left edges of the enlarged cells and their width."""
     dots = DOTS + BETWEEN if count < network.stages else 0.0
     wide = min((WIDTH - 2 * SIDE - BETWEEN * (count - 1) - dots) / count, 60.0)
     edges = [SIDE + (wide + BETWEEN) * place for place in range(count)]
@@ -190,7 +189,7 @@ def _draw_entries(
 
 
 def fitted(words: str, width: float) -> str:
-    """Words, cut to a width in millimetres."""
+    """Truncate a text to a width in mm."""
     plain = shortened(words, LONGEST)
     if text_width(plain) <= width:
         return plain
@@ -210,7 +209,7 @@ def _draw_wires(page: Page, wires: list, gap: tuple[float, float], top: float) -
 
 
 def _draw_bus(page: Page, network: Network, names: list[str], top: float) -> None:
-    """What all cells share, in the last one, and the bus that they read it over."""
+    """Draw the shared neurons in the last cell, and the bus to all cells."""
     words = fitted(f"shared by all cells, in the last one: {', '.join(names)}", WIDTH - 4 * SIDE)
     y = top + 4.5
     page.line([(SIDE, y), (WIDTH - SIDE, y)], Pen(width=1.2))

@@ -1,4 +1,4 @@
-"""Pictures read with distrust: what they tell of themselves, and nothing else of them."""
+"""Strict reader of pictures: only their metadata are used."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ann_dc.weights.manifest import Table, read_manifest
 VECTOR = "reference_vector.json"
 SCHEMA = 1
 LARGEST = 50_000_000
-"""Bytes of a file at most."""
+"""Largest file size in bytes."""
 
 ROOT = {
     "xmlns": r"http://www\.w3\.org/2000/svg",
@@ -43,13 +43,13 @@ ELEMENTS = {
     "text": {**PLACE, **LOOK},
     "g": LOOK,
 }
-"""All that a picture is drawn with, and what each attribute of it looks like."""
+"""Permitted SVG elements, with a pattern for the value of each attribute."""
 STYLE = re.compile(
     r"(?:@font-face \{font-family: \w+; font-weight: \w+; "
     r"src: url\(data:font/ttf;base64,[A-Za-z0-9+/=]+\);\})*"
     r"(?:\*\{stroke-linejoin: round; stroke-linecap: butt\})?"
 )
-"""Letters that travel along; nothing is fetched."""
+"""Permitted style: embedded fonts only; nothing is fetched."""
 ACTIONS = (
     "JavaScript Launch URI SubmitForm ImportData GoToR GoToE Rendition RichMedia EmbeddedFile XFA "
     "ObjStm Encrypt"
@@ -60,11 +60,11 @@ ACTION = re.compile(
         for name in ACTIONS.split()
     ).encode()
 )
-"""What a PDF file does something with, or hides something in; each letter may be a number."""
+"""PDF entries that trigger actions or hide content; each letter may be written as a number."""
 
 
 def told_of(network: Network, form: str, what: str) -> dict[str, object]:
-    """What a picture of a ``network`` tells of itself."""
+    """Return the metadata of a picture of a network."""
     return {
         "format": f"ann_dc {form}",
         "schema": SCHEMA,
@@ -76,12 +76,9 @@ def told_of(network: Network, form: str, what: str) -> dict[str, object]:
 
 
 def read_vector(files: Mapping[str, bytes]) -> ReferenceVector:
-    """The reference vector among ``files``.
+    """Read the test vector from the files.
 
-    Raises
-    ------
-    FileFormatError
-        If there is none, or a file is too large.
+    Raises `FileFormatError` if the vector is missing or a file is too large.
     """
     for name, content in files.items():
         if len(content) > LARGEST:
@@ -92,13 +89,10 @@ def read_vector(files: Mapping[str, bytes]) -> ReferenceVector:
 
 
 def check_svg(name: str, content: bytes, form: str, vector: ReferenceVector) -> Table:
-    """What an SVG file tells of itself, after it was compared with a reference vector.
+    """Return the metadata of an SVG file after comparing them with a test vector.
 
-    Raises
-    ------
-    FileFormatError
-        If it is not well formed, has a document type, is no such picture, or one of another
-        network.
+    Raises `FileFormatError` if the file is not well formed, has a document type, is not a picture
+    of this format, or belongs to another network.
     """
     table = read_manifest(_metadata(name, content), f"ann_dc {form}", SCHEMA)
     for key, expected in (("wiring", vector.wiring), ("content", vector.content)):
@@ -110,11 +104,9 @@ def check_svg(name: str, content: bytes, form: str, vector: ReferenceVector) -> 
 
 
 def check_pdf(name: str, content: bytes, vector: ReferenceVector) -> None:
-    """Compare what a PDF file says of itself with a reference vector.
+    """Compare the metadata of a PDF file with a test vector.
 
-    Raises
-    ------
-    FileFormatError
+    Raises `FileFormatError` if the file is incomplete, contains an action, or has other hashes.
     """
     whole = content.startswith(b"%PDF-") and content.rstrip().endswith(b"%%EOF")
     if not whole:
@@ -127,7 +119,7 @@ def check_pdf(name: str, content: bytes, vector: ReferenceVector) -> None:
 
 
 def _check_element(name: str, tag: str, attributes: Mapping[str, str]) -> None:
-    """Refuse what no picture is drawn with: scripts, links, pictures of elsewhere."""
+    """Reject elements that pictures do not use: scripts, links and external images."""
     if tag not in ELEMENTS:
         raise FileFormatError(f"{name}: <{tag:.40}> is in no picture of ours")
     for key, value in attributes.items():
@@ -137,7 +129,7 @@ def _check_element(name: str, tag: str, attributes: Mapping[str, str]) -> None:
 
 
 class _Reader:
-    """What is met in an SVG file, element by element."""
+    """Parser callbacks that process an SVG file element by element."""
 
     def __init__(self, name: str) -> None:
         self.name, self.path, self.style = name, [], ""
@@ -168,7 +160,7 @@ class _Reader:
 
 
 def _metadata(name: str, content: bytes) -> str:
-    """The text of the one ``metadata`` element of an SVG file."""
+    """Return the text of the single ``metadata`` element of an SVG file."""
     parser, reader = expat.ParserCreate("utf-8"), _Reader(name)
     parser.buffer_text = True
     parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = reader.refuse

@@ -1,4 +1,4 @@
-"""The metric of a network as a picture above its row of cells: hats, resistors or a tree."""
+"""Picture of the preconditioner above the cell array: hats, resistors or a tree."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from ann_dc.network.preconditioners.resistive_grid import Grid
 
 COLOR = "#3A5E8C"
 FINEST = 1.4
-"""Millimetres between nodes that are drawn one by one; closer ones become a band."""
+"""Smallest distance in mm between nodes that are drawn individually; closer nodes become a band."""
 LEVEL = 7.0
-"""Millimetres a level."""
+"""Height of a level in mm."""
 
 Places = tuple[float, float]
-"""Where the row begins and ends on a page, in millimetres."""
+"""Left and right ends of the cell array on a page in mm."""
 
 
 def height_of(network: Network) -> float:
-    """Millimetres that the metric of a ``network`` needs above the row."""
+    """Return the height in mm that the preconditioner needs above the cell array."""
     return LEVEL * len(_levels(network))
 
 
 def draw_metric(page: Page, network: Network, row: Places, bottom: float) -> None:
-    """Draw it level by level, the one next to the cells lowest."""
+    """Draw the preconditioner level by level, with the level next to the cells lowest."""
     for place, (words, draw) in enumerate(_levels(network)):
         base = bottom - LEVEL * place
         page.text((row[0] - 3, base - LEVEL / 2), words, align="right")
@@ -97,7 +97,7 @@ def _resistors(stages: int) -> Callable[[Page, Places, float], None]:
 
 
 def _branches(blocks: int) -> list[Level]:
-    """One level a halving of the row."""
+    """Return one tree level per halving of the cell array."""
     levels, places = [], np.arange(blocks)
     while len(places) > 1:
         levels.append(_halving(places, blocks))
@@ -128,7 +128,7 @@ def _halving(places: np.ndarray, blocks: int) -> Level:
 
 
 def _band(page: Page, row: Places, foot: float, top: float) -> None:
-    """Too many to be drawn one by one."""
+    """Draw a band for nodes that are too many to draw individually."""
     page.box((row[0], top), (row[1] - row[0], foot - top), face=tint(COLOR, 0.3), edge=_pen())
     page.text(((row[0] + row[1]) / 2, (foot + top) / 2), "· · ·", color=INK, align="center")
 

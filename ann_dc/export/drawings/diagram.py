@@ -1,4 +1,4 @@
-"""A network as a diagram for a paper: its cell, or the row of cells, as SVG and PDF."""
+"""Network diagrams for papers: the cell or the cell array, as SVG and PDF."""
 
 from __future__ import annotations
 
@@ -15,37 +15,23 @@ from ann_dc.validation.checked import checked
 
 FORM = "diagram"
 PAGES = {"cell": cell_page, "chain": chain_page}
-"""What can be drawn."""
+"""Available pictures."""
 
 
 @checked
 def diagram_files(
     network: Network, vector: ReferenceVector, *, of: str = "cell"
 ) -> dict[str, bytes]:
-    """A diagram as SVG and PDF, 180 mm wide, with letters of 6 points or more.
+    """Draw a diagram as SVG and PDF, 180 mm wide, with letters of at least 6 points.
 
-    The cell has a box for every neuron and block, with the weight of each wire where it ends;
-    that of a multiplier holds all its nodes. The chain has the first cells and the last, what
-    goes between neighbours, the pinned ends, and the metric above. Numbers are in network units.
+    The cell diagram has a box for every neuron and block, with the weight of each wire at its end;
+    the box of a multiplier neuron contains all its nodes. The chain diagram has the first cells and
+    the last cell, the neighbour connections, the fixed boundary neurons, and the preconditioner
+    above. Numbers are in network units.
 
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network.
-    of : str
-        ``cell`` or ``chain``.
-
-    Returns
-    -------
-    dict of str to bytes
-        'cell.svg' and 'cell.pdf', or 'chain.svg' and 'chain.pdf', and
-        'reference_vector.json'. Names that the picture shortens are in the SVG's metadata.
-
-    Raises
-    ------
-    ExportError
-        If there is no such picture.
+    Argument ``of`` is ``cell`` or ``chain``. The files are 'cell.svg' and 'cell.pdf', or
+    'chain.svg' and 'chain.pdf', and 'reference_vector.json'. Names that the picture shortens are in
+    the SVG metadata. Raises `ExportError` for an unknown picture.
 
     Examples
     --------
@@ -67,22 +53,10 @@ def diagram_files(
 
 @checked
 def diagram_check(files: Mapping[str, bytes]) -> str:
-    """Whether diagrams are whole, and of the network of the reference vector beside them.
+    """Check that diagrams are complete and belong to the network of the test vector.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-        As `diagram_files` gives them.
-
-    Returns
-    -------
-    str
-        What was found.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing, is no diagram, or one of another network.
+    Returns the result as a sentence. Raises `FileFormatError` if a file is missing, is not a
+    diagram, or belongs to another network.
     """
     vector = read_vector(files)
     name = next((name for name in PAGES if f"{name}.svg" in files), None)

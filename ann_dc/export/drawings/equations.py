@@ -1,10 +1,10 @@
-r"""The equations of a network as LaTeX: what every neuron and block of a cell adds up.
+r"""LaTeX equations of a network: the sum of every neuron and block of a cell.
 
 .. math:: \tau\, \frac{dx}{ds} = \sum_e w_e\, s_e .
 
-A neuron ``mu.phi`` of stage k is :math:`\mu^{\varphi}_k` and a state ``q.phi`` just
-:math:`\varphi_k`, as in the stage equations; products are numbered. All follows from the network
-alone, so that one that was loaded has its equations too.
+A neuron ``mu.phi`` of stage k is written :math:`\mu^{\varphi}_k` and a state ``q.phi`` is written
+:math:`\varphi_k`, as in the stage equations. Products are numbered. The equations need only the
+network, so they are also available for a loaded network.
 """
 
 from __future__ import annotations
@@ -24,21 +24,11 @@ TEX = "equations.tex"
 
 @checked
 def latex_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
-    r"""The equations of a cell as a document, with tables of weights, time constants and inputs.
+    r"""Write the equations of a cell as a document with tables of its numbers.
 
-    It needs no more than ``amsmath``, ``longtable`` and ``geometry``. Numbers are in network
-    units; those that differ from stage to stage are told by their range.
-
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network.
-
-    Returns
-    -------
-    dict of str to bytes
-        'equations.tex' and 'reference_vector.json'.
+    The tables list weights, time constants and inputs. The document needs only ``amsmath``,
+    ``longtable`` and ``geometry``. Numbers are in network units; a range is given for numbers that
+    differ between stages. The files are 'equations.tex' and 'reference_vector.json'.
 
     Examples
     --------
@@ -58,23 +48,11 @@ def latex_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
 
 @checked
 def latex_check(files: Mapping[str, bytes]) -> str:
-    """Whether equations are whole, safe to typeset, and of the network of the reference vector.
+    """Check that equations are complete, safe to typeset, and match the test vector.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-        As `latex_files` gives them.
-
-    Returns
-    -------
-    str
-        What was found.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing, braces or environments do not match, a command is none that such
-        files use, or the equations are of another network.
+    Returns the result as a sentence. Raises `FileFormatError` if a file is missing, braces or
+    environments do not match, an unknown command occurs, or the equations belong to another
+    network.
     """
     vector = read_vector(files)
     if set(files) != {TEX, VECTOR}:

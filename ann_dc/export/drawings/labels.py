@@ -1,4 +1,4 @@
-"""What stands in a drawing: short names of nodes, numbers, and a colour for every population."""
+"""Labels of drawings: short node names, numbers, and a colour per population."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ann_dc.export.drawings.page import is_drawn
 from ann_dc.network.cell import ONE, Cell, Connection, Product, Sum
 
 LONGEST = 16
-"""Letters of a node's name in a drawing; longer ones, and products, are numbered."""
+"""Maximum number of characters of a node name; longer names, and products, are numbered."""
 PALETTE = {
     "q": "#0072B2",
     "u": "#D55E00",
@@ -19,7 +19,7 @@ PALETTE = {
     "beta": "#B8860B",
     "z": "#882255",
 }
-"""Okabe and Ito's and Tol's colours: distinct for every kind of colour vision."""
+"""Colours of Okabe and Ito and of Tol, distinguishable for every kind of colour vision."""
 OTHERS = ("#56B4E9", "#332288", "#44AA99", "#999933", "#CC6677")
 BLOCKS = "#555555"
 MEANINGS = {
@@ -36,7 +36,10 @@ MEANINGS = {
 
 
 def short_names(cell: Cell) -> dict[str, str]:
-    """What a drawing calls each node of a ``cell``: by its name, p3 a product, s1 a long sum."""
+    """Return the drawn name of each node of a cell.
+
+    A node has its name, except products (p3) and long sums (s1).
+    """
     taken = {neuron.name for neuron in cell.neurons} | {*cell.inputs}
     taken |= {block.name for block in cell.blocks}
     found, counts = {}, dict.fromkeys("psf", 0)
@@ -56,13 +59,16 @@ def short_names(cell: Cell) -> dict[str, str]:
 
 
 def shortened(text: str, most: int) -> str:
-    """A text of so many letters at most, with dots where it is cut; what no font here has is ?."""
+    """Truncate a text to ``most`` characters, with dots at the end.
+
+    Characters that the font lacks become a question mark (?).
+    """
     plain = "".join(letter if is_drawn(letter) else "?" for letter in text)
     return plain if len(plain) <= most else plain[: most - 1] + "…"
 
 
 def number(value: float | np.ndarray) -> str:
-    """A number in three digits, or the range of those of the stages."""
+    """Format a number with three digits, or the range of the stages' numbers."""
     values = np.atleast_1d(np.asarray(value, float))
     low, high = (_digits(end) for end in (values.min(), values.max()))
     return low if low == high else f"{low}…{high}"
@@ -73,7 +79,7 @@ def _digits(value: float) -> str:
 
 
 def term(connection: Connection, name: str, first: bool = False) -> str:
-    """A term of a sum: a weight and what it multiplies, one left out."""
+    """Format a term of a sum: a weight and its factor; a weight of one is omitted."""
     weights = np.atleast_1d(np.asarray(connection.weight, float))
     negative = weights.max() < 0
     said = number(-weights if negative else weights)
@@ -88,19 +94,22 @@ def term(connection: Connection, name: str, first: bool = False) -> str:
 
 
 def colours(cell: Cell) -> dict[str, str]:
-    """A colour of every population of a ``cell``."""
+    """Return a colour for every population of a cell."""
     spare = iter(OTHERS * (1 + len(cell.populations) // len(OTHERS)))
     return {name: PALETTE.get(name) or next(spare) for name in cell.populations}
 
 
 def tint(color: str, share: float = 0.16) -> str:
-    """A colour thinned with white."""
+    """Mix a colour with white."""
     parts = [int(color[i : i + 2], 16) for i in (1, 3, 5)]
     return "#" + "".join(f"{round(255 - share * (255 - part)):02x}" for part in parts)
 
 
 def node_colours(cell: Cell) -> Mapping[str, str]:
-    """The colour of what every node sends: blocks of a multiplier have that of its neuron."""
+    """Return the colour of every node's output.
+
+    Blocks of a multiplier neuron have the colour of the neuron.
+    """
     populations = colours(cell)
     found = dict.fromkeys([*cell.inputs, ONE, *(b.name for b in cell.blocks)], BLOCKS)
     found |= {neuron.name: populations[neuron.population] for neuron in cell.neurons}

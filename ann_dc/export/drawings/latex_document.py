@@ -1,4 +1,4 @@
-"""The document: equations of neurons and blocks, and tables of every number."""
+"""LaTeX document: equations of neurons and blocks, and tables of all numbers."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from ann_dc.si_prefixes import counted
 from ann_dc.weights.hashes import content_hash, wiring_hash
 
 TERMS = 4
-"""Terms of a sum in a line."""
+"""Terms of a sum per line."""
 PREAMBLE = r"""\documentclass{article}
 \usepackage{amsmath}
 \usepackage{longtable}
 \usepackage[margin=20mm]{geometry}
 \allowdisplaybreaks"""
-"""What a document is typeset with: nothing else is loaded."""
+"""Preamble of a document; no other packages are loaded."""
 
 
 def document_of(network: Network) -> Iterator[str]:
-    """Lines of the document on a ``network``."""
+    """Yield the lines of the document on a network."""
     names = symbols_of(network)
     yield from (
         f"% wiring: {wiring_hash(network)}",
@@ -78,7 +78,7 @@ def _formula(network: Network, block: Block, names: Mapping[str, str]) -> str:
 
 
 def _sum(network: Network, target: str, names: Mapping[str, str]) -> str:
-    """What arrives at a node, a few terms a line."""
+    """Return the net input of a node as LaTeX, with a few terms per line."""
     wires = [
         (place, wire)
         for place, wire in enumerate(network.cell.connections, 1)
@@ -127,7 +127,7 @@ def _weight_table(network: Network, names: Mapping[str, str]) -> Iterator[str]:
 
 
 def _ends(network: Network, names: Mapping[str, str]) -> Iterator[str]:
-    """Inputs, and what the ends of the row are."""
+    """Yield the inputs and the boundary values of the cell array."""
     if network.cell.inputs:
         yield r"\section*{Inputs}"
         yield r"\begin{longtable}{ll}"

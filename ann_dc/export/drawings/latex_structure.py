@@ -1,4 +1,4 @@
-"""Whether a LaTeX file is one of ours: its head, its braces, and no command but ours."""
+"""Structure check of exported LaTeX files: head, braces, and permitted commands."""
 
 from __future__ import annotations
 
@@ -13,29 +13,19 @@ COMMANDS = (
     "wedge sim"
 )
 WORDS = {*COMMANDS.split(), *GREEK, *(word.removeprefix("\\") for word in FUNCTIONS.values())}
-"""Every command behind the head of such a file; a file with another one is none of ours."""
+"""Permitted commands after the head; any other command makes a file invalid."""
 ENVIRONMENT = re.compile(r"\{(document|align\*|longtable)\}")
 HEAD = re.compile(rf"(?:%[^\n]*\n)*{re.escape(PREAMBLE)}\n")
-"""Hashes, class and packages, as all such files have them."""
+"""Required head: hashes, class and packages."""
 HIDDEN = re.compile(r"\^\^|[^\n -~]")
-"""What TeX may read as another letter, and letters that are not to be seen."""
+"""Characters that TeX may read as other characters, and invisible characters."""
 TOKEN = re.compile(r"\\([A-Za-z]+|.|\Z)|%[^\n]*|[{}$]", re.DOTALL)
 
 
 def check_structure(name: str, text: str) -> None:
-    """Refuse another head, unknown commands and environments, braces and dollars that do not match.
+    """Check the head, commands, environments, braces and dollar signs of a file.
 
-    Parameters
-    ----------
-    name : str
-        Of the file.
-    text : str
-        What is in it.
-
-    Raises
-    ------
-    FileFormatError
-        With what is wrong.
+    Raises `FileFormatError` that describes the first violation.
     """
     open_ones: list[str] = []
     for token in TOKEN.finditer(text, _behind_head(name, text)):
@@ -53,7 +43,7 @@ def check_structure(name: str, text: str) -> None:
 
 
 def _behind_head(name: str, text: str) -> int:
-    """Where the document begins."""
+    """Return the position at which the document begins."""
     head, hidden = HEAD.match(text), HIDDEN.search(text)
     if head is None:
         raise FileFormatError(f"{name}: does not begin with the class and the packages of ours")

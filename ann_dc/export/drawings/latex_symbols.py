@@ -1,4 +1,4 @@
-"""Nodes and numbers in LaTeX: the user's names, with Greek letters as such and the rest escaped."""
+"""LaTeX symbols of nodes and numbers: escaped user names with Greek letters."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ann_dc.network.cell import ONE, Block, Function
 from ann_dc.network.network import Network
 
 PLAIN = ("q", "u")
-"""Populations whose neurons are called as the user's own variables."""
+"""Populations whose neurons have the names of the user's variables."""
 SMALL = (
     "alpha beta gamma delta epsilon varepsilon zeta eta theta vartheta iota kappa lambda mu nu xi "
     "pi rho sigma tau upsilon phi varphi chi psi omega"
@@ -22,7 +22,7 @@ LETTERS = dict(zip("αβγδϵεζηθϑικλμνξπρστυϕφχψωΓΔΘΛ
 LETTERS |= {"\N{MICRO SIGN}": "mu", "\N{OHM SIGN}": "Omega"}
 """Greek letters as LaTeX calls them, with the signs of micro and ohm."""
 INDEX = "@"
-"""Where a stage stands in a node's symbol."""
+"""Placeholder of the stage in a node's symbol."""
 SPECIAL = {
     "\\": r"\backslash ", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#",
     "%": r"\%", "_": r"\_", "^": r"\wedge ", "~": r"\sim ", " ": r"\ ", "-": "{-}",
@@ -34,7 +34,7 @@ FUNCTIONS |= {"atan": r"\arctan", "asin": r"\arcsin", "acos": r"\arccos"}
 
 
 def symbols_of(network: Network) -> dict[str, str]:
-    """Every node in LaTeX, with `INDEX` for its stage; what all cells share has none."""
+    """Return every node in LaTeX, with `INDEX` for its stage (none for shared nodes)."""
     shared = {neuron.name for neuron in network.cell.neurons if neuron.shared}
     found = {ONE: "1"}
     for name, short in short_names(network.cell).items():
@@ -56,17 +56,20 @@ def symbols_of(network: Network) -> dict[str, str]:
 
 
 def at_stage(symbol: str, offset: int = 0) -> str:
-    """A node's symbol, of a stage so far from k."""
+    """Insert stage k plus an offset into a node's symbol."""
     return symbol.replace(INDEX, f"k{offset:+d}" if offset else "k")
 
 
 def is_inline(block: Block) -> bool:
-    """Whether a block is named as what it computes, cos(phi), so that it needs no symbol."""
+    """Return True if a block is named by its expression, such as cos(phi).
+
+    Such a block needs no symbol.
+    """
     return isinstance(block, Function) and block.name.startswith(f"{block.function}(")
 
 
 def applied(function: str, x: str) -> str:
-    """A function of ``x``."""
+    """Return a function of ``x`` in LaTeX."""
     if function == "rectify":
         return rf"\max(0, {x})"
     if function == "sqrt":
@@ -77,7 +80,10 @@ def applied(function: str, x: str) -> str:
 
 
 def _letter(name: str) -> str:
-    """Greek and single letters as they are, words upright, indices low; braced, to take one."""
+    """Return a name as a braced symbol, so that it can take one index.
+
+    Greek and single letters are written as such, words upright, and indices as subscripts.
+    """
     head, _, low = name.partition("_")
     if head and low:
         return f"{{{_letter(head)}_{_letter(low)}}}"
@@ -89,7 +95,7 @@ def _letter(name: str) -> str:
 
 
 def escaped(text: str) -> str:
-    r"""A text that stands for itself in LaTeX's mathematics.
+    r"""Escape a text for LaTeX mathematics.
 
     Examples
     --------
@@ -110,13 +116,13 @@ def _safe(letter: str) -> str:
 
 
 def range_of(values: float | np.ndarray) -> str:
-    """A number, or the range of those of the stages."""
+    """Format a number, or the range of the stages' numbers."""
     low, high = np.min(values), np.max(values)
     return number(low) if low == high else rf"{number(low)} \dots {number(high)}"
 
 
 def number(value: float) -> str:
-    """A number in six digits."""
+    """Format a number with six digits."""
     if not np.isfinite(value):
         return r"-\infty" if value < 0 else r"\infty"
     mantissa, _, power = f"{value + 0.0:.6g}".partition("e")

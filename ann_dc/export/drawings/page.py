@@ -1,7 +1,7 @@
-"""A page to draw on, in millimetres from its upper left corner, that becomes SVG and PDF.
+"""Drawing page in mm from the upper left corner, written as SVG and PDF.
 
-Texts stay texts: the letters of the font that a picture uses travel inside it. The same page gives
-the same bytes.
+Text is stored as text, and the letters of the font that a picture uses are embedded. Equal pages
+give equal bytes.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from matplotlib.path import Path
 from matplotlib.textpath import TextToPath
 
 FAMILY = "STIXGeneral"
-"""The font: matplotlib brings it along, wherever it runs."""
+"""Font, included with matplotlib on every platform."""
 SMALL, PLAIN, LARGE = 6.0, 6.5, 9.0
-"""Sizes of letters in points; none is below 6."""
+"""Font sizes in points; none is below 6."""
 WIDTH = 180.0
-"""Of a page, in millimetres: two columns of a journal."""
+"""Page width in mm: two columns of a journal."""
 POINT = 25.4 / 72
-"""Millimetres."""
+"""Length of a point in mm."""
 INK, GREY, PALE = "#222222", "#8A8A8A", "#F4F4F4"
 
 _STYLE: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "ann_dc", "pdf.fonttype": 42}
@@ -50,7 +50,7 @@ def _width_of_one(text: str, bold: bool) -> float:
 
 
 def text_width(text: str, size: float = SMALL, bold: bool = False) -> float:
-    """How wide a text is, in millimetres, at a ``size`` in points."""
+    """Return the width of a text in mm, at a ``size`` in points."""
     return _width_of_one(text, bold) * size * POINT
 
 
@@ -60,21 +60,20 @@ def _known(bold: bool) -> frozenset[int]:
 
 
 def is_drawn(letter: str) -> bool:
-    """Whether a ``letter`` can be drawn, bold and not."""
+    """Return True if a letter can be drawn in both regular and bold type."""
     return all(ord(letter) in _known(bold) for bold in (False, True))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pen:
-    """How lines and edges look.
+    """Appearance of lines and edges.
 
     Attributes
     ----------
-    color : str
     width : float
-        In points.
+        Line width in points.
     style : str or tuple
-        As matplotlib has it.
+        Matplotlib line style.
     """
 
     color: str = INK
@@ -83,13 +82,7 @@ class Pen:
 
 
 class Page:
-    """An empty page.
-
-    Parameters
-    ----------
-    width, height : float
-        In millimetres.
-    """
+    """Empty page with width and height in mm."""
 
     def __init__(self, width: float, height: float) -> None:
         self._figure = Figure(figsize=(width / 25.4, height / 25.4), facecolor="white")
@@ -109,7 +102,7 @@ class Page:
         color: str = INK,
         align: str = "left",
     ) -> None:
-        """Words whose small letters are centred at that height."""
+        """Draw text whose small letters are centred at the given height."""
         if not words:
             return
         x, y = at
@@ -129,7 +122,7 @@ class Page:
         edge: Pen | None = None,
         round_by: float = 0.7,
     ) -> None:
-        """A box with round corners, from its upper left one."""
+        """Draw a box with round corners, positioned by its upper left corner."""
         edge = edge or Pen(width=0)
         # matplotlib rounds the corners of a box that it has shrunk
         self.axes.add_patch(
@@ -148,7 +141,7 @@ class Page:
         edge: Pen | None = None,
         close: bool = True,
     ) -> None:
-        """Straight lines from point to point, closed unless told."""
+        """Draw straight lines between points, closed by default."""
         codes = [Path.MOVETO] + [Path.LINETO] * (len(points) - 1)
         vertices = list(points)
         if close:
@@ -156,34 +149,31 @@ class Page:
         self._path(vertices, codes, edge, face)
 
     def line(self, points: Sequence[tuple[float, float]], edge: Pen | None = None) -> None:
-        """Straight lines from point to point."""
+        """Draw straight lines between points."""
         self.polygon(points, edge=edge or Pen(), close=False)
 
     def wave(self, start: tuple[float, float], end: tuple[float, float], edge: Pen) -> None:
-        """A curve that leaves and arrives on the level."""
+        """Draw a curve that is horizontal at both ends."""
         middle = (start[0] + end[0]) / 2
         vertices = [start, (middle, start[1]), (middle, end[1]), end]
         self._path(vertices, [Path.MOVETO] + [Path.CURVE4] * 3, edge, "none")
 
     def arrow(self, tip: tuple[float, float], *, color: str, left: bool = False) -> None:
-        """The head of an arrow to the right, or to the ``left``."""
+        """Draw an arrowhead to the right, or to the left."""
         x, y = tip
         back = x + 1.0 if left else x - 1.0
         self.polygon([(x, y), (back, y - 0.45), (back, y + 0.45)], face=color)
 
     def dot(self, at: tuple[float, float], radius: float, *, face: str, edge: Pen) -> None:
-        """A circle."""
+        """Draw a circle."""
         x, y = at
         size = 2 * radius, 2 * radius
         self.box((x - radius, y - radius), size, face=face, edge=edge, round_by=radius)
 
     def upright(self, scale: float) -> tuple[Any, float]:
-        """Axes over the whole page whose second one points up, and its length.
+        """Return page-wide axes with an upward second axis, and their height.
 
-        Parameters
-        ----------
-        scale : float
-            Millimetres of their unit.
+        The axis unit is ``scale`` mm.
         """
         width, height = (inches * 25.4 / scale for inches in self._figure.get_size_inches())
         axes = self._figure.add_axes((0, 0, 1, 1), facecolor="none")
@@ -192,7 +182,7 @@ class Page:
         return axes, height
 
     def above(self) -> None:
-        """What follows is drawn above what was."""
+        """Draw all following items above the previous items."""
         self._depth += 2
 
     def _path(
@@ -208,27 +198,19 @@ class Page:
         )  # fmt: skip
 
     def files(self, name: str, told: Mapping[str, object]) -> dict[str, bytes]:
-        """The page as ``name.svg`` and ``name.pdf``.
+        """Return the page as ``name.svg`` and ``name.pdf``.
 
-        Parameters
-        ----------
-        name : str
-        told : mapping
-            What the files tell of themselves, plain enough for JSON.
-
-        Returns
-        -------
-        dict of str to bytes
+        The metadata ``told`` must be convertible to JSON.
         """
         return {f"{name}.svg": self.svg(told), f"{name}.pdf": self.pdf(told)}
 
     def svg(self, told: Mapping[str, object]) -> bytes:
-        """The page as SVG."""
+        """Return the page as SVG with the given metadata."""
         svg = self._written("svg", {"Date": None, "Creator": None})
         return _own_svg(svg, _json(told), self._letters).encode()
 
     def pdf(self, told: Mapping[str, object]) -> bytes:
-        """The page as PDF."""
+        """Return the page as PDF with the given metadata."""
         about = {"Title": str(told["title"]), "Subject": _json(told)}
         return self._written("pdf", about | dict.fromkeys(("CreationDate", "Creator", "Producer")))
 
@@ -244,7 +226,7 @@ def _json(told: Mapping[str, object]) -> str:
 
 
 def _own_svg(svg: bytes, words: str, letters: Mapping[bool, Iterable[str]]) -> str:
-    """SVG without a document type, with what it tells of itself and the letters that it uses."""
+    """Return SVG without a document type, with metadata and the embedded letters."""
     text = re.sub(r"<!DOCTYPE[^>]*>\n?", "", svg.decode())
     text = re.sub(
         r" <metadata>.*?</metadata>", lambda _: f" <metadata>{escape(words)}</metadata>", text,

@@ -1,4 +1,4 @@
-"""The parts of a cell as schematics with their values, as SVG and PDF."""
+"""Schematics of a cell's parts with values, as SVG and PDF."""
 
 from __future__ import annotations
 
@@ -22,28 +22,14 @@ FORM = "schematic"
 def schematic_files(
     network: Network, vector: ReferenceVector, *, level: str = "behavioural"
 ) -> dict[str, bytes]:
-    """Schematics of a cell's parts, drawn by schemdraw: one of every kind, with its values.
+    """Draw schematics of a cell's parts with schemdraw: one of each kind, with values.
 
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network.
-    level : str
-        ``behavioural``, ``macro``, or the name of a preset of real parts: op amps with resistors.
+    The level is ``behavioural``, ``macro``, or the name of a part set: op amps with resistors. The
+    files are ``schematic_1.svg`` and ``schematic_1.pdf``, further sheets if needed, and
+    ``reference_vector.json``.
 
-    Returns
-    -------
-    dict of str to bytes
-        ``schematic_1.svg`` and ``schematic_1.pdf``, further sheets where they do not fit, and
-        ``reference_vector.json``.
-
-    Raises
-    ------
-    ExportError
-        If there is no such level, or it cannot build the network; the message says why.
-    ExportPackageMissing
-        If there is no schemdraw.
+    Raises `ExportError` with the reason if the level does not exist or cannot build the network,
+    and `ExportPackageMissing` if schemdraw is not installed.
 
     Examples
     --------
@@ -77,22 +63,10 @@ def _check_level(name: str) -> None:
 
 @checked
 def schematic_check(files: Mapping[str, bytes]) -> str:
-    """Whether schematics are whole, and of the network of the reference vector beside them.
+    """Check that schematics are complete and belong to the network of the test vector.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-        As `schematic_files` gives them.
-
-    Returns
-    -------
-    str
-        What was found.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing, is no schematic, or one of another network.
+    Returns the result as a sentence. Raises `FileFormatError` if a file is missing, is not a
+    schematic, or belongs to another network.
     """
     vector = read_vector(files)
     count = len(files) // 2

@@ -1,7 +1,7 @@
-"""Schematics of the parts of a cell, each with its values, in panels on sheets.
+"""Schematic sheets: the parts of a cell with values, arranged in panels.
 
-Of parts that differ in their values alone one is drawn, that with the most wires. Values are those
-of a cell in the middle of the row; what a cell there does not have is left out.
+Among parts that differ only in their values, the part with the most wires is drawn. Values are
+those of a cell in the middle of the cell array. Elements that this cell lacks are omitted.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ from ann_dc.hardware.schematic.metric_wiring import OWN
 from ann_dc.network.cell import ONE
 
 SIDE, TOP, TALLEST = 4.0, 16.0, 250.0
-"""Millimetres beside the panels, above them, and of a sheet at most."""
+"""Lengths in mm: margin next to the panels, margin above the panels, largest sheet height."""
 PANEL = (WIDTH - 2 * SIDE) / 2
 HEAD, BOX_HEAD, ROW, FOOT = 19.0, 9.0, 5.4, 8.0
-"""Millimetres of a panel above its first input, from input to input, and below the last one."""
+"""Heights in mm: panel above its first input, box head, input spacing, panel below its last input.
+"""
 MOST = 10
-"""Inputs that are drawn; of more the rest is counted."""
+"""Maximum number of drawn inputs; the remaining inputs are counted."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
-    """A part to be drawn.
+    """Part to be drawn.
 
     Attributes
     ----------
-    part : Part
     stage : int
-        Whose values it is drawn with.
+        Stage whose values are drawn.
     others : tuple of str
-        Names of those that look like it.
+        Names of parts with the same appearance.
     """
 
     part: Part
@@ -57,7 +57,7 @@ class Drawn:
 
 
 def circuit_sheets(circuit: Circuit, level: str) -> list[Page]:
-    """Draw a ``circuit`` of a ``level``."""
+    """Draw the schematic sheets of a circuit at a model level."""
     rows = _rows(_kinds(circuit), circuit)
     runs: list[list[tuple[float, list[Drawn]]]] = [[]]
     for row in rows:
@@ -68,7 +68,7 @@ def circuit_sheets(circuit: Circuit, level: str) -> list[Page]:
 
 
 def _kinds(circuit: Circuit) -> list[Drawn]:
-    """Return the part with the most wires of every kind; one-cell rows lack some kinds."""
+    """Return the part with the most wires of every kind; one-cell arrays lack some."""
     groups: dict[tuple, list[Part]] = {}
     for part in circuit.schematic.parts:
         if circuit.schematic.alive_at(part.name).any():
@@ -91,13 +91,13 @@ def _kind(part: Part) -> tuple:
 
 
 def _middle(circuit: Circuit, part: Part) -> int:
-    """The stage with the part that is nearest to the middle of the row."""
+    """Return the stage closest to the middle of the cell array that has the part."""
     stages = np.flatnonzero(circuit.schematic.alive_at(part.name))
     return int(stages[np.abs(stages - circuit.schematic.network.stages // 2).argmin()])
 
 
 def _inputs(circuit: Circuit, drawn: Drawn) -> tuple[int, list[tuple[Wire, float]]]:
-    """How many inputs are drawn, and every wire that is there with its ohms."""
+    """Return the number of drawn inputs, and every existing wire with its ohms."""
     part, stage = drawn.part, drawn.stage
     if isinstance(part, (Multiplier, Generator)):
         return 2 if isinstance(part, Multiplier) else 1, []
@@ -110,7 +110,7 @@ def _inputs(circuit: Circuit, drawn: Drawn) -> tuple[int, list[tuple[Wire, float
 
 
 def _rows(kinds: list[Drawn], circuit: Circuit) -> list[tuple[float, list[Drawn]]]:
-    """Two panels side by side, and their height."""
+    """Return pairs of adjacent panels and their heights."""
     pairs = [kinds[i : i + 2] for i in range(0, len(kinds), 2)]
     return [(max(_height(circuit, drawn) for drawn in pair), pair) for pair in pairs]
 
@@ -149,7 +149,7 @@ def _sheet(circuit: Circuit, level: str, run: list, number: tuple[int, int]) -> 
 
 
 class _Panel:
-    """A part on its place."""
+    """Panel with a part at its position."""
 
     def __init__(
         self, circuit: Circuit, drawn: Drawn, symbols: Symbols, corner: tuple[float, float]
@@ -159,7 +159,7 @@ class _Panel:
         self.page, self.part = symbols.page, drawn.part
 
     def draw(self) -> None:
-        """The part, its name, and which others look like it."""
+        """Draw the part, its name, and the names of parts with the same appearance."""
         part, name = self.part, self.part.name
         kind = {Integrator: "integrator", PICell: "PI amplifier", Adder: "adder"}
         kind |= {Multiplier: "multiplier", Generator: "generator"}
@@ -200,7 +200,10 @@ class _Panel:
             self.page.text((self.x + 3, top + 2 * ROW + 4), self._product(part))
 
     def _product(self, part: Multiplier) -> str:
-        """What a multiplier does with volts; its differential inputs take either sign."""
+        """Return the voltage equation of a multiplier.
+
+        The differential inputs of a multiplier take either sign.
+        """
         sign = self.circuit.schematic.sign
         swapped = sign(part.a) * sign(part.b) * sign(part.name) < 0
         lead = "−" if swapped else ""
@@ -258,7 +261,7 @@ class _Panel:
     def _rails(
         self, part: Integrator, left: tuple[float, float], right: tuple[float, float]
     ) -> None:
-        """Clamps across the capacitor; none where all rails are beyond full scale."""
+        """Draw clamps across the capacitor, unless all limits exceed full scale."""
         if not np.isfinite(self.circuit.rails(part)).any():
             return
         over = left[1] - 5.0
@@ -267,7 +270,10 @@ class _Panel:
         self.symbols.wire([right, (right[0], over)])
 
     def _rail_words(self, part: Integrator) -> str:
-        """Volts of both rails; beyond full scale the op amp holds, and no clamp is built."""
+        """Return both limits in volts as text.
+
+        Beyond full scale the op amp saturates and no clamp is built.
+        """
         sign, volts = self.circuit.schematic.polarity[part.name], self.circuit.scaling.volts
         limits = (part.limiter.low, part.limiter.high)
         ends = sorted(float(sign * volts(part.name, end)) for end in limits)
@@ -279,7 +285,10 @@ class _Panel:
         return "rails " + ", ".join(words)
 
     def _diodes(self, out: tuple[float, float], right: tuple[float, float]) -> None:
-        """One lets the op amp drive the output, one holds the virtual ground meanwhile."""
+        """Draw the output diode and the diode that maintains the virtual ground.
+
+        The output diode lets the op amp drive the output; the second diode conducts meanwhile.
+        """
         x, y = out
         self.symbols.diode((right[0], y), (x, y))
         below = y + 6.5
@@ -300,7 +309,7 @@ class _Panel:
         self.page.text((at[0] + 1, at[1]), fitted(sign + name, room))
 
     def _notes(self) -> None:
-        """What else there is: an inverter."""
+        """Draw notes on additional elements: an inverter."""
         name, schematic = self.part.name, self.circuit.schematic
         count, rows = _inputs(self.circuit, self.drawn)
         y = self.y + HEAD + ROW * (max(count, 2) + (len(rows) > count)) + FOOT - 4
@@ -313,7 +322,7 @@ class _Panel:
             self.page.text((self.x + 3, y), fitted(words, 42))
 
     def _source(self, part: Amplifier, wire: Wire) -> str:
-        """A source with the sign that it is taken with, and whose it is."""
+        """Return a source with its sign and its cell."""
         sign = self.circuit.schematic.reading(part, wire)[self.drawn.stage]
         lead = "−" if sign < 0 else ""
         whose = f" of k{wire.offset:+d}".replace("-", "−") if wire.offset else ""
@@ -324,7 +333,7 @@ class _Panel:
 
 
 def engineering(value: float, unit: str) -> str:
-    """A value with a prefix of its unit, in the signs of a drawing.
+    """Format a value with an SI prefix and typographic signs.
 
     Examples
     --------

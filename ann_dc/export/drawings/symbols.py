@@ -1,4 +1,4 @@
-"""Symbols of parts on a page: schemdraw draws them, the page writes what stands beside them."""
+"""Symbols of parts on a page: schemdraw draws the symbols, the page writes text."""
 
 from __future__ import annotations
 
@@ -10,24 +10,17 @@ from ann_dc.errors import ExportPackageMissing
 from ann_dc.export.drawings.page import INK, Page
 
 SCALE = 3.2
-"""Millimetres of a unit of schemdraw, in which a resistor's body is one long."""
+"""Length in mm of a schemdraw unit; the body of a resistor is one unit long."""
 AMPLIFIER = (2.165 * SCALE, 1.25 * SCALE)
-"""Length of an op amp, and the distance of its inputs."""
+"""Length of an op amp and distance of its inputs, in mm."""
 
 Point = tuple[float, float]
 
 
 class Symbols:
-    """What is drawn on a page; all places in its millimetres.
+    """Symbols drawn on a page, with positions in mm.
 
-    Parameters
-    ----------
-    page : Page
-
-    Raises
-    ------
-    ExportPackageMissing
-        If there is no schemdraw.
+    Raises `ExportPackageMissing` if schemdraw is not installed.
     """
 
     def __init__(self, page: Page) -> None:
@@ -44,46 +37,46 @@ class Symbols:
         self._drawing.config(lw=0.7, color=INK)
 
     def finish(self) -> None:
-        """Draw what was placed."""
+        """Draw the placed symbols."""
         limits = self._axes.get_xlim(), self._axes.get_ylim()
         self._drawing.draw(show=False)
         self._axes.set(xlim=limits[0], ylim=limits[1])
 
     def resistor(self, start: Point, end: Point, words: str = "") -> None:
-        """A resistor and its value."""
+        """Place a resistor and its value."""
         self._two(self._elements.Resistor, start, end, words)
 
     def capacitor(self, start: Point, end: Point, words: str = "") -> None:
-        """A capacitor and its value."""
+        """Place a capacitor and its value."""
         self._two(self._elements.Capacitor, start, end, words)
 
     def diode(self, anode: Point, cathode: Point, words: str = "") -> None:
-        """A diode."""
+        """Place a diode."""
         self._two(self._elements.Diode, anode, cathode, words)
 
     def clamp(self, start: Point, end: Point, words: str = "") -> None:
-        """Two Zener diodes against each other, as the sign of a limiter."""
+        """Place two opposed Zener diodes, the symbol of a limiter."""
         middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
         self._two(self._elements.Zener, middle, start, "")
         self._two(self._elements.Zener, middle, end, "")
         self.page.text((middle[0], middle[1] - 2.3), words, align="center")
 
     def amplifier(self, minus: Point) -> tuple[Point, Point]:
-        """An op amp with its inverting input there: where its other input and its output are."""
+        """Place an op amp by its inverting input; return its other input and its output."""
         self._add(self._elements.Opamp(), minus)
         length, inputs = AMPLIFIER
         return (minus[0], minus[1] + inputs), (minus[0] + length, minus[1] + inputs / 2)
 
     def ground(self, at: Point) -> None:
-        """Ground below a place."""
+        """Place a ground symbol below a point."""
         self._drawing += self._elements.Ground().at(self._place(at))
 
     def dot(self, at: Point) -> None:
-        """A place where wires meet."""
+        """Place a wire junction."""
         self._drawing += self._elements.Dot(radius=0.12).at(self._place(at))
 
     def wire(self, points: Sequence[Point]) -> None:
-        """Straight wires from place to place."""
+        """Place straight wires between points."""
         for start, end in itertools.pairwise(points):
             self._two(self._elements.Line, start, end, "")
 

@@ -1,4 +1,4 @@
-"""Networks in fixed point: integers alone, in C and as digital hardware, bit for bit the same."""
+"""Fixed-point exports: bit-identical integer arithmetic in C and in hardware."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
-"""A network in C99: integers alone, tables as data, and a test of itself.
+"""C99 export of a network: integer arithmetic, tables as data, and a self-test.
 
-The step is the same few lines for every network; all that is the network's own are tables.
+The step consists of the same few lines for every network. Only the tables depend on the network.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import PositiveFinite
 
 WIDTH = 96
-"""Characters of a line of numbers."""
+"""Characters per line of numbers."""
 
 
 @checked
@@ -37,33 +37,24 @@ def c99_files(
     over: str = "",
     prefix: str = PREFIX,
 ) -> dict[str, bytes]:
-    """A network as C99 without floating point.
+    """Export a network as C99 without floating point.
+
+    Returns header, source, a self-test program, Makefile, README, and the integers as JSON. Raises
+    `ExportError` if words of ``bits`` bits cannot represent the network or do not reach the
+    accuracy. Other causes are a preconditioner that couples neurons with saturation limits, and a
+    prefix that is not an identifier.
 
     Parameters
     ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network.
     bits : int
-        Of a number, 4 to 32; 0 is as many as the accuracy takes.
+        Bits of a number, 4 to 32; 0 selects the number of bits that the accuracy needs.
     accuracy : float
-        Largest error of a control over the largest control.
+        Largest error of a control relative to the largest control.
     over : str
-        Ranges of inputs that words are chosen for, ``q_d.x=3:7,q_d.y=3:7``; by default those that
-        the network was designed for.
+        Ranges of inputs for which words are chosen, ``q_d.x=3:7,q_d.y=3:7``; the ranges of the
+        design by default.
     prefix : str
-        Beginning of all names of files and of C.
-
-    Returns
-    -------
-    dict of str to bytes
-        Header, source, a program that tests itself, Makefile, README, and the integers as JSON.
-
-    Raises
-    ------
-    ExportError
-        If words of so many bits cannot carry the network, or not as accurately, its metric couples
-        neurons that have rails, or the prefix is no identifier.
+        Prefix of all file names and C names.
 
     Examples
     --------
@@ -79,27 +70,16 @@ def c99_files(
 
 @checked
 def c99_check(files: Mapping[str, bytes]) -> str:
-    """Read such files with distrust; nothing of them is compiled or run.
+    """Check C99 files with a strict reader, without compiling or running them.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-
-    Returns
-    -------
-    str
-        What was found.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing, or is not what the integers beside it say.
+    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or does not
+    match the integers in the JSON file.
     """
     return check(files, _written)
 
 
 def _written(network: FixedPoint) -> dict[str, bytes]:
-    """All files but the reference vector."""
+    """Return all files except the test vector."""
     machine = network.machine
     numbers = {
         **facts(network),
@@ -126,13 +106,7 @@ def _written(network: FixedPoint) -> dict[str, bytes]:
 
 
 def prefixed(texts: Mapping[str, str], prefix: str) -> dict[str, bytes]:
-    """Return files whose names, and the names in them, begin with a prefix.
-
-    Parameters
-    ----------
-    texts : mapping of file name to str
-    prefix : str
-    """
+    """Return files in which file names and identifiers begin with a prefix."""
 
     def own(text: str) -> str:
         named = re.sub(r"\bann_dc_", f"{prefix}_", text)
@@ -142,12 +116,7 @@ def prefixed(texts: Mapping[str, str], prefix: str) -> dict[str, bytes]:
 
 
 def facts(network: FixedPoint) -> dict[str, Any]:
-    """Return what the texts of both languages say of a network.
-
-    Parameters
-    ----------
-    network : FixedPoint
-    """
+    """Return the network data that the texts of both languages contain."""
     machine = network.machine
     own = "Inputs without a range were held at the values that the network was exported with."
     return {
@@ -207,7 +176,7 @@ def _expected(network: FixedPoint) -> dict[str, str]:
 
 
 def _array(kind: str, name: str, values: np.ndarray) -> str:
-    """A constant array in C; one without a number holds two zeros, which nobody reads."""
+    """Format a constant array in C; an empty array has two zeros that are not read."""
     values = values if values.size else np.zeros((2, *values.shape[1:]), np.int64)
     sizes = "".join(f"[{size}]" for size in values.shape)
     rows = values.tolist() if values.ndim == 1 else [_row(row) for row in values.tolist()]
@@ -221,12 +190,7 @@ def _row(numbers: list[int]) -> str:
 
 
 def lines(words: Iterable[str]) -> str:
-    """Words with commas between them, in lines.
-
-    Parameters
-    ----------
-    words : iterable of str
-    """
+    """Join items with commas, in lines of limited width."""
     found, line = [], "   "
     for word in words:
         if len(line) + len(word) > WIDTH:
@@ -239,7 +203,7 @@ def lines(words: Iterable[str]) -> str:
 def _names(
     kind: str, ports: tuple[Port, ...], held: Iterable[tuple[float, float]] | None = None
 ) -> str:
-    """Return an enumeration of the numbers of ports, with the values that they hold if given."""
+    """Format an enumeration of port numbers, with the port values if given."""
     if not ports:
         return f"enum {{ ANN_DC_NO_{kind} = 0 }};"
     names = identifiers(port.name for port in ports)
@@ -254,11 +218,9 @@ def _names(
 
 
 def identifiers(names: Iterable[str]) -> list[str]:
-    """Names in capitals that C and Verilog take, each once; one without such letters is a number.
+    """Convert names to unique capital identifiers for C and Verilog.
 
-    Parameters
-    ----------
-    names : iterable of str
+    A name without permitted letters becomes a number.
     """
     found: list[str] = []
     for name in names:
@@ -269,19 +231,15 @@ def identifiers(names: Iterable[str]) -> list[str]:
 
 
 def plain(text: str, more: str = "") -> str:
-    """Text that ends no comment: letters, digits and a few marks.
+    """Return text that cannot end a comment: letters, digits and a few marks.
 
-    Parameters
-    ----------
-    text : str
-    more : str
-        Further marks that are kept.
+    The marks in ``more`` are also preserved.
     """
     return re.sub(rf"[^A-Za-z0-9_.,:()\[\] =+{more}-]", " ", text)
 
 
 def _port_rows(network: FixedPoint, ports: tuple[Port, ...]) -> str:
-    """Return Markdown rows: number, name, fraction bits, factor and offset of every port."""
+    """Return Markdown rows of ports: number, name, fraction bits, factor and offset."""
     return "\n".join(
         f"| {index} | {plain(port.name)} | {network.fraction[port.words[0]]} "
         f"| {port.scale.factor!r} | {port.scale.offset!r} |"

@@ -1,4 +1,4 @@
-"""The text of the C99 export around its tables."""
+"""Text templates of the C99 export, without its tables."""
 
 HEADER = """\
 /* {title}: a network in integers of {bits} bits, without floating point.

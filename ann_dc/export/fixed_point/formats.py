@@ -1,10 +1,11 @@
-r"""A program in integers: how many fraction bits every row of words has, and every coefficient.
+"""Fixed-point formats: fraction bits of all words and integer coefficients.
 
-A number of b bits with f fraction bits lies within 2^{b-1-f}. Rows get as many as the largest
-number that walks have seen of them leaves room for, times `HEADROOM`; a word has guard more. A sum
-of w_e s_e, s_e with f_e fraction bits, has coefficients W_e = w_e 2^{F - f_e} with one F, as large
-as 64 bits allow, so that it adds up exactly and is rounded once, from F to the fraction bits of its
-own word. A W_e that is longer than b bits keeps its first b, and an exponent.
+A number of b bits with f fraction bits lies within 2^{b-1-f}. The fraction bits of a row of words
+follow from its largest value in simulated trajectories, times `HEADROOM`; a word has guard
+additional fraction bits. A sum of w_e s_e, with f_e fraction bits in s_e, has coefficients W_e =
+w_e 2^{F - f_e}. The common F is as large as 64 bits allow, so the sum is exact and is rounded once,
+from F to the fraction bits of the target word. A W_e longer than b bits is stored as its leading b
+bits and an exponent.
 """
 
 from __future__ import annotations
@@ -18,37 +19,25 @@ from ann_dc.lowering.program import FUNCTION, PRODUCT, RECTIFY, SUMS, UPDATE, Pr
 from ann_dc.lowering.walk import Ranges
 
 HEADROOM = 1.5
-"""Largest number of a row over the largest that a walk has seen there."""
+"""Largest representable number of a row relative to the largest value in the trajectories."""
 POPULATION = 1 / 16
-"""Least range of a neuron's row over that of the widest of its population."""
+"""Least range of a neuron's row relative to the widest row of its population."""
 NOISE = 16
-"""Least range of a row over the rounding that reaches it."""
+"""Least range of a row relative to the rounding error that reaches it."""
 GUARD, WIDEST = 12, 32
-"""Fraction bits that words have beyond those of their factors, and bits of a word at most."""
+"""Additional fraction bits of words compared with their factors; maximum number of bits of a word.
+"""
 ACCUMULATOR = 62
-"""Bits that a sum may have, without its sign."""
+"""Maximum number of bits of a sum, without its sign."""
 STEEPEST = 1 / 64
-"""Largest jump of a function from one argument to the next, over the largest value of a word."""
+"""Largest jump of a function between adjacent arguments, relative to the largest value of a word.
+"""
 
 
 def fractions(program: Program, ranges: Ranges, bits: int) -> np.ndarray:
-    """Fraction bits of every row.
+    """Compute the fraction bits (rows,) of every row, for words of ``bits`` bits.
 
-    Parameters
-    ----------
-    program : Program
-    ranges : Ranges
-    bits : int
-        Of a word.
-
-    Returns
-    -------
-    (rows,) array of int
-
-    Raises
-    ------
-    ExportError
-        If the walk comes to no number; it names the node.
+    Raises `ExportError`, which names the node, if a value in the trajectories is not finite.
     """
     largest = np.zeros(len(program.names))
     seen = np.maximum(np.abs(ranges.low), np.abs(ranges.high))
@@ -77,7 +66,7 @@ def fractions(program: Program, ranges: Ranges, bits: int) -> np.ndarray:
 
 
 def _widen_states(program: Program, largest: np.ndarray) -> None:
-    """No neuron's row is much narrower than those of its population; inputs hold one at least."""
+    """Widen neurons' rows to a fraction of the population's range, and inputs to 1."""
     rows = np.unique(program.rows[program.states])
     populations = np.array([program.names[row].partition(".")[0] for row in rows])
     for name in np.unique(populations):
@@ -89,27 +78,11 @@ def _widen_states(program: Program, largest: np.ndarray) -> None:
 
 
 def quantised(program: Program, ranges: Ranges, bits: int) -> tuple[Machine, np.ndarray]:
-    """The integers of a program.
+    """Convert a program to integers with words of 4 to 32 bits.
 
-    Parameters
-    ----------
-    program : Program
-    ranges : Ranges
-    bits : int
-        Of a word, 4 to 32.
-
-    Returns
-    -------
-    machine : Machine
-        Without thresholds, and with a period of one step.
-    fraction : (W,) array of int
-        Fraction bits of every word.
-
-    Raises
-    ------
-    ExportError
-        If a sum does not fit into 64 bits, or no table into words of so many bits; it names the
-        node.
+    Returns the machine, without thresholds and with a period of one step, and the fraction bits
+    (W,) of every word. Raises `ExportError`, which names the node, if a sum does not fit into 64
+    bits or a table does not fit into words of ``bits`` bits.
     """
     writer = _Writer(program, ranges, bits)
     for operation in program.operations.tolist():
@@ -118,7 +91,7 @@ def quantised(program: Program, ranges: Ranges, bits: int) -> tuple[Machine, np.
 
 
 class _Writer:
-    """Operations as integers, one after the other."""
+    """Sequential conversion of operations to integers."""
 
     def __init__(self, program: Program, ranges: Ranges, bits: int) -> None:
         self.program, self.ranges, self.bits = program, ranges, bits
@@ -129,7 +102,6 @@ class _Writer:
         self.tables: dict[tuple[int, int, int], Table] = {}
 
     def operate(self, kind: int, target: int, a: int, b: int, neuron: int) -> None:
-        """One operation more."""
         word = int(self.program.states[target]) if kind == UPDATE else target
         own = int(self.fraction[word]) + self.guard
         if kind in SUMS:
@@ -146,7 +118,7 @@ class _Writer:
         self.operations.append((kind, target, a, b, shift, neuron))
 
     def sum(self, first: int, last: int, own: int, word: int) -> int:
-        """The edges of a sum, and the shift that it is rounded by."""
+        """Append the edges of a sum and return its rounding shift."""
         sources, weights = self.program.sources[first:last], self.program.weights[first:last]
         if not len(sources):
             return 0
@@ -165,23 +137,23 @@ class _Writer:
     def coefficients(
         self, sources: np.ndarray, weights: np.ndarray, scale: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return weights as integers with exponents, for a sum with ``scale`` fraction bits."""
+        """Convert weights to integers with exponents; the sum has ``scale`` fraction bits."""
         exact = np.ldexp(weights, scale - self.fraction[sources] - self.guard)
         exponents = np.maximum(np.frexp(exact)[1] - (self.bits - 1), 0)
         exponents += np.abs(np.rint(np.ldexp(exact, -exponents))) >= 2 ** (self.bits - 1)
         return np.rint(np.ldexp(exact, -exponents)).astype(np.int64), exponents.astype(np.int64)
 
     def bound(self, coefficients: np.ndarray) -> int:
-        """What a sum cannot be above, whatever the words are."""
+        """Return an upper bound of a sum for all possible words."""
         return sum(map(abs, coefficients.tolist())) << (self.bits + self.guard - 1)
 
     def check(self, shift: int, width: int, word: int) -> None:
-        """Refuse a rounding that takes a number of a width out of 64 bits."""
+        """Check that a rounding shift leaves a number of the given width within 64 bits."""
         if not width - ACCUMULATOR <= shift < ACCUMULATOR:
             raise ExportError(self.refusal(word, f"its rounding would be by {shift} bits"))
 
     def refusal(self, word: int, why: str) -> str:
-        """A sentence that names the row of a word."""
+        """Return an error message that names the row of a word."""
         name = self.program.names[self.program.rows[word]]
         return (
             f"bits: words of {self.bits} bits cannot carry {name}: {why}; take wider words, or "
@@ -189,7 +161,7 @@ class _Writer:
         )
 
     def table(self, code: int, argument: int, word: int) -> int:
-        """Which table an operation looks up; a new one where there is none yet."""
+        """Return the table index of an operation; a missing table is created."""
         formats = int(self.fraction[argument]), int(self.fraction[word])
         key = int(self.program.rows[word]), *formats
         if key not in self.tables:
@@ -198,21 +170,21 @@ class _Writer:
         return list(self.tables).index(key)
 
     def seen(self, word: int) -> tuple[float, float]:
-        """The arguments of a row of function blocks on the walk."""
+        """Return the range of arguments of a row of function blocks in the trajectories."""
         program = self.program
         own = program.rows[program.operations[:, 1]] == program.rows[word]
         read = program.operations[own & (program.operations[:, 0] == FUNCTION), 3]
         return float(self.ranges.low[read].min()), float(self.ranges.high[read].max())
 
     def checked(self, found: Table, word: int) -> Table:
-        """A table, if words of so many bits carry it."""
+        """Return a table after checking that words of ``bits`` bits can represent it."""
         if not max(found.jump, found.error / 2 ** (self.bits - 1)) <= STEEPEST:
             why = "its value jumps from one argument to the next, as near a pole"
             raise ExportError(self.refusal(word, why))
         return found
 
     def machine(self) -> Machine:
-        """All of it, from the start of the program."""
+        """Build the machine, at the start of the program."""
         program, tables, top = self.program, list(self.tables.values()), 2 ** (self.bits - 1)
         first = np.cumsum([0, *(len(found.entries) for found in tables)]).tolist()
         words = np.clip(np.rint(np.ldexp(program.words, self.fraction)), -top, top - 1)

@@ -1,6 +1,6 @@
-r"""Network in fixed point: golden model, words that the outside accesses, and their accuracy.
+r"""Fixed-point network: golden model, externally accessible words, and accuracy.
 
-Errors are those of the controls relative to the largest, in the user's units,
+Errors are control errors relative to the largest control, in the user's units,
 
 .. math:: e = \max |u - u_{ref}| / \max |u_{ref}| .
 """
@@ -21,30 +21,33 @@ from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.scale import Scale
 
 FEWEST, MOST = 4, 32
-"""Bits of a number."""
+"""Minimum and maximum number of bits of a number."""
 WRONG = 10.0
-"""Error from which a settled answer counts as wrong, over the wanted accuracy: 1 % by default."""
+"""Error, relative to the wanted accuracy, from which a settled answer counts as wrong: 1 % by
+default.
+"""
 LEAST = 0.05
-"""Largest control that an error is related to at least, over the largest of all inputs: a number
-of some bits has no relative accuracy near zero."""
+"""Least reference control of an error, relative to the largest control of all inputs: a number with
+few bits has no relative accuracy near zero.
+"""
 MISSING = 0.02
-"""Share of inputs that may settle right in float64 alone."""
+"""Permitted fraction of inputs that settle correctly only in float64."""
 PREFIX = "ann_dc"
-"""Beginning of all names of files, of C and of modules."""
+"""Prefix of all file, C and module names."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Port:
-    """Words that the outside reads or writes.
+    """Externally readable or writable words.
 
     Attributes
     ----------
     name : str
-        Of an input, or of a control at its stage.
+        Name of an input, or of a control at its stage.
     words : (k,) array of int
-        Of an input one a stage, of a control one.
+        One word per stage for an input, one word for a control.
     scale : Scale
-        How the number in a word, with its fraction bits, stands for a value of the user's.
+        Conversion of the number in a word, with its fraction bits, to the user's units.
     """
 
     name: str
@@ -56,24 +59,25 @@ class Measured(NamedTuple):
     """Counts of held-out inputs in the ranges, each settled by the golden model."""
 
     inputs: int = 0
-    """Inputs that were tried; zero where no input has a range."""
+    """Number of tested inputs; zero if no input has a range."""
     floats: int = 0
-    """Inputs that float64 settles."""
+    """Inputs that settle in float64."""
     settled: int = 0
     """Inputs that settle in integers."""
     right: int = 0
-    """Settled inputs whose controls are those of float64, within `WRONG` times the accuracy."""
+    """Settled inputs whose controls match float64 within `WRONG` times the accuracy."""
     wrong: int = 0
-    """Settled inputs whose controls are further from those of float64."""
+    """Settled inputs whose controls deviate further from float64."""
     unconfirmed: int = 0
-    """Settled inputs that float64 does not settle, even with half the step for twice as long, from
-    the start or from the answer of the integers."""
+    """Settled inputs that float64 does not settle, even with half the step for twice the time, from
+    the start or from the integer answer.
+    """
     saturated: int = 0
-    """Inputs with a number that was cut off."""
+    """Inputs with a clipped number."""
 
     @property
     def failed(self) -> str:
-        """Conditions of a good width that the counts do not meet; empty if they meet all."""
+        """Conditions of an acceptable width that the counts violate; empty if none."""
         conditions = (
             (self.wrong > 0, "none wrong"),
             (self.unconfirmed > 0, "none unconfirmed"),
@@ -86,7 +90,7 @@ class Measured(NamedTuple):
 
     @property
     def enough(self) -> bool:
-        """True if no answer is wrong or unconfirmed, and few inputs settle in float64 alone."""
+        """True if no answer is wrong or unconfirmed and few inputs settle only in float64."""
         return not self.failed
 
     def __str__(self) -> str:
@@ -102,21 +106,11 @@ class Measured(NamedTuple):
 def control_errors(
     found: np.ndarray, wanted: np.ndarray, settled: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return the largest error of the controls of every lane.
+    """Return the largest error (B,) of the controls of every lane.
 
     Errors are relative to the largest wanted control of the lane, but at least to `LEAST` times the
-    largest of all lanes.
-
-    Parameters
-    ----------
-    found, wanted : (B, k) arrays
-        Controls in the user's units.
-    settled : (B,) array of bool, optional
-        Lanes with wanted controls; by default those that are finite.
-
-    Returns
-    -------
-    (B,) array
+    largest control of all lanes. Controls are (B, k) arrays in the user's units. Lanes with wanted
+    controls are those in ``settled``, by default the finite lanes.
     """
     with np.errstate(all="ignore"):
         largest = np.abs(wanted).max(1, initial=0.0)
@@ -128,35 +122,32 @@ def control_errors(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FixedPoint:
-    """A network in integers, with what its golden model does.
+    """Fixed-point network with the results of its golden model.
 
     Attributes
     ----------
-    title : str
     wiring, content, vector : str
-        Hashes of the network, and of its reference vector as JSON.
+        Hashes of the network, and of its test vector as JSON.
     step : float
-        h, in units of network time: that of the reference vector over a power of two.
-    machine : Machine
+        Step h in network time: that of the test vector divided by a power of two.
     fraction : (W,) array of int
         Fraction bits of the number of ``bits`` bits in every word.
     labels : tuple of str
-        Of the neurons, in the order of the state vector.
+        Names of the neurons, in the order of the state vector.
     places : (n, 2) array of int
-        Neuron and stage of each, in the arrays of a reference vector.
-    inputs, controls : tuples of Port
+        Neuron and stage of each state, in the arrays of a test vector.
     ranges : mapping of str to (float, float)
-        Inputs that words were chosen for, in the user's units; others hold their own values.
-    measured : Measured
+        Ranges of the inputs for which words were chosen, in the user's units; other inputs have
+        fixed values.
     accuracy, error : float
-        Wanted and largest error of a control with the network's own inputs: where it settles, and
-        long after.
+        Wanted error, and largest error of a control with the network's nominal inputs, at settling
+        and long afterwards.
     limit : int
-        Steps after which a run that has not settled will not.
+        Number of steps after which an unsettled run is not expected to settle.
     vectors : mapping of int to (n,) array of int
-        Words of the neurons after so many steps; the last is where it settles.
+        Words of the neurons by number of steps; the last entry is the settled state.
     prefix : str
-        Beginning of all names that the outside sees.
+        Prefix of all externally visible names.
     """
 
     title: str
@@ -185,12 +176,12 @@ class FixedPoint:
 
     @property
     def steps(self) -> int:
-        """Steps after which it is settled."""
+        """Number of steps to settling."""
         return max(self.vectors)
 
     @property
     def covers(self) -> str:
-        """Description of the inputs that words were chosen for."""
+        """Description of the inputs for which words were chosen."""
         if not self.ranges:
             return "the network's own inputs alone"
         ends = (f"{name} from {low:g} to {high:g}" for name, (low, high) in self.ranges.items())
@@ -198,13 +189,16 @@ class FixedPoint:
 
     @property
     def worth(self) -> str:
-        """Description of these inputs with the share of held-out ones that settle right."""
+        """Description of these inputs and of the fraction of correct held-out inputs."""
         if not self.ranges:
             return f"words chosen for {self.covers}; others may saturate, which the status tells"
         return f"words chosen for {self.covers}; held out, {self.measured}"
 
     def named(self, prefix: str) -> FixedPoint:
-        """Return the network with a prefix of names; raise `ExportError` if it is not one."""
+        """Return the network with a prefix of names.
+
+        Raises `ExportError` if the prefix is not an identifier.
+        """
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,31}", prefix):
             raise ExportError(
                 "prefix: expected a letter, then up to 31 letters, digits or '_', "
@@ -213,18 +207,15 @@ class FixedPoint:
         return replace(self, prefix=prefix)
 
     def states_after(self, steps: int) -> np.ndarray:
-        """Return the words (n,) of the neurons after a number of steps of the golden model."""
+        """Return the words (n,) of the neurons after a number of golden-model steps."""
         model = Integers(self.machine)
         model.run(steps)
         return model.states
 
     def model(self, loaded: Mapping[str, np.ndarray]) -> Integers:
-        """Return the golden model at its start with loaded inputs.
+        """Return the golden model at its initial state with the given inputs.
 
-        Parameters
-        ----------
-        loaded : mapping of str to (N, B) array
-            In network units.
+        Values are (N, B) arrays in network units.
         """
         lanes = next((values.shape[1] for values in loaded.values()), 1)
         model = Integers(self.machine, lanes)
@@ -235,7 +226,7 @@ class FixedPoint:
         return model
 
     def held(self, port: Port) -> tuple[float, float]:
-        """Return the lowest and the highest value of an input, in the user's units."""
+        """Return the lowest and highest value of an input, in the user's units."""
         top = 2.0 ** (self.bits - 1)
         numbers = np.ldexp([-top, top - 1], -self.fraction[port.words[0]])
         low, high = np.sort(port.scale.user(numbers)).tolist()
@@ -249,7 +240,10 @@ class FixedPoint:
     def errors(
         self, states: np.ndarray, ends: np.ndarray, settled: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return `control_errors` of integer states (n, B) against ends (n, B) in network units."""
+        """Return `control_errors` of integer states (n, B) against ends (n, B).
+
+        The ends are in network units.
+        """
         words = self.machine.neurons[:, WORD].tolist()
         at = {word: place for place, word in enumerate(words)}
         read = [at[int(port.words[0])] for port in self.controls]
@@ -259,19 +253,14 @@ class FixedPoint:
             return control_errors(found, offset + factor * ends[read].T, settled)
 
     def control_error(self, states: np.ndarray, vector: ReferenceVector) -> float:
-        """Return the error of the controls at integer states (n,) against a vector's end."""
+        """Return the control error of integer states (n,) against a vector's end."""
         ends = vector.end[tuple(self.places.T)]
         return float(self.errors(states[:, None], ends[:, None])[0])
 
     def judged(self, run: Settled, sample: Sample, allowed: float) -> Measured:
-        """Return counts of the lanes of a run, whose inputs are those of a sample.
+        """Count the results of a run with the inputs of a sample.
 
-        Parameters
-        ----------
-        run : Settled
-        sample : Sample
-        allowed : float
-            Largest error of a right answer.
+        The largest error of a correct answer is ``allowed``.
         """
         right = self.errors(run.states, sample.ends, sample.settled) <= allowed
         both = run.settled & sample.settled

@@ -1,4 +1,4 @@
-"""A network in SystemVerilog: one multiplier that takes the operations of a step one by one."""
+"""SystemVerilog export: one multiplier executes the operations in sequence."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import PositiveFinite
 
 CLOCKS = {PRODUCT: 7, FUNCTION: 9}
-"""Clocks of an operation; others take these, and one an edge."""
+"""Clock cycles of an operation; other operations take one more cycle per edge."""
 OTHERS = 7
 SPARE = 2
-"""Bits of the accumulator beyond the largest number that it can come to."""
+"""Additional accumulator bits beyond the largest possible number."""
 
 Field = tuple[np.ndarray, int]
-"""Integers, and the bits that each has in a memory."""
+"""Integers, and the number of bits of each in a memory."""
 
 
 @checked
@@ -41,28 +41,15 @@ def hdl_files(
     over: str = "",
     prefix: str = PREFIX,
 ) -> dict[str, bytes]:
-    """A network as synthesizable SystemVerilog, with a testbench.
+    """Export a network as synthesizable SystemVerilog with a testbench.
 
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network.
-    bits, accuracy, over
-        As for `c99_files`.
-    prefix : str
-        Beginning of the names of the design's file and module.
+    Returns design, testbench, memories, Makefile, README, and the integers as JSON. The options
+    ``bits``, ``accuracy`` and ``over`` are those of `c99_files`; ``prefix`` begins the names of the
+    design file and module.
 
-    Returns
-    -------
-    dict of str to bytes
-        Design, testbench, memories, Makefile, README, and the integers as JSON.
-
-    Raises
-    ------
-    ExportError
-        If words of so many bits cannot carry the network, or not as accurately, its metric couples
-        neurons that have rails, or the prefix is no identifier.
+    Raises `ExportError` if words of ``bits`` bits cannot represent the network or do not reach the
+    accuracy. Other causes are a preconditioner that couples neurons with saturation limits, and a
+    prefix that is not an identifier.
 
     Examples
     --------
@@ -79,27 +66,16 @@ def hdl_files(
 
 @checked
 def hdl_check(files: Mapping[str, bytes]) -> str:
-    """Read such files with distrust; nothing of them is compiled or run.
+    """Check SystemVerilog files with a strict reader; no file is compiled or run.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-
-    Returns
-    -------
-    str
-        What was found.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing, or is not what the integers beside it say.
+    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or does not
+    match the integers in the JSON file.
     """
     return check(files, _written)
 
 
 def _written(network: FixedPoint) -> dict[str, bytes]:
-    """All files but the reference vector."""
+    """Return all files except the test vector."""
     words = _words(network)
     texts = {
         "ann_dc_network.sv": _filled(DESIGN + MACHINE, words),
@@ -112,7 +88,7 @@ def _written(network: FixedPoint) -> dict[str, bytes]:
 
 
 def _words(network: FixedPoint) -> dict[str, int | str]:
-    """What stands between the @ of the texts."""
+    """Return the values of the @ placeholders in the texts."""
     machine = network.machine
     counts = {
         "WORDS": len(machine.words),
@@ -144,7 +120,7 @@ def _words(network: FixedPoint) -> dict[str, int | str]:
 
 
 def _accumulator(machine: Machine) -> int:
-    """Bits of the widest number that any operation can come to."""
+    """Return the number of bits of the widest intermediate number of any operation."""
     narrow, top = 1 << (machine.bits - 1), 1 << (machine.wide - 1)
     largest = 2 * top
     sizes = np.abs(machine.edges[:, 1]) << machine.edges[:, 2]
@@ -160,7 +136,7 @@ def _accumulator(machine: Machine) -> int:
 
 
 def _memories(network: FixedPoint, words: Mapping[str, int | str]) -> dict[str, str]:
-    """The memories as hexadecimal numbers, one a line."""
+    """Return the memories as hexadecimal numbers, one per line."""
     machine = network.machine
     sizes = {name: value for name, value in words.items() if isinstance(value, int)}
     bits, wide, at = sizes["BITS"], sizes["WORD"], sizes["WORD_AT"]
@@ -190,12 +166,12 @@ def _memories(network: FixedPoint, words: Mapping[str, int | str]) -> dict[str, 
 
 
 def _padded(values: np.ndarray) -> np.ndarray:
-    """Rows of a memory; of one without any, a zero that nobody reads."""
+    """Return the rows of a memory; an empty memory has a zero that is not read."""
     return values if len(values) else np.zeros((1, *values.shape[1:]), np.int64)
 
 
 def _hexadecimal(fields: list[Field]) -> str:
-    """Numbers of several fields side by side, two's complement, the first in the highest bits."""
+    """Concatenate fields as hexadecimal two's complement, the first field highest."""
     digits = (sum(width for _, width in fields) + 3) // 4
     lines = []
     for row in zip(*(values.tolist() for values, _ in fields)):

@@ -1,4 +1,4 @@
-"""The text of what stands beside a SystemVerilog design: testbench, Makefile, README."""
+"""Text templates of a SystemVerilog export: testbench, Makefile and README."""
 
 from ann_dc.export.fixed_point.readme_text import FORMATS
 

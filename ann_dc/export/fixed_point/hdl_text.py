@@ -1,4 +1,4 @@
-"""The text of the SystemVerilog design around its numbers; names between @ are theirs."""
+"""Text template of the SystemVerilog design; placeholders are between @ signs."""
 
 DESIGN = """\
 // @TITLE@: a network in integers of @BITS@ bits.

@@ -1,4 +1,4 @@
-"""Entries of integers in a file that is read with distrust."""
+"""Strict reader of integer entries in a file."""
 
 from __future__ import annotations
 
@@ -11,62 +11,22 @@ NAME = "fixed_point.json"
 
 
 def require(holds: bool, place: str, why: str) -> None:
-    """Refuse an entry for which something does not hold.
-
-    Parameters
-    ----------
-    holds : bool
-    place, why : str
-        Of the entry, and of the refusal.
-
-    Raises
-    ------
-    FileFormatError
-        If it does not hold.
-    """
+    """Raise `FileFormatError` with a place and a reason unless ``holds`` is true."""
     if not holds:
         raise FileFormatError(f"{place}: {why}")
 
 
 def within(place: str, indices: np.ndarray, count: int) -> None:
-    """Refuse indices outside 0 to count - 1.
-
-    Parameters
-    ----------
-    place : str
-        For messages.
-    indices : array of int
-    count : int
-
-    Raises
-    ------
-    FileFormatError
-        If one is outside.
-    """
+    """Raise `FileFormatError` if an index is outside 0 to count - 1."""
     inside = bool(((indices >= 0) & (indices < count)).all())
     require(inside, place, f"an index is not in 0 .. {count - 1}")
 
 
 def integers(table: Table, key: str, width: int, span: tuple[int, int]) -> np.ndarray:
-    """Read rows of integers.
+    """Read rows of integers as an int64 array (..., width).
 
-    Parameters
-    ----------
-    table : Table
-    key : str
-    width : int
-        Of a row; 0 for a plain list.
-    span : (int, int)
-        Lowest and highest.
-
-    Returns
-    -------
-    (..., width) array of int64
-
-    Raises
-    ------
-    FileFormatError
-        If they are something else.
+    A width of 0 denotes a plain list, and ``span`` gives the lowest and highest integer. Raises
+    `FileFormatError` for other content.
     """
     given, place = table.get(key, list), f"{NAME}: {key}"
     if width:

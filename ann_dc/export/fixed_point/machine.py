@@ -1,22 +1,23 @@
-r"""The integer machine: the arithmetic that C and hardware repeat bit for bit.
+r"""Integer machine: the arithmetic that C code and hardware reproduce bit for bit.
 
-Words are signed integers of ``bits + guard`` bits, each with as many fraction bits as its row has.
-Where words are multiplied by each other, or look up a table, they are rounded to ``bits`` bits;
-sums read all of their bits. A coefficient is an integer of ``bits`` bits times a power of two.
-A sum is exact until its end; then, as after a product and within a table, there is one rounding,
+Words are signed integers of ``bits + guard`` bits, with the fraction bits of their row. Factors of
+products and arguments of tables are rounded to ``bits`` bits; sums read all bits. A coefficient is
+an integer of ``bits`` bits times a power of two. A sum is exact until its end. One rounding
+follows, also after a product and within a table,
 
 .. math:: \mathrm{round}(a, s) = \lfloor (a + 2^{s-1}) / 2^s \rfloor ,
 
-(for s < 0 the integer times 2^{-s}). A result that does not fit becomes the nearest that does, and
-so does the argument of a table; either sets a flag that stays set: the lane is saturated.
+(for s < 0 the integer times 2^{-s}). A result or a table argument that does not fit is clipped to
+the nearest representable value and sets a permanent flag: the lane is saturated.
 
-After every ``period`` steps the words of all neurons are marked. A lane is settled at a mark where
+After every ``period`` steps the words of all neurons are stored as a mark. A lane is settled at a
+mark if
 
 - each neuron is within a threshold of its last mark (still),
-- the drive of each neuron, its net input, is within another threshold (residual small), and
-- nothing was ever cut off on the way (not saturated).
+- the net input of each neuron is within another threshold (small residual), and
+- no value has been clipped since the start (not saturated).
 
-A lane is one set of inputs; lanes take their steps together and do not see each other.
+A lane is one set of inputs. Lanes advance together and are independent.
 """
 
 from __future__ import annotations
@@ -33,28 +34,30 @@ WORD, START, LOW, HIGH, STILL, DRIVEN, SMALL = range(7)
 
 
 class Machine(NamedTuple):
-    """The integers of a network; all arrays int64. K operations, E edges, W words, n neurons."""
+    """Integers of a network: int64 arrays; K operations, E edges, W words, n neurons."""
 
     bits: int
     """Bits of an input, a control, a coefficient and a factor, sign included."""
     guard: int
-    """Fraction bits that a word has beyond those."""
+    """Additional fraction bits of a word."""
     period: int
-    """Steps from one mark to the next."""
+    """Steps between marks."""
     operations: np.ndarray
-    """Rows (K, 6): kind, word or neuron that is written, first and last edge (or two words; or
-    table and word), shift of the rounding, neuron or -1."""
+    """Rows (K, 6): kind, written word or neuron, first and last edge (or two words; or table and
+    word), rounding shift, neuron or -1.
+    """
     edges: np.ndarray
-    """Rows (E, 3): word that a sum reads, its coefficient, and the exponent of its power of two."""
+    """Rows (E, 3): word read by a sum, its coefficient, and the exponent of its power of two."""
     tables: np.ndarray
     """Rows (T, 4): lowest and highest argument, shift from arguments to entries, first entry."""
     entries: np.ndarray
     """Entries of all tables: (V,)."""
     words: np.ndarray
-    """Values of all words at the start: (W,)."""
+    """Initial values of all words: (W,)."""
     neurons: np.ndarray
-    """Rows (n, 7): word, its value at the start, rails, threshold of its drift, word of its drive,
-    threshold of that."""
+    """Rows (n, 7): word, initial value, low and high limit, threshold of its drift, word of its net
+    input, threshold of the net input.
+    """
 
     @property
     def wide(self) -> int:
@@ -63,7 +66,7 @@ class Machine(NamedTuple):
 
 
 class Settled(NamedTuple):
-    """End of every lane of a run with a limit."""
+    """Final state of every lane of a run with a step limit."""
 
     steps: np.ndarray
     """Steps until a lane settled, or the limit: (B,)."""
@@ -72,27 +75,23 @@ class Settled(NamedTuple):
     states: np.ndarray
     """Words of the neurons after these steps: (n, B)."""
     saturated: np.ndarray
-    """Lanes in which a number was cut off: (B,) bool."""
+    """Lanes in which a number was clipped: (B,) bool."""
 
 
 class Integers:
-    """The golden model: a machine at work, in int64.
-
-    Parameters
-    ----------
-    machine : Machine
-    lanes : int
+    """Golden model: execution of a machine in int64.
 
     Attributes
     ----------
     lanes : (W, B) array of int64
-        The words of every lane.
+        Words of every lane.
     saturated : (B,) array of bool
-        True if a number was cut off in a lane since the start.
+        True if a number was clipped in a lane since the start.
     steps : int
-        Taken so far.
+        Number of completed steps.
     drift, drive : (n, B) arrays of int64
-        Largest distance of every neuron from its mark in the last run, and largest drive at marks.
+        Largest distance of every neuron from its mark in the last run, and largest net input at
+        marks.
     """
 
     def __init__(self, machine: Machine, lanes: int = 1) -> None:
@@ -104,7 +103,7 @@ class Integers:
 
     @property
     def words(self) -> np.ndarray:
-        """Words of the first lane, as a view that can be written to: (W,)."""
+        """Words of the first lane, as a writable view: (W,)."""
         return self.lanes[:, 0]
 
     @property
@@ -118,13 +117,9 @@ class Integers:
         return self.lanes[self.machine.neurons[:, WORD]]
 
     def load(self, words: np.ndarray, values: np.ndarray) -> None:
-        """Write numbers into words, as a user does; one that does not fit saturates its lane.
+        """Write input values (k,) or (k, B) of ``bits`` bits into words (k,).
 
-        Parameters
-        ----------
-        words : (k,) array of int
-        values : (k,) or (k, B) array of int
-            Of ``bits`` bits.
+        A value that does not fit saturates its lane.
         """
         top = 1 << (self.machine.bits - 1)
         given = np.broadcast_to(values.T, (self.lanes.shape[1], len(words))).T
@@ -133,17 +128,9 @@ class Integers:
         self.lanes[words] = fit << self.machine.guard
 
     def run(self, steps: int, settle: bool = False) -> int:
-        """Take steps; with ``settle``, none after the first lane is settled.
+        """Execute steps and return the number of steps since the start.
 
-        Parameters
-        ----------
-        steps : int
-        settle : bool
-
-        Returns
-        -------
-        int
-            Steps taken since the start.
+        With ``settle``, execution ends when the first lane is settled.
         """
         m = self.machine
         self.drift[:] = 0
@@ -167,16 +154,7 @@ class Integers:
         return self.lanes, self.saturated, self.marks, self.drift, self.drive
 
     def settle(self, limit: int) -> Settled:
-        """Take steps until every lane has settled, at most so many.
-
-        Parameters
-        ----------
-        limit : int
-
-        Returns
-        -------
-        Settled
-        """
+        """Execute at most ``limit`` steps until every lane has settled."""
         m = self.machine
         steps = np.full(self.lanes.shape[1], limit)
         settled, states = np.zeros(len(steps), np.bool_), self.states_of_lanes
@@ -193,13 +171,9 @@ class Integers:
 
 
 def first_cut_off(machine: Machine, limit: int) -> np.ndarray | None:
-    """Return the first operation of a walk of which a number is cut off; None if none is.
+    """Return the first operation whose result is clipped within ``limit`` steps.
 
-    Parameters
-    ----------
-    machine : Machine
-    limit : int
-        Most steps.
+    Returns None if no result is clipped.
     """
     model = Integers(machine)
     before = model.lanes.copy()
@@ -217,7 +191,7 @@ def first_cut_off(machine: Machine, limit: int) -> np.ndarray | None:
 
 @inlined
 def rounded(a, shift):
-    """Return a / 2^shift, to the nearest integer, halves upward."""
+    """Return a / 2^shift, rounded to the nearest integer, halves upward."""
     if shift > 0:
         return (a + (1 << (shift - 1))) >> shift
     return a << -shift
@@ -235,7 +209,6 @@ def _looked_up(tables, entries, table, x, saturated, lane):
 
 @inlined
 def _added(edges, words, first, last, total):
-    """Compute the sums of all lanes."""
     total[:] = 0
     for e in range(first, last):
         word, coefficient = edges[e, 0], edges[e, 1] << edges[e, 2]
@@ -262,7 +235,7 @@ def _marked(neurons, memory):
 
 @inlined
 def _kept(values, low, high, top, saturated):
-    """Clip values to two ends; an end of the words that cuts one off saturates its lane."""
+    """Clip values to two limits; clipping at an end of the word range sets the flag."""
     for lane in range(values.shape[0]):
         value = min(max(values[lane], low), high)
         saturated[lane] |= value != values[lane] and (value == top or value == -top - 1)

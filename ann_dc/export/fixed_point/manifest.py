@@ -1,8 +1,8 @@
-"""The integers of a network as JSON, from which all files beside it are written again as a check.
+"""Integers of a network as JSON, from which a check recreates all other files.
 
-Nothing of a file is compiled or run: its integers are read with distrust, the golden model walks
-with them to the states that the file says, and the source text is written anew from them and
-compared byte for byte.
+The content of a file is never compiled or run. The integers are read strictly, the golden model
+must reach the states in the file with them, and the source text is recreated from them and compared
+byte for byte.
 """
 
 from __future__ import annotations
@@ -27,23 +27,14 @@ FORMAT = "ann_dc fixed point"
 SCHEMA = 2
 VECTOR = "reference_vector.json"
 WORK = 2_000_000_000
-"""Most operations and edges of all steps that a check takes."""
+"""Maximum number of operations and edges in all steps of a check."""
 LONGEST = 50_000
-"""Most steps."""
+"""Maximum number of steps."""
 MOST_VECTORS = 3
 
 
 def as_json(network: FixedPoint) -> bytes:
-    """All of it; numbers are written so that reading gives the same.
-
-    Parameters
-    ----------
-    network : FixedPoint
-
-    Returns
-    -------
-    bytes
-    """
+    """Serialise a fixed-point network; numbers are preserved exactly."""
     machine = network.machine
     arrays = {
         "operations": machine.operations,
@@ -94,20 +85,9 @@ def _port(port: Port) -> dict:
 
 
 def from_json(text: bytes) -> FixedPoint:
-    """What `as_json` wrote, if it is a machine that can walk.
+    """Parse the output of `as_json` as an executable machine.
 
-    Parameters
-    ----------
-    text : bytes
-
-    Returns
-    -------
-    FixedPoint
-
-    Raises
-    ------
-    FileFormatError
-        If it is none; the message names the entry.
+    Raises `FileFormatError` that names the invalid entry.
     """
     try:
         table = read_manifest(text.decode("utf-8"), FORMAT, SCHEMA)
@@ -153,7 +133,7 @@ def from_json(text: bytes) -> FixedPoint:
 
 
 def _ranges(table: Table, inputs: list[str]) -> dict[str, tuple[float, float]]:
-    """Read the ranges of inputs that the machine has."""
+    """Read the ranges of the machine's inputs."""
     given = Table(f"{NAME}: ranges", table.get("ranges", dict))
     found = {}
     for name in given.given:
@@ -170,7 +150,7 @@ def _ranges(table: Table, inputs: list[str]) -> dict[str, tuple[float, float]]:
 
 
 def _measured(table: Table) -> Measured:
-    """Read counts; right, wrong and unconfirmed answers add up to the settled ones."""
+    """Read counts; right, wrong and unconfirmed answers add up to the settled answers."""
     given = Table(f"{NAME}: measured", table.get("measured", dict))
     require(set(given.given) == set(Measured._fields), given.place, "expected its counts alone")
     found = Measured(*(given.whole(name, 0, 10**6) for name in Measured._fields))
@@ -181,23 +161,11 @@ def _measured(table: Table) -> Measured:
 
 
 def check(files: Mapping[str, bytes], written: Callable[[FixedPoint], Mapping[str, bytes]]) -> str:
-    """Read files of an export, walk with their integers, and write them again.
+    """Check exported files: execute their integers and compare with rewritten files.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-    written : function of a FixedPoint
-        Writes all files but the reference vector.
-
-    Returns
-    -------
-    str
-        What was found.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing, is not what its integers say, or they do not walk to their vectors.
+    The function ``written`` returns all files except the test vector. Returns the result as a
+    sentence. Raises `FileFormatError` if a file is missing, differs from its integers, or the
+    integers do not reach their vectors.
     """
     for name in (NAME, VECTOR):
         require(name in files, name, "missing")
@@ -222,7 +190,10 @@ def check(files: Mapping[str, bytes], written: Callable[[FixedPoint], Mapping[st
 
 
 def _check_controls(network: FixedPoint, vector: ReferenceVector) -> None:
-    """The controls at the end are as near those of the reference vector as the file says."""
+    """Check that the final control error does not exceed the error in the file.
+
+    The reference is the end of the test vector.
+    """
     inside = (network.places < vector.end.shape).all() and len(network.places) == len(
         network.labels
     )

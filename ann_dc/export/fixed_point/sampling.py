@@ -1,7 +1,8 @@
-"""Samples of inputs for a network in integers, and its floating-point walks with each input.
+"""Input samples of a fixed-point network and floating-point trajectories for each.
 
-Word ranges are read from the walks of one sample: the network's own inputs, the corners of the
-ranges, and a Sobol sequence. The accuracy of the integers is measured on another one.
+Word ranges are computed from the trajectories of one sample: the nominal inputs of the network, the
+corners of the ranges, and a Sobol sequence. The accuracy of the integers is measured on another
+sample.
 """
 
 from __future__ import annotations
@@ -25,34 +26,25 @@ from ann_dc.network.network import Network
 InputRanges = Mapping[str, tuple[float, float]]
 """Lowest and highest value of inputs, in the user's units."""
 LEARNT, HELD_OUT = 96, 256
-"""Inputs that words are chosen by, corners aside, and inputs that they are measured on."""
+"""Number of inputs for the choice of words, without corners; number of inputs for the measurement.
+"""
 LEARNT_SEED, HELD_OUT_SEED = 1, 2
 MOST_CORNERS = 5
-"""Inputs with ranges up to which all corners are walked from."""
+"""Maximum number of inputs with ranges for which all corners are simulated."""
 HALVINGS = 3
-"""How often the step is halved where more inputs settle with shorter steps."""
+"""Maximum number of step halvings, used if more inputs settle with shorter steps."""
 SLOWEST = 20
-"""Steps of a walk over those of the reference vector, before it counts as not settled."""
+"""Maximum steps of a run relative to those of the test vector; longer runs count as not settled."""
 LOOKS = 8
-"""Looks at the residual in the steps of the reference vector."""
+"""Number of residual checks within the steps of the test vector."""
 
 
 def covered(network: Network, over: str) -> dict[str, tuple[float, float]]:
-    """Return the ranges of inputs that words are chosen for.
+    """Return the input ranges for which words are chosen.
 
-    Parameters
-    ----------
-    network : Network
-        Its ranges are those that it was designed for.
-    over : str
-        Other ranges, ``q_d.x=3:7,q_d.y=3:7``; empty for the network's.
-
-    Raises
-    ------
-    ExportError
-        If a range is empty or not finite.
-    UnknownNameError
-        If the network has no such input.
+    The ranges are those of the design if ``over`` is empty; otherwise ``over`` gives them as
+    ``q_d.x=3:7,q_d.y=3:7``. Raises `ExportError` if a range is empty or not finite, and
+    `UnknownNameError` if the network does not have such an input.
     """
     if not over:
         return {name: _closed(network, name, ends) for name, ends in network.ranges.items()}
@@ -66,7 +58,7 @@ def covered(network: Network, over: str) -> dict[str, tuple[float, float]]:
 
 
 def _closed(network: Network, name: str, ends: tuple[float, float]) -> tuple[float, float]:
-    """Return a range with the network's own value for an end that is open."""
+    """Return a range whose open ends are replaced by the network's input value."""
     own = network.input_scale(name).user(network.input_values[name])
     low, high = ends
     return (
@@ -77,20 +69,18 @@ def _closed(network: Network, name: str, ends: tuple[float, float]) -> tuple[flo
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Walks of a network from its start with some inputs, one a lane.
+    """Trajectories of a network from its initial state, one set of inputs per lane.
 
     Attributes
     ----------
-    program : Program
     step : float
-        h, in units of network time.
+        Step h in network time.
     loaded : mapping of str to (N, B) array
         Values of the inputs that have ranges, in network units.
-    walks : Walks
     steps : (B,) array of int
-        Steps until the walk was seen at rest; -1 where it did not settle.
+        Steps until convergence was detected; -1 if the run did not settle.
     ends : (n, B) array
-        States at the end, in network units.
+        Final states in network units.
     """
 
     program: Program
@@ -102,26 +92,20 @@ class Sample:
 
     @property
     def settled(self) -> np.ndarray:
-        """True for walks that settled: (B,) bool."""
+        """True for runs that settled: (B,) bool."""
         return self.steps >= 0
 
     @property
     def ranges(self) -> Ranges:
-        """Ranges of all words on the walks that settled."""
+        """Ranges of all words in the runs that settled."""
         return self.walks.ranges(np.flatnonzero(self.settled))
 
 
 def learnt(network: Network, vector: ReferenceVector, ranges: InputRanges) -> Sample:
-    """Walk with the network's own inputs, the corners of the ranges and inputs between them.
+    """Simulate the nominal inputs, the corners of the ranges, and inputs between them.
 
-    The step is that of the reference vector, or half of it, or less, if more walks settle then.
-
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network; it settles.
-    ranges : mapping of str to (float, float)
+    The step is that of the test vector, which must settle. It is halved, possibly repeatedly, if
+    more runs settle with shorter steps.
     """
     loaded: dict[str, np.ndarray] = {}
     if ranges:
@@ -145,15 +129,9 @@ def learnt(network: Network, vector: ReferenceVector, ranges: InputRanges) -> Sa
 
 
 def held_out(network: Network, vector: ReferenceVector, ranges: InputRanges, step: float) -> Sample:
-    """Walk with inputs of the ranges that no choice has seen.
+    """Simulate held-out inputs of the ranges, which influence no choice.
 
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-    ranges : mapping of str to (float, float)
-        One at least.
-    step : float
+    At least one range is required.
     """
     values = drawn_values(ranges, HELD_OUT, HELD_OUT_SEED).T
     return _walked(network, vector, _loaded(network, ranges, values), step)
@@ -166,25 +144,12 @@ def confirmed(
     lanes: np.ndarray,
     answers: np.ndarray,
 ) -> Sample:
-    """Walk again where walks did not settle, with half the step and for twice as long.
+    """Repeat runs that did not settle, with half the step and for twice the time.
 
-    Walks begin at the start, and at the answers of the integers if they do not settle from there
-    either: at an answer that is right, float64 comes to rest.
-
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-    sample : Sample
-    lanes : (B,) array of bool
-        Lanes that are walked again, if they did not settle.
-    answers : (n, B) array
-        States at which the integers settled, in network units.
-
-    Returns
-    -------
-    Sample
-        Ends and steps are those of the last walks.
+    Runs start at the initial state, and then at the integer answers (n, B) in network units if they
+    do not settle from the initial state either. At a correct answer, float64 converges. Only the
+    unsettled runs of ``lanes`` (B,) are repeated. Final states and steps are those of the last
+    runs.
     """
     longer = 4 * _most_steps(vector, sample.step)
     for start in (None, answers):
@@ -201,7 +166,7 @@ def confirmed(
 
 
 def _loaded(network: Network, ranges: InputRanges, values: np.ndarray) -> dict[str, np.ndarray]:
-    """Return values of every input, in network units: (N, B) each."""
+    """Return the values (N, B) of every input in network units."""
     ones = np.ones((network.stages, 1))
     return {
         name: ones * network.input_scale(name).network(row) for name, row in zip(ranges, values)
@@ -209,12 +174,12 @@ def _loaded(network: Network, ranges: InputRanges, values: np.ndarray) -> dict[s
 
 
 def _steps_of(vector: ReferenceVector, step: float) -> int:
-    """Return the steps of a length that the walk of a vector takes."""
+    """Return the number of steps of a given length in the duration of a vector's run."""
     return max(round(vector.steps * vector.step / step), 1)
 
 
 def _most_steps(vector: ReferenceVector, step: float) -> int:
-    """Return the steps after which a walk counts as not settled."""
+    """Return the number of steps after which a run counts as not settled."""
     count = _steps_of(vector, step)
     return max(2 * count, min(SLOWEST * count, LIMIT))
 
@@ -227,7 +192,7 @@ def _walked(
     most: int = 0,
     start: np.ndarray | None = None,
 ) -> Sample:
-    """Walk until every lane rests, is lost, or has taken too long."""
+    """Simulate until every lane has converged, diverged, or reached the step limit."""
     program = program_of(network, step)
     walks = Walks(program, loaded)
     if start is not None:
@@ -247,7 +212,7 @@ def _walked(
 
 
 def _residuals(network: Network, walks: Walks, lanes: np.ndarray) -> np.ndarray:
-    """Compute relative residuals of lanes, those of `ann_dc.evaluation.rules.residuals`."""
+    """Compute relative residuals of lanes, see `ann_dc.evaluation.rules.residuals`."""
     rows = RoleRows.of(evaluator(network).tape.roles)
     drives, states = np.zeros((2, *network.live.shape, len(lanes)))
     rows_of, stages = network.places.T

@@ -1,4 +1,4 @@
-"""Functions as tables of integers, with straight lines between the entries."""
+"""Integer tables of functions, with linear interpolation between entries."""
 
 from __future__ import annotations
 
@@ -9,47 +9,45 @@ import numpy as np
 from ann_dc.network.functions import FUNCTIONS
 
 MARGIN = 0.25
-"""How much further a table reaches than the arguments that a walk has seen, over their width."""
+"""Extension of a table beyond the observed arguments, relative to their range."""
 FEWEST, MOST = 16, 4096
-"""Entries of a table."""
+"""Minimum and maximum number of table entries."""
 
 
 class Table(NamedTuple):
-    """One function, for arguments and values of given formats."""
+    """Table of one function, for given formats of arguments and values."""
 
     domain: tuple[int, int]
-    """Lowest and highest argument; others count as the nearest of these."""
+    """Lowest and highest argument; other arguments are clipped to these."""
     shift: int
-    """An entry every 2^shift arguments."""
+    """Spacing of entries as a power of two: 2^shift arguments."""
     entries: np.ndarray
-    """(V,) int64; the last argument too has one to its right."""
+    """Entries (V,) int64; the last argument also has an entry to its right."""
     error: float
-    """Largest error of a line between two entries, over one last bit of a value of ``bits``."""
+    """Largest interpolation error, in units of the last bit of a value of ``bits`` bits."""
     jump: float
-    """Largest change of the value from one argument to the next, over the largest value."""
+    """Largest change of the value between adjacent arguments, relative to the largest value."""
 
 
 def made_table(
     code: int, seen: tuple[float, float], formats: tuple[int, int], bits: int, guard: int = 0
 ) -> Table:
-    """The table of a function block: the fewest entries whose lines are as near as the last bit.
+    """Build the table of a function block with the fewest entries.
+
+    The interpolation error does not exceed the last bit.
 
     Parameters
     ----------
     code : int
-        Of the function block.
+        Code of the function block.
     seen : (float, float)
-        Lowest and highest argument of a walk, on one side of a pole.
+        Lowest and highest argument in the trajectories, on one side of a pole.
     formats : (int, int)
         Fraction bits of arguments and of values.
     bits : int
         Bits of an argument and of a value.
     guard : int
-        Fraction bits that entries have beyond those of a value.
-
-    Returns
-    -------
-    Table
+        Additional fraction bits of entries.
     """
     top = 2 ** (bits - 1)
     ends = np.ldexp(reach(code, *seen), formats[0])
@@ -67,7 +65,7 @@ def made_table(
 def _fitting(
     code: int, domain: tuple[int, int], formats: tuple[int, int], top: int
 ) -> tuple[int, int]:
-    """Return the part of a domain around its middle in which all values fit into words."""
+    """Return the central part of a domain in which all values fit into words."""
     at = np.unique(np.linspace(*domain, MOST).astype(np.int64))
     outside = ~(np.abs(_values(code, at, formats)) < top - 1)
     middle = len(at) // 2
@@ -78,21 +76,16 @@ def _fitting(
 
 
 def _values(code: int, arguments: np.ndarray, formats: tuple[int, int]) -> np.ndarray:
-    """Return values of a function block at arguments, both as integers with fraction bits."""
+    """Return function values at arguments, both as integers with fraction bits."""
     x, y = formats
     with np.errstate(all="ignore"):
         return np.ldexp(FUNCTIONS[code].value(np.ldexp(arguments.astype(float), -x)), y)
 
 
 def reach(code: int, low: float, high: float) -> tuple[float, float]:
-    """The arguments of a table: beyond those seen by a margin, and within the function's domain.
+    """Return the argument range of a table: the observed range with a margin.
 
-    Parameters
-    ----------
-    code : int
-        Of the function block.
-    low, high : float
-        Seen on a walk.
+    The range is limited to the domain of the function block.
     """
     block = FUNCTIONS[code]
     margin = MARGIN * max(high - low, abs(low), abs(high), 1e-3)

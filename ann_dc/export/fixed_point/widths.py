@@ -1,10 +1,10 @@
-"""Word width for a wanted accuracy, measured on the golden model.
+"""Choice of the word width for a wanted accuracy, measured on the golden model.
 
-The integers walk with a sample of inputs until they rest. The jitter of their words and drives at
-rest sets the thresholds of the settle test, as loose as the controls at settling allow. A width is
-enough under three conditions: the network's own inputs settle as accurately as asked, no input of
-the sample or of a held-out one settles at wrong or unconfirmed controls, and almost as many inputs
-settle as in float64.
+The integers are run with a sample of inputs until they converge. The jitter of their words and net
+inputs at the equilibrium sets the thresholds of the settling test, as loose as the controls at
+settling allow. A width is acceptable under three conditions. The nominal inputs of the network
+settle with the wanted accuracy. No input of the sample or of a held-out sample settles at wrong or
+unconfirmed controls. Almost as many inputs settle as in float64.
 """
 
 from __future__ import annotations
@@ -35,25 +35,27 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import PositiveFinite, Range
 
 WIDTHS = (8, 12, 16, 20, 24, 28, 32)
-"""Widths that are tried if none is given."""
+"""Widths that are tested if none is given."""
 QUIET = (2, 1)
-"""Thresholds of the settle test over the jitter at rest; the first that is near enough counts."""
+"""Thresholds of the settling test relative to the jitter at the equilibrium, in order of trial; the
+first sufficiently accurate value is used.
+"""
 SAFE = 0.25
-"""Largest error of an input of the sample where it settles, over that of a wrong answer."""
+"""Largest settling error of an input of the sample, relative to the error of a wrong answer."""
 FINEST = 20
-"""Thresholds are one last bit of a number of so many bits at least, or of the words' own."""
+"""Thresholds are at least one last bit of a number with this many bits, or of the words."""
 LONGER = 2
-"""Steps of the integers over those of the slowest walk, until they rest."""
+"""Integer steps until convergence, relative to the steps of the slowest run."""
 PATIENCE = 4
-"""Limit over the steps that the slowest input of the sample takes to settle."""
+"""Step limit relative to the settling steps of the slowest input of the sample."""
 PERIODS = 8
-"""Periods of the settle test in the steps of the slowest walk."""
+"""Periods of the settling test within the steps of the slowest run."""
 SHORTEST, LONGEST = 8, 1024
-"""Steps of a period."""
+"""Shortest and longest period in steps."""
 WATCHED = 4
-"""Periods for which words at rest are watched."""
+"""Number of periods for which converged words are observed."""
 CONTROLS = "u"
-"""The population of the controls."""
+"""Population of the controls."""
 
 Bits: TypeAlias = Annotated[int, Range(words=f"0 or {FEWEST} to {MOST} bits", low=0, high=MOST)]
 
@@ -67,32 +69,35 @@ def fixed_point(
     accuracy: PositiveFinite = 1e-3,
     over: str = "",
 ) -> FixedPoint:
-    """Choose the integers of a network, with as many bits as a wanted accuracy takes.
+    """Choose the integers of a network, with the bits that an accuracy needs.
 
     Parameters
     ----------
     network : Network
+        Network to convert.
     vector : ReferenceVector
-        Of the network; the controls are its.
+        Test vector of the network, which provides the reference controls.
     bits : int
-        Of a number, 4 to 32; 0 is the fewest of `WIDTHS` that are accurate enough.
+        Bits of a number, 4 to 32. The default 0 selects the smallest sufficient width of `WIDTHS`.
     accuracy : float
-        Largest error of a control over the largest control, with the network's own inputs. Ten
-        times as much is a wrong answer, of which there is none on a sample of the ranges.
+        Largest error of a control relative to the largest control, with the nominal inputs of the
+        network. Default 1e-3. Ten times this error is a wrong answer; a sample of the ranges must
+        not have any.
     over : str
-        Ranges of inputs that words are chosen for, ``q_d.x=3:7,q_d.y=3:7``; by default those that
-        the network was designed for, and its own inputs alone if there are none.
+        Ranges of inputs for which words are chosen, ``q_d.x=3:7,q_d.y=3:7``. By default these are
+        the ranges of the design, or only the nominal inputs if the design has no ranges.
 
     Returns
     -------
     FixedPoint
+        Integers of the network, with measured accuracy.
 
     Raises
     ------
     ExportError
-        If the vector is no walk that settles, the metric couples neurons that have rails, a node
-        does not fit into the words, or they are too short for the accuracy; the message says what
-        they reach, and which ones would do.
+        If the run of the vector does not settle, or the preconditioner couples neurons that have
+        saturation limits. Also raised if a node does not fit into the words or the words are too
+        short for the accuracy. The message gives the accuracy reached and a sufficient width.
 
     Examples
     --------
@@ -128,17 +133,17 @@ class _Trial:
 
     @cached_property
     def unseen(self) -> Sample:
-        """Walks with held-out inputs."""
+        """Trajectories for held-out inputs."""
         return held_out(self.network, self.vector, self.ranges, self.sample.step)
 
     def good(self, found: FixedPoint | ExportError) -> bool:
-        """Return True if words are accurate enough and enough inputs settle right."""
+        """Return True if words are accurate enough and enough inputs settle correctly."""
         return (
             isinstance(found, FixedPoint) and found.error <= self.accuracy and found.measured.enough
         )
 
     def fewest(self) -> FixedPoint:
-        """Return the shortest words that are good enough."""
+        """Return the shortest acceptable words."""
         found = []
         for bits in WIDTHS:
             found.append(self.carried(bits))
@@ -154,7 +159,7 @@ class _Trial:
         )
 
     def of_width(self, bits: int) -> FixedPoint:
-        """Return words of a width, if they are good enough."""
+        """Return words of the given width, if they are acceptable."""
         found = self.carried(bits)
         if isinstance(found, FixedPoint) and self.good(found):
             return found
@@ -170,7 +175,7 @@ class _Trial:
         )
 
     def reached(self, found: FixedPoint) -> str:
-        """Return the accuracy of words as a clause, with the counts that are not good enough."""
+        """Return the accuracy of words as a clause, with the unacceptable counts."""
         text = f"bring the controls within {found.error:.1e} of the largest"
         text += f" (wanted {self.accuracy:g})"
         if found.error == np.inf:
@@ -181,7 +186,7 @@ class _Trial:
         return text
 
     def remedy(self, found: FixedPoint) -> str:
-        """Return what brings words of the same width to be good enough."""
+        """Return a remedy that makes words of the same width acceptable."""
         if self.ranges and not found.measured.enough:
             return "narrow the ranges of over=, or design the network for them first (--over)"
         if found.error == np.inf:
@@ -189,7 +194,7 @@ class _Trial:
         return "allow as much by accuracy="
 
     def carried(self, bits: int) -> FixedPoint | ExportError:
-        """Return the network in words of a width, or the reason why they cannot carry it."""
+        """Return the network in words of a width, or the reason why they are too short."""
         try:
             machine, fraction = quantised(self.sample.program, self.sample.ranges, bits)
         except ExportError as error:
@@ -219,7 +224,7 @@ class _Trial:
         return replace(tried, measured=measured)
 
     def cut_off(self, found: FixedPoint) -> str:
-        """Return the first number that its word cannot hold, with the range of the word."""
+        """Return the first number that does not fit its word, with the range of the word."""
         machine, program = found.machine, self.sample.program
         operation = first_cut_off(machine, self.longest + WATCHED * self.period)
         if operation is None:
@@ -237,7 +242,7 @@ class _Trial:
     def judged(
         self, found: FixedPoint, sample: Sample, limit: int, allowed: float
     ) -> tuple[Settled, Measured]:
-        """Settle the inputs of a sample in integers, and count right answers."""
+        """Settle the inputs of a sample in integers, and count correct answers."""
         run = found.model(sample.loaded).settle(limit)
         answers = found.values(run.states)
         sample = confirmed(self.network, self.vector, sample, run.settled, answers)
@@ -246,7 +251,7 @@ class _Trial:
     def settled(
         self, found: FixedPoint, factor: int, drift: np.ndarray, drive: np.ndarray
     ) -> FixedPoint:
-        """Return a network with thresholds (n,), and its settling on the sample."""
+        """Return a network with thresholds (n,), and its settling results on the sample."""
         machine = found.machine
         least = factor << max(machine.guard, machine.wide - FINEST) >> 2
         neurons = machine.neurons.copy()
@@ -269,29 +274,29 @@ class _Trial:
 
     @property
     def slowest(self) -> int:
-        """Steps of the slowest walk of the sample."""
+        """Steps of the slowest run of the sample."""
         return int(self.sample.steps.max())
 
     @property
     def longest(self) -> int:
-        """Steps after which the integers rest."""
+        """Steps after which the integers have converged."""
         return LONGER * self.slowest + self.period
 
     @property
     def period(self) -> int:
-        """Steps from one mark to the next: a power of two."""
+        """Steps between marks: a power of two."""
         steps = max(self.slowest // PERIODS, SHORTEST)
         return min(1 << (steps.bit_length() - 1), LONGEST)
 
     def of_rows(self, jitter: np.ndarray) -> np.ndarray:
-        """Return the largest jitter (n,) of a neuron at all stages."""
+        """Return the largest jitter (n,) of a neuron over all stages."""
         rows = self.network.places[:, 0]
         largest = np.zeros(len(self.network.cell.neurons), np.int64)
         np.maximum.at(largest, rows, jitter)
         return largest[rows]
 
     def record(self, machine: Machine, fraction: np.ndarray) -> FixedPoint:
-        """Return the record of a machine, before it has walked."""
+        """Return the record of a machine before its execution."""
         network, program = self.network, self.sample.program
         read = np.flatnonzero(network.of_population(CONTROLS))
         read = read if len(read) else np.arange(network.size)

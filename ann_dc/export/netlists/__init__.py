@@ -1,4 +1,4 @@
-"""Netlists to take away: packs that run without Python, KiCad, other simulators, Verilog-A."""
+"""Netlist exports: self-contained ngspice, KiCad, other simulators and Verilog-A."""
 
 import lazy_loader
 

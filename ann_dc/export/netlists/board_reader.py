@@ -1,4 +1,4 @@
-"""A netlist of KiCad, as read: what its components are, and which net every pad is on."""
+"""KiCad netlist reader: components, and the net of every pad."""
 
 from __future__ import annotations
 
@@ -7,22 +7,9 @@ from ann_dc.export.netlists.s_expressions import Tree, entries, entry
 
 
 def comments_of(tree: Tree) -> tuple[str, ...]:
-    """The comments of a netlist's title block.
+    """Return the comments of a netlist's title block.
 
-    Parameters
-    ----------
-    tree : list
-        As read.
-
-    Returns
-    -------
-    tuple of str
-        Two at least.
-
-    Raises
-    ------
-    FileFormatError
-        If there are fewer.
+    Raises `FileFormatError` if there are fewer than two comments.
     """
     blocks = [tree]
     for name in ("design", "sheet", "title_block", "comment"):
@@ -33,33 +20,16 @@ def comments_of(tree: Tree) -> tuple[str, ...]:
 
 
 def values_of(tree: Tree) -> dict[str, str]:
-    """Values of a netlist's components, by reference.
-
-    Parameters
-    ----------
-    tree : list
-        As read.
-    """
+    """Return the values of a netlist's components, by reference."""
     components = [each for group in entries(tree, "components") for each in entries(group, "comp")]
     return {entry(each, "ref"): entry(each, "value") for each in components}
 
 
 def wiring_of(tree: Tree) -> dict[str, dict[str, str]]:
-    """Nets of a netlist's components, by reference and pad.
+    """Return the nets of a netlist's components, by reference and pad.
 
-    Parameters
-    ----------
-    tree : list
-        As read.
-
-    Returns
-    -------
-    dict of reference to dict of pad to net
-
-    Raises
-    ------
-    FileFormatError
-        If a component is there twice, a pad has two nets, or a net names no component.
+    Raises `FileFormatError` if a component occurs twice, a pad has two nets, or a net names an
+    unknown component.
     """
     components = [each for group in entries(tree, "components") for each in entries(group, "comp")]
     wired: dict[str, dict[str, str]] = {entry(each, "ref"): {} for each in components}

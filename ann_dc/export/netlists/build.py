@@ -1,7 +1,7 @@
-"""A network built as a circuit at a level: what every netlist of it is written from.
+"""Circuit of a network at a model level: the source of all its netlists.
 
-Made once for a network, a level and a series of resistors, and kept as long as the network: the
-probe run that a circuit is scaled by takes longer than writing any of the formats.
+A circuit is built once per network, level and resistor series, and is cached with the network. The
+probe run that scales a circuit takes longer than writing any of the formats.
 """
 
 from __future__ import annotations
@@ -33,26 +33,26 @@ from ann_dc.network.preconditioners.base import Kind
 from ann_dc.scale import Scale
 
 WORDS = {name.replace(" ", "-").lower(): series for name, series in SERIES.items()}
-"""Series of resistors by what is typed for them."""
+"""Resistor series by their command-line names."""
 
 MOST_STEPS = 3000
-"""Of the transient that is looked at before anything is written: circuits get lost early."""
+"""Maximum steps of the transient check before files are written; divergence occurs early."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """How a voltage of the circuit is read.
+    """Conversion of a circuit voltage to a neuron's value.
 
     Attributes
     ----------
     name : str
-        Of the neuron.
+        Name of the neuron.
     stage : int
-        Its cell, from 0.
+        Stage of the neuron, from 0.
     node : str
-        Whose voltage carries it.
+        Node that carries the voltage.
     scale : Scale
-        User's units of it, of a voltage.
+        Conversion of the voltage to the user's units.
     """
 
     name: str
@@ -63,28 +63,29 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Build:
-    """A network as a circuit.
+    """Network as a circuit.
 
     Attributes
     ----------
     level : Level
-        What it is built of.
+        Model level.
     series : Series
-        Where its resistors and capacitors come from; the deck has their values.
+        Series of resistors and capacitors; the deck has values of this series.
     given : Network
-        The network that files are of; `network` has rows in the place of its rails that a metric
-        couples.
+        Exported network. In `network`, inequality rows replace saturation limits that a
+        preconditioner couples.
     circuit : Circuit
+        Circuit of `network`.
     probe : Trajectory
-        The ideal network's run that it was scaled by, and that it is compared with.
+        Run of the ideal network, used for scaling and comparison.
     deck : Deck
-        Its netlist for ngspice.
+        Netlist for ngspice.
     control_error : float
-        Predicted error of the settled controls with the nominal parts that are written, relative to
-        the size of the controls (`size_of`); nan if the level has no emulation.
+        Predicted error of the settled controls with the written nominal parts, relative to the size
+        of the controls (`size_of`); nan if the level has no emulation.
     doubt : str
-        Reasons why the circuit may not settle near the optimum, by its emulation; empty without
-        any, and if no emulation was run.
+        Reasons, from the emulation, why the circuit may not settle near the optimum. Empty if there
+        are none or no emulation was run.
     """
 
     level: Level
@@ -98,17 +99,17 @@ class Build:
 
     @property
     def network(self) -> Network:
-        """What was built."""
+        """Network that the circuit represents."""
         return self.circuit.schematic.network
 
     @cached_property
     def readings(self) -> tuple[Reading, ...]:
-        """Every live neuron that a node carries, by stage."""
+        """Readings of all live neurons with a node, by stage."""
         return self._readings(np.ones(self.network.size, bool))
 
     @cached_property
     def controls(self) -> tuple[Reading, ...]:
-        """The live controls by stage; of a network that is no optimiser, all neurons."""
+        """Live controls by stage; all neurons if the network is not an optimiser."""
         return self._readings(self.network.of_population("u")) or self.readings
 
     def _readings(self, wanted: np.ndarray) -> tuple[Reading, ...]:
@@ -123,44 +124,29 @@ class Build:
         )
 
     def settled(self, reading: Reading) -> float:
-        """What a neuron settles to in the ideal network, in the user's units.
-
-        Parameters
-        ----------
-        reading : Reading
-        """
+        """Return the settled value of a neuron in the ideal network, in the user's units."""
         row = self.network.neuron_index[reading.name]
         scale = self.network.cell.neurons[row].scale
         return float(scale.user(self._end[row, reading.stage]))
 
     @cached_property
     def _end(self) -> np.ndarray:
-        """(neurons, N) where the probe run ended."""
+        """Final states (neurons, N) of the probe run."""
         return self.network.unpack(self.probe.final)
 
 
 def build(network: Network, level: str, series: str = "exact") -> Build:
-    """Build a network at a level.
+    """Build a network as a circuit at a model level.
+
+    Repeated calls return the same object. Raises `UnknownNameError` for an unknown level or series,
+    and `ExportError` with the reason if the network cannot be built at the level.
 
     Parameters
     ----------
-    network : Network
     level : str
-        One of the words of `ann_dc.backends.spice.level_words`.
+        Name from `ann_dc.backends.spice.level_words`.
     series : str
-        Of the resistors: ``exact``, ``E12``, ``E24``, ``E96``, ``E24-pairs``, ``E96-pairs``.
-
-    Returns
-    -------
-    Build
-        The same one when it is asked for again.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such level or series.
-    ExportError
-        If the network cannot be built at that level, saying what of it.
+        Resistor series: ``exact``, ``E12``, ``E24``, ``E96``, ``E24-pairs`` or ``E96-pairs``.
     """
     if series.lower() not in WORDS:
         raise UnknownNameError.of("series", series, [s.replace(" ", "-") for s in SERIES])
@@ -209,7 +195,10 @@ def _specimen(backend: SpiceBackend, network: Network) -> Specimen:
 
 
 def _without_ringing(backend: SpiceBackend, specimen: Specimen, network: Network) -> Specimen:
-    """The same, or one with faster op amps: other metrics always ask for more than is usual."""
+    """Return a circuit with op amps fast enough to avoid ringing.
+
+    Preconditioners other than the diagonal one always need more than the usual bandwidth.
+    """
     usual = network.metric.kind is Kind.TIME_CONSTANTS
     if usual and pole_spectrum(specimen.emulation, specimen.probe.final).abscissa < 0:
         return specimen
@@ -223,9 +212,10 @@ def _without_ringing(backend: SpiceBackend, specimen: Specimen, network: Network
 
 
 def _lost(specimen: Specimen) -> list[str]:
-    """What speaks against a circuit that is stable where it should settle: told, not refused.
+    """Return reasons why a stable circuit may not settle correctly.
 
-    What parts do beyond the domain of a function is nothing that an emulation knows.
+    The reasons become warnings, not errors. An emulation does not model the behaviour of parts
+    beyond the domain of a function.
     """
     if specimen.emulation.network.size > LARGEST:
         return []
@@ -261,7 +251,7 @@ def _coarse(specimen: Specimen, error: float) -> list[str]:
 
 
 def _margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
-    """How much faster than the network its op amps have to be."""
+    """Return the required bandwidth margin of the op amps over the network."""
     margin = fitting_margin(circuit, level, probe)
     if not np.isfinite(margin):
         means = cure(circuit, level, probe.final)
@@ -272,17 +262,10 @@ def _margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
 
 
 def level_of(network: Network, level: str) -> Level:
-    """The level that a word names, for a network: at a volt of full scale if it has rails.
+    """Return the level with a given name, adapted to a network.
 
-    Parameters
-    ----------
-    network : Network
-    level : str
-
-    Raises
-    ------
-    UnknownNameError
-        With the levels that there are.
+    If the network has saturation limits, the full scale is at most 1 V. Raises `UnknownNameError`
+    with the available levels.
     """
     words = level_words()
     if level.lower() not in words:

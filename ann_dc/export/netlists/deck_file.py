@@ -1,7 +1,7 @@
-"""The deck of a pack: its library beside it, and at its end what writes down how it settled.
+"""Deck of a self-contained ngspice folder, with library files and result output.
 
-``ngspice -b deck.cir`` runs it, writes the controls that it settled to, beside those that are
-expected, to 'controls.csv', and the waveforms of the controls to ``waveforms.txt``.
+``ngspice -b deck.cir`` runs the deck. The run writes the settled and expected controls to
+'controls.csv', and the waveforms of the controls to ``waveforms.txt``.
 """
 
 from __future__ import annotations
@@ -20,25 +20,16 @@ from ann_dc.weights.hashes import content_hash
 
 DECK, FOLDER = "deck.cir", "library"
 CONTROLS, WAVEFORMS = "controls.csv", "waveforms.txt"
-"""What a run writes."""
+"""Output files of a run."""
 
 CONTENT, ACCURACY = "content", "predicted control error"
-"""What the lines of a netlist about its network and its accuracy begin with."""
+"""Prefixes of the netlist lines on the network and on its accuracy."""
 
 WORD = re.compile(r"[a-z_]\w*")
 
 
 def library_of(build: Build) -> dict[str, str]:
-    """Return the library files that a deck includes, by their names in a pack.
-
-    Parameters
-    ----------
-    build : Build
-
-    Returns
-    -------
-    dict of file name to text
-    """
+    """Return the library files that a deck includes, by file name in the folder."""
     deck = build.deck
     names = {name: f"{FOLDER}/{name.rpartition('/')[2]}" for name in deck.library}
     own = "\n".join((*_without_library(build), *deck.cells, *deck.row, *deck.inputs))
@@ -52,13 +43,13 @@ def library_of(build: Build) -> dict[str, str]:
 
 
 def _without_library(build: Build) -> Iterator[str]:
-    """Figures and generators among the models of a deck."""
+    """Yield figures and generators among the models of a deck."""
     inlined = {*build.deck.library.values()}
     return (line for line in build.deck.models if line not in inlined)
 
 
 def _declares(text: str) -> set[str]:
-    """Subcircuits and models of a file."""
+    """Return the names of the subcircuits and models of a file."""
     lines = [line.split() for line in logical_lines(text, {})]
     return {words[1] for words in lines if words[0] in (".subckt", ".model")}
 
@@ -68,32 +59,13 @@ def _words(text: str) -> set[str]:
 
 
 def models_of(build: Build) -> list[str]:
-    """Figures, models and cells that a deck needs, one file after another.
-
-    Parameters
-    ----------
-    build : Build
-
-    Returns
-    -------
-    list of str
-    """
+    """Return figures, models and cells that a deck needs, one text per file."""
     kept = {text.rstrip() for text in library_of(build).values()} | {*_without_library(build)}
     return [text for text in build.deck.models if text in kept]
 
 
 def deck_text(build: Build) -> str:
-    """The deck of a pack.
-
-    Parameters
-    ----------
-    build : Build
-
-    Returns
-    -------
-    str
-        That runs by itself beside its library.
-    """
+    """Return the deck of a folder; it needs only its library files."""
     deck = build.deck
     files = {text.rstrip(): name for name, text in library_of(build).items()}
     models = [f".include {files[text]}" if text in files else text for text in models_of(build)]
@@ -118,7 +90,7 @@ def deck_text(build: Build) -> str:
 
 
 def _control_lines(build: Build) -> Iterator[str]:
-    """Commands of ngspice: run, compare, write."""
+    """Yield the ngspice commands that run, compare and write."""
     expected = {reading: build.settled(reading) for reading in build.controls}
     own = {reading: build.network.neuron(reading.name).scale for reading in expected}
     size = build.probe.control_size
@@ -145,36 +117,16 @@ def _control_lines(build: Build) -> Iterator[str]:
 
 
 def claims_of(build: Build) -> tuple[str, str]:
-    """Return the lines of a netlist about its network and about its accuracy.
-
-    Parameters
-    ----------
-    build : Build
-    """
+    """Return the netlist lines on the network and on its accuracy."""
     error = f"{build.control_error:.1e} of {build.probe.size_in_words}"
     return f"{CONTENT} {content_hash(build.given)}", f"{ACCURACY} {error}"
 
 
 def checked_claims(name: str, lines: Iterable[str], vector: ReferenceVector) -> str:
-    """Refuse a netlist of another network than that of a vector, and read its accuracy.
+    """Check that a netlist belongs to the network of a vector, and read its accuracy.
 
-    Parameters
-    ----------
-    name : str
-        Of its file.
-    lines : iterable of str
-        Of the netlist.
-    vector : ReferenceVector
-
-    Returns
-    -------
-    str
-        The network, and the accuracy that was predicted for it, in a clause.
-
-    Raises
-    ------
-    FileFormatError
-        If the content is that of another network, or there is no accuracy.
+    Returns the network and its predicted accuracy as a clause. Raises `FileFormatError` if the
+    content is that of another network or the accuracy is missing.
     """
     known = [line.lstrip("*/ ") for line in lines]
     if f"{CONTENT} {vector.content}" not in known:
@@ -189,14 +141,10 @@ def checked_claims(name: str, lines: Iterable[str], vector: ReferenceVector) -> 
 
 
 def accuracy_words(error: float, size: str) -> str:
-    """Return in words how far the controls of a circuit are predicted to be off.
+    """Return the predicted control error of a circuit as text.
 
-    Parameters
-    ----------
-    error : float
-        Relative to the size of the controls; nan if it is unknown.
-    size : str
-        That size, as `Trajectory.size_in_words` gives it.
+    The error is relative to the size of the controls (nan: unknown), with ``size`` as in
+    `Trajectory.size_in_words`.
 
     Examples
     --------
@@ -211,11 +159,7 @@ def accuracy_words(error: float, size: str) -> str:
 
 
 def plain(name: str) -> str:
-    """A name without what ngspice, or a table, would take for something else.
-
-    Parameters
-    ----------
-    name : str
+    """Return a name without characters that ngspice or a table would interpret.
 
     Examples
     --------

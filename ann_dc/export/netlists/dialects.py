@@ -1,7 +1,7 @@
-"""Decks for LTspice and for Xyce: the deck of the pack, in one file, in their words.
+"""Single-file decks in the dialects of LTspice and Xyce.
 
-Both are written after the grammar that their manuals describe, and neither simulator was run here:
-the deck for LTspice runs in ngspice's LTspice mode, that for Xyce is parsed back.
+Both dialects follow the grammar in the simulators' manuals. Neither simulator has been run: the
+LTspice deck runs in ngspice's LTspice mode, and the Xyce deck is parsed back.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from ann_dc.si_prefixes import counted
 from ann_dc.validation.checked import checked
 
 MEASURED = 0.999
-"""When controls are measured, over the end of the run."""
+"""Time of the control measurement relative to the end of the run."""
 
 EXPONENT = re.compile(r"(?<![\w.])e(?=[=)}])", re.IGNORECASE)
-"""The parameter ``e`` of an inverter: both simulators take it for 2.718."""
+"""Parameter ``e`` of an inverter, which both simulators read as 2.718."""
 
 SWITCH = re.compile(r"sw\(vt=2\.5 vh=0 (.*)\)")
 BRACED = re.compile(r"\{([^{}]*)\}")
@@ -79,30 +79,14 @@ def ltspice_files(
     level: str = "macro",
     series: str = "exact",
 ) -> dict[str, bytes]:
-    """A deck in the dialect of LTspice. It was not run there, but in ngspice's LTspice mode.
+    """Export a deck in the LTspice dialect, tested only in ngspice's LTspice mode.
 
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network.
-    level : str
-        As of `pack_files`; not ``sky130``.
-    series : str
-        As of `pack_files`.
+    Options are those of `pack_files`, except the level ``sky130``. The files are 'deck.cir',
+    'parts.csv', 'scaling.csv', 'expected_controls.csv', 'README.md', 'reference_vector.json' and
+    ``SHA256SUMS``.
 
-    Returns
-    -------
-    dict of file name to bytes
-        'deck.cir', 'parts.csv', 'scaling.csv', 'expected_controls.csv', 'README.md',
-        'reference_vector.json', ``SHA256SUMS``.
-
-    Raises
-    ------
-    ExportError
-        If the network cannot be built at that level, saying what of it.
-    UnknownNameError
-        If there is no such level or series.
+    Raises `ExportError` with the reason if the network cannot be built at the level, and
+    `UnknownNameError` for an unknown level or series.
     """
     made = _build(network, vector, level, series)
     return _files(made, vector, _deck(made, _ltspice, _ltspice_end), "LTspice", LTSPICE)
@@ -116,29 +100,13 @@ def xyce_files(
     level: str = "macro",
     series: str = "exact",
 ) -> dict[str, bytes]:
-    """A deck in the dialect of Xyce. It was not run there, but parsed and compared.
+    """Export a deck in the Xyce dialect, parsed and compared but not run in Xyce.
 
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network.
-    level : str
-        As of `pack_files`; not ``sky130``, nor ``switched-capacitor``.
-    series : str
-        As of `pack_files`.
+    Options are those of `pack_files`, except the levels ``sky130`` and ``switched-capacitor``. The
+    files are those of `ltspice_files`.
 
-    Returns
-    -------
-    dict of file name to bytes
-        As of `ltspice_files`.
-
-    Raises
-    ------
-    ExportError
-        If the network cannot be built at that level, or it is one of switched capacitors.
-    UnknownNameError
-        If there is no such level or series.
+    Raises `ExportError` if the network cannot be built at the level, or the level uses switched
+    capacitors, and `UnknownNameError` for an unknown level or series.
     """
     made = _build(network, vector, level, series)
     if made.level.technology.clocked:
@@ -189,7 +157,7 @@ run in {simulator}.** What is different from the deck for ngspice:
 
 
 def _deck(made: Build, dialect: Callable[[str], str], end: Callable[[Build], Iterator[str]]) -> str:
-    """The deck of a dialect, card by card."""
+    """Return the deck of a dialect, converted card by card."""
     deck = made.deck
     lines = (*models_of(made), *deck.cells, *deck.row, *deck.inputs)
     cards = [dialect(card) for card in _cards("\n".join(lines))]
@@ -199,7 +167,7 @@ def _deck(made: Build, dialect: Callable[[str], str], end: Callable[[Build], Ite
 
 
 def _cards(text: str) -> Iterator[str]:
-    """Cards with what continues them, and comments."""
+    """Yield cards with their continuation lines, and comments."""
     card = ""
     for line in text.splitlines():
         if line.startswith("+"):
@@ -268,22 +236,10 @@ def _xyce_end(made: Build) -> Iterator[str]:
 
 @checked
 def dialect_check(files: Mapping[str, bytes]) -> str:
-    """Read a deck of a dialect with distrust: its hashes, and every part. Nothing is run.
+    """Check a deck of a dialect with a strict reader: hashes and every part.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-        As `ltspice_files` or `xyce_files` give them.
-
-    Returns
-    -------
-    str
-        What was found.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing or changed, or the deck has other parts than the list.
+    The deck is not run. Returns the result as a sentence. Raises `FileFormatError` if a file is
+    missing or changed, or the parts of the deck differ from the list.
     """
     check_sums(files)
     vector = vector_of(files)

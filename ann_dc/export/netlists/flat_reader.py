@@ -1,6 +1,6 @@
-"""A deck as a list of elements: its subcircuits opened, down to those that stand for a part.
+"""Flattened deck: elements after expansion of all subcircuits that are not parts.
 
-Nothing of a deck is run; what it says is read with distrust.
+The reader is strict and does not run the deck.
 """
 
 from __future__ import annotations
@@ -13,37 +13,37 @@ from ann_dc.backends.spice.ngspice.expressions import value_of
 from ann_dc.errors import FileFormatError
 
 PARTS = ("opamp", "opamp_fd", "mul4q", "ota", "ota_diff", "clk2")
-"""Subcircuits of the library that stand for a part, whatever a level makes it of."""
+"""Library subcircuits that represent a part, for every implementation of a level."""
 
 FUNCTIONS = "func_"
-"""Begins the name of a function generator."""
+"""Prefix of the names of function generators."""
 
 ENDS = dict.fromkeys("rcvidb", 2) | dict.fromkeys("segm", 4) | {"q": 3}
-"""Nodes of an element, by the letter that its name begins with."""
+"""Number of nodes of an element, by the first letter of its name."""
 
 VALUED = "rcvi"
-"""Elements whose first word behind the nodes is their value."""
+"""Elements whose first word after the nodes is their value."""
 
 DEEPEST, MOST = 20, 10**9
-"""Subcircuits within each other, and letters of all cards that are opened."""
+"""Maximum nesting of subcircuits, and maximum characters of all expanded cards."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Element:
-    """One element of a flat netlist.
+    """Element of a flat netlist.
 
     Attributes
     ----------
     name : str
-        With the instances that it lies in, ``x_cell_0.x_u_a.c1``.
+        Name with its instances, such as ``x_cell_0.x_u_a.c1``.
     kind : str
-        The letter of its kind, or the subcircuit that stands for a part.
+        Letter of the kind, or name of the subcircuit that represents a part.
     nodes : tuple of str
-        Nets, in the order of its pins; those inside an instance begin with its name.
+        Nets in the order of the pins; nets inside an instance begin with its name.
     words : tuple of str
-        What follows: a model, a waveform, an expression.
+        Remaining words: a model, a waveform, an expression.
     value : float or None
-        Ohms, farads, volts or amperes, where it has one.
+        Value in ohms, farads, volts or amperes, if any.
     given : mapping of str to float
         Parameters of a part.
     """
@@ -66,7 +66,10 @@ class _Subcircuit:
 
 @dataclass
 class _Letters:
-    """How many may still be opened; what opens a card takes those of the card and of its path."""
+    """Remaining character budget.
+
+    Expanding a card takes the length of the card and of its path.
+    """
 
     left: int
 
@@ -78,7 +81,10 @@ class _Letters:
 
 @dataclass(frozen=True)
 class _Deck:
-    """What lines declare: subcircuits, cards at the top, global parameters and nodes."""
+    """Declarations of a deck: subcircuits, top-level cards, global names.
+
+    The global names are parameters and nodes.
+    """
 
     subcircuits: dict[str, _Subcircuit]
     cards: list[str]
@@ -88,30 +94,15 @@ class _Deck:
 
 
 def flattened(text: str, files: Mapping[str, str], most: int = MOST) -> list[Element]:
-    """Every element of a deck.
+    r"""Return every element of a deck, in the order of the cards.
 
-    Parameters
-    ----------
-    text : str
-        Of the deck.
-    files : mapping of str to str
-        What it includes, by the names that it has for them.
-    most : int
-        Letters that all cards may have together, once they are opened.
-
-    Returns
-    -------
-    list of Element
-        In the order of the cards.
-
-    Raises
-    ------
-    FileFormatError
-        If it is no such deck, it opens to more, or a file or a subcircuit is missing.
+    The included ``files`` are given by name, and ``most`` limits the characters of all expanded
+    cards. Raises `FileFormatError` if the deck is invalid, exceeds the limit, or a file or a
+    subcircuit is missing.
 
     Examples
     --------
-    >>> deck = ".subckt half a b params: r=1k\\nR1 a b {r/2}\\n.ends\\nX1 in 0 half r=4k\\n.end"
+    >>> deck = ".subckt half a b params: r=1k\nR1 a b {r/2}\n.ends\nX1 in 0 half r=4k\n.end"
     >>> [(e.name, e.nodes, e.value) for e in flattened(deck, {})]
     [('x1.r1', ('in', '0'), 2000.0)]
     """
@@ -120,17 +111,7 @@ def flattened(text: str, files: Mapping[str, str], most: int = MOST) -> list[Ele
 
 
 def logical_lines(text: str, files: Mapping[str, str]) -> Iterator[str]:
-    """Lines in lower case with what is continued, without comments, includes in their place.
-
-    Parameters
-    ----------
-    text : str
-    files : mapping of str to str
-
-    Yields
-    ------
-    str
-    """
+    """Yield joined lower-case lines without comments, with included files expanded."""
     controls, left = False, {name.lower(): content for name, content in files.items()}
     for line in _joined(text):
         if line == ".end":
@@ -145,7 +126,7 @@ def logical_lines(text: str, files: Mapping[str, str]) -> Iterator[str]:
 
 
 def _joined(text: str) -> list[str]:
-    """Lines in lower case with what continues them; comments are left out."""
+    """Return lower-case lines joined with their continuations, without comments."""
     lines: list[list[str]] = []
     for row in map(str.strip, text.lower().splitlines()):
         if row.startswith("+") and lines:
@@ -156,7 +137,7 @@ def _joined(text: str) -> list[str]:
 
 
 def _included(line: str, left: dict[str, str]) -> Iterator[str]:
-    """Lines of a file, which is included once."""
+    """Yield the lines of a file, which may be included once."""
     name = line.removeprefix(".include").strip().strip('"')
     if name not in left:
         raise FileFormatError(f"netlist: includes {name[:80]!r}, which is not there, or twice")
@@ -193,7 +174,7 @@ def _braced(given: str) -> str:
 
 
 def _head(words: list[str]) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Pins and default values of a subcircuit."""
+    """Return the pins and default values of a subcircuit."""
     pins = [word for word in words if "=" not in word and word != "params:"]
     return tuple(pins), _assigned(" ".join(word for word in words if "=" in word))
 
@@ -206,7 +187,7 @@ def _assigned(text: str) -> dict[str, str]:
 def _opened(
     deck: _Deck, cards: list[str], known: Mapping[str, float], nets: dict[str, str], path: str
 ) -> Iterator[Element]:
-    """Elements of some cards, within the instance that a path names."""
+    """Yield the elements of cards within the instance that a path names."""
     if path.count(".") > DEEPEST:
         raise FileFormatError(f"netlist: subcircuits lie more than {DEEPEST} deep: {path[:80]!r}")
     for card in cards:

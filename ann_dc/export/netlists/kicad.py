@@ -1,7 +1,7 @@
-"""A circuit as a netlist for KiCad: components with footprints, nets with pads, for Pcbnew.
+"""KiCad netlist of a circuit: components with footprints and nets with pads.
 
-What a simulator does without stands on a board too: supplies, the second op amp of a package, the
-pad of a multiplier that is tied to its output.
+The netlist is for Pcbnew. It also contains elements that a simulator does not need: supplies, the
+second op amp of a package, and the multiplier pad that is tied to its output.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from ann_dc.validation.checked import checked
 
 NETLIST = "circuit.net"
 ENGINEERING = "rc"
-"""Kinds of parts whose values have a prefix."""
+"""Kinds of parts whose values have an SI prefix."""
 
 
 @checked
@@ -60,30 +60,15 @@ def kicad_files(
     level: str = "macro",
     series: str = "exact",
 ) -> dict[str, bytes]:
-    """A netlist that KiCad's board editor imports: one entry a component.
+    """Export a netlist for KiCad's board editor, with one entry per component.
 
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network.
-    level : str
-        ``macro``, ``differential``, or parts by name, which have footprints.
-    series : str
-        Where resistors come from; of ``E24-pairs`` and ``E96-pairs`` both are components.
+    The level is ``macro``, ``differential``, or a part set by name, whose parts have footprints. In
+    the series ``E24-pairs`` and ``E96-pairs`` both resistors of a pair are components. The files
+    are 'circuit.net', 'parts.csv' with the deck element of each part, 'README.md' and
+    'reference_vector.json'.
 
-    Returns
-    -------
-    dict of file name to bytes
-        'circuit.net', 'parts.csv' with what each part is in the deck, 'README.md',
-        'reference_vector.json'.
-
-    Raises
-    ------
-    ExportError
-        If the network cannot be built at that level, or the level has no parts to buy.
-    UnknownNameError
-        If there is no such level or series.
+    Raises `ExportError` if the network cannot be built at the level or the level has no purchasable
+    parts, and `UnknownNameError` for an unknown level or series.
 
     Examples
     --------
@@ -116,7 +101,7 @@ def kicad_files(
 
 
 def _in_series(parts: tuple[Part, ...], series: Series) -> Iterator[Part]:
-    """Resistors and capacitors as they are bought: two in series where the series has pairs."""
+    """Yield resistors and capacitors as purchased: two in series for series of pairs."""
     numbers = itertools.count(1 + sum(part.kind == "r" for part in parts))
     for part in parts:
         taken = series_of(part.kind, series)
@@ -209,7 +194,7 @@ def _nets(groups: Mapping[str, list[Part]], level: str) -> Iterator[Tree]:
 
 
 def _pads(reference: str, group: list[Part], level: str) -> Iterator[tuple[str, str, str]]:
-    """Pad, pin and net of everything in a component that is connected."""
+    """Yield pad, pin and net of every connected pad of a component."""
     package = package_of(group[0].kind, level)
     for part in group:
         unit = package.units[part.unit]
@@ -255,22 +240,10 @@ Pads are those of the makers' cases; **check them with the datasheets before a b
 
 @checked
 def kicad_check(files: Mapping[str, bytes]) -> str:
-    """Parse a netlist back, and compare it with the list of parts beside it, part by part.
+    """Parse a netlist and compare it with its list of parts, part by part.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-        As `kicad_files` gives them.
-
-    Returns
-    -------
-    str
-        What was found.
-
-    Raises
-    ------
-    FileFormatError
-        If it is no such netlist, or a part is wired otherwise.
+    Returns the result as a sentence. Raises `FileFormatError` if the netlist is invalid or a part
+    is wired differently.
     """
     vector = vector_of(files)
     tree = read(text_of(files, NETLIST))
@@ -300,7 +273,7 @@ def kicad_check(files: Mapping[str, bytes]) -> str:
 
 
 def _compare_board(tree: Tree, parts: list[Part], level: str) -> None:
-    """Compare nets, pads and footprints with those that a list of parts gives."""
+    """Compare nets, pads and footprints with those that a list of parts implies."""
     groups = _components(parts)
     kinds = dict.fromkeys(group[0].kind for group in groups.values())
     board = {
@@ -319,7 +292,7 @@ def _compare_board(tree: Tree, parts: list[Part], level: str) -> None:
 
 
 def _listed(text: str) -> list[list[str]]:
-    """Rows of a list of parts, without its head."""
+    """Return the rows of a list of parts, without its header."""
     try:
         return [*csv.reader(io.StringIO(text))][1:]
     except csv.Error as error:

@@ -1,7 +1,7 @@
-"""A circuit as a folder that runs by itself: deck, library, bill, scaling, what to expect.
+"""Self-contained circuit folder: deck, library, BOM, scaling and expected results.
 
-``unzip``, then ``ngspice -b deck.cir``: no Python is needed. Nothing of a pack is run when it is
-checked; its hashes are, and every part of its deck against the list of parts.
+Run ``unzip``, then ``ngspice -b deck.cir``; Python is not needed. A check does not run the content.
+It compares the hashes, and every part of the deck with the list of parts.
 """
 
 from __future__ import annotations
@@ -35,17 +35,22 @@ from ann_dc.validation.checked import checked
 
 ZIP, PARTS = "pack.zip", "parts.csv"
 LARGEST, DENSEST = 50_000_000, 50
-"""Bytes of a pack in one file, unpacked, and over those of the file; ours have five."""
+"""Largest unpacked size in bytes, and largest ratio to the zip file size; exported folders have a
+ratio of 5.
+"""
 ENTRIES = 1000
 
 OPENED = 10
-"""Letters of the deck once its subcircuits are opened, over those of the list; ours have one."""
+"""Largest ratio of the expanded deck to the list of parts, in characters; exported decks have a
+ratio
+of 1.
+"""
 
 BAD_ZIP = (
     *(zipfile.BadZipFile, zlib.error, struct.error),
     *(EOFError, LookupError, NotImplementedError, OSError, RuntimeError, ValueError),
 )
-"""What reading a damaged zip file ends with."""
+"""Exceptions that reading a damaged zip file may raise."""
 
 
 @checked
@@ -57,35 +62,23 @@ def pack_files(
     series: str = "exact",
     zipped: bool = False,
 ) -> dict[str, bytes]:
-    """A pack of a circuit, which ngspice runs without Python.
+    """Export a circuit as a folder that ngspice runs without Python.
+
+    The files are 'deck.cir', ``library/*``, 'bill.csv', 'parts.csv', 'scaling.csv',
+    'expected_controls.csv', 'expected_waveforms.csv', 'README.md', 'reference_vector.json' and
+    ``SHA256SUMS``. Raises `ExportError` with the reason if the network cannot be built at the level
+    or is not that of the vector, and `UnknownNameError` for an unknown level or series.
 
     Parameters
     ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network.
     level : str
         ``behavioural``, ``macro``, ``differential``, ``ota-c``, ``switched-capacitor``,
-        ``transistor``, or parts by name.
+        ``transistor``, or a part set by name.
     series : str
-        Where resistors come from: ``exact``, ``E12``, ``E24``, ``E96``, ``E24-pairs``,
-        ``E96-pairs``; the deck has them as they are.
+        Series of the resistors in the deck: ``exact``, ``E12``, ``E24``, ``E96``, ``E24-pairs`` or
+        ``E96-pairs``.
     zipped : bool
-        Give one file, 'pack.zip', with all of them; the same bytes every time.
-
-    Returns
-    -------
-    dict of file name to bytes
-        'deck.cir', ``library/*``, 'bill.csv', 'parts.csv', 'scaling.csv',
-        'expected_controls.csv', 'expected_waveforms.csv', 'README.md',
-        'reference_vector.json', ``SHA256SUMS``.
-
-    Raises
-    ------
-    ExportError
-        If the network cannot be built at that level, saying what of it, or is not the vector's.
-    UnknownNameError
-        If there is no such level or series.
+        Return a single file 'pack.zip' with all files, with reproducible bytes.
 
     Examples
     --------
@@ -120,7 +113,7 @@ def _files(made: Build, vector: ReferenceVector) -> dict[str, bytes]:
 
 
 def _zip(files: Mapping[str, bytes]) -> bytes:
-    """The files in one; without a clock, so that the bytes are the same every time."""
+    """Pack the files into a zip file with reproducible bytes, without time stamps."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in sorted(files):
@@ -132,22 +125,10 @@ def _zip(files: Mapping[str, bytes]) -> bytes:
 
 @checked
 def pack_check(files: Mapping[str, bytes]) -> str:
-    """Read a pack with distrust: its hashes, and every part of its deck. Nothing is run.
+    """Check a circuit folder with a strict reader: hashes and every part of the deck.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-        As `pack_files` gives them.
-
-    Returns
-    -------
-    str
-        What was found.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing, changed or too much, or the deck has other parts than the list.
+    The deck is not run. Returns the result as a sentence. Raises `FileFormatError` if a file is
+    missing, changed or unexpected, or the parts of the deck differ from the list.
     """
     inside = _unzipped(files[ZIP]) if set(files) == {ZIP} else dict(files)
     check_sums(inside)
@@ -162,25 +143,11 @@ def pack_check(files: Mapping[str, bytes]) -> str:
 
 
 def compared_parts(deck: str, library: Mapping[str, str], listed: str) -> str:
-    """Compare the parts of a deck with a list of them, one by one.
+    """Compare the parts of a deck with a list of parts, one by one.
 
-    Parameters
-    ----------
-    deck : str
-    library : mapping of file name to text
-        What it includes.
-    listed : str
-        As `parts_text` gives them.
-
-    Returns
-    -------
-    str
-        How many there are, and which of a level that is named after parts have no maker.
-
-    Raises
-    ------
-    FileFormatError
-        If the deck has others.
+    The deck includes the ``library`` files, and the list is the output of `parts_text`. Returns the
+    number of parts, and the parts without a maker if the level is named after parts. Raises
+    `FileFormatError` if the parts differ.
     """
     level = _level_of(deck)
     parts = parts_of(flattened(deck, library, OPENED * len(listed)), level)
@@ -196,13 +163,13 @@ def compared_parts(deck: str, library: Mapping[str, str], listed: str) -> str:
 
 
 def _level_of(deck: str) -> str:
-    """The level that the first line of a deck ends with."""
+    """Return the level name at the end of a deck's first line."""
     head = deck.partition("\n")[0]
     return head.rpartition("cells, ")[2].removesuffix(" level")
 
 
 def _unzipped(content: bytes) -> dict[str, bytes]:
-    """Files of a pack in one; no more of it is unpacked than a pack may have."""
+    """Unpack a zipped folder, up to the permitted size."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             entries = archive.infolist()
@@ -225,7 +192,7 @@ def _check_entries(entries: list[zipfile.ZipInfo], most: int) -> None:
 
 
 def _unpacked(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
-    """A file, no more of it than it says, and its checksum compared."""
+    """Unpack a file up to its declared size and check its checksum."""
     with archive.open(entry) as stream:
         content = stream.read(entry.file_size)
         if len(content) < entry.file_size or stream.read(1):

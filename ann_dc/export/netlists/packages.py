@@ -1,7 +1,7 @@
-"""What a part is bought as: package, pads, supplies, where the level names real parts.
+"""Packages of parts: case, pads and supplies, for levels with real parts.
 
-Pads are those of the makers' datasheets for the case that is named. Nothing here can check them:
-whoever makes a board has to.
+Pads are those of the makers' datasheets for the named case. They have not been checked here; verify
+them before making a board.
 """
 
 from __future__ import annotations
@@ -10,26 +10,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 GROUND, POSITIVE, NEGATIVE = "GND", "V+", "V-"
-"""Nets that every board has."""
+"""Nets of every board."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Package:
-    """A component as it lies in a drawer.
+    """Component as purchased.
 
     Attributes
     ----------
     part : str
-        Its name; what it does, where no real part is named.
+        Part number, or function if no real part is named.
     library : str
-        Of the symbol, in KiCad.
+        KiCad symbol library.
     units : tuple of mapping of pin to pad
-        One for each of the same parts that are in it.
+        One mapping for each of the identical parts in the component.
     case, footprint : str
-        Empty where no real part is named.
-    supplies : mapping of pad to net
+        Empty if no real part is named.
     unused : tuple of str
-        Pads that stay open.
+        Pads that remain open.
     """
 
     part: str
@@ -66,18 +65,9 @@ PINS = {
 
 
 def generic(kind: str, part: str) -> Package:
-    """A part that no maker is named for: pads are called like the pins, and it has no footprint.
+    """Return a package without a maker.
 
-    Parameters
-    ----------
-    kind : str
-        One of `PINS`.
-    part : str
-        What it is called.
-
-    Returns
-    -------
-    Package
+    Its pads have the names of the pins in `PINS`, and it has no footprint.
     """
     return Package(part=part, library="ann_dc", units=({pin: pin for pin in PINS[kind]},))
 
@@ -105,11 +95,11 @@ PASSIVE = {
         units=({"K": "1", "A": "2"},),
     ),
 }
-"""Parts that every level of real parts buys alike."""
+"""Parts common to all levels with real parts."""
 
 
 def _single(part: str) -> Package:
-    """An op amp alone in a case of eight pads, as most have it."""
+    """Return the package of a single op amp in an 8-pad case with the usual pinout."""
     return Package(
         part=part,
         library="Amplifier_Operational",
@@ -157,7 +147,7 @@ AD835 = Package(
 OPA192, OPA828, AD8065 = _single("OPA192"), _single("OPA828"), _single("AD8065")
 
 FEEDBACK = {"AD734": "11"}
-"""Pad of a multiplier that is tied to its output: it subtracts there what it compares with."""
+"""Multiplier pad that is tied to the output: the input that is subtracted in its comparison."""
 
 REAL = {
     "tl072_ad633": {"opamp": TL072, "mul4q": AD633},
@@ -165,4 +155,4 @@ REAL = {
     "opa828_ad734": {"opamp": OPA828, "mul4q": AD734},
     "ad8065_ad835": {"opamp": AD8065, "mul4q": AD835},
 }
-"""Packages of the presets that name real parts."""
+"""Packages of the part sets that name real parts."""

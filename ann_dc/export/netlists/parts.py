@@ -1,9 +1,9 @@
-"""What is soldered: every element of a flat deck as a part with a reference, and the bill.
+"""List of parts and BOM: every element of a flat deck as a part with a reference.
 
-The preset of an integrator is a current source with a resistor across it in a deck, because a
-simulator prefers that; on a board it is one source of a voltage.
+In a deck, the preset of an integrator is a current source with a parallel resistor, because
+simulators handle this form better. On a board the preset is one voltage source.
 
-What lies in a pack beside the deck: scaling sheet, expected controls and waveforms, README.
+Files next to the deck: scaling sheet, expected controls and waveforms, README.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from ann_dc.hardware.parts.levels import Level
 from ann_dc.si_prefixes import PREFIXES, counted
 
 PRESET_OHMS = 0.1
-"""Across the current source of a preset."""
+"""Resistor in ohms across the current source of a preset."""
 
 CLASSES = {
     "r": ("R", "resistor", "ohm"),
@@ -58,27 +58,27 @@ CLASSES = {
     "clk2": ("U", "two-phase clock", ""),
     "function": ("U", "function generator", ""),
 }
-"""Letters of a reference, what a part is, and the unit of its value."""
+"""Reference letters, description, and unit of the value of every kind."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
-    """A part of a circuit.
+    """Part of a circuit.
 
     Attributes
     ----------
     reference : str
-        Of the component that it is in, ``U7``.
+        Reference of its component, such as ``U7``.
     unit : int
-        Which of the same parts in there.
+        Index among the identical parts in the component.
     kind : str
-        One of `CLASSES`.
+        Key of `CLASSES`.
     name : str
-        Of the element in the deck.
+        Name of the element in the deck.
     value : str
-        With six digits, in the unit of its kind; what it computes, of a function generator.
+        Value with six digits in the unit of its kind; expression of a function generator.
     nets : tuple of str
-        In the order of `PINS`.
+        Nets in the order of `PINS`.
     """
 
     reference: str
@@ -90,35 +90,19 @@ class Part:
 
     @property
     def pins(self) -> dict[str, str]:
-        """Nets by the names of the pins."""
+        """Nets by pin name."""
         return dict(zip(PINS[self.kind], self.nets))
 
 
 def package_of(kind: str, level: str) -> Package:
-    """What a part is bought as at a level.
-
-    Parameters
-    ----------
-    kind : str
-    level : str
-        Its name.
-    """
+    """Return the package of a kind of part at the level with the given name."""
     return REAL.get(level, {}).get(kind) or PASSIVE.get(kind) or generic(kind, CLASSES[kind][1])
 
 
 def parts_of(elements: Iterable[Element], level: str) -> tuple[Part, ...]:
-    """The parts that a flat deck stands for.
+    """Return the parts of a flat deck, in the order of the deck.
 
-    Parameters
-    ----------
-    elements : iterable of Element
-    level : str
-        Name of the level, which says how many are in a component.
-
-    Returns
-    -------
-    tuple of Part
-        In the order of the deck.
+    The name of the level determines the number of parts per component.
     """
     count: Counter[str] = Counter()
     waiting: dict[str, tuple[str, int]] = {}
@@ -148,7 +132,7 @@ def parts_of(elements: Iterable[Element], level: str) -> tuple[Part, ...]:
 
 
 def _soldered(elements: list[Element]) -> Iterator[tuple[str, Element, str]]:
-    """Kind, element and value of what is a part; a preset is one."""
+    """Yield kind, element and value of every part; a preset is one part."""
     across = {
         (element.name.rpartition(".")[0], frozenset(element.nodes)): element
         for element in elements
@@ -179,18 +163,9 @@ def _value(element: Element) -> str:
 
 
 def without_maker(parts: Iterable[Part], level: str) -> str:
-    """Return the parts for which a level names nothing to buy, with their numbers.
+    """Return the parts without a purchasable type at a level, with their numbers.
 
-    Parameters
-    ----------
-    parts : iterable of Part
-    level : str
-        Its name.
-
-    Returns
-    -------
-    str
-        ``analog switch (2), preset (1)``; empty if every part has a name.
+    The text has the form ``analog switch (2), preset (1)`` and is empty if every part has a type.
     """
     count: Counter[str] = Counter()
     for part in parts:
@@ -202,21 +177,11 @@ BILL = (
     *("reference", "value", "unit", "to buy", "series", "tolerance"),
     *("part class", "part", "package", "quantity"),
 )
-"""Columns of the bill."""
+"""Columns of the BOM."""
 
 
 def bill_text(build: Build, parts: Iterable[Part]) -> str:
-    """CSV text of what to buy: one line for all components that are the same.
-
-    Parameters
-    ----------
-    build : Build
-    parts : iterable of Part
-
-    Returns
-    -------
-    str
-    """
+    """Return the BOM as CSV text, with one line for all identical components."""
     groups: dict[tuple[str, str], dict[str, None]] = {}
     for part in parts:
         value = "" if part.kind == "v" and not _is_number(part.value) else part.value
@@ -244,16 +209,9 @@ def _is_number(text: str) -> bool:
 
 
 def engineering(value: str) -> str:
-    """Format the value of a part with a prefix of its unit.
+    """Format the value of a part with an SI prefix.
 
-    Parameters
-    ----------
-    value : str
-
-    Raises
-    ------
-    FileFormatError
-        If it is none.
+    Raises `FileFormatError` if the text is not a value.
 
     Examples
     --------
@@ -268,13 +226,9 @@ def engineering(value: str) -> str:
 
 
 def series_of(kind: str, series: Series) -> Series | None:
-    """What parts of a kind are bought from, beside resistors of a series; None of other parts.
+    """Return the series from which parts of a kind (``r``, ``c``, ...) are purchased.
 
-    Parameters
-    ----------
-    kind : str
-        ``r``, ``c``, or the letter of something else.
-    series : Series
+    Resistors have the given series. Returns None for kinds without a series.
     """
     return {"r": series, "c": series.capacitors}.get(kind)
 
@@ -287,12 +241,7 @@ def _bought(kind: str, value: str, series: Series) -> tuple[str, str]:
 
 
 def tolerances_of(level: Level) -> Mapping[str, str]:
-    """How far parts of a level may be off, in words, by kind; ideal ones not at all.
-
-    Parameters
-    ----------
-    level : Level
-    """
+    """Return the tolerances of a level's parts as text, by kind; none for ideal parts."""
     if level.models == "ideal":
         return {}
     sizes = level.tolerances
@@ -308,12 +257,7 @@ def tolerances_of(level: Level) -> Mapping[str, str]:
 
 
 def part_of(row: Sequence[str]) -> Part:
-    """The part of a row that `parts_text` wrote.
-
-    Parameters
-    ----------
-    row : sequence of str
-    """
+    """Parse a row written by `parts_text` as a part."""
     wires = {pin: net for pin, _, net in (wire.rpartition("=") for wire in row[5].split())}
     nets = tuple(wires[pin] for pin in PINS[row[2]])
     unit = int(row[1]) - 1
@@ -321,16 +265,7 @@ def part_of(row: Sequence[str]) -> Part:
 
 
 def parts_text(parts: Iterable[Part]) -> str:
-    """CSV text of every part: reference, unit, kind, name in the deck, value, and its nets.
-
-    Parameters
-    ----------
-    parts : iterable of Part
-
-    Returns
-    -------
-    str
-    """
+    """Return all parts as CSV text: reference, unit, kind, deck name, value and nets."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(("reference", "unit", "kind", "name in the deck", "value", "pins and nets"))
@@ -342,21 +277,16 @@ def parts_text(parts: Iterable[Part]) -> str:
 
 
 ROWS = 200
-"""Most rows of a table of waveforms."""
+"""Maximum number of rows of a waveform table."""
 
 
 def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Rows as CSV text.
-
-    Parameters
-    ----------
-    head : sequence of str
-    rows : iterable of sequences
+    r"""Format rows as CSV text.
 
     Examples
     --------
     >>> csv_text(("a", "b"), [(1, "x, y")])
-    'a,b\\n1,"x, y"\\n'
+    'a,b\n1,"x, y"\n'
     """
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
@@ -366,16 +296,7 @@ def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def scaling_text(build: Build) -> str:
-    """CSV text: what a volt at every node of a cell stands for.
-
-    Parameters
-    ----------
-    build : Build
-
-    Returns
-    -------
-    str
-    """
+    """Return CSV text with the value of 1 V at every node of a cell."""
     rows, scaling = [], build.circuit.scaling
     for name in build.circuit.schematic.polarity:
         nodes = [node for (own, _), node in build.deck.signals.items() if own == name]
@@ -390,16 +311,7 @@ def scaling_text(build: Build) -> str:
 
 
 def expected_text(build: Build) -> str:
-    """CSV text: what every control settles to, in the user's units and in volts.
-
-    Parameters
-    ----------
-    build : Build
-
-    Returns
-    -------
-    str
-    """
+    """Return CSV text with the settled controls, in the user's units and in volts."""
     rows = []
     for reading in build.controls:
         value = build.settled(reading)
@@ -410,15 +322,9 @@ def expected_text(build: Build) -> str:
 
 
 def waveforms_text(build: Build) -> str:
-    """CSV text: volts over seconds of all neurons that a node carries, as the ideal network moves.
+    """Return CSV text with the waveforms (V over s) of the ideal network's neurons.
 
-    Parameters
-    ----------
-    build : Build
-
-    Returns
-    -------
-    str
+    The table contains all neurons that have a node.
     """
     probe, timing, network = build.probe, build.deck.timing, build.network
     count = len(probe.time)
@@ -442,13 +348,9 @@ E24. With `series=E96`, one for each, controls are often off by several percent.
 
 
 def accuracy_text(build: Build, parts: Iterable[Part] = ()) -> str:
-    """Return the first lines of a README: parts without a maker, and the predicted accuracy.
+    """Return the first lines of a README: parts without a maker, predicted accuracy.
 
-    Parameters
-    ----------
-    build : Build
-    parts : iterable of Part
-        Those to buy.
+    The parts to purchase are ``parts``.
     """
     unnamed = without_maker(parts, build.level.name)
     lines = [f"No part to buy for: {unnamed}."] if unnamed else []
@@ -458,18 +360,7 @@ def accuracy_text(build: Build, parts: Iterable[Part] = ()) -> str:
 
 
 def readme_text(build: Build, parts: Sequence[Part]) -> str:
-    """What the pack is, how to run it, and what to look at.
-
-    Parameters
-    ----------
-    build : Build
-    parts : sequence of Part
-        Of the circuit.
-
-    Returns
-    -------
-    str
-    """
+    """Return the README of a folder: content, use, and results to check."""
     deck, network = build.deck, build.network
     first = build.controls[0]
     kinds = ", ".join(counted(number, name) for name, number in deck.parts.items())

@@ -1,4 +1,4 @@
-"""S-expressions, as KiCad writes them: nested lists of words and of texts in quotes."""
+"""S-expressions as written by KiCad: nested lists of words and quoted texts."""
 
 from __future__ import annotations
 
@@ -15,23 +15,15 @@ DEEPEST = 50
 
 
 def written(tree: Tree, depth: int = 0) -> str:
-    """A tree as text: lists of words on one line, lists of lists over several.
+    r"""Format a tree as text: lists of words on one line, lists of lists on several.
 
-    Parameters
-    ----------
-    tree : str or list
-        The first of a list is a word, what follows is quoted.
-    depth : int
-        How far it is indented.
-
-    Returns
-    -------
-    str
+    The first item of a list is a word and the following items are quoted. The indentation is
+    ``depth`` levels.
 
     Examples
     --------
     >>> written(["comp", ["ref", "R1"], ["value", '1 "k"']])
-    '(comp (ref "R1") (value "1 \\\\"k\\\\""))'
+    '(comp (ref "R1") (value "1 \\"k\\""))'
     """
     if isinstance(tree, str):
         return '"' + tree.replace("\\", "\\\\").replace('"', '\\"') + '"'
@@ -45,20 +37,9 @@ def written(tree: Tree, depth: int = 0) -> str:
 
 
 def read(text: str) -> Tree:
-    """The tree that a text is.
+    """Parse a text as a tree.
 
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    list
-
-    Raises
-    ------
-    FileFormatError
-        If it is not one list, whole and no deeper than `DEEPEST`.
+    Raises `FileFormatError` if the text is not one complete list with a depth of at most `DEEPEST`.
 
     Examples
     --------
@@ -98,29 +79,15 @@ def _tokens(text: str) -> Iterator[tuple[str, str]]:
 
 
 def entries(tree: Tree, name: str) -> list[list[Tree]]:
-    """The lists within a list that begin with a word.
-
-    Parameters
-    ----------
-    tree : str or list
-    name : str
-    """
+    """Return the lists within a list that begin with a given word."""
     inner = tree if isinstance(tree, list) else []
     return [each for each in inner if isinstance(each, list) and each[:1] == [name]]
 
 
 def entry(tree: Tree, name: str) -> str:
-    """The text that follows a word, in the one list within a list that begins with it.
+    """Return the text after a word in the single list that begins with the word.
 
-    Parameters
-    ----------
-    tree : str or list
-    name : str
-
-    Raises
-    ------
-    FileFormatError
-        If there is none, more than one, or no text in it.
+    Raises `FileFormatError` if there is not exactly one such list, or it has no text.
     """
     found = entries(tree, name)
     if len(found) != 1 or len(found[0]) != 2 or not isinstance(found[0][1], str):

@@ -1,8 +1,9 @@
-"""A circuit as Verilog-A: the behavioural deck, card by card, as modules with the same names.
+"""Verilog-A export: the behavioural deck, card by card, as modules of equal names.
 
-A cell of the row is a module with its resistors and capacitors as parameters; the network is a
-module of cells. The modules are parsed back, and their equations integrated, but no simulator has
-run them. OpenVAF, which compiles compact models, accepts the text and drops all instances.
+A cell of the cell array is a module with its resistors and capacitors as parameters; the network is
+a module of cells. The modules are parsed back and their equations integrated, but they have not
+been run in a simulator. OpenVAF, a compiler of compact models, accepts the text and drops all
+instances.
 """
 
 from __future__ import annotations
@@ -33,28 +34,14 @@ REFERENCE = f"  electrical {GROUND};\n  ground {GROUND};"
 def verilog_a_files(
     network: Network, vector: ReferenceVector, *, series: str = "exact"
 ) -> dict[str, bytes]:
-    """Verilog-A modules of a circuit at the behavioural level. No simulator has run them.
+    """Export a circuit as Verilog-A modules at the behavioural level.
 
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network.
-    series : str
-        Where resistors come from, as of `pack_files`.
+    The modules have not been run in a simulator. The resistor ``series`` is that of `pack_files`.
+    The files are 'network.va', 'scaling.csv', 'expected_controls.csv', 'README.md',
+    'reference_vector.json' and ``SHA256SUMS``.
 
-    Returns
-    -------
-    dict of file name to bytes
-        'network.va', 'scaling.csv', 'expected_controls.csv', 'README.md',
-        'reference_vector.json', ``SHA256SUMS``.
-
-    Raises
-    ------
-    ExportError
-        If the network cannot be built at the behavioural level, saying what of it.
-    UnknownNameError
-        If there is no such series.
+    Raises `ExportError` with the reason if the network cannot be built at the behavioural level,
+    and `UnknownNameError` for an unknown series.
 
     Examples
     --------
@@ -93,14 +80,13 @@ def _text(made: Build) -> str:
 
 
 def _identifier(node: str) -> str:
-    """A node as Verilog-A can call it."""
     if node == "0":
         return GROUND
     return node + "_" if node in KEYWORDS else node
 
 
 def _cells(lines: Iterator[str]) -> Iterator[str]:
-    """A module for every subcircuit."""
+    """Yield a module for every subcircuit."""
     head: list[str] = []
     body: list[list[str]] = []
     for line in lines:
@@ -144,7 +130,6 @@ def _declared(kind: str, names: list[str]) -> str:
 
 
 def _wrapped(line: str) -> str:
-    """The line, continued where it is long."""
     rows, row = [], ""
     for word in line.split(" "):
         if len(row) + len(word) > 98:
@@ -171,7 +156,7 @@ CLAMPS = ("clamp_low", "clamp_high")
 
 
 def _instances(cards: list[list[str]]) -> Iterator[Instance]:
-    """Cards of subcircuits; an integrator and its rails are one module."""
+    """Yield subcircuit cards as instances; an integrator and its limits are one."""
     rails: dict[tuple[str, ...], dict[str, str]] = {}
     for card in cards:
         module, nets, given = _read(card)
@@ -202,7 +187,7 @@ def _instance(module: str, name: str, nets: tuple[str, ...], given: Mapping[str,
 
 
 def _network(made: Build, lines: Iterator[str]) -> str:
-    """The module of the row: its cells, and the constants that they read."""
+    """Return the module of the cell array: its cells and the constants that they read."""
     ports = ["rst", *(_identifier(reading.node) for reading in made.controls)]
     instances: list[str] = []
     constants: list[tuple[str, str]] = []
@@ -259,22 +244,10 @@ word and drops every instance, so that `network` has no equation that couples it
 
 @checked
 def verilog_a_check(files: Mapping[str, bytes]) -> str:
-    """Read modules with distrust: hashes, ports, parameters, disciplines. Nothing is run.
+    """Check modules with a strict reader: hashes, ports, parameters and disciplines.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-        As `verilog_a_files` gives them.
-
-    Returns
-    -------
-    str
-        What was found.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing or changed, or a module is not well formed.
+    The modules are not run. Returns the result as a sentence. Raises `FileFormatError` if a file is
+    missing or changed, or a module is not well formed.
     """
     check_sums(files)
     vector = vector_of(files)

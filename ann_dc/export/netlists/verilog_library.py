@@ -1,6 +1,7 @@
-"""The cells of the SPICE library as Verilog-A modules: the same names, pins and parameters.
+"""SPICE library cells as Verilog-A modules with equal names, pins and parameters.
 
-A virtual ground is a branch of a given voltage, through which the sum of the input currents flows.
+A virtual ground is a branch with a given voltage, through which the sum of the input currents
+flows.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 from ann_dc.network.functions import FUNCTIONS
 
 RESET = "0.0, V(rst) > 2.5"
-"""Where an integral starts, and while what it is held there."""
+"""Initial value of an integral, and the condition under which it is reset to this value."""
 
 LIBRARY = {
     "integ": f"""\
@@ -122,11 +123,11 @@ module mul4q(x1, x2, y1, y2, z, out);
 endmodule
 """,
 }
-"""Modules by the names of the library's cells."""
+"""Modules by library cell name."""
 
 ARGUMENT = "min(max(sx * V(x), lo), hi)"
 SAME_NAME = ("sin", "cos", "tan", "exp", "sqrt", "tanh", "sinh", "cosh", "atan", "asin", "acos")
-"""Function blocks that Verilog-A has under the same name."""
+"""Function blocks with the same name in Verilog-A."""
 FORMULAS = {name: f"{name}({ARGUMENT})" for name in SAME_NAME}
 FORMULAS |= {"reciprocal": f"1 / {ARGUMENT}", "log": f"ln({ARGUMENT})"}
 FORMULAS |= {"rectify": f"max({ARGUMENT}, 0.0)"}
@@ -134,16 +135,7 @@ FORMULAS |= {"rectify": f"max({ARGUMENT}, 0.0)"}
 
 
 def function_module(function: str) -> str:
-    """The module of a function generator.
-
-    Parameters
-    ----------
-    function : str
-        Name of a function block, a key of `FORMULAS`.
-
-    Returns
-    -------
-    str
+    """Return the module of a function generator, by function block name in `FORMULAS`.
 
     Examples
     --------

@@ -1,6 +1,7 @@
-"""Verilog-A as modules: ports, parameters, nodes, contributions, instances; the part used here.
+"""Verilog-A modules: ports, parameters, nodes, contributions and instances.
 
-The reader is strict: what it does not know it refuses, so that what it takes is well formed.
+The reader covers the subset of the language used here. It rejects unknown syntax, so accepted text
+is well formed.
 """
 
 from __future__ import annotations
@@ -38,19 +39,19 @@ KEYWORDS = frozenset(
         """,
     )
 )
-"""Words that no node can be called."""
+"""Reserved words that are not permitted as node names."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Instance:
-    """A module within another one.
+    """Instance of a module within another module.
 
     Attributes
     ----------
-    module, name : str
     given : mapping of parameter name to expression
+        Parameters of the instance.
     nets : tuple of str
-        In the order of its ports.
+        Nets in the order of the module's ports.
     """
 
     module: str
@@ -61,23 +62,20 @@ class Instance:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Module:
-    """A module.
+    """Verilog-A module.
 
     Attributes
     ----------
-    name : str
-    ports : tuple of str
     nodes : set of str
-        All that are electrical.
+        All electrical nodes.
     grounds : set of str
-        Those that are the reference.
+        Reference nodes.
     branches : dict of name to node
-        To the reference.
+        Branches to the reference.
     parameters : dict of name to text
-        Their default values.
+        Default values.
     contributions : list of (access, names, expression)
-        ``("V", ("out",), "...")`` of ``V(out) <+ ...;``.
-    instances : list of Instance
+        ``("V", ("out",), "...")`` for ``V(out) <+ ...;``.
     """
 
     name: str
@@ -91,21 +89,10 @@ class Module:
 
 
 def modules_of(text: str) -> dict[str, Module]:
-    """The modules of a file.
+    """Parse the modules of a file, by name.
 
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    dict of name to Module
-
-    Raises
-    ------
-    FileFormatError
-        If something is in it that is no such module, or one is used that is not there, with ports
-        or parameters that it does not have, or a contribution goes to what is not declared.
+    Raises `FileFormatError` for text that is not such a module, an instance of an unknown module,
+    unknown ports or parameters, or a contribution to an undeclared node.
 
     Examples
     --------
@@ -145,7 +132,7 @@ def _module(name: str, ports: str, body: str) -> Module:
 
 
 def _halves(body: str) -> tuple[str, str]:
-    """What a module declares, and what stands in its analog block."""
+    """Return the declarations of a module and the content of its analog block."""
     begins = ANALOG.search(body)
     ends = END.search(body, begins.end()) if begins else None
     if begins is None or ends is None:

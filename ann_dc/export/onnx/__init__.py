@@ -1,4 +1,4 @@
-"""A network as ONNX models, for machine-learning runtimes: one step, and the loop to settling."""
+"""ONNX export for machine-learning runtimes: one step, and the loop to settling."""
 
 import lazy_loader
 

@@ -1,7 +1,8 @@
-"""The cell as ONNX operations: what its blocks say, and what arrives at its neurons.
+"""Cell as ONNX operations: outputs of its blocks and net inputs of its neurons.
 
-A node of the cell is a tensor (N, B): stages, samples; (N, 1) or (1, 1) where it is the same for
-all. A neighbour's value is the same tensor moved by a stage.
+A node of the cell is a tensor (N, B): stages, samples. The shape is (N, 1) or (1, 1) if the values
+are equal for all samples or stages. The value of a neighbour is the same tensor, shifted by a
+stage.
 """
 
 from __future__ import annotations
@@ -18,13 +19,12 @@ from ann_dc.network.network import Network
 
 
 class CellReading:
-    """All nodes of a network at one state.
+    """Values of all nodes of a network at one state.
 
     Parameters
     ----------
-    network : Network
     graph : Graph
-        That the operations are written to.
+        Graph to which the operations are written.
     neurons, inputs : sequence of str
         Rows (N, B), in the order of the cell.
     batch : str
@@ -53,11 +53,11 @@ class CellReading:
             self._values[block.name] = self._block(block)
 
     def neuron(self, number: int) -> str:
-        """The state (N, B) of a neuron."""
+        """Return the state (N, B) of a neuron."""
         return self._values[self.network.cell.neurons[number].name]
 
     def drives(self) -> list[str]:
-        """What arrives at every neuron, (N, B) each; at shared ones the sum of all cells."""
+        """Return the net inputs of all neurons, (N, B) each; shared neurons sum all cells."""
         rows = []
         for neuron in self.network.cell.neurons:
             self.graph.about(neuron.name)
@@ -69,7 +69,7 @@ class CellReading:
         return rows
 
     def sides(self) -> dict[str, str]:
-        """On which side of its pole the argument of each reciprocal is, by block."""
+        """Return the sign of each reciprocal's argument (side of the pole), by block."""
         return {
             block.name: side_of_pole(self.graph, self._values[block.x])
             for block in self._guarded()
@@ -77,12 +77,10 @@ class CellReading:
         }
 
     def is_inside(self, sides: dict[str, str]) -> str | None:
-        """(B,) booleans: whether every function is inside its domain; None where all always are.
+        """Return booleans (B,): True if every function is inside its domain.
 
-        Parameters
-        ----------
-        sides : dict of block name to tensor
-            As `sides` gives them of the start; where none is given, either side will do.
+        Returns None if all functions always are. Argument ``sides`` is the result of `sides` at the
+        start; without an entry, both sides of a pole are valid.
         """
         graph = self.graph
         graph.about("domain")
@@ -120,7 +118,7 @@ class CellReading:
         return self._kept(found, *rows)
 
     def _total(self, target: str) -> str:
-        """The sum of what connections bring; weights of one and minus one are no factors."""
+        """Return the weighted sum over the connections; weights 1 and -1 need no factor."""
         graph, total = self.graph, None
         for connection in self._arriving.get(target, ()):
             weight = np.asarray(connection.weight, float)
@@ -136,7 +134,7 @@ class CellReading:
         return graph.number(0.0) if total is None else total
 
     def _source(self, connection: Connection) -> str:
-        """What a connection reads: its source, in its own cell or the neighbour's."""
+        """Return the source of a connection, in the same cell or shifted from a neighbour."""
         graph, row, stages = self.graph, self._values[connection.source], self.network.stages
         if connection.template == Template.SELF:
             return row
@@ -152,7 +150,7 @@ class CellReading:
         return self._kept(graph.stacked(*moved) if stages > 1 else end, row)
 
     def _far(self, connection: Connection, row: str) -> str:
-        """Move the rows of a source beyond the neighbours by a matrix."""
+        """Shift the rows of a source beyond the neighbours with a matrix."""
         graph, offset, stages = self.graph, int(connection.template), self.network.stages
         shift = graph.table(f"cells.{connection.name}", np.eye(stages, k=offset))
         moved, left = graph.op("MatMul", shift, row), self.network.left.get(connection.source)
@@ -164,13 +162,13 @@ class CellReading:
         return self._kept(moved, row)
 
     def _kept(self, found: str, *of: str) -> str:
-        """The tensor, known to be (N, B) where one that it was made of is."""
+        """Return a tensor, registered as (N, B) if one of its operands is (N, B)."""
         if not self._full.isdisjoint(of):
             self._full.add(found)
         return found
 
     def _whole(self, row: str) -> str:
-        """The row as (N, B)."""
+        """Expand a row to (N, B)."""
         if row not in self._full:
             row = self.graph.op("Expand", row, self._shape(self.network.stages))
             self._full.add(row)

@@ -1,4 +1,4 @@
-"""ONNX files compared with their reference vector, by running them in onnxruntime."""
+"""Comparison of ONNX files with their test vector by execution in onnxruntime."""
 
 from __future__ import annotations
 
@@ -15,37 +15,25 @@ from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.validation.checked import checked
 
 END = {"float64": 1e-6, "float32": 1e-3}
-"""Of the settled ones."""
+"""Tolerance of the settled states."""
 PRECISIONS: dict[str, Precision] = {"tensor(double)": "float64", "tensor(float)": "float32"}
-"""By what onnxruntime calls the type of the states."""
+"""Precision, by onnxruntime's name of the type of the states."""
 PATIENCE = 3
-"""Steps that a walk may take to settle, over those of the vector: rounding may send it round."""
+"""Maximum number of steps to settle, relative to the vector; rounding may cause a detour."""
 
 
 @checked
 def onnx_check(files: Mapping[str, bytes]) -> str:
-    """Run ONNX files and compare them with their reference vector.
+    """Run ONNX files and compare them with their test vector.
 
-    The files are read with distrust (no operation but those of `onnx_files`, no number kept
-    elsewhere, a digest of all of it), checked by the package onnx, and run by onnxruntime, which
-    parses them itself: what it does with a file is not in our hands.
+    The reader is strict: only the operations of `onnx_files`, no external data, and a digest of the
+    complete file. The package onnx then checks the files, and onnxruntime parses and runs them; its
+    behaviour is outside the control of this package.
 
-    Parameters
-    ----------
-    files : mapping of str to bytes
-        ``step.onnx``, ``settle.onnx``, ``reference_vector.json``; others are not looked at.
-
-    Returns
-    -------
-    str
-        What was found, in a sentence.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing, no such model, changed, or computes something else.
-    ExportPackageMissing
-        If onnx or onnxruntime is not installed.
+    The files are ``step.onnx``, ``settle.onnx`` and ``reference_vector.json``; other files are
+    ignored. Returns the result as a sentence. Raises `FileFormatError` if a file is missing,
+    invalid, changed, or computes different values, and `ExportPackageMissing` if onnx or
+    onnxruntime is not installed.
 
     Examples
     --------
@@ -79,9 +67,9 @@ def onnx_check(files: Mapping[str, bytes]) -> str:
 
 
 def _settled(settle: _Session, vector: ReferenceVector) -> str:
-    """What the loop comes to, compared with the end of the vector.
+    """Compare the result of the loop with the end of the vector.
 
-    In float32 a residual may stay above the tolerance, however long it goes on.
+    In float32 a residual may remain above the tolerance for any number of steps.
     """
     if not vector.settles:
         return "which never settles"
@@ -106,7 +94,7 @@ def _settled(settle: _Session, vector: ReferenceVector) -> str:
 
 
 class _Session:
-    """A model in onnxruntime, with the vector's inputs for every sample."""
+    """Model in onnxruntime, with the vector's inputs for every sample."""
 
     def __init__(self, name: str, files: Mapping[str, bytes], vector: ReferenceVector) -> None:
         import onnxruntime
@@ -136,7 +124,7 @@ class _Session:
     def run(
         self, states: np.ndarray, *, tolerance: float | None = None, limit: int = 0
     ) -> list[np.ndarray]:
-        """What the model gives of states (P, N, B)."""
+        """Return the outputs of the model for states (P, N, B)."""
         given = self._given | {"states": self._number(states)}
         if tolerance is not None:
             given |= {"tolerance": self._number(tolerance), "limit": np.array(limit)}

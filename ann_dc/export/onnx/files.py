@@ -1,4 +1,4 @@
-"""A network as two ONNX models, written from its record and not traced."""
+"""ONNX export of a network as two models, written from its record without tracing."""
 
 from __future__ import annotations
 
@@ -23,44 +23,30 @@ def onnx_files(
     *,
     precision: Precision = "float64",
 ) -> dict[str, bytes]:
-    """A network as ONNX: one step, and the loop to settling.
+    """Export a network as ONNX: one step, and the loop to settling.
 
     With P neurons, N stages, I inputs and any number B of samples:
 
     ``step.onnx``
-        states (P, N, B), inputs (I, N, B), step () to next_states (P, N, B), residual (B,) of the
-        states that were given.
+        Maps states (P, N, B), inputs (I, N, B), step () to next_states (P, N, B) and residual (B,).
+        The residual is that of the given states.
     ``settle.onnx``
-        states, inputs, step, tolerance (), limit () to settled_states (P, N, B), residual (B,),
-        steps (B,). Every sample stops where its residual is first below the tolerance, where it
-        leaves the domain of a function or diverges (its residual is infinite then), or after
-        ``limit`` steps, an int64.
+        Maps states, inputs, step, tolerance (), limit () to settled_states (P, N, B), residual
+        (B,), steps (B,). A sample stops when its residual is below the tolerance, or after
+        ``limit`` steps, an int64. It also stops with an infinite residual when it leaves the domain
+        of a function or diverges.
 
-    A network without inputs has none. Inputs may be (I, N, 1), the same for all samples. Numbers
-    are in network units; the metadata of the files has factor and offset of every neuron and input,
-    the title, and the hashes of wiring and content. What a state says of pinned and absent neurons
-    is not read. Weights, time constants, rails and gains are initializers with the names of the
-    network. Every wiring and every kind of metric can be carried.
+    A network without inputs has no such tensor. Inputs may be (I, N, 1), equal for all samples.
+    Numbers are in network units. The metadata of the files contain factor and offset of every
+    neuron and input, the title, and the hashes of wiring and content. State entries of fixed and
+    omitted neurons are not read. Weights, time constants, saturation limits and gains are
+    initializers with the names of the network. Every wiring and every preconditioner kind is
+    supported.
 
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-        Of this network; it goes along.
-    precision : str
-        ``"float64"`` or ``"float32"``, of all numbers but counts.
-
-    Returns
-    -------
-    dict of str to bytes
-        ``step.onnx``, ``settle.onnx``, ``reference_vector.json``.
-
-    Raises
-    ------
-    ExportError
-        If the vector is another network's, or a number is too large for float32.
-    ExportPackageMissing
-        If the package onnx is not installed.
+    The ``precision`` of all numbers except counts is ``"float64"`` or ``"float32"``. The files are
+    ``step.onnx``, ``settle.onnx`` and ``reference_vector.json``. Raises `ExportError` if the vector
+    belongs to another network or a number is too large for float32, and `ExportPackageMissing` if
+    the package onnx is not installed.
 
     Examples
     --------
@@ -85,13 +71,7 @@ def onnx_files(
 
 
 def require(*packages: str) -> None:
-    """Refuse to go on where a package is not installed.
-
-    Raises
-    ------
-    ExportPackageMissing
-        With the line that installs it.
-    """
+    """Raise `ExportPackageMissing` with the install command if a package is missing."""
     for package in packages:
         if importlib.util.find_spec(package) is None:
             raise ExportPackageMissing(

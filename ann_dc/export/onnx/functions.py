@@ -1,8 +1,8 @@
-r"""Function blocks as ONNX operations; in float64 of those that onnxruntime has for it.
+r"""Function blocks as ONNX operations; in float64 only operations of onnxruntime.
 
-It has no tan, sinh, cosh, atan, asin and acos in float64. The inverse ones are computed in float32
-and corrected once by an addition theorem, with s and c the sine and cosine of the float32 value
-:math:`y_0`:
+In float64, onnxruntime has no tan, sinh, cosh, atan, asin and acos. The inverse functions are
+computed in float32 and corrected once by an addition theorem, with s and c the sine and cosine of
+the float32 value :math:`y_0`:
 
 .. math:: \arctan x = y_0 + \arctan\frac{x c - s}{c + x s}, \qquad
     \arcsin x = y_0 + \arcsin(x c - r s), \quad r = \sqrt{1 - x^2},
@@ -33,26 +33,21 @@ SINGLE = {"tan": "Tan", "sinh": "Sinh", "cosh": "Cosh"} | {
     "asin": "Asin",
     "acos": "Acos",
 }
-"""Operations that onnxruntime has for float32 only."""
+"""Operations that onnxruntime supports only in float32."""
 ARITHMETIC = {"add": "Add", "subtract": "Sub", "multiply": "Mul", "divide": "Div"}
-"""Operations of trees."""
+"""Operations of formula trees."""
 SMALL = 0.5
-"""Below which the hyperbolic sine is taken from the hyperbolic tangent of the half."""
+"""Bound on the argument below which the hyperbolic sine is computed from the hyperbolic tangent of
+its
+half.
+"""
 
 BELOW_RIGHT_ANGLE = 6.123233995736766e-17
-"""What float64 leaves of pi / 2."""
+"""Rounding remainder of pi / 2 in float64."""
 
 
 def value(graph: Graph, function: str, x: str) -> str:
-    """y = g(x), element by element.
-
-    Parameters
-    ----------
-    graph : Graph
-    function : str
-        Name of a function block.
-    x : str
-    """
+    """Return y = g(x) of a function block, element by element."""
     if function in PLAIN:
         return graph.op(PLAIN[function], x)
     if function == "rectify":  # what is no number passes
@@ -77,16 +72,10 @@ def _from_tree(graph: Graph, function: str, x: str) -> str:
 
 
 def inside(graph: Graph, block: FunctionBlock, x: str, side: str | None) -> str | None:
-    """A number that is positive where a block is defined; None where it is everywhere.
+    """Return a number that is positive if the argument x is in the domain of a block.
 
-    Parameters
-    ----------
-    graph : Graph
-    block : FunctionBlock
-    x : str
-        Its argument.
-    side : str, optional
-        The sign that the argument has to keep, where the block has a pole; any without one.
+    Returns None if the domain is unbounded. If the block has a pole, ``side`` is the required sign
+    of the argument; None permits both signs.
     """
     if block.has_pole:
         return graph.op("Abs", x) if side is None else graph.op("Mul", x, side)
@@ -99,7 +88,7 @@ def inside(graph: Graph, block: FunctionBlock, x: str, side: str | None) -> str 
 
 
 def side_of_pole(graph: Graph, x: str) -> str:
-    """-1 where the argument is negative, else 1."""
+    """Return -1 for a negative argument, else 1."""
     negative = graph.op("Less", x, _zero(graph))
     return graph.op("Where", negative, graph.number(-1.0), graph.number(1.0))
 
@@ -109,7 +98,7 @@ def _zero(graph: Graph) -> str:
 
 
 def _tan(graph: Graph, x: str) -> str:
-    """sin x / sin(pi/2 - |x|): near its poles a cosine would have few digits."""
+    """Compute sin x / sin(pi/2 - |x|); a cosine would lose digits near the poles."""
     apart = graph.op("Sub", graph.number(np.pi / 2), graph.op("Abs", x))
     apart = graph.op("Add", apart, graph.number(BELOW_RIGHT_ANGLE))
     return graph.op("Div", graph.op("Sin", x), graph.op("Sin", apart))
@@ -125,7 +114,10 @@ def _cosh(graph: Graph, x: str) -> str:
 
 
 def _sinh(graph: Graph, x: str) -> str:
-    """2 t / (1 - t^2) with t = tanh(x / 2) where x is small: exponentials would cancel."""
+    """Compute 2 t / (1 - t^2) with t = tanh(x / 2) for small x.
+
+    Exponentials would cancel there.
+    """
     t = graph.op("Tanh", graph.op("Mul", graph.number(0.5), x))
     below = graph.op("Sub", graph.number(1.0), graph.op("Mul", t, t))
     near = graph.op("Div", graph.op("Add", t, t), below)
@@ -134,7 +126,7 @@ def _sinh(graph: Graph, x: str) -> str:
 
 
 def _first(graph: Graph, kind: str, x: str) -> tuple[str, str, str]:
-    """(Value in float32, its sine, its cosine)."""
+    """Return the value in float32, its sine, and its cosine."""
     from onnx import TensorProto
 
     single = graph.op(kind, graph.op("Cast", x, to=TensorProto.FLOAT))
@@ -143,7 +135,7 @@ def _first(graph: Graph, kind: str, x: str) -> tuple[str, str, str]:
 
 
 def _corrected(graph: Graph, y: str, small: str, third: float) -> str:
-    """y + small + third small^3."""
+    """Compute y + small + third small^3."""
     square = graph.op("Mul", small, small)
     factor = graph.op("Mul", graph.number(third), square)
     return graph.op("Add", y, graph.op("Add", small, graph.op("Mul", factor, small)))
@@ -157,7 +149,7 @@ def _atan(graph: Graph, x: str) -> str:
 
 
 def _root(graph: Graph, x: str) -> str:
-    """sqrt(1 - x^2), exact near one too."""
+    """Compute sqrt(1 - x^2), exact also near one."""
     one = graph.number(1.0)
     return graph.op("Sqrt", graph.op("Mul", graph.op("Sub", one, x), graph.op("Add", one, x)))
 

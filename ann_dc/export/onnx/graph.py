@@ -1,7 +1,7 @@
-"""A graph of ONNX operations while it is written: nodes, constants with names, and loops in it.
+"""Graph of ONNX operations under construction: nodes, named constants and loops.
 
-An operation that was written once is not written again, and one in the body of a loop that reads
-nothing of the body stands before the loop.
+A repeated operation is written once. An operation in the body of a loop that reads nothing of the
+body is placed before the loop.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ import numpy as np
 from ann_dc.errors import ExportError
 
 OPSET = 18
-"""Of the operations; every runtime of the last years has it."""
+"""Version of the operator set; supported by every recent runtime."""
 IR_VERSION = 9
 
 
 class Graph:
-    """What is written so far. Tensors are names.
+    """Graph under construction, in which tensors are names.
 
     Parameters
     ----------
     dtype : dtype
-        Of all numbers that are no indices.
+        Type of all numbers except indices.
     outside : Graph, optional
-        What the graph is the body of a loop in.
+        Graph that contains the loop of which this graph is the body.
     own : iterable of str
-        What the graph is given.
+        Inputs of the graph.
 
     Examples
     --------
@@ -47,22 +47,13 @@ class Graph:
         self._about = "states"
 
     def about(self, subject: str) -> None:
-        """What the operations that follow are about: their tensors are named after it."""
+        """Set the subject of the following operations, which names their tensors."""
         self._about = subject
         if self.outside is not None:
             self.outside.about(subject)
 
     def op(self, kind: str, *inputs: str, **attributes: Any) -> str:
-        """The output of an operation.
-
-        Parameters
-        ----------
-        kind : str
-            Of the default domain of ONNX.
-        *inputs : str
-        **attributes
-            Of the operation.
-        """
+        """Append an operation of ONNX's default domain and return its output."""
         if self.outside is not None and self._own.isdisjoint(inputs):
             return self.outside.op(kind, *inputs, **attributes)
         key = kind, inputs, tuple(attributes.items())
@@ -72,13 +63,13 @@ class Graph:
         return self._known[key]
 
     def named(self, output: str, kind: str, *inputs: str, **attributes: Any) -> str:
-        """The output of an operation, under a name of its own."""
+        """Append an operation and return its output under a given name."""
         return self.several([output], kind, *inputs, **attributes)[0]
 
     def several(
         self, outputs: Sequence[str], kind: str, *inputs: str, **attributes: Any
     ) -> Sequence[str]:
-        """The outputs of an operation that has more than one, under names of their own."""
+        """Append an operation with several outputs and return them under given names."""
         from onnx import helper
 
         self.nodes.append(helper.make_node(kind, inputs, outputs, name=outputs[0], **attributes))
@@ -88,12 +79,9 @@ class Graph:
     # ---- constants -----------------------------------------------------------------------------
 
     def table(self, name: str, values: Any, dtype: Any = None) -> str:
-        """A constant under a name; of the graph's own type by default.
+        """Add a named constant, by default of the graph's type.
 
-        Raises
-        ------
-        ExportError
-            If a number is too large for the type.
+        Raises `ExportError` if a number is too large for the type.
         """
         from onnx import numpy_helper
 
@@ -110,30 +98,33 @@ class Graph:
         return name
 
     def number(self, value: float) -> str:
-        """A constant () of the graph's own type."""
+        """Add a constant () of the graph's type."""
         return self.table(f"number {float(value)!r}", float(value))
 
     def integers(self, *values: int) -> str:
-        """Constants (count,) that shapes and places are made of."""
+        """Add integer constants (count,) for shapes and indices."""
         return self.table(f"integers {' '.join(map(str, values))}", values, np.int64)
 
     # ---- what is written often -----------------------------------------------------------------
 
     def rows(self, tensor: str, first: int, last: int, every: int = 1) -> str:
-        """Rows ``first .. last - 1`` of a tensor."""
+        """Return rows ``first .. last - 1`` of a tensor."""
         ends = self.integers(first), self.integers(last)
         return self.op("Slice", tensor, *ends, self.integers(0), self.integers(every))
 
     def stacked(self, *tensors: str) -> str:
-        """Tensors one after the other along the first axis."""
+        """Concatenate tensors along the first axis."""
         return tensors[0] if len(tensors) == 1 else self.op("Concat", *tensors, axis=0)
 
     def shaped(self, tensor: str, *shape: int) -> str:
-        """The tensor in another shape, -1 for one size that follows."""
+        """Reshape a tensor; -1 denotes the size that follows from the others."""
         return self.op("Reshape", tensor, self.integers(*shape))
 
     def largest(self, tensor: str, axis: int) -> str:
-        """Maxima along an axis, which goes; of what is no number nothing is told."""
+        """Reduce a tensor to its maxima along an axis, which is removed.
+
+        The result is not specified for nan.
+        """
         return self.op("ReduceMax", tensor, self.integers(axis), keepdims=0)
 
     def loop(
@@ -145,22 +136,23 @@ class Graph:
         going: str,
         prefix: str = "",
     ) -> Sequence[str]:
-        """What a loop carries, at its end.
+        """Append a loop and return its final carried values.
 
         Parameters
         ----------
         body : Graph
-            That was given the names "turn" and "still", after the prefix, and those of ``carried``.
+            Loop body, whose inputs are "turn" and "still", after the prefix, and the names of
+            ``carried``.
         most : str
-            Number of turns, at most.
+            Maximum number of turns.
         carried : dict of str to str
-            What each starts from.
+            Initial values.
         following : sequence of str
-            What each is after a turn.
+            Values after a turn.
         going : str
-            Whether there is another turn.
+            Condition for another turn.
         prefix : str
-            Of names that another loop in the graph or around it has too.
+            Prefix of names that another loop in the graph or around it also has.
         """
         from onnx import helper
 
@@ -180,7 +172,7 @@ class Graph:
         inputs: Sequence[tuple[str, Any, Sequence]],
         outputs: Sequence[tuple[str, Any, Sequence]],
     ) -> Any:
-        """The model, with what it is given and gives: (name, type, shape) each."""
+        """Return the model, with its inputs and outputs as (name, type, shape)."""
         from onnx import helper
 
         nodes = self._used([name for name, _, _ in outputs])
@@ -195,7 +187,7 @@ class Graph:
         )
 
     def _used(self, outputs: Iterable[str]) -> list[Any]:
-        """The nodes that the outputs depend on."""
+        """Return the nodes on which the outputs depend."""
         wanted, nodes = set(outputs), []
         for node in reversed(self.nodes):
             if not wanted.isdisjoint(node.output):
@@ -216,7 +208,7 @@ class Graph:
 
 
 def _read(node: Any) -> set[str]:
-    """What a node reads, with what the body of a loop reads from outside."""
+    """Return the inputs of a node, including outside tensors that a loop body reads."""
     bodies = [attribute.g for attribute in node.attribute if attribute.HasField("g")]
     inside = {name for body in bodies for inner in body.node for name in _read(inner)}
     return {*node.input, *inside}

@@ -1,7 +1,7 @@
-"""What an ONNX file says of itself: whose network it is, in which units, and a digest of all of it.
+"""Metadata of an ONNX file: network, units, and a digest of the complete file.
 
-The digest is of the file's own content, so that a file in which a bit has changed can be told
-without the network that it was written from.
+The digest is computed from the content of the file. A changed bit is therefore detected without the
+network from which the file was written.
 """
 
 from __future__ import annotations
@@ -21,13 +21,7 @@ LAYOUT = (
 
 
 def describe(model: Any, network: Network) -> None:
-    """Write title, hashes, names, units and digest into a model's metadata.
-
-    Parameters
-    ----------
-    model : onnx.ModelProto
-    network : Network
-    """
+    """Write title, hashes, names, units and digest into a model's metadata."""
     from onnx import helper
 
     neurons = [(neuron.name, neuron.scale) for neuron in network.cell.neurons]
@@ -50,12 +44,7 @@ def _scales(named: list) -> str:
 
 
 def digest(model: Any) -> str:
-    """SHA-256 of a model without its digest.
-
-    Parameters
-    ----------
-    model : onnx.ModelProto
-    """
+    """Compute the SHA-256 of a model without its digest."""
     plain = type(model)()
     plain.CopyFrom(model)
     kept = [entry for entry in model.metadata_props if entry.key != DIGEST]
@@ -65,5 +54,5 @@ def digest(model: Any) -> str:
 
 
 def metadata(model: Any) -> dict[str, str]:
-    """What a model says of itself, by key."""
+    """Return the metadata of a model, by key."""
     return {entry.key: entry.value for entry in model.metadata_props}

@@ -1,11 +1,12 @@
-"""Metrics as ONNX operations: how drives become moves. Linear in the stages, whatever the kind.
+"""Preconditioners as ONNX operations: maps from net inputs to state derivatives.
 
-All work on tensors (P N, B): neuron by neuron the stages, samples last. A grid and a tree are
-solved by the same elimination (see `ann_dc.network.preconditioners`), level by level.
+The operations are linear in the number of stages for every kind. They use tensors (P N, B): stages
+by neuron, samples last. A resistive grid and a cyclic reduction are solved by the same elimination
+(see `ann_dc.network.metrics`), level by level.
 
-Where neurons that a metric couples stand at rails, a loop exchanges moves and currents in the
-table (M_RR, (M d)_R) of the R neurons with rails, one neuron a turn. Neurons are held and let go in
-the rounds of `ann_dc.evaluation`.
+If neurons that a preconditioner couples are saturated, a loop exchanges derivatives and currents in
+the table (M_RR, (M d)_R) of the R neurons with limits, one neuron per turn. Neurons are fixed and
+released in the rounds of `ann_dc.evaluation`.
 """
 
 from __future__ import annotations
@@ -21,15 +22,7 @@ from ann_dc.network.preconditioners.stiffness import Stiffness
 
 
 def moves(network: Network, graph: Graph, drives: str) -> str:
-    """M d (P N, B), zero where there is no neuron.
-
-    Parameters
-    ----------
-    network : Network
-    graph : Graph
-    drives : str
-        (P N, B), zero where there is no neuron.
-    """
+    """Return M d (P N, B) for net inputs (P N, B), zero if a neuron does not exist."""
     own = graph.op("Mul", drives, rates(network, graph))
     if isinstance(network.metric, Pyramid):
         return graph.op("Add", own, _pyramid(network, network.metric, graph, drives))
@@ -39,7 +32,7 @@ def moves(network: Network, graph: Graph, drives: str) -> str:
 
 
 def rates(network: Network, graph: Graph) -> str:
-    """(P N, 1): 1 / tau, zero where there is no neuron."""
+    """Return 1 / tau (P N, 1), zero if a neuron does not exist."""
     rows = []
     for number, neuron in enumerate(network.cell.neurons):
         tau = np.broadcast_to(np.asarray(neuron.tau, float), network.stages)
@@ -50,24 +43,17 @@ def rates(network: Network, graph: Graph) -> str:
 
 
 def there(network: Network) -> np.ndarray:
-    """(P, N) booleans: where neurons are; a shared one is everywhere if it is in the last cell."""
+    """Return the existence of neurons, booleans (P, N).
+
+    A shared neuron exists at all stages if it exists in the last cell.
+    """
     live = network.live.copy()
     live[network.shared] = live[network.shared, -1:]
     return live
 
 
 def where_there(network: Network, graph: Graph, number: int, row: str) -> str:
-    """The row of a neuron, zero where it is pinned or absent.
-
-    Parameters
-    ----------
-    network : Network
-    graph : Graph
-    number : int
-        Of the neuron.
-    row : str
-        (N, B) or (N, 1).
-    """
+    """Return the row of a neuron, (N, B) or (N, 1), zero if it is fixed or omitted."""
     live = there(network)[number]
     if live.all():
         return row
@@ -81,19 +67,18 @@ def where_there(network: Network, graph: Graph, number: int, row: str) -> str:
 def clamped(
     graph: Graph, count: int, table: str, given: str, at_rails: tuple[str, str], batch: str
 ) -> tuple[str, str]:
-    """Neurons that are held at rails, booleans (R, B), and currents (R, B) of the diodes there.
+    """Return saturated neurons, booleans (R, B), and their diode currents (R, B).
 
     Parameters
     ----------
-    graph : Graph
     count : int
-        R, neurons with rails.
+        Number R of neurons with limits.
     table : str
-        (R, R + 1, B): the metric among them, and their moves without rails.
+        Preconditioner of these neurons, and their derivatives without limits, (R, R + 1, B).
     given : str
-        (R, B): their drives.
+        Net inputs (R, B).
     at_rails : tuple of str
-        Booleans (R, B): who stands at a lower rail, and at an upper one.
+        Booleans (R, B) for neurons at the lower limit and at the upper limit.
     batch : str
         Number of samples, as a shape (1,).
     """
@@ -113,12 +98,15 @@ def clamped(
 
 
 def _last(graph: Graph, table: str, count: int) -> str:
-    """Currents of held neurons and moves of free ones (R, B): the last column of a table."""
+    """Return the last column of a table (R, B).
+
+    It contains currents of saturated neurons and derivatives of free neurons.
+    """
     return graph.op("Gather", table, graph.table("clamp.last", count, np.int64), axis=1)
 
 
 def _exchanged(body: Graph, count: int, given: str, at_low: str, at_high: str) -> dict[str, str]:
-    """One turn of the loop: what it carries, then whether there is another one."""
+    """Return the carried values after one turn of the loop, then its condition."""
     op, zero, one = body.op, body.number(0.0), body.table("one more", 1, np.int64)
     held, pending, rounds = "clamp held", "clamp pending", "clamp rounds"
     last = _last(body, "clamp table", count)
@@ -146,7 +134,7 @@ def _exchanged(body: Graph, count: int, given: str, at_low: str, at_high: str) -
 
 
 def _any(graph: Graph, marks: str, *axes: int) -> str:
-    """One if there is a mark along axes, which go, else zero."""
+    """Return one if there is a mark along the given axes, which are removed, or zero."""
     from onnx import TensorProto
 
     counted = graph.op("Cast", marks, to=TensorProto.INT64)
@@ -154,7 +142,10 @@ def _any(graph: Graph, marks: str, *axes: int) -> str:
 
 
 def _pivoted(body: Graph, count: int, unit: str) -> str:
-    """The table after a neuron, one in ``unit`` (R, B), has exchanged its move and its current."""
+    """Return the table after a neuron has exchanged its derivative and its current.
+
+    The neuron is the one in ``unit`` (R, B).
+    """
     op, one, table = body.op, body.number(1.0), "clamp table"
     rows, columns = body.integers(0), body.integers(1)
     across = body.stacked(unit, _none(body, unit))
@@ -175,7 +166,7 @@ def _pivoted(body: Graph, count: int, unit: str) -> str:
 
 
 def _pyramid(network: Network, pyramid: Pyramid, graph: Graph, drives: str) -> str:
-    """What the coordinators add (P N, B): down the hats, through the gains, and up again."""
+    """Return the coarse-level contribution (P N, B): restriction, gains, prolongation."""
     stages, chains = network.stages, pyramid.chains
     place = _chain_places(network)
     chain = graph.op("Gather", drives, graph.table("chain.places", place, np.int64), axis=0)
@@ -200,14 +191,14 @@ def _pyramid(network: Network, pyramid: Pyramid, graph: Graph, drives: str) -> s
 
 
 def _chain_places(network: Network) -> np.ndarray:
-    """(2 N C,): places of q_0, t_0, q_1, ..., the C components of each together."""
+    """Return indices (2 N C,) of q_0, t_0, q_1, ..., with the C components of each."""
     position = np.arange(2 * network.stages)
     rows = network.chain_rows[:, position % 2].T * network.stages + (position // 2)[:, None]
     return rows.ravel()
 
 
 def _down(graph: Graph, chain: str, index: np.ndarray, share: np.ndarray) -> str:
-    """What the points of the finest level hear (points, C B)."""
+    """Return the restriction to the points of the finest level (points, C B)."""
     total = None
     for rank, (heard, part) in enumerate(zip(*_hats(index, share))):
         row = graph.op("Gather", chain, graph.table(f"hat.{rank}.from", heard, np.int64), axis=0)
@@ -218,7 +209,7 @@ def _down(graph: Graph, chain: str, index: np.ndarray, share: np.ndarray) -> str
 
 
 def _hats(index: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(most, points) twice: which positions every point hears, and how much of each."""
+    """Return positions and weights that every point receives, (most, points) each."""
     points, weights = np.concatenate([index, index + 1]), np.concatenate([1 - share, share])
     order = np.argsort(points, kind="stable")
     order = order[weights[order] != 0]
@@ -231,7 +222,7 @@ def _hats(index: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def _up(graph: Graph, answer: str, index: np.ndarray, share: np.ndarray) -> str:
-    """The transpose of `_down`: (2 N, C B)."""
+    """Return the transpose of `_down`: (2 N, C B)."""
     sides = []
     for side, at, part in (("left", index, 1 - share), ("right", index + 1, share)):
         row = graph.op("Gather", answer, graph.table(f"hat.{side}.to", at, np.int64), axis=0)
@@ -256,7 +247,7 @@ def _refined(graph: Graph, coarse: str, points: int) -> str:
 
 
 def _stiffness(network: Network, stiffness: Stiffness, graph: Graph, drives: str) -> str:
-    """M d: elimination for the primal neurons, time constants for the others."""
+    """Return M d: elimination for the primal neurons, time constants for the others."""
     row = network.row
     found = eliminate(stiffness, row)
     stage, neuron = np.divmod(np.flatnonzero(row.rates.T > 0), len(row.rates))
@@ -277,7 +268,7 @@ def _stiffness(network: Network, stiffness: Stiffness, graph: Graph, drives: str
 
 
 def _solved(graph: Graph, levels: tuple[Level, ...], rest: str, blocks: int) -> str:
-    """`Elimination.solve`, of drives (blocks, b, B)."""
+    """Return the result of `Elimination.solve` for net inputs (blocks, b, B)."""
     done, counts = [], []
     for number, level in enumerate(levels):
         ready, counts = graph.rows(rest, 0, blocks, 2), [*counts, blocks]
@@ -293,7 +284,10 @@ def _solved(graph: Graph, levels: tuple[Level, ...], rest: str, blocks: int) -> 
 
 
 def _handed_down(graph: Graph, number: int, level: Level, ready: str, rest: str) -> str:
-    """Drives of the blocks that remain: less what the eliminated ones beside them hand on."""
+    """Return the net inputs of the remaining blocks after elimination.
+
+    Terms of the adjacent eliminated blocks are subtracted.
+    """
     gone, left = len(level.inverse), len(level.left)
     before = graph.rows(ready, 0, left)
     rest = graph.op("Sub", rest, _product(graph, f"stiffness.{number}.left", level.left, before))
@@ -306,7 +300,10 @@ def _handed_down(graph: Graph, number: int, level: Level, ready: str, rest: str)
 
 
 def _handed_up(graph: Graph, number: int, level: Level, solved: str, own: str) -> str:
-    """What is solved of the eliminated blocks: less what the remaining ones beside them say."""
+    """Return the solution of the eliminated blocks.
+
+    Terms of the adjacent remaining blocks are subtracted.
+    """
     name = f"stiffness.{number}"
     before = _product(graph, f"{name}.left.transposed", level.left.transpose(0, 2, 1), solved)
     missing = [_none(graph, solved)] * (len(level.inverse) - len(level.left))
@@ -324,12 +321,12 @@ def _product(graph: Graph, name: str, matrices: np.ndarray, vectors: str) -> str
 
 
 def _none(graph: Graph, tensor: str) -> str:
-    """One row of zeros."""
+    """Return one row of zeros."""
     return graph.op("Mul", graph.rows(tensor, 0, 1), graph.number(0.0))
 
 
 def _woven(graph: Graph, first: str, second: str, count: int) -> str:
-    """Rows of two tensors (R, b, B) in turn; the first may have one more at the end."""
+    """Interleave the rows of two tensors (R, b, B); the first may have one more row."""
     pairs = count // 2
     rows = graph.rows(first, 0, pairs), graph.rows(second, 0, pairs)
     shape = graph.op("Shape", first, start=1)

@@ -1,10 +1,10 @@
-r"""Two models of a network: one step, and the loop to settling.
+r"""ONNX models of a network: one step, and the loop to settling.
 
 .. math:: x_{k+1} = \mathrm{clip}(x_k + h\, M\, d(x_k)) .
 
 States are tensors (P, N, B) of neurons, stages, samples, in network units. Samples are the last
-axis, so that every operation runs along them. What a state says of pinned and absent neurons is not
-read; of a neuron that all cells share the last cell's value counts.
+axis, so that every operation is vectorised over them. State entries of fixed and omitted neurons
+are not read. A shared neuron has the value of the last cell.
 """
 
 from __future__ import annotations
@@ -26,17 +26,9 @@ BATCH = "B"
 
 
 def step_model(network: Network, dtype: Any) -> Any:
-    """(states, inputs, step) -> (next_states, residual), where the residual is that of the states.
+    """Return the model (states, inputs, step) -> (next_states, residual).
 
-    Parameters
-    ----------
-    network : Network
-    dtype : dtype
-        float64 or float32.
-
-    Returns
-    -------
-    onnx.ModelProto
+    The residual is that of the given states, and the type is float64 or float32.
     """
     graph = Graph(dtype, own=["states", "inputs", "step"])
     flow = _Flow(network, graph)
@@ -49,20 +41,12 @@ def step_model(network: Network, dtype: Any) -> Any:
 
 
 def settle_model(network: Network, dtype: Any) -> Any:
-    """(states, inputs, step, tolerance, limit) -> (settled_states, residual, steps).
+    """Return the loop model that runs until settling.
 
-    A sample takes steps until its residual is below the tolerance, or infinite, and stays there;
-    all take ``limit`` steps at most. Its residual is infinite where a number is, where a function
-    is outside its domain, or where it has grown out of all proportion to where it started.
-
-    Parameters
-    ----------
-    network : Network
-    dtype : dtype
-
-    Returns
-    -------
-    onnx.ModelProto
+    The model maps (states, inputs, step, tolerance, limit) to (settled_states, residual, steps). A
+    sample takes steps until its residual is below the tolerance or infinite, at most ``limit``
+    steps, and then remains constant. A residual is infinite if a number is infinite, a function is
+    outside its domain, or the state has grown far beyond the start.
     """
     from onnx import TensorProto
 
@@ -119,13 +103,13 @@ def _states(network: Network, graph: Graph, name: str) -> tuple[str, Any, list]:
 
 
 def _given(network: Network, graph: Graph) -> list[tuple[str, Any, list]]:
-    """States, and inputs where there are any."""
+    """Return the graph inputs: states, and inputs if there are any."""
     inputs = "inputs", graph.dtype, [len(network.cell.inputs), network.stages, f"{BATCH} or 1"]
     return [_states(network, graph, "states"), inputs][: 1 + bool(network.cell.inputs)]
 
 
 class _Flow:
-    """A network for the inputs of a graph; inside, a state is (P N, B)."""
+    """Network equations for the inputs of a graph; an internal state is (P N, B)."""
 
     def __init__(self, network: Network, graph: Graph) -> None:
         self.network, self.batch = network, graph.op("Shape", "states", start=2)
@@ -137,7 +121,10 @@ class _Flow:
         self._outer, self._clamped = graph, clamped_rows(network)
 
     def filled(self, states: str) -> str:
-        """State (P N, B) from states (P, N, B): pinned neurons at their inputs, absent at zero."""
+        """Return the state (P N, B) from states (P, N, B).
+
+        Fixed neurons have their inputs, and omitted neurons are zero.
+        """
         graph, network = self._outer, self.network
         rows = []
         for number, neuron in enumerate(network.cell.neurons):
@@ -162,11 +149,11 @@ class _Flow:
         return row
 
     def unfolded(self, graph: Graph, rows: str) -> str:
-        """(P, N, B) of rows (P N, B)."""
+        """Reshape rows (P N, B) to (P, N, B)."""
         return graph.shaped(rows, *self.network.live.shape, -1)
 
     def reading(self, graph: Graph, state: str) -> CellReading:
-        """What the cell says at a state (P N, B)."""
+        """Return the node values of the cell at a state (P N, B)."""
         stages, neurons = self.network.stages, []
         for number, neuron in enumerate(self.network.cell.neurons):
             graph.about(neuron.name)
@@ -176,7 +163,10 @@ class _Flow:
         )
 
     def step(self, graph: Graph, state: str, sides: dict[str, str]) -> tuple[str, str, str]:
-        """The state after a step; the residual before it, and the size of the state, (B,) each."""
+        """Return the state after a step, the residual before it, and the state's size.
+
+        Residual and size have shape (B,).
+        """
         network, reading = self.network, self.reading(graph, state)
         rows, arriving = [], []
         for number, drive in enumerate(reading.drives()):
@@ -199,13 +189,13 @@ class _Flow:
         return following, residual, graph.largest(sizes, 0)
 
     def size(self, graph: Graph, state: str) -> str:
-        """max |x| (B,) of a state."""
+        """Return max |x| (B,) of a state."""
         return graph.largest(self._largest(graph, state), 0)
 
     # ---- rails -----------------------------------------------------------------------------------
 
     def _cut(self, graph: Graph, number: int, drive: str, reading: CellReading) -> str:
-        """The drive (N, B) of a neuron, zero where it stands at a rail that it pushes against."""
+        """Return the net input (N, B) of a neuron, zero if it pushes against its limit."""
         limiter, state = self.network.cell.neurons[number].limiter, reading.neuron(number)
         zero = graph.number(0.0)
         for rail, beyond, pushes in (
@@ -219,9 +209,9 @@ class _Flow:
         return drive
 
     def _projected(self, graph: Graph, state: str, drives: str) -> str:
-        """Moves (P N, B): the projection of M d on what the rails allow.
+        """Return derivatives (P N, B): the projection of M d onto permitted directions.
 
-        The drives are those of coupled neurons whatever their rails.
+        The net inputs of coupled neurons are used without regard to their limits.
         """
         network, zero = self.network, graph.number(0.0)
         component = np.flatnonzero(np.isin(network.places[:, 0], self._clamped))
@@ -250,7 +240,7 @@ class _Flow:
         return graph.op("Where", held, zero, moved)
 
     def _within_rails(self, graph: Graph, state: str) -> str:
-        """The state with every neuron between its rails; inputs have none."""
+        """Clip the state to the saturation limits of the neurons; inputs have none."""
         limiters = [neuron.limiter for neuron in self.network.cell.neurons]
         live = there(self.network)
         for kind, name, rails, none in (
@@ -265,11 +255,14 @@ class _Flow:
     # ---- residual --------------------------------------------------------------------------------
 
     def _largest(self, graph: Graph, rows: str) -> str:
-        """max |.| over the stages, (P, B), of rows (P N, B)."""
+        """Return max |.| over the stages, (P, B), of rows (P N, B)."""
         return graph.largest(self.unfolded(graph, graph.op("Abs", rows)), 1)
 
     def _residual(self, graph: Graph, drives: str, sizes: str, is_inside: str | None) -> str:
-        """The larger relative residual (B,), see `ann_dc.evaluation.rules.residuals`."""
+        """Return the larger relative residual (B,).
+
+        The residuals are those of `ann_dc.evaluation.rules.residuals`.
+        """
         roles = RoleRows.of(evaluator(self.network).tape.roles)
         pushes = self._largest(graph, drives)
         ratios = []
@@ -291,7 +284,7 @@ class _Flow:
         return graph.op("Where", sound, residual, infinite)
 
     def _of_rows(self, graph: Graph, values: str, rows: np.ndarray, least: float) -> str:
-        """The largest (B,) of some rows of values (P, B), or the least that counts."""
+        """Return the largest value (B,) in rows of values (P, B), at least ``least``."""
         if not len(rows):
             return graph.number(least)
         names = " ".join(map(str, rows))

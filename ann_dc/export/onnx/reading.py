@@ -1,8 +1,8 @@
-"""ONNX files, read with distrust: nothing is run that an exporter here would not have written.
+"""Strict reader of ONNX files: it accepts only content that the exporter writes.
 
-A file is refused where it is too large, is no ONNX model, is not what its own digest says, keeps
-numbers elsewhere, has operations that no network needs, or expects and gives other tensors than the
-reference vector beside it has.
+A file is rejected if it is too large, is not an ONNX model, or does not match its digest. It is
+also rejected for external data, for operations that a network does not need, and for input or
+output tensors that differ from its test vector.
 """
 
 from __future__ import annotations
@@ -22,9 +22,11 @@ from ann_dc.export.reference.sidecar import file_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 
 MOST_BYTES = 2**28
-"""Of a file; a row of ten thousand stages with a grid has some 2**25."""
+"""Largest file size in bytes; a network of ten thousand stages with a resistive grid has about
+2**25.
+"""
 REACH = 8
-"""Largest number in a shape or a place, over the neurons of the row."""
+"""Largest number in a shape or an index, relative to the number of neurons of the cell array."""
 GIVEN = {
     STEP: ("states", "inputs", "step"),
     SETTLE: ("states", "inputs", "step", "tolerance", "limit"),
@@ -37,17 +39,12 @@ OPERATIONS = {
     "ReduceMin", "ReduceSum", "Reshape", "Shape", "Sin", "Sinh", "Slice", "Sqrt", "Sub", "Tan",
     "Tanh", "Unsqueeze", "Where", "Xor",
 }  # fmt: skip
-"""All that a network is written with."""
+"""Operations that exported networks use; others are rejected."""
 
 
 @contextmanager
 def refused(name: str) -> Iterator[None]:
-    """Whatever goes wrong in a package that reads or runs a file is the file's fault.
-
-    Raises
-    ------
-    FileFormatError
-    """
+    """Convert exceptions of a package that reads or runs a file to `FileFormatError`."""
     try:
         yield
     except AnnDcError:
@@ -58,33 +55,17 @@ def refused(name: str) -> Iterator[None]:
 
 
 def read_vector(files: Mapping[str, bytes]) -> ReferenceVector:
-    """The reference vector among the files.
+    """Read the test vector from the files.
 
-    Raises
-    ------
-    FileFormatError
-        If there is none, or one that does not read.
+    Raises `FileFormatError` if the vector is missing or unreadable.
     """
     return ReferenceVector.from_json(_content(files, VECTOR))
 
 
 def read_model(files: Mapping[str, bytes], name: str, vector: ReferenceVector) -> Any:
-    """A model among the files, checked but not yet run.
+    """Read and check a model without running it.
 
-    Parameters
-    ----------
-    files : mapping of str to bytes
-    name : str
-    vector : ReferenceVector
-        Whose network it has to be.
-
-    Returns
-    -------
-    onnx.ModelProto
-
-    Raises
-    ------
-    FileFormatError
+    The model must belong to the network of the vector. Raises `FileFormatError` otherwise.
     """
     import onnx
 
@@ -107,12 +88,9 @@ def read_model(files: Mapping[str, bytes], name: str, vector: ReferenceVector) -
 
 
 def names_of_inputs(model: Any, vector: ReferenceVector) -> list[str]:
-    """The inputs in the order of the rows of a model's tensor.
+    """Return the inputs in the order of the rows of a model's tensor.
 
-    Raises
-    ------
-    FileFormatError
-        If they are not those of the vector.
+    Raises `FileFormatError` if they are not those of the vector.
     """
     with refused("metadata"):
         names = [str(row["name"]) for row in json.loads(metadata(model)["inputs"])]
@@ -129,7 +107,7 @@ def _content(files: Mapping[str, bytes], name: str) -> bytes:
 
 
 def _check_graph(name: str, graph: Any, depth: int = 0) -> None:
-    """Known operations only, and all numbers in the file itself."""
+    """Check that a graph has only known operations and no external data."""
     from onnx import TensorProto
 
     for node in graph.node:
@@ -145,7 +123,7 @@ def _check_graph(name: str, graph: Any, depth: int = 0) -> None:
 
 
 def _check_attribute(name: str, kind: str, attribute: Any, depth: int) -> None:
-    """Numbers and types; of a loop that is in one other at most, its body."""
+    """Check an attribute: numbers, types, or a loop body at most two loops deep."""
     if attribute.HasField("t") or attribute.tensors or attribute.graphs:
         raise FileFormatError(f"{name}: {kind} has tensors of its own")
     if attribute.HasField("g"):
@@ -155,7 +133,7 @@ def _check_attribute(name: str, kind: str, attribute: Any, depth: int) -> None:
 
 
 def _check_tensors(name: str, graph: Any, vector: ReferenceVector) -> None:
-    """The tensors that a model is given and gives, and how far its places and shapes reach."""
+    """Check the input and output tensors of a model, and its indices and shapes."""
     from onnx import TensorProto, numpy_helper
 
     wanted = [tensor for tensor in GIVEN[name] if tensor != "inputs" or vector.inputs]

@@ -1,9 +1,9 @@
-"""How large the tensors of a model become, and how often its loop turns: known before it is run.
+"""Bounds of an ONNX model before execution: tensor sizes and loop turns.
 
-The package onnx infers the shape of every tensor from those of the states and inputs that a check
-gives. The body of a loop is taken as one turn of it, which has to give back the shapes that it got.
-The loop to settling turns as often as it is told to; one that finds who is held at rails, in it or
-alone, has a number of turns in the file.
+The package onnx infers the shape of every tensor from the states and inputs of a check. The body of
+a loop is treated as one turn, which must preserve the shapes of its inputs. The settling loop turns
+as often as its limit. The loop that determines saturated neurons, nested or alone, has its number
+of turns in the file.
 """
 
 from __future__ import annotations
@@ -18,26 +18,19 @@ from ann_dc.export.onnx.graph import OPSET
 from ann_dc.export.reference.vector import ReferenceVector
 
 SAMPLES = 2
-"""Most samples that a check runs at once."""
+"""Maximum number of samples in one run of a check."""
 GROWTH = 8
-"""Numbers of a tensor, over those of states, inputs and the largest table; ours have fewer."""
+"""Maximum size of a tensor relative to the states, inputs and the largest table; exported files
+need
+less.
+"""
 Shape = tuple[int, ...]
 
 
 def check_sizes(name: str, graph: Any, vector: ReferenceVector) -> None:
-    """Refuse a model with a tensor that is large, or of unknown size, or a loop without end.
+    """Raise `FileFormatError` for a large or unknown tensor size, or an endless loop.
 
-    Parameters
-    ----------
-    name : str
-        Of the file.
-    graph : onnx.GraphProto
-    vector : ReferenceVector
-        Whose states and inputs it is given.
-
-    Raises
-    ------
-    FileFormatError
+    The states and inputs are those of the vector.
     """
     loops = list(loops_in(name, graph))
     tables = {table.name: table for table in graph.initializer}
@@ -60,16 +53,7 @@ def check_sizes(name: str, graph: Any, vector: ReferenceVector) -> None:
 def loops_in(name: str, graph: Any) -> Iterator[tuple[Any, Any]]:
     """Yield a graph and its loop, then those of the loop's body.
 
-    Parameters
-    ----------
-    name : str
-        Of the file.
-    graph : onnx.GraphProto
-
-    Raises
-    ------
-    FileFormatError
-        If a graph has more than one loop.
+    Raises `FileFormatError` if a graph has more than one loop.
     """
     loops = [node for node in graph.node if node.op_type == "Loop"]
     if len(loops) > 1:
@@ -80,7 +64,10 @@ def loops_in(name: str, graph: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def _check_turns(name: str, around: Any, loop: Any, tables: Mapping[str, Any], most: int) -> None:
-    """A loop turns as often as it is told to, and once more, or as often as a table says."""
+    """Check the number of turns of a loop.
+
+    The number is ``limit`` plus one, or the number in a table up to ``most``.
+    """
     from onnx import numpy_helper
 
     told = loop.input[0] if loop.input else ""
@@ -99,7 +86,7 @@ def _body(loop: Any) -> Any:
 
 
 def _shapes(name: str, graph: Any, vector: ReferenceVector) -> dict[str, Shape | None]:
-    """The shape of every tensor, or nothing where it is not known."""
+    """Return the shape of every tensor, or None if it is unknown."""
     from onnx import helper, shape_inference
 
     flat = type(graph)()
@@ -123,7 +110,7 @@ def _shapes(name: str, graph: Any, vector: ReferenceVector) -> dict[str, Shape |
 
 
 def _unrolled(graph: Any, flat: Any) -> Iterator[Any]:
-    """The nodes of a graph, one turn of every loop in the loop's place."""
+    """Yield the nodes of a graph, with one turn of every loop in its place."""
     from onnx import TensorProto, helper
 
     for node in graph.node:

@@ -1,4 +1,4 @@
-"""What every export carries beside itself, so that whoever takes it can check what it does."""
+"""Test data of every export, with which a receiver checks its behaviour."""
 
 import lazy_loader
 

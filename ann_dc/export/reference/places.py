@@ -1,4 +1,4 @@
-"""Where the components of a state vector stand in a reference vector's arrays, as plain numbers."""
+"""Positions of state vector components in a test vector's arrays, as numbers."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ann_dc.network.network import Network
 
 
 class Places:
-    """Of every component its (neuron, stage) pairs: one, or all stages of a shared neuron.
+    """Pairs (neuron, stage) of every component: one, or all stages of a shared neuron.
 
     Parameters
     ----------
     pairs : sequence of lists of (int, int)
-        One list a component, none empty.
+        One nonempty list per component.
 
     Examples
     --------
@@ -38,7 +38,7 @@ class Places:
 
     @classmethod
     def of(cls, network: Network) -> Places:
-        """Those of a network."""
+        """Return the positions for a network."""
         shared, stages = set(network.shared.tolist()), range(network.stages)
         return cls([
             [[row, k] for k in stages] if row in shared else [[row, stage]]
@@ -47,21 +47,9 @@ class Places:
 
     @classmethod
     def read(cls, given: Any, shape: tuple[int, ...], where: str) -> Places:
-        """Those that a file tells, of arrays of a shape.
+        """Parse positions from a JSON list, for arrays of the given shape.
 
-        Parameters
-        ----------
-        given : list
-            As JSON has it.
-        shape : (int, int)
-            Of the reference vector's arrays.
-        where : str
-            In the file; errors begin with it.
-
-        Raises
-        ------
-        FileFormatError
-            If they are no such places.
+        Messages begin with ``where``. Raises `FileFormatError` if the positions are invalid.
         """
         if not isinstance(given, list) or not given:
             raise FileFormatError(f"{where}: expected a list of places")
@@ -71,11 +59,11 @@ class Places:
         return cls(given)
 
     def pack(self, states: np.ndarray) -> np.ndarray:
-        """State vectors (..., n) from states (..., P, N)."""
+        """Return state vectors (..., n) from states (..., P, N)."""
         return states[(..., *self._homes)]
 
     def unpack(self, x: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """States (P, N): those given, with the components of a state vector (n,) in them."""
+        """Return the states (P, N) with the components of a state vector (n,) inserted."""
         states = np.array(states)
         states[self._rows, self._stages] = x[self._component]
         return states

@@ -1,4 +1,7 @@
-"""Comparing walks that add up in another order: where a start repels, last bits grow."""
+"""Comparison of runs with different summation order, which may amplify rounding.
+
+Rounding errors grow if the flow is unstable at the start.
+"""
 
 from __future__ import annotations
 
@@ -10,43 +13,28 @@ import numpy as np
 from ann_dc.export.reference.vector import ReferenceVector, check_states
 
 Precision: TypeAlias = Literal["float64", "float32"]
-"""What an export computes in."""
+"""Precision of an export's computations."""
 TOLERANCES: dict[Precision, float] = {"float64": 1e-9, "float32": 1e-3}
-"""Largest difference of two walks of a precision, over the largest state or one."""
+"""Largest difference of two runs by precision, relative to the largest state or one."""
 
 Walk: TypeAlias = Callable[[np.ndarray, int], np.ndarray]
-"""The states (P, N) so many steps after a start (P, N)."""
+"""Function that returns the states (P, N) after a number of steps from a start (P, N)."""
 ROUNDING: dict[Precision, float] = {"float64": 1e-15, "float32": 1e-7}
-"""By which the start is moved, over its own values."""
+"""Perturbation of the start, relative to its values or one."""
 MARGIN = 1000.0
 MOST = 0.5
-"""Largest difference, however far rounding grows."""
+"""Largest permitted difference, for any growth of rounding errors."""
 
 
 def compare(vector: ReferenceVector, walk: Walk, precision: Precision = "float64") -> float:
-    """`ReferenceVector.check` of a walk that rounds otherwise, and lets that grow.
+    """Apply `ReferenceVector.check` with a tolerance for growing rounding errors.
 
-    The first steps are compared as they are. How far rounding has grown after more of them is seen
-    on the walk itself, started beside the start; but no walk may be more than `MOST` off.
+    The first steps are compared without this tolerance. The growth after more steps is measured
+    with a second run from a perturbed start. No difference may exceed `MOST`.
 
-    Parameters
-    ----------
-    vector : ReferenceVector
-    walk : function of a (P, N) array and a count
-        As for `ReferenceVector.check`.
-    precision : str
-        What it is computed in.
-
-    Returns
-    -------
-    float
-        The largest difference there was.
-
-    Raises
-    ------
-    FileFormatError
-        If a difference is larger than that of the precision, and than a thousand times what
-        moving the start by its last bits makes of them.
+    Returns the largest difference. Raises `FileFormatError` if a difference exceeds both the
+    tolerance of the precision and a thousand times the effect of perturbing the last bits of the
+    start.
 
     Examples
     --------

@@ -15,17 +15,7 @@ SUMS = "SHA256SUMS"
 
 
 def check_vector(network: Network, vector: ReferenceVector) -> None:
-    """Refuse a vector that is another network's.
-
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-
-    Raises
-    ------
-    ExportError
-    """
+    """Raise `ExportError` if a vector belongs to another network."""
     if vector.content != content_hash(network):
         raise ExportError(
             f"vector: it is another network's than {network.title!r:.200}; take "
@@ -34,17 +24,9 @@ def check_vector(network: Network, vector: ReferenceVector) -> None:
 
 
 def file_of(files: Mapping[str, bytes], name: str) -> bytes:
-    """The content of a file.
+    """Return the content of a file.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-    name : str
-
-    Raises
-    ------
-    FileFormatError
-        If there is none of that name.
+    Raises `FileFormatError` if the file does not exist.
     """
     if name not in files:
         raise FileFormatError(f"{name:.80}: missing; export the network again")
@@ -52,17 +34,9 @@ def file_of(files: Mapping[str, bytes], name: str) -> bytes:
 
 
 def text_of(files: Mapping[str, bytes], name: str) -> str:
-    """The text of a file.
+    """Return the text of a file.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-    name : str
-
-    Raises
-    ------
-    FileFormatError
-        If there is none of that name, or it is not UTF-8.
+    Raises `FileFormatError` if the file does not exist or is not UTF-8.
     """
     try:
         return file_of(files, name).decode("utf-8")
@@ -71,48 +45,24 @@ def text_of(files: Mapping[str, bytes], name: str) -> str:
 
 
 def vector_of(files: Mapping[str, bytes]) -> ReferenceVector:
-    """The reference vector among files.
+    """Read the test vector from the files.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-
-    Raises
-    ------
-    FileFormatError
-        If there is none, or it is no vector.
+    Raises `FileFormatError` if the vector is missing or invalid.
     """
     return ReferenceVector.from_json(file_of(files, VECTOR))
 
 
 def notes_of(files: Mapping[str, bytes], name: str, form: str, schema: int) -> Table:
-    """The JSON table in a file, whose places begin with the file's name.
+    """Read a JSON table; its places in messages begin with the name of the file.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-    name : str
-    form : str
-        What it has to say that it is.
-    schema : int
-        The newest version of it that can be read.
-
-    Raises
-    ------
-    FileFormatError
-        If there is none of that name, or it is no such table.
+    Raises `FileFormatError` if the file is missing, or not a table of format ``form`` with a schema
+    up to ``schema``.
     """
     return read_manifest(text_of(files, name), form, schema, place=name)
 
 
 def with_sums(files: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Files with the list of their hashes, as ``sha256sum -c`` reads it.
-
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-        Without a list.
-    """
+    """Return files with the list of their hashes, in the format of ``sha256sum -c``."""
     sums = "".join(f"{hashlib.sha256(files[n]).hexdigest()}  {n}\n" for n in sorted(files))
     return {**files, SUMS: sums.encode()}
 
@@ -120,14 +70,7 @@ def with_sums(files: Mapping[str, bytes]) -> dict[str, bytes]:
 def check_sums(files: Mapping[str, bytes]) -> None:
     """Compare all files with the list of their hashes.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-
-    Raises
-    ------
-    FileFormatError
-        If one is missing, changed, or not listed.
+    Raises `FileFormatError` if a file is missing, changed, or not listed.
     """
     lines = [line.partition("  ") for line in text_of(files, SUMS).splitlines()]
     listed = {name: digest for digest, _, name in lines}

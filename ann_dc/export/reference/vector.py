@@ -1,12 +1,11 @@
-r"""A reference vector: the steps of a network from its start, for the receiver to compare.
+r"""Test vector: the steps of a network from its start, for comparison by receivers.
 
-Forward Euler with steps of one length h, no neuron past its rails:
+The steps are forward Euler steps of one length h, clipped to the saturation limits:
 
 .. math:: x_{k+1} = \mathrm{clip}(x_k + h\, M\, d(x_k)) .
 
-Whatever an export computes with, it can take the same steps and must come to the same states. The
-residual is the one that runs use, and the walk ends at the first state where it is below the
-tolerance.
+Every export can take these steps and must reach the same states. The residual is that of all runs.
+The iteration ends at the first state with a residual below the tolerance.
 """
 
 from __future__ import annotations
@@ -28,44 +27,47 @@ from ann_dc.weights.hashes import content_hash, wiring_hash
 from ann_dc.weights.manifest import Table, read_manifest
 
 VECTOR = "reference_vector.json"
-"""Name of its file in every export."""
+"""Name of the vector's file in every export."""
 FORMAT = "ann_dc reference vector"
 SCHEMA = 1
 EARLY = (1, 50)
-"""Numbers of steps after which the states are told."""
+"""Numbers of steps after which the states are recorded."""
 SHARE = 0.5
-"""First length of a step over its stability limit."""
+"""First step length relative to its stability limit."""
 HALVINGS = 6
-"""How often the length is halved where the walk does not settle."""
+"""Maximum number of step halvings if the iteration does not settle."""
 LIMIT = 20_000
-"""Most steps of a walk."""
+"""Maximum number of steps."""
 LOST = 1e100
-"""Residual of a walk that is lost."""
+"""Residual above which the iteration counts as diverged."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReferenceVector:
-    """A walk, in network units. Arrays (P, N): neurons as in the network's cell, stages.
+    """Recorded iteration in network units, with arrays (P, N): neurons, stages.
+
+    Neurons have the order of the network's cell.
 
     Attributes
     ----------
     wiring, content : str
-        Hashes of the network that walked.
+        Hashes of the network.
     inputs : mapping of str to (N,) array
-        What the nodes of its inputs hold.
+        Values of the input nodes.
     step : float
-        h, in units of network time.
+        Step length h in network time.
     tolerance : float
-        Of the relative KKT residual.
+        Tolerance of the relative KKT residual.
     start : (P, N) array
+        Initial states.
     early : mapping of int to (P, N) array
-        The states after so many steps.
+        States by number of steps.
     steps : int
-        After which the residual was first below the tolerance; -1 where it never was.
+        Number of steps after which the residual was first below the tolerance; -1 if it never was.
     end : (P, N) array
-        The states then.
+        States after these steps.
     residual : float
-        The residual then.
+        Residual after these steps.
     """
 
     wiring: str
@@ -81,16 +83,11 @@ class ReferenceVector:
 
     @property
     def settles(self) -> bool:
-        """Whether the walk came to its end."""
+        """True if the iteration settled."""
         return self.steps >= 0
 
     def as_json(self) -> bytes:
-        """The vector as JSON; numbers are written so that reading gives the same float64.
-
-        Returns
-        -------
-        bytes
-        """
+        """Return the vector as JSON; reading gives the identical float64 numbers."""
         table = {
             "format": FORMAT,
             "schema": SCHEMA,
@@ -110,16 +107,9 @@ class ReferenceVector:
 
     @classmethod
     def from_json(cls, text: bytes) -> ReferenceVector:
-        """What `as_json` wrote.
+        """Parse the output of `as_json`.
 
-        Parameters
-        ----------
-        text : bytes
-
-        Raises
-        ------
-        FileFormatError
-            If it is no such vector.
+        Raises `FileFormatError` if the text is not a test vector.
         """
         try:
             table = read_manifest(text.decode("utf-8"), FORMAT, SCHEMA, place=VECTOR)
@@ -147,24 +137,11 @@ class ReferenceVector:
     def check(
         self, walk: Callable[[np.ndarray, int], np.ndarray], tolerance: float = 1e-9
     ) -> float:
-        """Compare the early states with those of another walker.
+        """Compare the early states with those of another implementation.
 
-        Parameters
-        ----------
-        walk : function of a (P, N) array and a count
-            The states (P, N) after so many steps of the vector's length, with its inputs.
-        tolerance : float
-            Largest difference, over the largest state or one.
-
-        Returns
-        -------
-        float
-            The largest difference there was.
-
-        Raises
-        ------
-        FileFormatError
-            If it is larger than the tolerance.
+        The function ``walk`` returns the states (P, N) after a number of steps of the vector's
+        length, with its inputs. The tolerance is relative to the largest state or one. Returns the
+        largest difference. Raises `FileFormatError` if the difference exceeds the tolerance.
         """
         return max(
             check_states(walk(self.start, count), expected, tolerance)
@@ -173,22 +150,10 @@ class ReferenceVector:
 
 
 def check_states(found: np.ndarray, expected: np.ndarray, tolerance: float) -> float:
-    """How far states are from those of a vector.
+    """Return the largest difference between states (P, N) and those of a vector.
 
-    Parameters
-    ----------
-    found, expected : (P, N) array
-    tolerance : float
-        Largest difference, over the largest state or one.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    FileFormatError
-        If it is larger than the tolerance.
+    The difference is relative to the largest state or one. Raises `FileFormatError` if the
+    difference exceeds the tolerance.
     """
     off = float(np.abs(found - expected).max() / max(1.0, np.abs(expected).max()))
     if not off <= tolerance:
@@ -201,17 +166,22 @@ def check_states(found: np.ndarray, expected: np.ndarray, tolerance: float) -> f
 
 @checked
 def reference_vector(network: Network, tolerance: PositiveFinite = 1e-6) -> ReferenceVector:
-    """Let a network walk from its start until it settles.
+    """Compute the test vector of a network: its iteration from the start to settling.
+
+    The step is half the stability limit, and is halved up to 6 times if the iteration does not
+    settle.
 
     Parameters
     ----------
     network : Network
+        Network to iterate.
     tolerance : float
-        Of the relative KKT residual.
+        Tolerance of the relative KKT residual. Default 1e-6.
 
     Returns
     -------
     ReferenceVector
+        Recorded iteration; `ReferenceVector.settles` is False if it did not settle.
 
     Examples
     --------
@@ -246,7 +216,10 @@ def reference_vector(network: Network, tolerance: PositiveFinite = 1e-6) -> Refe
 
 
 def _step_limit(network: Network) -> float:
-    """The stability limit at the start; where the start repels, the one where the flow settles."""
+    """Return the stability limit of the step at the start.
+
+    If the start is unstable, the limit is that of the state at which the flow settles.
+    """
     limit = _limit_at(network, network.start_state)
     if limit > 0:
         return limit
@@ -255,7 +228,10 @@ def _step_limit(network: Network) -> float:
 
 
 def _limit_at(network: Network, x: np.ndarray) -> float:
-    """The stability limit of what moves at a state; zero where nothing does, or it repels."""
+    """Return the stability limit of the free neurons at a state.
+
+    The limit is zero if no neuron is free or the state is unstable.
+    """
     if not fast_evaluator(network).free(x).any():
         return 0.0
     values = spectrum(network, x).eigenvalues
@@ -264,14 +240,7 @@ def _limit_at(network: Network, x: np.ndarray) -> float:
 
 
 class EulerWalk:
-    """Steps of one length.
-
-    Parameters
-    ----------
-    network : Network
-    step : float
-        In units of network time.
-    """
+    """Forward Euler steps of one length in network time."""
 
     def __init__(self, network: Network, step: float) -> None:
         self.step = step
@@ -280,7 +249,7 @@ class EulerWalk:
         self._low, self._high = limits[network.places[:, 0]].T
 
     def after(self, x: np.ndarray, count: int) -> np.ndarray:
-        """The state (n,) so many steps after another."""
+        """Return the state (n,) after a number of steps from another state."""
         with np.errstate(all="ignore"):
             for _ in range(count):
                 moved = x + self.step * self._evaluator.rhs(x)
@@ -288,7 +257,11 @@ class EulerWalk:
         return x
 
     def settled(self, x: np.ndarray, tolerance: float) -> tuple[int, np.ndarray, float]:
-        """(Steps, state, residual) where the residual is first small enough; steps -1: nowhere."""
+        """Iterate until the residual is below the tolerance.
+
+        Returns the number of steps (-1 if the iteration does not settle), the state and the
+        residual.
+        """
         residual, count = max(self._evaluator.residuals(x)), 0
         while tolerance <= residual < LOST and count < LIMIT:
             x, count = self.after(x, 1), count + 1
@@ -304,7 +277,7 @@ def _positive(table: Table, key: str) -> float:
 
 
 def _numbers(table: Table, key: str, rank: int, shape: tuple[int, ...] | None = None) -> np.ndarray:
-    """A finite array of a rank, and of a shape where one is given."""
+    """Read a finite array of a rank, and of a shape if given."""
     try:
         values = np.array(table.get(key, list), float)
     except (TypeError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""Networks for other people's runtimes: programs of torch, graphs of NIR."""
+"""Exports for external runtimes: torch programs and NIR graphs."""
 
 import lazy_loader
 

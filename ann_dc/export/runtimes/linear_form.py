@@ -1,9 +1,9 @@
-r"""A linear network as matrices: what arrives at its neurons as numbers times states and inputs.
+r"""Linear network as matrices from states and inputs to net inputs.
 
 .. math:: d = A x + B u + b, \qquad \dot x = M d ,
 
-with u the values of the inputs at all stages, in network units. Every node is carried along as its
-own row of [A B b], so that pins, ends and shared neurons need no rule of their own.
+with u the values of the inputs at all stages, in network units. Every node is represented by a row
+of [A B b], so that fixed neurons, boundaries and shared neurons need no special rules.
 """
 
 from __future__ import annotations
@@ -19,27 +19,20 @@ from ann_dc.network.network import Network
 
 
 class LinearForm(NamedTuple):
-    """d = A x + B u + b of n components and I inputs at N stages."""
+    """Matrices of d = A x + B u + b, with n components and I inputs at N stages."""
 
     states: sparse.csr_array
-    """A (n, n)."""
+    """Matrix A (n, n)."""
     inputs: sparse.csr_array
-    """B (n, I N): input after input, stages within."""
+    """Matrix B (n, I N), ordered by input, then by stage."""
     bias: np.ndarray
-    """b (n,)."""
+    """Vector b (n,)."""
 
 
 def linear_form(network: Network) -> LinearForm:
-    """The matrices of a network.
+    """Return the matrices of a network.
 
-    Parameters
-    ----------
-    network : Network
-
-    Raises
-    ------
-    ExportError
-        If it is not linear, naming the nodes.
+    Raises `ExportError`, which names the nodes, if the network is not linear.
     """
     _check_linear(network)
     return _Forms(network).drives()
@@ -67,7 +60,7 @@ def _check_linear(network: Network) -> None:
 
 
 class _Forms:
-    """Forms (N, n + I N + 1) of the nodes of a network, one row a stage."""
+    """Rows (N, n + I N + 1) of the nodes of a network, one per stage."""
 
     def __init__(self, network: Network) -> None:
         self.network, self.size = network, network.size
@@ -98,7 +91,7 @@ class _Forms:
         return sparse.csr_array((np.ones(len(ones)), (rows, columns)), shape=shape)
 
     def _shifted(self, name: str, offset: int) -> sparse.csr_array:
-        """What a node says in the cells at an offset; at the left end what is fed in there."""
+        """Return the rows of a node at a stage offset, with boundary inputs on the left."""
         stages = self.network.stages
         if offset == 0 or name == ONE:
             return self.nodes[name]
@@ -116,7 +109,7 @@ class _Forms:
         return sparse.csr_array(total)
 
     def drives(self) -> LinearForm:
-        """What arrives at the live neurons; at a shared one from all cells."""
+        """Return the net inputs of the live neurons; a shared neuron sums over all cells."""
         network, shared = self.network, set(self.network.shared.tolist())
         arriving = [self._arriving(neuron.name) for neuron in network.cell.neurons]
         rows = [

@@ -1,4 +1,4 @@
-"""A file of a NIR graph, looked at before it is read: datasets that ours have, of known sizes."""
+"""Check of a NIR graph file before it is read: permitted datasets of known sizes."""
 
 from __future__ import annotations
 
@@ -13,27 +13,16 @@ from ann_dc.errors import ExportPackageMissing, FileFormatError
 NODES = ["input", "input_weights", "synapses", "metric", "neurons", "output"]
 GROUPS = {"node", "node/nodes", *(f"node/nodes/{name}" for name in NODES)}
 EDGES = 8
-"""Most edges of a graph: an exported one has five to seven."""
+"""Maximum number of edges of a graph; an exported graph has five to seven."""
 
 
 def check_file(name: str, content: bytes, size: int, inputs: int) -> None:
-    """Refuse what is in no file of ours, before anything of it is read.
+    """Check a NIR file before its content is read.
 
-    Parameters
-    ----------
-    name : str
-        Of the file.
-    content : bytes
-    size, inputs : int
-        Components of the states, and of all inputs.
-
-    Raises
-    ------
-    FileFormatError
-        If a dataset has another shape or type, lies in another file, is behind a link, or unpacks
-        to more than it says.
-    ExportPackageMissing
-        If there is no h5py, which comes with nir.
+    The states have ``size`` components and all inputs have ``inputs`` components. Raises
+    `FileFormatError` for a dataset of unexpected shape or type, in another file, behind a link, or
+    larger than declared when unpacked. Raises `ExportPackageMissing` if h5py, which is installed
+    with nir, is missing.
     """
     try:
         import h5py
@@ -53,7 +42,7 @@ def check_file(name: str, content: bytes, size: int, inputs: int) -> None:
 
 
 def _shapes(size: int, inputs: int) -> Mapping[str, tuple[str, tuple[int, ...]]]:
-    """Kind of the values of every dataset, and its shape."""
+    """Return the kind of values and the shape of every dataset."""
     found: dict[str, tuple[str, tuple[int, ...]]] = {
         "version": ("O", ()),
         "node/type": ("O", ()),
@@ -70,7 +59,7 @@ def _shapes(size: int, inputs: int) -> Mapping[str, tuple[str, tuple[int, ...]]]
 
 
 def _datasets(name: str, group: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """All datasets with their paths; links lead nowhere else."""
+    """Yield all datasets with their paths; links are rejected."""
     import h5py
 
     for key in group:
@@ -104,7 +93,7 @@ def _check_dataset(place: str, dataset: Any, wanted: tuple[str, tuple[int, ...]]
 
 
 def _check_chunks(place: str, dataset: Any) -> None:
-    """Refuse chunks that unpack to more than they have."""
+    """Raise `FileFormatError` for chunks that unpack to more than their size."""
     whole = math.prod(dataset.chunks) * dataset.dtype.itemsize
     if any(chunk > length for chunk, length in zip(dataset.chunks, dataset.shape)):
         raise FileFormatError(f"{place:.100}: its chunks are larger than itself")

@@ -1,20 +1,20 @@
-r"""A linear network as a graph of NIR, the neuromorphic intermediate representation.
+r"""Linear network as a graph of NIR, the neuromorphic intermediate representation.
 
 .. math:: \dot v = r \odot (A v + B u + b)
 
 ==================  ===========  ==================================================================
-``input``           Input        u (I N,): the values of all inputs, in network units; one number
-                                 without effect where there are none, since every graph has an input
+``input``           Input        u (I N,): the values of all inputs, in network units; one unused
+                                 number for a network without inputs, since a graph has an input
 ``input_weights``   Linear       B
-``synapses``        Affine       A, b: what neurons say to each other; Linear where b is zero, which
-                                 readers that know no bias take as well
-``metric``          Linear       M, where it is more than time constants
-``neurons``         I            v' = r i, with r = 1 / tau, or one behind a metric
+``synapses``        Affine       A, b: connections between neurons; Linear if b is zero, for readers
+                                 that do not support a bias
+``metric``          Linear       M, unless it is diagonal
+``neurons``         I            v' = r i, with r = 1 / tau, or one after a preconditioner
 ``output``          Output       v (n,): the states
 ==================  ===========  ==================================================================
 
-NIR has neither products nor functions nor rails: what needs them is refused. It has no initial
-values either: those are in the reference vector.
+NIR has no products, functions or saturation limits; networks that need them are rejected. NIR also
+has no initial values; these are in the test vector.
 
 References
 ----------
@@ -46,33 +46,17 @@ FORMAT = "ann_dc NIR graph"
 SCHEMA = 1
 GRAPH, NOTES = "network.nir", "nir.json"
 NEAR = 1e-6
-"""How near to the vector's end its steps have to come, over the largest state or one."""
+"""Tolerance of the end state, relative to the largest state of the vector's end or one."""
 MOST = 5000
-"""Most components: the matrices of NIR are dense."""
+"""Maximum number of components, because the matrices of NIR are dense."""
 
 
 @checked
 def nir_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
-    """A linear network as a graph that `nir.read` reads.
+    """Export a linear network as a graph for `nir.read`.
 
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network.
-
-    Returns
-    -------
-    dict of str to bytes
-        By file name.
-
-    Raises
-    ------
-    ExportError
-        If the network is not linear, naming the nodes, or too large, or the vector is another
-        network's.
-    ExportPackageMissing
-        If there is no nir.
+    Raises `ExportError` if the network is not linear (the message names the nodes), is too large,
+    or is not that of the vector, and `ExportPackageMissing` if nir is not installed.
 
     Examples
     --------
@@ -107,24 +91,11 @@ def nir_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
 
 @checked
 def nir_check(files: Mapping[str, bytes]) -> str:
-    """Read a graph, and walk as the reference vector does by the equations of its nodes.
+    """Read a graph and repeat the steps of the test vector with its node equations.
 
-    Parameters
-    ----------
-    files : mapping of str to bytes
-        What `nir_files` gave. A graph whose hash is not the one in ``nir.json`` is not read.
-
-    Returns
-    -------
-    str
-        What was found, in a sentence.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing or changed, or the graph takes other steps.
-    ExportPackageMissing
-        If there is no nir.
+    A graph whose hash differs from that in ``nir.json`` is not read. Returns the result as a
+    sentence. Raises `FileFormatError` if a file is missing or changed, or the graph takes different
+    steps, and `ExportPackageMissing` if nir is not installed.
     """
     vector, _, places, inputs = read_beside(files, GRAPH, NOTES, FORMAT, SCHEMA)
     given = inputs.ravel() if inputs.size else np.zeros(1)
@@ -173,7 +144,7 @@ def _graph(network: Network, form) -> Any:
 
 
 def _moves(graph: Any, v: np.ndarray, given: np.ndarray) -> np.ndarray:
-    """dv/dt of the graph's integrators, node by node along its edges."""
+    """Return dv/dt of the graph's integrators, node by node along its edges."""
     into: dict[str, list[str]] = {}
     for source, target in graph.edges:
         into.setdefault(target, []).append(source)
@@ -198,7 +169,7 @@ TYPES = {"input_weights": {"Linear"}, "synapses": {"Affine", "Linear"}, "metric"
 
 
 def _check_nodes(graph: Any, size: int, inputs: int) -> None:
-    """Refuse nodes and edges that `nir_files` does not write, and matrices of another size."""
+    """Check nodes, edges and matrix sizes against those that `nir_files` writes."""
     columns = {"input_weights": inputs, "synapses": size, "metric": size}
     allowed = {
         ("input", "input_weights"), ("input_weights", "neurons"), ("input_weights", "metric"),

@@ -1,4 +1,4 @@
-"""What stands beside a graph or a program: notes on its rows and inputs, and a reference vector."""
+"""Sidecar files of a graph or program: notes on rows and inputs, and test vector."""
 
 from __future__ import annotations
 
@@ -17,28 +17,20 @@ from ann_dc.weights.manifest import Table
 
 
 class Beside(NamedTuple):
-    """What was read beside the file of a runtime."""
+    """Content of the sidecar files of a runtime file."""
 
     vector: ReferenceVector
-    """The walk to compare with."""
+    """Test vector."""
     notes: Table
-    """What the file says of itself."""
+    """Notes on the runtime file."""
     places: Places
-    """Where components stand in the vector's arrays."""
+    """Positions of components in the vector's arrays."""
     inputs: np.ndarray
-    """(I, N): what the inputs hold, in the order of the notes."""
+    """Values of the inputs (I, N), in the order of the notes."""
 
 
 def notes_on(network: Network, vector: ReferenceVector, content: bytes) -> dict[str, object]:
-    """What notes say of every file that a runtime reads.
-
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-    content : bytes
-        Of the file.
-    """
+    """Return the notes common to all runtime files, for the given file content."""
     return {
         "sha256": hashlib.sha256(content).hexdigest(),
         "wiring": vector.wiring,
@@ -51,22 +43,11 @@ def notes_on(network: Network, vector: ReferenceVector, content: bytes) -> dict[
 def read_beside(
     files: Mapping[str, bytes], main: str, notes: str, form: str, schema: int
 ) -> Beside:
-    """Read notes and vector, and compare the hash of the file that a runtime reads.
+    """Read notes and test vector, and compare the hash of the runtime file.
 
-    Parameters
-    ----------
-    files : mapping of file name to bytes
-    main, notes : str
-        Names of the file and of its notes.
-    form : str
-        What the notes have to say that they are.
-    schema : int
-        The newest version of them that can be read.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing, is no such file, or not what the others belong to.
+    The arguments ``main`` and ``notes`` are the names of the file and of its notes. The notes must
+    have the format ``form`` with a schema up to ``schema``. Raises `FileFormatError` if a file is
+    missing, is invalid, or does not belong to the other files.
     """
     content, vector = file_of(files, main), vector_of(files)
     table = notes_of(files, notes, form, schema)

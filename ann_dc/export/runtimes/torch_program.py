@@ -1,8 +1,8 @@
-"""A step as a program of `torch.export`: one file that torch runs without this package.
+"""Step of a network as a `torch.export` program: a file that torch runs alone.
 
-The program takes ``x`` (B, n), ``inputs`` (B, I, N) and ``step`` (), and gives ``x`` a step later
-and the ``residual`` (B,) before it; B may be any number. ``torch_program.json`` names the
-components, the inputs, and the rows of the tensors that the program holds.
+The program maps ``x`` (B, n), ``inputs`` (B, I, N) and ``step`` () to ``x`` one step later and the
+``residual`` (B,) before it, for any B. ``torch_program.json`` names the components, the inputs, and
+the rows of the tensors in the program.
 """
 
 from __future__ import annotations
@@ -29,34 +29,17 @@ FORMAT = "ann_dc torch program"
 SCHEMA = 1
 PROGRAM, NOTES = "torch_program.pt2", "torch_program.json"
 BATCHES = (1, 3, 64)
-"""Sizes of batches that a check runs."""
+"""Batch sizes of a check."""
 
 
 @checked
 def torch_program_files(
     network: Network, vector: ReferenceVector, *, precision: Precision = "float64"
 ) -> dict[str, bytes]:
-    """One step of a network as a program that `torch.export.load` reads.
+    """Export one step of a network as a program for `torch.export.load`.
 
-    Parameters
-    ----------
-    network : Network
-    vector : ReferenceVector
-        Of the network.
-    precision : str
-        ``float64`` or ``float32``.
-
-    Returns
-    -------
-    dict of str to bytes
-        By file name.
-
-    Raises
-    ------
-    ExportError
-        If the vector is another network's.
-    ExportPackageMissing
-        If there is no torch.
+    The ``precision`` is ``float64`` or ``float32``. Raises `ExportError` if the vector belongs to
+    another network, and `ExportPackageMissing` if torch is not installed.
 
     Examples
     --------
@@ -98,28 +81,14 @@ def torch_program_files(
 
 @checked
 def torch_program_check(files: Mapping[str, bytes]) -> str:
-    """Load a program, take the steps of the reference vector at several sizes of the batch.
+    """Load a program and repeat the steps of the test vector at several batch sizes.
 
-    `torch.export.load` may run code that somebody has hidden in a file. So a program is loaded only
-    if its hash is the one in ``torch_program.json``: that finds every change, but not a pair of
-    files that was made to harm. Check those that come from whom you trust.
+    `torch.export.load` may run code hidden in a file. A program is therefore loaded only if its
+    hash is the one in ``torch_program.json``. The hash detects every change, but not a malicious
+    pair of files, so check only files from trusted sources.
 
-    Parameters
-    ----------
-    files : mapping of str to bytes
-        What `torch_program_files` gave.
-
-    Returns
-    -------
-    str
-        What was found, in a sentence.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing or changed, or the program takes other steps.
-    ExportPackageMissing
-        If there is no torch.
+    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or changed, or
+    the program takes different steps, and `ExportPackageMissing` if torch is not installed.
     """
     beside = read_beside(files, PROGRAM, NOTES, FORMAT, SCHEMA)
     vector, precision = beside.vector, beside.notes.choice("precision", _PRECISIONS)
@@ -149,7 +118,7 @@ class _Walker:
         self.dtype, self.inputs = getattr(_torch(), precision), beside.inputs
 
     def of_batch(self, size: int):
-        """The walk of a batch of equal samples; the last one is told."""
+        """Return the function that steps a batch of equal samples and returns the last."""
 
         def walk(start: np.ndarray, count: int) -> np.ndarray:
             x = self._tensor(self.places.pack(start), size)
@@ -160,7 +129,7 @@ class _Walker:
         return walk
 
     def residual(self, states: np.ndarray) -> float:
-        """The residual at states (P, N), as the program gives it."""
+        """Return the program's residual at states (P, N)."""
         return float(self._step(self._tensor(self.places.pack(states), 1))["residual"][0])
 
     def _step(self, x: torch.Tensor) -> Mapping[str, torch.Tensor]:
@@ -193,7 +162,7 @@ def _torch():
 
 
 def _rows_of(network: Network, held: Mapping[str, object]) -> dict[str, list[str]]:
-    """Names of the rows of the tensors that a program holds."""
+    """Return the row names of the tensors in a program."""
     from ann_dc.backends.recurrent.cell.layer import CellLayer
 
     layer = CellLayer(network)

@@ -1,4 +1,4 @@
-"""One step of a network as a torch module of tensors alone, which torch.export can trace."""
+"""Step of a network as a torch module of tensors, traceable by torch.export."""
 
 from __future__ import annotations
 
@@ -9,18 +9,11 @@ from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.network.network import Network
 
 EXAMPLES = 3
-"""Samples of the batch that is traced; any number can be run."""
+"""Batch size for tracing; any batch size can be run."""
 
 
 class Step(nn.Module):
-    """A step as `CellLayer` takes it, and the residual before it.
-
-    Parameters
-    ----------
-    network : Network
-    dtype : torch.dtype
-        ``torch.float64`` or ``torch.float32``.
-    """
+    """Step of `CellLayer`, and the residual before it, in float64 or float32."""
 
     def __init__(self, network: Network, dtype: torch.dtype) -> None:
         super().__init__()
@@ -31,15 +24,10 @@ class Step(nn.Module):
     def forward(
         self, x: torch.Tensor, inputs: torch.Tensor, step: torch.Tensor
     ) -> dict[str, torch.Tensor]:
-        """The state a step later, and the relative KKT residual.
+        """Return the state one step later and the relative KKT residual.
 
-        Parameters
-        ----------
-        x : (B, n) tensor
-        inputs : (B, I, N) tensor
-            In network units.
-        step : () tensor
-            h, in units of network time.
+        The tensors are x (B, n), inputs (B, I, N) in network units, and step (), the length h in
+        network time.
         """
         layout = self.cell.layout
         flow = self.cell.flow_of(inputs.permute(1, 2, 0))
@@ -50,7 +38,7 @@ class Step(nn.Module):
         return {"x": layout.pack(flow.within_rails(moved)), "residual": residual}
 
     def examples(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Tensors to trace with: the network's start and inputs, some times."""
+        """Return tensors for tracing: start and inputs of the network, repeated as batch."""
         cell = self.cell
         x = cell.start_vector().expand(EXAMPLES, -1).clone()
         inputs = cell.layout.scaled(cell.input.rows[:, :, None]).permute(2, 0, 1)
@@ -58,13 +46,7 @@ class Step(nn.Module):
 
 
 def traced(network: Network, dtype: torch.dtype) -> torch.export.ExportedProgram:
-    """The program of a step, for batches of any size.
-
-    Parameters
-    ----------
-    network : Network
-    dtype : torch.dtype
-    """
+    """Return the program of a step, for batches of any size."""
     module, batch = Step(network, dtype), torch.export.Dim.DYNAMIC
     with torch.no_grad():
         return torch.export.export(
@@ -73,9 +55,9 @@ def traced(network: Network, dtype: torch.dtype) -> torch.export.ExportedProgram
 
 
 def _with_own_tables(module: nn.Module) -> None:
-    """Buffers that torch.export.save can write: each whole, with storage of its own.
+    """Replace buffers by whole tensors with separate storage for torch.export.save.
 
-    One without elements becomes a plain attribute, of which nothing is written.
+    A buffer without elements becomes a plain attribute, which is not written.
     """
     for name, table in list(module.named_buffers(recurse=False)):
         if table.numel() == 0:

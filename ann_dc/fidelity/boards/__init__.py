@@ -1,4 +1,4 @@
-"""What a circuit does away from the bench: what parts of a board add, corners, yield, trimming."""
+"""Board-level studies of a circuit: parasitics, corners, yield and trimming."""
 
 import lazy_loader
 

@@ -1,8 +1,8 @@
-"""One circuit at many places: over temperature, supplies and corners of its process.
+"""Corner analysis of a circuit over temperature, supplies and process corners.
 
-Boards of bought parts are emulated: their rails follow the supplies, their bias currents grow with
-heat, and errors of single parts with the distance from room temperature. Transistors are simulated,
-one deck a place.
+Boards of discrete parts are emulated. Their output swing follows the supplies, their bias currents
+grow with temperature, and errors of single parts grow with the distance from room temperature.
+Transistor levels are simulated in ngspice, with one netlist per corner.
 """
 
 from __future__ import annotations
@@ -29,37 +29,35 @@ from ann_dc.hardware.parts.levels import Level
 from ann_dc.validation.checked import checked
 
 TEMPERATURES = (-40.0, ROOM, 125.0)
-"""Degrees Celsius of the industrial range and of a room."""
+"""Temperatures in degrees Celsius: the limits of the industrial range and room temperature."""
 
 SUPPLIES = (0.9, 1.0, 1.1)
-"""Supplies over their nominal values."""
+"""Supply voltages relative to their nominal values."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Corner:
-    """What a circuit does at one place.
+    """Result of a circuit at one combination of temperature, supplies and process.
 
     Attributes
     ----------
-    conditions : Conditions
-        Temperature, supplies and process.
     control_error : float
-        Of the settled controls against the ideal network's, over the largest one; nan where the
-        circuit does not settle.
+        Error of the settled controls against the ideal network, relative to the largest control;
+        nan if the circuit does not settle.
     settling_time : float
-        Seconds until every control stays within 0.1 %; nan where it is not known.
+        Time in seconds until every control stays within 0.1 %; nan if unknown.
     stable : bool
-        Whether it settles.
+        True if the circuit settles.
     clipped : bool
-        Whether a part stands at its rails: at the settled point of an emulation, anywhere on the
-        way in ngspice; and where full scale is so near the rails that no circuit is made for it.
+        True if a part saturates: at the settled point of an emulation, at any time of an ngspice
+        run. Also true if full scale is so close to the output swing that no circuit is designed.
     spread : float
-        Standard deviation of the worst control by the level's tolerances there, over the largest
-        control; nan where no error budget is known.
+        Standard deviation of the worst control due to the tolerances of the level at this corner,
+        relative to the largest control; nan if no error budget is available.
     noise : float
-        Rms on the worst control there, over the largest control; nan where it is not known.
+        Rms noise of the worst control, relative to the largest control; nan if unknown.
     remark : str
-        What there is to say of a corner without figures; else empty.
+        Remark on a corner without figures; otherwise empty.
     """
 
     conditions: Conditions
@@ -73,7 +71,7 @@ class Corner:
 
     @property
     def near(self) -> bool:
-        """Whether the circuit settles near the optimum, noise told, with no part at its rails."""
+        """True if the circuit settles near the optimum (noise included), unsaturated."""
         settles = self.stable and not self.clipped
         return settles and noisy(self.control_error, self.noise) < NEAR
 
@@ -88,35 +86,27 @@ def corners(
     supplies: Sequence[float] = SUPPLIES,
     processes: Sequence[str] | None = None,
 ) -> list[Corner]:
-    """What a circuit does at every temperature, with every supply, at every corner of a process.
+    """Evaluate a circuit at every temperature, supply and process corner.
+
+    Return the corners ordered by process, then temperature, then supply. Raises `NetworkError` if a
+    temperature or a supply is out of range or a process corner is unknown, and `NgspiceMissing` if
+    ngspice is needed but not found.
 
     Parameters
     ----------
     backend : SpiceBackend
-        Its seed draws errors of single parts, the same parts everywhere, of its
-        series; levels of transistors, and those without an emulation, run in ngspice.
+        The seed draws errors of single parts of its resistor series, identical at all corners.
+        Transistor levels and levels without an emulation run in ngspice.
     circuit : Circuit
-        As `SpiceBackend.prepare` designs it, for room temperature.
+        Circuit from `SpiceBackend.prepare`, designed for room temperature.
     probe : Trajectory
-        The ideal network's run that it was scaled by.
+        Run of the ideal network by which the circuit was scaled.
     temperatures : sequence of float
-        In degrees Celsius.
+        Temperatures in degrees Celsius.
     supplies : sequence of float
-        Over the nominal ones.
+        Supply voltages relative to the nominal ones.
     processes : sequence of str, optional
-        All `CORNERS` of transistors where none are given, the typical one of other parts.
-
-    Returns
-    -------
-    list of Corner
-        Process by process, temperature by temperature, supply by supply.
-
-    Raises
-    ------
-    NetworkError
-        If a temperature or a supply is out of range, or there is no such corner.
-    NgspiceMissing
-        If ngspice is needed, and not there.
+        Process corners. Default: all `CORNERS` for transistors, the typical corner for other parts.
 
     Examples
     --------
@@ -149,7 +139,7 @@ def corners(
 
 
 def _emulated(circuit: Circuit, probe: Trajectory, there: Sequence[SpiceBackend]) -> list[Corner]:
-    """By emulation; a place that changes nothing of a circuit is not emulated again."""
+    """Return the corners by emulation; equal circuits are emulated only once."""
     slopes = _slopes(circuit, probe, there[0]) if there else None
     known, noises, found = {}, {}, []
     for number, backend in enumerate(there):
@@ -173,7 +163,7 @@ def _emulated(circuit: Circuit, probe: Trajectory, there: Sequence[SpiceBackend]
 
 
 def _clipping(level: Level) -> str:
-    """Why a full scale leaves parts no room; an emulation does not know how they bend before it."""
+    """Return the reason for a full scale too close to the output swing, or ""."""
     try:
         check_full_scale(level)
     except NetworkError as error:
@@ -194,7 +184,7 @@ def _clipped(level: Level, why: str) -> Corner:
 
 
 def _slopes(circuit: Circuit, probe: Trajectory, backend: SpiceBackend) -> Sensitivity | None:
-    """Of the circuit that is not drawn, in a room; None where there is no budget."""
+    """Return the nominal sensitivities at room temperature; None without a budget."""
     backend.progress("sensitivities")
     there = replace(backend, level=backend.level.at(NOMINAL))
     nominal = undrawn(there, circuit, probe)
@@ -238,7 +228,7 @@ def _told(
 def _measured(
     backend: SpiceBackend, circuit: Circuit, probe: Trajectory, there: Sequence[SpiceBackend]
 ) -> list[Corner]:
-    """In ngspice; what oscillates in a room is refused before."""
+    """Return the corners by ngspice; reject a circuit unstable at room temperature."""
     if backend.require_stable and backend.level.emulated:
         off = backend.deviations(circuit)
         backend.check_stable(emulate(circuit, backend.level, off), probe)

@@ -1,8 +1,8 @@
-"""One effect after the other: what it does to a circuit, by emulation and in ngspice.
+"""Effects of single non-idealities on a circuit, by emulation and in ngspice.
 
-A circuit is made for one level and built of the parts of another one, which has one effect more. So
-the table says what parts do that were not thought of; `ann_dc.SpiceBackend` thinks of them, and
-chooses resistors and margin accordingly.
+The circuit is designed for one level and built with the parts of another level, which has one
+additional effect. The table therefore shows effects that the design ignores. `ann_dc.SpiceBackend`
+takes these effects into account when it chooses resistors and bandwidth margin.
 """
 
 from __future__ import annotations
@@ -31,28 +31,28 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import PositiveFinite
 
 MARGIN, OHMS = 10.0, 10e3
-"""What circuits are made with whose effects are looked at: fast, and thinking of no parasitics."""
+"""Bandwidth margin and resistance (ohms) of the tested circuits: fast, ignoring parasitics."""
 
 PATIENCE = 60.0
-"""Seconds after which ngspice is ended: circuits that ring take for ever."""
+"""Default time limit of ngspice in seconds; circuits that ring do not end."""
 
 STAYS = 0.9
-"""Of what controls swing in a third of a run, that which those that ring do in the next one."""
+"""Ringing threshold: swing of the controls in a third of a run relative to the third before."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Effect:
-    """An effect, as the level that has it.
+    """Non-ideal effect, given by the level that has the effect.
 
     Attributes
     ----------
     words : str
-        What it is.
+        Description of the effect.
     level : Level
-        Parts with it.
+        Parts with the effect.
     made_for : Level
-        What the circuit was made for.
+        Level for which the circuit is designed.
     """
 
     words: str
@@ -63,20 +63,22 @@ class Effect:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Found:
-    """What an effect does to a circuit.
+    """Result of one effect on a circuit, predicted and simulated.
 
     Attributes
     ----------
     effect : Effect
+        Tested effect.
     predicted_error, measured_error : float
-        Of the settled controls against the ideal network's, over the largest one, by emulation and
-        in ngspice; nan where the circuit does not settle, or was not simulated.
+        Error of the settled controls against the ideal network, relative to the largest control, by
+        emulation and in ngspice. Default nan: the circuit does not settle or was not simulated.
     predicted_settling, measured_settling : float
-        Seconds until every control stays within 0.1 %; nan likewise.
+        Time in seconds until every control stays within 0.1 %. Default nan, as for the errors.
     predicted_stable, measured_stable : bool or None
-        Whether the circuit comes to rest; None where that is not known.
+        True if the circuit settles; None (default) if unknown.
     why, measured_why : str
-        What kept the emulation, and ngspice, from an answer; empty where nothing did.
+        Reason for which the emulation or ngspice gave no result; empty (default) if there is a
+        result.
 
     Examples
     --------
@@ -114,11 +116,14 @@ def _said(stable: bool | None, error: float, settling: float) -> str:
 
 @checked
 def known_effects() -> tuple[Effect, ...]:
-    """The effects of parts on a board, on op amps of 10 MHz and on the presets that suffer most.
+    """Return the known effects of parts on a board.
+
+    The effects apply to op amps of 10 MHz and to the part sets that are most sensitive.
 
     Returns
     -------
     tuple of Effect
+        Effects in the order of the table, beginning with "no effect".
 
     Examples
     --------
@@ -134,7 +139,7 @@ def known_effects() -> tuple[Effect, ...]:
 
 
 def _of_op_amps() -> Iterator[Effect]:
-    """Capacitances, second poles and bias currents of op amps."""
+    """Yield the capacitances, second poles and bias currents of op amps."""
     plain = _made(macro())
     for words, parasitics in OP_AMPS.items():
         yield Effect(words=words, level=with_parasitics(plain, **parasitics), made_for=plain)
@@ -154,7 +159,7 @@ OP_AMPS: dict[str, dict[str, float]] = {
     "bias current 100 nA": {"bias_current": 1e-7},
     "bias current 1 uA": {"bias_current": 1e-6},
 }
-"""Parasitics of op amps of 10 MHz, by what is said of them."""
+"""Parasitics of op amps of 10 MHz, by their description."""
 
 
 def _made(level: Level) -> Level:
@@ -163,22 +168,24 @@ def _made(level: Level) -> Level:
 
 @checked
 def with_parasitics(level: Level, **parasitics: float) -> Level:
-    """A level whose parts have parasitics besides those that they have.
+    """Return a level whose parts have additional parasitics.
 
     Parameters
     ----------
     level : Level
+        Level whose other parasitics are preserved.
     **parasitics : float
-        Attributes of `Parasitics`.
+        Values of attributes of `Parasitics`, in their units.
 
     Returns
     -------
     Level
+        Level with the given parasitics replaced.
 
     Raises
     ------
     UnknownNameError
-        If there is no such parasitic.
+        If a name is not an attribute of `Parasitics`.
 
     Examples
     --------
@@ -205,31 +212,33 @@ def effects_table(
     patience: PositiveFinite = PATIENCE,
     progress: Progress = silent,
 ) -> tuple[Found, ...]:
-    """What each effect does to the circuit of a network.
+    """Compute the result of every effect on the circuit of a network.
 
     Parameters
     ----------
     network : Network
-        With time constants alone.
+        Network with diagonal preconditioner only.
     looked_at : iterable of Effect, optional
-        `known_effects` where none are given.
+        Effects to test. Default: `known_effects`.
     simulated : bool
-        False leaves ngspice out.
+        If False, ngspice is not run. Default True.
     patience : float
-        Seconds that ngspice may take for one circuit; of one that takes longer it says nothing.
+        Time limit of ngspice in seconds per circuit; a run that exceeds the limit gives no result.
+        Default 60.
     progress : Progress
-        Told what is run, and every row.
+        Receives every started run and every row. Default: silent.
 
     Returns
     -------
     tuple of Found
+        One row per effect.
 
     Raises
     ------
     NetworkError
         If the network does not settle.
     NgspiceMissing, SpiceError
-        If there is no ngspice, or it fails otherwise than by ringing.
+        If ngspice is not found, or fails for a reason other than ringing.
 
     Examples
     --------
@@ -292,7 +301,7 @@ def _simulated(row: Found, circuit: Circuit, probe: Trajectory, patience: float)
 
 
 def _rings(run: CircuitRun) -> bool:
-    """Whether controls swing as far in the last third of a run as in the one before it."""
+    """Return True if the last third of a run swings nearly as far as the second."""
     if run.deck.cut:
         return False  # what drifts for longer than the run moves evenly, too
     time, controls = run.trajectory.time, run.trajectory.control_values

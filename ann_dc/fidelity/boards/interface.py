@@ -1,14 +1,14 @@
-r"""How q_0 and q_d come in and u goes out: converters as defects with a stated cost.
+"""Converter interface of a circuit: quantisation of q_0, q_d and u, and its cost.
 
-A converter of b bits over both full scales knows values of a node to q = 2 S / 2^b, S being what
-full scale stands for; its codes are those of two's complement, -S to S - q, and what is beyond is
-clipped. Inputs are rounded, and the network solved again; what the worst inputs would cost is
-bounded by moving every one of every cell by q / 2, each with the sign that harms most. Controls are
-rounded when they are read. Converters take time: that of the inputs before a solve, that of the
-controls after it.
+A converter of b bits over both full scales resolves a node to q = 2 S / 2^b, where S is the value
+of full scale. Its codes are two's complement, from -S to S - q, and values beyond are clipped.
+Inputs are rounded and the network is solved again. The error of the worst inputs is bounded by
+moving every input of every cell by q / 2, each with the sign that harms most. Controls are rounded
+when they are read. Converter times add to the solve: input settling before, control conversion
+after.
 
-Reset switches hold integrators at the start of a solve by sources of their own; a cold start, all
-capacitors empty, needs none of them.
+Reset switches set the integrators at the start of a solve from separate sources. A cold start, with
+all capacitors empty, does not need these sources.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ Bits = Annotated[int, Range(words="a whole number of bits, 1 to 32", low=1, high
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Interface:
-    """Converters between a circuit and the numbers around it; None for exact ones.
+    """Converters between a circuit and its digital environment; None for exact ones.
 
     Attributes
     ----------
     dac_bits, adc_bits : int or None
-        Of the inputs and of the controls.
+        Bits of the converters of the inputs and of the controls.
     dac_settling, adc_conversion : float
-        Seconds until inputs stand, and that it takes to read the controls.
+        Time in seconds until the inputs are valid, and time to read the controls.
 
     Examples
     --------
@@ -62,37 +62,36 @@ class Interface:
 
     @property
     def seconds(self) -> float:
-        """That converters add to a solve."""
+        """Time in seconds that the converters add to a solve."""
         inputs = 0.0 if self.dac_bits is None else self.dac_settling
         return inputs + (0.0 if self.adc_bits is None else self.adc_conversion)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InterfaceCost:
-    """What an interface costs; errors are of the controls, over the largest one.
+    """Cost of an interface; errors are control errors relative to the largest control.
 
     Attributes
     ----------
-    interface : Interface
     rounded : mapping of input name to (N,) array
-        What comes in instead of each input that a DAC feeds, in the user's units.
+        Rounded values of every input that a DAC feeds, in the user's units.
     input_error : float
-        Of these rounded inputs.
+        Error due to these rounded inputs.
     worst_input_error : float
-        Bound for the worst rounding of inputs near these, by sensitivities.
+        Bound on the error for the worst rounding of inputs near these, by sensitivities.
     output_error : float
-        Largest one of rounding the controls: half a step.
+        Largest rounding error of the controls: half a step.
     error : float
-        Of these inputs, and of these controls as they are read, by ideal parts.
+        Error of these inputs and of these controls as read, with ideal parts.
     circuit_error : float
-        Of the circuit's own parts, with exact converters; nan where it does not settle.
+        Error of the circuit's parts with exact converters; nan if the circuit does not settle.
     noise : float
-        Rms on the worst control; nan where it is not known.
+        Rms noise of the worst control; nan if unknown.
     settling_time, cold_settling_time : float
-        Seconds until the controls stay within 0.1 %, from the start where switches hold the
-        circuit, and from empty capacitors; nan where it does not get there.
+        Time in seconds until the controls stay within 0.1 %, from the initial state set by the
+        switches and from empty capacitors; nan if the circuit does not settle there.
     astray : str
-        Where a cold start leads instead, in a clause; empty where it does not.
+        Other equilibrium to which a cold start leads, as a clause; empty if there is none.
     """
 
     interface: Interface
@@ -109,16 +108,16 @@ class InterfaceCost:
 
     @property
     def total_error(self) -> float:
-        """Of converters and parts together, for the worst inputs near these, at most.
+        """Bound on the error of converters and parts, for the worst inputs near these.
 
-        nan where the circuit does not settle.
+        The value is nan if the circuit does not settle.
         """
         converters = max(self.error, self.worst_input_error + self.output_error)
         return converters + self.circuit_error
 
     @property
     def solve_time(self) -> float:
-        """Seconds from numbers to numbers."""
+        """Time in seconds from digital inputs to digital controls."""
         return self.settling_time + self.interface.seconds
 
 
@@ -126,27 +125,12 @@ class InterfaceCost:
 def interface_cost(
     backend: SpiceBackend, circuit: Circuit, probe: Trajectory, interface: Interface
 ) -> InterfaceCost:
-    """What converters at the inputs and controls of a circuit cost.
+    """Compute the cost of converters at the inputs and controls of a circuit.
 
-    Parameters
-    ----------
-    backend : SpiceBackend
-        Whose level is emulated, for the settling times, with parts as its seed and its series have
-        them.
-    circuit : Circuit
-    probe : Trajectory
-        The ideal network's run that the circuit was scaled by.
-    interface : Interface
-
-    Returns
-    -------
-    InterfaceCost
-
-    Raises
-    ------
-    NetworkError
-        If the circuit has no emulation, or is a clocked one, or the problem of the rounded inputs
-        has no solution near.
+    The level of `backend` is emulated for the settling times, with parts drawn by its seed and
+    rounded to its series. `probe` is the run of the ideal network by which the circuit was scaled.
+    Raises `NetworkError` if the circuit has no emulation or is clocked, or if the problem of the
+    rounded inputs has no solution nearby.
 
     Examples
     --------
@@ -201,9 +185,9 @@ def interface_cost(
 
 
 def _steps(circuit: Circuit, bits: int) -> dict[str, float]:
-    """A DAC's step in the user's units, by input: over full scale of the node that it feeds.
+    """Return the DAC step by input in the user's units, over full scale of its node.
 
-    Negative where the user's value falls as the node's rises.
+    A step is negative if the user's value falls while the node's value rises.
     """
     network, unit = circuit.schematic.network, circuit.scaling.unit
     fed = {pin.input: pin.neuron for pin in network.pins}
@@ -217,7 +201,7 @@ def _steps(circuit: Circuit, bits: int) -> dict[str, float]:
 
 
 def _control_steps(circuit: Circuit, bits: int | None) -> np.ndarray:
-    """An ADC's step (controls,) in network units; zero of an exact one."""
+    """Return the ADC step (controls,) in network units; zero for an exact converter."""
     network = circuit.schematic.network
     rows = np.broadcast_to(np.arange(len(network.cell.neurons))[:, None], network.live.shape)
     names = control_values(network, network.pack(rows.astype(float))).astype(int)
@@ -226,19 +210,19 @@ def _control_steps(circuit: Circuit, bits: int | None) -> np.ndarray:
 
 
 def _rounded(values: np.ndarray, step: float | np.ndarray, bits: int | None) -> np.ndarray:
-    """The nearest values that a converter has a code for; as they are without one."""
+    """Return the nearest values with a converter code; unchanged if `bits` is None."""
     if bits is None:
         return values
     return step * np.clip(np.round(values / step), -(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
 
 
 def _controls(network: Network, probe: Trajectory) -> np.ndarray:
-    """Controls of the ideal network with these inputs, near where it settles with its own."""
+    """Return the controls of the ideal network at the equilibrium for these inputs."""
     return control_values(network, equilibrium(network, probe.final))
 
 
 def _moved(network: Network, probe: Trajectory, steps: Mapping[str, float]) -> np.ndarray:
-    """How far half a step of every input of every cell moves each control (controls,), at most."""
+    """Return a bound (controls,) on the control change by half a step of each input."""
     x = equilibrium(network, probe.final)
     slopes = input_sensitivity(network, x, control_values(network, np.arange(network.size)))
     total = np.zeros(len(probe.control_values[-1]))
@@ -249,7 +233,7 @@ def _moved(network: Network, probe: Trajectory, steps: Mapping[str, float]) -> n
 
 
 def _settling(built: Specimen, start: np.ndarray | None) -> tuple[float, str]:
-    """Seconds from a start of what moves, nan where it leads elsewhere; and where to."""
+    """Return the settling time (s; nan if not reached), and the other equilibrium."""
     run = transient_of(built, start=start)
     astray = astray_of(built, run)
     if astray or not run.status.settled:

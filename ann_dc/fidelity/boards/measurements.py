@@ -1,15 +1,17 @@
-r"""What to measure while a part is trimmed, and what to expect of it.
+r"""Trim measurements of a part: test conditions, target voltage and deviation.
 
-Offsets and gains are read at the part itself. A multiplier of the full scale F puts out
+Offsets and gains are read at the part itself. The output of a multiplier of full scale F is
 
 .. math:: o(x, y) = (1 + g) \, X(x + o_x) (y + o_y) / F + o_z + f \, (x + o_x + y + o_y) ,
 
-with X the bent first input and f the feedthrough. Half of a difference of two outputs tells an
-input's offset, a quarter of one of four the gain, and what else is off falls out of it:
+where X is the bent first input and f the feedthrough. Half the difference of two outputs gives the
+offset of an input. A quarter of a combination of four outputs gives the gain; all other errors
+cancel:
 
 .. math:: (o(F, F) - o(F, -F) - o(-F, F) + o(-F, -F)) / 4 = (1 + g) \, F (1 + d) .
 
-The gain of a function generator is read as a difference, too; its offset once the gain is right.
+The gain of a function generator is also read as a difference. Its offset is read after the gain is
+trimmed.
 """
 
 from __future__ import annotations
@@ -32,29 +34,30 @@ HELD = {
     Quantity.OFFSET_Y: ((1, 0, 0.5), (-1, 0, -0.5)),
     Quantity.OFFSET_Z: ((0, 0, 1.0),),
 }
-"""Inputs of a multiplier over full scale, and the weight of its output then, by what is read."""
+"""Multiplier inputs relative to full scale, and the weight of each output, by measured quantity."""
 
 SMALL = 1e-6
-"""A deviation by which the slope of a multiplier's reading is taken."""
+"""Deviation with which the slope of a multiplier reading is computed."""
 
 POINTS = 201
-"""Inputs over both full scales among which those of a function generator's gain are chosen."""
+"""Number of input values over both full scales, searched for the gain reading of a generator."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """What to measure.
+    """Trim measurement.
 
     Attributes
     ----------
     measure : str
-        Where, and how inputs are held, in a clause.
+        Measured node and applied inputs, as a clause.
     volts : float
-        What to set it to.
+        Target reading in volts.
     spread : float
-        Standard deviation of the reading before, in volts.
+        Standard deviation of the reading before trimming, in volts.
     slope : float
-        Volts that it moves per unit of what is trimmed: per volt of an offset, per share of a gain.
+        Volts of the reading per unit of the trimmed quantity: per volt of an offset, per fraction
+        of a gain.
 
     Examples
     --------
@@ -73,20 +76,9 @@ class Reading:
 
 @checked
 def reading_of(nominal: Specimen, parameter: Parameter, stage: int) -> Reading:
-    """What to measure while a part of a cell is trimmed.
+    """Return the measurement for trimming an offset or a gain of a part.
 
-    Parameters
-    ----------
-    nominal : Specimen
-        The circuit as it should be.
-    parameter : Parameter
-        An offset or a gain.
-    stage : int
-        The cell, from 0.
-
-    Returns
-    -------
-    Reading
+    `nominal` is the circuit without errors; `stage` is the index of the cell, from 0.
     """
     part, quantity = _part(nominal, parameter), parameter.quantity
     volts, slope = 0.0, 1.0
@@ -116,15 +108,10 @@ def reading_of(nominal: Specimen, parameter: Parameter, stage: int) -> Reading:
 def misread(
     nominal: Specimen, parameter: Parameter, stage: int, off: Mapping[Quantity, float]
 ) -> float:
-    """Volts by which a reading of a drawn part is off, whatever else of the part is.
+    """Return the deviation in volts of a reading, with all errors of the part.
 
-    Parameters
-    ----------
-    nominal : Specimen
-    parameter, stage
-        As `reading_of` takes them.
-    off : mapping of Quantity to float
-        How far all quantities of the part are off there.
+    `parameter` and `stage` select the part as in `reading_of`; `off` gives the deviations of all
+    its quantities.
     """
     part, quantity = _part(nominal, parameter), parameter.quantity
     if isinstance(part, Multiplier):
@@ -136,7 +123,7 @@ def misread(
 
 
 def _told(volts: float) -> str:
-    """To a microvolt, and to five digits."""
+    """Return a voltage as text, rounded to a microvolt and to five digits."""
     return f"{round(volts, 6) + 0.0:.5g}"
 
 
@@ -145,7 +132,7 @@ def _part(nominal: Specimen, parameter: Parameter) -> Part:
 
 
 def _of_multiplier(nominal: Specimen, part: Multiplier, quantity: Quantity) -> str:
-    """How a multiplier's inputs are held, in words."""
+    """Return the description of the inputs applied to a multiplier."""
     full = f"{nominal.circuit.scaling.full_scale:g} V"
     a, b, out = part.a, part.b, f"output of {part.name}"
     return {
@@ -158,7 +145,7 @@ def _of_multiplier(nominal: Specimen, part: Multiplier, quantity: Quantity) -> s
 
 
 def _multiplied(nominal: Specimen, quantity: Quantity, off: Mapping[Quantity, float]) -> float:
-    """Volts that are read of a multiplier with these errors."""
+    """Return the reading in volts of a multiplier with these errors."""
     full, parasitics = nominal.circuit.scaling.full_scale, nominal.level.datasheet.parasitics
     bend, through = parasitics.multiplier_nonlinearity, parasitics.multiplier_feedthrough
     gain, ox, oy, oz = (off.get(each, 0.0) for each in HELD)
@@ -171,7 +158,7 @@ def _multiplied(nominal: Specimen, quantity: Quantity, off: Mapping[Quantity, fl
 
 
 def _apart(nominal: Specimen, part: Generator, stage: int) -> tuple[tuple[float, float], float]:
-    """Volts at a generator's input where its output is lowest and highest, and how far apart."""
+    """Return the inputs of lowest and highest output, and the output difference."""
     schematic, scaling = nominal.circuit.schematic, nominal.circuit.scaling
     block, full = function_block(part.function), scaling.full_scale
     settled = _settled(nominal, part.x, stage)
@@ -188,7 +175,7 @@ def _apart(nominal: Specimen, part: Generator, stage: int) -> tuple[tuple[float,
 
 
 def _settled(nominal: Specimen, node: str, stage: int) -> float:
-    """Volts at a node where the ideal network settles, with the sign that the circuit carries."""
+    """Return the signed voltage of a node at the equilibrium of the ideal network."""
     network, scaling = nominal.circuit.schematic.network, nominal.circuit.scaling
     values = evaluator(network).values(nominal.probe.final)[..., 1:-1]
     value = float(values[network.node_index[node], stage])

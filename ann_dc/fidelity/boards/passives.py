@@ -1,4 +1,4 @@
-"""What multipliers, capacitors and reset switches do on a board: rows for the table of effects."""
+"""Effects of multipliers, capacitors and reset switches on a board."""
 
 PASSIVES: dict[str, dict[str, float]] = {
     "multipliers bent by 0.1 %": {"multiplier_nonlinearity": 1e-3},
@@ -12,4 +12,4 @@ PASSIVES: dict[str, dict[str, float]] = {
     "switches that leave 0.5 pC": {"switch_charge": 0.5e-12},
     "switches that leave 5 pC": {"switch_charge": 5e-12},
 }
-"""Their parasitics, by what is said of them."""
+"""Parasitics of these parts, by their description; rows of the effects table."""

@@ -1,6 +1,6 @@
-"""What is asked of every circuit: an error of its controls, a settling time, or that it settles.
+"""Specification of a circuit: limits of error and settling time, or stability.
 
-A spec is written as text, ``error<1%, settle<50us``, and read term by term.
+A specification is written as text, ``error<1%, settle<50us``, and read term by term.
 """
 
 from __future__ import annotations
@@ -14,29 +14,29 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Positive
 
 TERM = re.compile(r"(error|settle)\s*<=?\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(%|[munµμ]?s|)")
-"""A limit: what, how much, in which unit."""
+"""Pattern of a limit: quantity, value and unit."""
 
 UNITS = {
     "error": {"": 1.0, "%": 1e-2},
     "settle": {"s": 1.0, "ms": 1e-3, **dict.fromkeys(("us", "µs", "μs"), 1e-6), "ns": 1e-9},
 }
-"""What a unit stands for: shares of the largest control, seconds."""
+"""Factors of the units: fractions of the largest control, and seconds."""
 
 STABLE = "stable"
-"""A term that asks for no more than that a circuit settles, as every spec does."""
+"""Term that requires only that a circuit settles, as every specification does."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """Limits that a circuit keeps, or not; one that does not settle keeps none.
+    """Limits of a circuit; a circuit that does not settle fails all limits.
 
     Attributes
     ----------
     error : float
-        Of the settled controls, over the largest one.
+        Limit of the error of the settled controls, relative to the largest control.
     settling_time : float
-        Seconds until every control stays within 0.1 %.
+        Limit in seconds of the time until every control stays within 0.1 %.
 
     Examples
     --------
@@ -49,21 +49,14 @@ class Spec:
 
     @property
     def limits(self) -> dict[str, float]:
-        """The finite ones, by name."""
+        """Finite limits, by name."""
         given = {"error": self.error, "settling_time": self.settling_time}
         return {name: limit for name, limit in given.items() if math.isfinite(limit)}
 
     def excess(self, error: float, settling_time: float) -> float:
-        """How many times the limit the worse of two figures is; 1 at most within the spec.
+        """Return the larger ratio of the two figures to their limits; 1 is still met.
 
-        Parameters
-        ----------
-        error, settling_time : float
-
-        Returns
-        -------
-        float
-            Infinite where a figure that counts is nan; zero where nothing has a limit.
+        The ratio is infinite if a limited figure is nan, and zero if no figure is limited.
         """
         figures = {"error": error, "settling_time": settling_time}
         shares = [figures[name] / limit for name, limit in self.limits.items()]
@@ -78,22 +71,11 @@ class Spec:
 
 @checked
 def spec_of(text: str) -> Spec:
-    """Read a spec.
+    """Parse a specification.
 
-    Parameters
-    ----------
-    text : str
-        Terms with commas: ``error<1%`` or ``error<0.01``, ``settle<50us`` (s, ms, us, ns),
-        ``stable``.
-
-    Returns
-    -------
-    Spec
-
-    Raises
-    ------
-    NetworkError
-        If a term is none, stands there twice, or its limit is not positive.
+    `text` consists of terms separated by commas: ``error<1%`` or ``error<0.01``, ``settle<50us``
+    (s, ms, us, ns), ``stable``. Raises `NetworkError` if a term is invalid or repeated, or if its
+    limit is not positive.
 
     Examples
     --------
@@ -120,7 +102,7 @@ def spec_of(text: str) -> Spec:
 
 
 def _check_unit(what: str, number: str, unit: str, word: str) -> None:
-    """Refuse a number that stands for another one than was meant, most likely."""
+    """Raise `NetworkError` if number and unit are probably a mistake."""
     if what == "settle" and not unit:
         raise NetworkError(f"spec: {word!r} needs ns, us, ms or s, such as settle<50us")
     if what == "error" and not unit and 1 <= _limit(number) < math.inf:

@@ -1,7 +1,8 @@
-"""Errors that all circuits of the same parts have: what each parasitic moves, and does not draw.
+"""Systematic errors: control shift by each parasitic common to all circuits.
 
-Tolerances differ from part to part and add up as squares; a nonlinearity, a leak or a bias current
-is the same in all of them. Each is shown by itself, against parts that have none.
+Tolerances differ from part to part and add up as squares. A nonlinearity, a leakage or a bias
+current is equal in all parts of one type. Each parasitic is evaluated separately, against parts
+without parasitics.
 """
 
 from __future__ import annotations
@@ -16,27 +17,16 @@ from ann_dc.hardware.parts.parasitics import NONE, Parasitics
 from ann_dc.validation.checked import checked
 
 STILL = ("bias_doubling", "multiplier_noise", "amplifier_noise")
-"""Parasitics that move nothing by themselves, or not for long."""
+"""Parasitics that do not shift the controls by themselves, or only briefly."""
 
 
 @checked
 def systematic(specimen: Specimen) -> dict[str, float]:
-    """How far each parasitic of a circuit's parts moves the settled controls, by itself.
+    """Return the shift of the settled controls by each parasitic, taken alone.
 
-    Parameters
-    ----------
-    specimen : Specimen
-
-    Returns
-    -------
-    dict of str to float
-        By the attribute of `Parasitics`: the largest move over the largest control, the largest
-        first. What moves nothing is about zero, as a capacitance.
-
-    Raises
-    ------
-    NetworkError
-        If a circuit has no emulation, or no equilibrium near the ideal one.
+    The result maps attributes of `Parasitics` to the largest shift relative to the largest control,
+    in decreasing order. Parasitics without effect, such as a capacitance, give about zero. Raises
+    `NetworkError` if a circuit has no emulation, or no equilibrium near the ideal one.
 
     Examples
     --------
@@ -63,7 +53,7 @@ def systematic(specimen: Specimen) -> dict[str, float]:
 
 
 def _controls(specimen: Specimen, parasitics: Parasitics) -> np.ndarray:
-    """Settled controls (m,) of the circuit with these parasitics."""
+    """Return the settled controls (m,) of the circuit with these parasitics."""
     level = specimen.level
     parts = replace(level.datasheet, parasitics=parasitics)
     built = replace(specimen, level=replace(level, datasheet=parts))

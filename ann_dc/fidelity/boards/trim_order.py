@@ -1,6 +1,7 @@
-"""In which order to trim, and what remains by slopes: of parts that are off, the worst first.
+"""Order of the trims and predicted remaining errors, by sensitivities.
 
-The same deviations are drawn as those of the circuits that are emulated, seed by seed.
+The part with the largest contribution to the error is trimmed first. The drawn deviations are
+identical, seed by seed, to those of the emulated circuits.
 """
 
 from __future__ import annotations
@@ -21,27 +22,27 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import PositiveFinite, Share
 
 TRIMMED = (Kind.OFFSET, Kind.GAIN, Kind.PRODUCT_OFFSET)
-"""What is trimmed; resistors are bought as good as they have to be."""
+"""Kinds of quantities that are trimmed; resistors are bought with the required tolerance."""
 
 DRAWN = 400
-"""Circuits whose errors are predicted by sensitivities after every step."""
+"""Number of circuits whose errors are predicted by sensitivities after every step."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Step:
-    """One trim.
+    """Trim of one quantity of one part in one cell.
 
     Attributes
     ----------
     parameter : Parameter
-        The part and the quantity that is trimmed.
+        Part and quantity that is trimmed.
     stage : int
-        In which cell.
+        Index of the cell.
     reading : Reading
-        What to measure, and what to expect.
+        Measurement with its target and expected deviation.
     remaining : float
-        Error of the controls, over the largest one, that the share of circuits stays below then,
-        by sensitivities.
+        Error of the controls relative to the largest control that the requested fraction of
+        circuits does not exceed after this step, by sensitivities.
     """
 
     parameter: Parameter
@@ -54,23 +55,12 @@ class Step:
 def trim_steps(
     nominal: Specimen, slopes: Sensitivity, share: Share, resolution: PositiveFinite
 ) -> tuple[list[Step], np.ndarray]:
-    """All trims in their order, and errors of drawn circuits without any, by slopes.
+    """Return all trims in order and the untrimmed errors of drawn circuits.
 
-    Parameters
-    ----------
-    nominal : Specimen
-    slopes : Sensitivity
-        Of it, where it settles.
-    share : float
-        Of the circuits, which each step's remaining error is of.
-    resolution : float
-        Volts to which a reading can be set.
-
-    Returns
-    -------
-    steps : list of Step
-    untrimmed : (DRAWN,) array
-        Largest error of a control of each circuit, over the largest control, by its seed.
+    Errors are predicted by sensitivities. `slopes` are the sensitivities of the nominal circuit at
+    its equilibrium. `share` is the fraction of circuits to which the remaining error of each step
+    refers. `resolution` is the accuracy of a reading in volts. The untrimmed errors (DRAWN,) are
+    the largest control errors of each circuit relative to the largest control, indexed by seed.
     """
     known = tuple(p for p in slopes.parameters if p.name in slopes.slopes)
     drawn, steps = _Drawn(slopes, nominal), []
@@ -84,12 +74,12 @@ def trim_steps(
 
 
 class _Drawn:
-    """Controls of many drawn circuits by sensitivities, while their parts are trimmed.
+    """Controls of many drawn circuits, by sensitivities, during trimming.
 
     Attributes
     ----------
     errors : (S, controls) array
-        Of all controls, with their signs, over the largest one.
+        Signed errors of all controls, relative to the largest control.
     """
 
     def __init__(self, slopes: Sensitivity, nominal: Specimen) -> None:
@@ -106,26 +96,26 @@ class _Drawn:
         )
 
     def trim(self, parameter: Parameter, stage: int, grain: float) -> None:
-        """Set one part of every circuit, to a grain of what is trimmed."""
+        """Trim one part of every circuit to the resolution `grain` of the quantity."""
         change = -grain * np.round(self.off[parameter.name][:, stage] / grain)
         self.errors += np.outer(change, self.slopes[parameter.name][:, stage])
 
     @property
     def worst(self) -> np.ndarray:
-        """Largest error of a control of every circuit, (S,)."""
+        """Largest control error of every circuit, shape (S,)."""
         return np.abs(self.errors).max(axis=1)
 
     def remaining(self, share: float) -> float:
-        """Largest error of a control that a share of the circuits stays below."""
+        """Return the largest control error that a fraction of the circuits stays below."""
         return float(np.quantile(self.worst, share))
 
 
 def _order(
     known: Sequence[Parameter], slopes: Sensitivity, nominal: Specimen
 ) -> list[tuple[Parameter, int]]:
-    """All trims, each the largest part of what is left of the worst control's variance.
+    """Return all trims by contribution to the worst control's remaining variance.
 
-    The gain of a function generator comes before its offset, which is read with the gain right.
+    The gain of a function generator precedes its offset, which is read with a trimmed gain.
     """
     sizes = nominal.level.tolerances
     parts = {p.name: (sizes.deviation(p.kind) * slopes.slopes[p.name]) ** 2 for p in known}
@@ -151,7 +141,7 @@ def _order(
 
 
 def _gains(nominal: Specimen, places: Sequence[tuple[Parameter, int]]) -> dict[tuple, int]:
-    """Which trim is the gain of a function generator, by part and cell."""
+    """Return the position of each function generator's gain trim, by part and cell."""
     parts = nominal.circuit.schematic.by_name
     return {
         (parameter.part, stage): n

@@ -1,10 +1,12 @@
-r"""Trimming: which offsets and gains to set by hand, in which order, until a spec is met.
+"""Trimming procedure: choice and order of offsets and gains for an error limit.
 
-Deviations d of single parts move the settled controls by e = e_0 + S d, with S from the error
-budget and e_0 what finite gains cost. The part whose error makes most of the variance of the worst
-control is trimmed first, cell by cell. How many trims it takes, emulated circuits tell: about the
-fewest from what slopes ask for on, with which the share that was asked for keeps the error; others
-judge it.
+Deviations d of single parts shift the settled controls by e = e_0 + S d. S comes from the error
+budget, and e_0 is the error of finite gains. The part whose error contributes most to the variance
+of the worst control is trimmed first, cell by cell.
+
+The number of trims comes from emulated circuits. The search starts at the number predicted by
+sensitivities and returns about the fewest trims with which the requested fraction of circuits meets
+the error. Other drawn circuits validate the result.
 """
 
 from __future__ import annotations
@@ -32,31 +34,31 @@ from ann_dc.validation.values import Count, PositiveFinite, Share
 from ann_dc.yields import Yield
 
 BEST = 1.05
-"""Of what all trims leave, or the best number of them: so near it is no use to trim on."""
+"""Factor on the error left by all trims, or by the best number of them; below it trimming stops."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trimming:
-    """A procedure, and what it brings.
+    """Trimming procedure and its result.
 
     Attributes
     ----------
     error : float
-        What was asked for: error of the controls over the largest one.
+        Requested error of the controls relative to the largest control.
     share : float
-        Of the circuits that are to meet it.
+        Fraction of the circuits that must meet the error.
     untrimmed, floor : float
-        Error that the share stays below without a trim, and with all of them, by sensitivities.
+        Error that this fraction does not exceed without trims and with all trims, by sensitivities.
     steps : tuple of Step
-        In this order.
+        Trims, in order.
     places : int
-        All trims there are.
+        Number of all possible trims.
     noise : float
-        Rms of the worst control over the largest one, of the nominal circuit; it counts with every
-        error, as rms, where it is not nan for not known.
+        Rms noise of the worst control relative to the largest control, for the nominal circuit. It
+        is added to every error as rms, unless it is nan (unknown).
     before, after : (S,) array
-        Errors of drawn circuits by emulation, without and with the steps, others than those that
-        told how many there are to be; infinite where one does not settle.
+        Errors of drawn circuits by emulation, without and with the steps; infinite if a circuit
+        does not settle. These circuits are not those from which the number of trims was chosen.
     """
 
     error: float
@@ -71,17 +73,20 @@ class Trimming:
 
     @property
     def remaining(self) -> float:
-        """Error that the share stays below after all steps, by sensitivities."""
+        """Error that the requested fraction of circuits does not exceed after all steps.
+
+        The error is computed by sensitivities.
+        """
         return self.steps[-1].remaining if self.steps else self.untrimmed
 
     @property
     def kept(self) -> Yield:
-        """Share of the emulated circuits that meet it with the steps, with its interval."""
+        """Fraction (with interval) of the emulated circuits that meet the error."""
         return _keeping(self.after, self.noise, self.error)
 
     @property
     def reached(self) -> bool:
-        """Whether the steps bring the share that was asked for of the emulated circuits to it."""
+        """True if the requested fraction of emulated circuits meets the error."""
         return self.kept.share >= self.share
 
 
@@ -96,36 +101,30 @@ def trimming(
     resolution: PositiveFinite = 1e-5,
     samples: Count = 20,
 ) -> Trimming:
-    """Which offsets and gains to trim, in which order, to make the controls right enough.
+    """Select and order the trims that reduce the control error below a limit.
+
+    If no number of trims suffices, the fewest trims with nearly the best result are returned.
+    Raises `NetworkError` if the circuit has no emulation or error budget, oscillates with nominal
+    parts, or is too noisy for any trim.
 
     Parameters
     ----------
     backend : SpiceBackend
-        Its level's tolerances say how far parts are off, beside resistors of its series.
+        Tolerances of its level give the deviations of parts; resistors have the values of its
+        series.
     circuit : Circuit
-        Of op amps.
+        Circuit of op amps.
     probe : Trajectory
-        The ideal network's run that the circuit was scaled by.
+        Run of the ideal network by which the circuit was scaled.
     error : float
-        To reach: largest error of a control with its noise, over the largest control.
+        Limit of the largest control error with its noise, relative to the largest control.
     share : float
-        Of the circuits that are to reach it.
+        Fraction of the circuits that must meet the limit.
     resolution : float
-        Volts to which a reading can be set.
+        Accuracy of a reading, in volts.
     samples : int
-        Drawn circuits that are emulated with every number of trims that is tried, of P trims about
-        2 log2 P, and as many that judge the number that was chosen.
-
-    Returns
-    -------
-    Trimming
-        Where no number of trims is enough, the fewest that nearly bring as much as any.
-
-    Raises
-    ------
-    NetworkError
-        If the circuit has no emulation, no error budget, oscillates with nominal parts, or is too
-        noisy whatever is trimmed.
+        Drawn circuits emulated for every number of trims that is tried, about 2 log2 P numbers for
+        P trims. The same count of other circuits validates the chosen number.
 
     Examples
     --------
@@ -189,7 +188,7 @@ def trimming(
 
 
 def _without_noise(error: float, noise: float) -> float:
-    """What noise leaves of an error that is to be reached."""
+    """Return the error limit less the noise; raise `NetworkError` if noise exceeds it."""
     rms = float(np.nan_to_num(noise))
     if rms >= error:
         raise NetworkError(
@@ -200,12 +199,12 @@ def _without_noise(error: float, noise: float) -> float:
 
 
 def _keeping(errors: np.ndarray, noise: float, error: float) -> Yield:
-    """Which share of emulated circuits, of errors (S,), keeps an error with its noise."""
+    """Return the fraction of emulated circuits that meet an error, noise included."""
     return Yield(passed=int((noisy(errors, noise) <= error).sum()), count=len(errors))
 
 
 def _fewest(guess: int, most: int, enough: Callable[[int], bool]) -> int | None:
-    """About the fewest trims from a guess on that are enough; None where not even all are."""
+    """Return about the fewest sufficient trims, from a guess upwards, or None."""
     low, high = guess - 1, guess
     while not enough(high):
         if high == most:
@@ -219,20 +218,18 @@ def _fewest(guess: int, most: int, enough: Callable[[int], bool]) -> int | None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Boards:
-    """Drawn circuits, emulated with the first of all steps; every number of them once.
+    """Drawn circuits, emulated with the first trim steps; results are cached.
 
     Attributes
     ----------
     nominal : Specimen
-        What all of them have in common.
-    steps : sequence of Step
-        All of them.
+        Nominal circuit, common to all.
     resolution : float
-        Volts to which a reading can be set.
+        Accuracy of a reading, in volts.
     drawn : sequence of Specimen
-        One a circuit.
+        Circuit instances.
     progress : Progress
-        Told every circuit.
+        Receives every circuit.
     known : dict of int to (S,) array
         Errors by the number of steps.
     """
@@ -245,7 +242,7 @@ class _Boards:
     known: dict[int, np.ndarray] = field(default_factory=dict)
 
     def errors(self, count: int) -> np.ndarray:
-        """Of the controls (S,), infinite where a circuit does not settle."""
+        """Return the control errors (S,); infinite if a circuit does not settle."""
         if count not in self.known:
             found, steps = [], self.steps[:count]
             told = f"{count} of {len(self.steps)} trims, circuit"
@@ -257,12 +254,12 @@ class _Boards:
 
 
 def _held(errors: np.ndarray, share: float) -> float:
-    """Error that a share of emulated circuits stays below, infinite where fewer settle."""
+    """Return the error limit met by a fraction of circuits; infinite if fewer settle."""
     return float(np.quantile(errors, share, method="inverted_cdf"))
 
 
 def _check_settles(backend: SpiceBackend, nominal: Specimen) -> None:
-    """Refuse a circuit that oscillates, which no trim cures."""
+    """Raise `NetworkError` if the circuit oscillates, which trimming cannot remedy."""
     if backend.level.emulated:
         backend.check_stable(nominal.emulation, nominal.probe)
     if nominal.modes.abscissa >= 0:
@@ -272,7 +269,7 @@ def _check_settles(backend: SpiceBackend, nominal: Specimen) -> None:
 def _trimmed(
     nominal: Specimen, board: Specimen, steps: Sequence[Step], resolution: float
 ) -> Specimen:
-    """A drawn circuit once its steps are done."""
+    """Return a drawn circuit after its trim steps."""
     off = {name: np.array(each, float) for name, each in board.deviations.items()}
     for step in steps:
         _trim(nominal, off, step, resolution)
@@ -280,7 +277,7 @@ def _trimmed(
 
 
 def _trim(nominal: Specimen, off: Mapping[str, np.ndarray], step: Step, resolution: float) -> None:
-    """Turn one trim of a drawn circuit until it reads what it is to read; in place."""
+    """Adjust one trim in place until the reading has its target value."""
     here = {p.quantity: p.name for p in nominal.circuit.parameters if p.part == step.parameter.part}
     errors = {q: float(off[name][step.stage]) for q, name in here.items() if name in off}
     volts = misread(nominal, step.parameter, step.stage, errors)

@@ -1,7 +1,8 @@
-"""Yield: what share of circuits, drawn from the tolerances of their parts, keeps a spec.
+"""Parametric yield: fraction of drawn circuits that meet a specification.
 
-Every circuit is emulated and solved; a few of them run in ngspice as well, spread from the best to
-the worst, and are compared with what the emulation said of the same circuit.
+Circuits are drawn from the tolerances of their parts. Every circuit is emulated and solved. A few
+circuits, spread from the best to the worst, also run in ngspice and are compared with the emulation
+of the same circuit.
 """
 
 from __future__ import annotations
@@ -32,25 +33,24 @@ from ann_dc.validation.values import Count, Index
 from ann_dc.yields import Yield, within
 
 CLOSE = 0.1
-"""Of a limit: so far two figures on both sides of it are off, both together, and still agree."""
+"""Relative distance to a limit within which two figures agree although the limit separates them."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spot:
-    """A drawn circuit that ran in ngspice, too.
+    """Drawn circuit that was also simulated in ngspice.
 
     Attributes
     ----------
-    seed : int
     predicted, measured : float
-        Error of its controls over the largest one; nan of a run that failed.
+        Error of the controls relative to the largest control; nan for a failed run.
     predicted_time, measured_time : float
-        Settling time in seconds; the predicted one nan, and the measured one good to some percent,
-        where the spec has none.
+        Settling time in seconds. If the spec does not limit it, the predicted time is nan and the
+        measured time is accurate to some percent only.
     kept : (bool, bool)
-        Whether it keeps the spec: as predicted, and in ngspice.
+        True if the circuit meets the spec, as predicted and in ngspice.
     agreed : bool
-        Whether both keep it, or neither does, or both are close to its limit.
+        True if both meet the spec, if both fail, or if both are close to its limit.
     """
 
     seed: int
@@ -63,32 +63,32 @@ class Spot:
 
     @property
     def difference(self) -> float:
-        """By how much the measured error is larger than the predicted one, as a share."""
+        """Relative amount by which the measured error exceeds the predicted error."""
         return self.measured / self.predicted - 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircuitYield:
-    """Drawn circuits and a spec.
+    """Yield of drawn circuits for a specification.
 
     Attributes
     ----------
-    spec : Spec
     seeds : tuple of int
-        One a circuit.
+        Seed of each circuit.
     errors : (S,) array
-        Predicted error of the controls, over the largest one; nan where a circuit does not settle.
+        Predicted error of the controls, relative to the largest control; nan if a circuit does not
+        settle.
     noise : float
-        Rms of the worst control over the largest one, of the nominal circuit; it counts with every
-        error, as rms, where it is not nan for not known.
+        Rms noise of the worst control relative to the largest control, for the nominal circuit. It
+        is added to every error as rms, unless it is nan (unknown).
     settling_times : (S,) array
-        In seconds; nan where the spec has none, where a circuit does not settle, and where it is
-        not known.
+        Settling times in seconds; nan if the spec does not limit them, if a circuit does not
+        settle, or if unknown.
     unknown : tuple of str
-        Why the settling time of a circuit that settles is not known, a clause a circuit; empty
-        where it is, or is not asked for. A spec with a settling time counts such a circuit as lost.
+        Reason, per circuit, for which the settling time of a settling circuit is unknown; otherwise
+        empty. A spec with a settling time counts such a circuit as failed.
     found : Yield
-        The share within the spec, with its interval.
+        Fraction that meets the spec, with its interval.
     spots : tuple of Spot
         Circuits that ran in ngspice, best first.
     """
@@ -107,7 +107,7 @@ class CircuitYield:
 
     @property
     def closest(self) -> int | None:
-        """Which circuit keeps the spec best, or comes closest; None where none settles."""
+        """Index of the circuit best within the spec or closest to it; None if unsettled."""
         stable = np.flatnonzero(np.isfinite(self.errors))
         counted = noisy(self.errors, self.noise)
         excess = [self.spec.excess(counted[n], self.settling_times[n]) for n in stable]
@@ -125,34 +125,25 @@ def yield_of(
     samples: Count = 100,
     spots: Index = 0,
 ) -> CircuitYield:
-    """The share of drawn circuits that keep a spec.
+    """Compute the fraction of drawn circuits that meet a specification.
+
+    Raises `NetworkError` if the circuit has no emulation. It is also raised if the spec limits the
+    settling time of a circuit whose transient is not run: a clocked circuit or more than 6000
+    neurons. Raises `NgspiceMissing` if spots are requested and ngspice is not found.
 
     Parameters
     ----------
     backend : SpiceBackend
-        Its level's tolerances are drawn from, where the level stands; all circuits have resistors
-        of its series.
-    circuit : Circuit
+        Tolerances of its level, at the operating conditions of the level, are drawn. All circuits
+        have resistors of its series.
     probe : Trajectory
-        The ideal network's run that the circuit was scaled by.
+        Run of the ideal network by which the circuit was scaled.
     spec : Spec
-        One without a settling time takes no transients: 0.1 s a circuit of the paper's car.
+        A spec without a settling time needs no transients: 0.1 s per circuit of the paper's car.
     samples : int
-        Circuits, with seeds 0, 1, ...
+        Number of circuits, with seeds 0, 1, ...
     spots : int
-        How many of them ngspice runs.
-
-    Returns
-    -------
-    CircuitYield
-
-    Raises
-    ------
-    NetworkError
-        If the circuit has no emulation, or a settling time is asked of one whose transient is not
-        run: a clocked one, or one of more than 6000 neurons.
-    NgspiceMissing
-        If there are to be spots and no ngspice is there.
+        Number of circuits that also run in ngspice.
 
     Examples
     --------
@@ -194,7 +185,7 @@ def yield_of(
 
 
 def _figures(specimen: Specimen, timed: bool) -> tuple[float, float, str]:
-    """Error of the settled controls, settling time where it is asked for, and why it is unknown."""
+    """Return control error, settling time and the reason if the time is unknown."""
     if not timed:
         return settled_error(specimen), np.nan, ""
     found = prediction_of(specimen)
@@ -239,7 +230,7 @@ def _spots(
 
 
 def _spread(errors: np.ndarray, count: int) -> Sequence[int]:
-    """Circuits that settle, evenly from the best to the worst."""
+    """Return the indices of settling circuits, evenly from best to worst."""
     ranked = np.argsort(errors)[: int(np.isfinite(errors).sum())]  # nan is sorted to the end
     places = np.linspace(0, len(ranked) - 1, min(count, len(ranked))).round().astype(int)
     return [int(ranked[place]) for place in places]

@@ -1,4 +1,4 @@
-"""One network as parts, wires, volts and ohms, every number of which has a name."""
+"""Circuit of one network: parts, wires, volts and ohms; every number has a name."""
 
 import lazy_loader
 

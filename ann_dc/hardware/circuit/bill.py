@@ -1,4 +1,4 @@
-"""The bill of components: every part of every cell, with its value and what to buy for it."""
+"""Bill of materials: every component of every cell with its value and order value."""
 
 from __future__ import annotations
 
@@ -32,29 +32,12 @@ COLUMNS = ("cell", "component", "count", "value", "unit", "to buy", "deviation",
 
 @checked
 def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
-    """CSV text, one line a component of a cell.
+    """Return the bill of materials as CSV, one line per component of a cell.
 
-    Resistors are bought from the series, two in series where it has pairs; capacitors from E24, or
-    the series if that is coarser.
-    Op amps, multipliers and function generators are listed without a value.
-
-    Parameters
-    ----------
-    circuit : Circuit
-    level : Level
-        What it is built of: op amps with resistors.
-    series : Series
-        What can be bought.
-
-    Returns
-    -------
-    str
-        With a head line.
-
-    Raises
-    ------
-    NetworkError
-        If the level is not one of op amps with resistors.
+    The first line is a header. Resistors are ordered from the series, as two in series if the
+    series has pairs. Capacitors are ordered from E24, or from the series if it is coarser. Op amps,
+    multipliers and function generators are listed without a value. Raises `NetworkError` if the
+    level is not one of op amps with resistors.
 
     Examples
     --------
@@ -87,16 +70,9 @@ def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
 
 
 def check_level(level: Level) -> None:
-    """Refuse a level of which there is no bill.
+    """Raise `NetworkError` if a level has no bill of materials.
 
-    Parameters
-    ----------
-    level : Level
-
-    Raises
-    ------
-    NetworkError
-        If it is not built of op amps with resistors.
+    Only levels of op amps with resistors have one.
     """
     if not isinstance(level.technology, (OpAmps, DifferentialPairs)):
         raise NetworkError(
@@ -110,7 +86,7 @@ ACTIVE = {
     Quantity.INVERTER_OFFSET: ("x_n", "op amp"),
     Quantity.GAIN: ("x", "multiplier or function generator"),
 }
-"""Quantities that stand for an active part, with the letters of its name and what to buy.
+"""Quantities that identify an active part, with its name prefix and order description.
 
 Every op amp has one offset, every multiplier and function generator one gain.
 """
@@ -131,7 +107,7 @@ def _lines(circuit: Circuit, parameter: Parameter, series: Series) -> Iterator[t
 
 
 def _of_grid(circuit: Circuit, part: GridNode, series: Series) -> Iterator[tuple]:
-    """Resistors and capacitors of a pair of nodes, each there twice; one across it where needed."""
+    """Yield the components of a grid pair: two each, or one negative resistance."""
     alias, ohms = circuit.alias[part.name], circuit.resistors[part.name]
     missing = to_ground(circuit.conductances[part.name], ohms)
     farads = circuit.conductances[part.name] * circuit.lag * circuit.scaling.time
@@ -152,7 +128,7 @@ def _of_grid(circuit: Circuit, part: GridNode, series: Series) -> Iterator[tuple
 
 
 def _of_rails(circuit: Circuit, part: Integrator, level: Level, series: Series) -> Iterator[tuple]:
-    """Both clamps of an integrator: op amp, two diodes, three resistors, capacitor, a reference."""
+    """Yield clamps: op amp, three diodes, three resistors, capacitor, reference."""
     alias = circuit.alias[part.name]
     taken = snapped(circuit, series).get(Quantity.CAPACITOR.named(alias), 0.0)
     whole = circuit.capacitors[part.name] * (1 + taken)  # of which the deck gives clamps a share
@@ -174,7 +150,7 @@ def _of_rails(circuit: Circuit, part: Integrator, level: Level, series: Series) 
 
 
 def _of_diodes(circuit: Circuit, part: PICell, series: Series) -> Iterator[tuple]:
-    """What makes a diode neuron of a PI cell: two diodes, and the resistor to ground."""
+    """Yield the rectifier of a PI cell: two diodes and the resistor to ground."""
     alias, owner = circuit.alias[part.name], f"rectifier of {part.name}"
     for cell in np.flatnonzero(part.present).tolist():
         yield cell, f"d_{alias}", 2, "", "", "diode", "", owner
@@ -183,7 +159,7 @@ def _of_diodes(circuit: Circuit, part: PICell, series: Series) -> Iterator[tuple
 
 
 def _bought(kind: Kind, value: float, series: Series) -> tuple[str, str, str, str]:
-    """Value, unit, what to buy and how far that is off."""
+    """Return value, unit, order value and relative error of the order value."""
     resistor = kind is Kind.RESISTOR
     parts = (series if resistor else series.capacitors).parts(value)
     return (
@@ -195,7 +171,7 @@ def _bought(kind: Kind, value: float, series: Series) -> tuple[str, str, str, st
 
 
 def _nominal(circuit: Circuit, parameter: Parameter) -> tuple[np.ndarray, int]:
-    """Values (N,) of a resistor or capacitor, and how often it is there in a cell."""
+    """Return the values (N,) of a resistor or capacitor, and its number in a cell."""
     stages, part = len(parameter.present), parameter.part
     halves = 2 if circuit.schematic.differential else 1
     match parameter.quantity:

@@ -1,8 +1,9 @@
 r"""Resistors and capacitors of a scaled schematic.
 
-With S the units of the nodes, T seconds per unit of network time, and a source at polarity sigma,
-the current that a wire of weight w sends into the virtual ground of a part at polarity p has the
-sign of p sigma w. A part inverts, so the source is taken with the sign that makes this negative:
+Let S be the units of the nodes, T the seconds per unit of network time, and sigma the polarity of a
+source. The current of a wire of weight w into the virtual ground of a part at polarity p has the
+sign of p sigma w. A part inverts, so the source is taken with the sign that makes this product
+negative:
 
 .. math::
     \frac{1}{R_j C} = \frac{rate\,|w_j|\,S_j}{S\,T}
@@ -12,16 +13,11 @@ sign of p sigma w. A part inverts, so the source is taken with the sign that mak
     \frac{R_f}{R_j} = \frac{|w_j|\,S_j}{S}
     \;\text{(adder)} .
 
-The largest current of a part goes through `SMALLEST_RESISTOR`; that fixes the capacitor of an
-integrator and the feedback resistor of the others, the same in every cell. The feedback resistor of
-a diode neuron is not smaller than that, because the one that holds its output at zero while it is
-off, `HOLD` of that, has to be much smaller.
-
-Every number of a circuit that can be off, and what it is called.
-
-A parameter is a quantity of a part: the third input resistor of ``m.phi``, the offset of ``q.x``.
-Its name, ``r_m_phi_2`` or ``vos_q_x``, is spelled here and nowhere else; netlist, emulation, bill,
-noise and error budget ask for the quantity of a part.
+The largest current of a part flows through `SMALLEST_RESISTOR`. This determines the capacitor of an
+integrator and the feedback resistor of the other parts, equal in all cells. The feedback resistor
+of a rectifying multiplier neuron is at least `SMALLEST_RESISTOR`. The resistor that pulls the
+neuron's output to zero while inactive is `HOLD` of that value and has to be much smaller than the
+feedback resistor.
 """
 
 from __future__ import annotations
@@ -56,11 +52,11 @@ from ann_dc.validation.values import such_as
 
 
 class Quantity(enum.Enum):
-    """What a number is at its part: the letters of its name, and its kind.
+    """Quantity of a part: name prefix and tolerance kind of a parameter.
 
-    Resistors of an amplifier are those of its wires, its feedback and its inverter; offsets those
-    of its op amp, of its inverter, and of the clamps of its rails. A multiplier has offsets at its
-    inputs x and y and at its output z, a function generator at its output y.
+    Resistors of an amplifier are those of its wires, its feedback and its inverter. Offsets are
+    those of its op amp, of its inverter, and of the clamps of its limits. A multiplier has offsets
+    at its inputs x and y and at its output z, a function generator at its output y.
     """
 
     INPUT = "r", Kind.RESISTOR
@@ -78,27 +74,19 @@ class Quantity(enum.Enum):
 
     @property
     def letters(self) -> str:
-        """How names of such parameters begin."""
+        """Prefix of parameter names."""
         return self.value[0]
 
     @property
     def kind(self) -> Kind:
-        """Which tolerance it has."""
+        """Kind of tolerance."""
         return self.value[1]
 
     def named(self, alias: str, wire: int | None = None) -> str:
-        """Name of this quantity of the part of that alias; an input is told by its wire.
+        """Return the parameter name of this quantity for a part.
 
-        Parameters
-        ----------
-        alias : str
-            What a netlist calls the part.
-        wire : int, optional
-            Which of the part's wires an input resistor ends.
-
-        Returns
-        -------
-        str
+        ``alias`` is the netlist name of the part; ``wire`` is the index of the wire of an input
+        resistor.
 
         Examples
         --------
@@ -111,24 +99,20 @@ class Quantity(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Parameter:
-    """A number of a cell.
+    """Parameter of a cell.
 
     Attributes
     ----------
-    part : str
-        The part it belongs to.
     alias : str
-        What a netlist calls that part.
-    quantity : Quantity
-        What it is at the part.
+        Netlist name of the part.
     wire : int or None
-        Which of the part's wires an input resistor ends; None for other quantities.
+        Index of the wire of an input resistor; None for other quantities.
     present : (N,) array of bool
-        In which cells there is one.
+        True for the cells that have the parameter.
     owner : str
-        What has it, in words: what a bill lists for an offset or a gain.
+        Description of the component, listed in the bill of materials for an offset or a gain.
     meaning : str
-        What it is, in words.
+        Description of the parameter.
     """
 
     part: str
@@ -141,18 +125,18 @@ class Parameter:
 
     @property
     def name(self) -> str:
-        """In the netlist and in deviations, for instance ``r_m_phi_2`` or ``vos_q_x``."""
+        """Name in netlist and deviations, for example ``r_m_phi_2`` or ``vos_q_x``."""
         return self.quantity.named(self.alias, self.wire)
 
     @property
     def kind(self) -> Kind:
-        """Which tolerance it has."""
+        """Kind of tolerance."""
         return self.quantity.kind
 
 
 @dataclass(frozen=True)
 class _Entry:
-    """A quantity of a part before it is known in which cells the part is."""
+    """Quantity of a part before the cells of the part are known."""
 
     quantity: Quantity
     meaning: str
@@ -167,23 +151,18 @@ def parameters_of(
     resistors: Mapping[str, np.ndarray],
     rails: Mapping[str, tuple[float, float]],
 ) -> tuple[Parameter, ...]:
-    """All parameters of a schematic, in the order of its parts.
+    """Return all parameters of a schematic, in the order of its parts.
 
-    The resistors of a grid are not among them: each belongs to two nodes.
+    Resistors of a resistive grid are excluded, because each belongs to two nodes.
 
     Parameters
     ----------
-    schematic : Schematic
     alias : mapping of part name to str
-        What a netlist calls each part.
+        Netlist name of each part.
     resistors : mapping of part name to (wires, N) array
-        Infinite where a wire has none.
+        Ohms, infinite for absent resistors.
     rails : mapping of part name to (float, float)
-        Volts, low and high, of integrators that have any; infinite where none is.
-
-    Returns
-    -------
-    tuple of Parameter
+        Low and high limit of limited integrators in volts, infinite if absent.
     """
     found: list[Parameter] = []
     for part in schematic.parts:
@@ -261,31 +240,20 @@ def _of_clamps(part: Part, rails: Iterable[float]) -> Iterator[_Entry]:
 
 
 CLAMP_OFFSETS = Quantity.LOW_OFFSET, Quantity.HIGH_OFFSET
-"""Of the clamps of an integrator's rails, in volts; the lower one first."""
+"""Offsets of the clamps of an integrator's limits in volts, the lower clamp first."""
 
 RESERVED = ("src", "gnd", "null", "rst", "p1", "p2", "s", "sp", "sn")
-"""Names that a netlist needs for itself."""
+"""Names that are reserved by the netlist."""
 
 LONGEST = 200
-"""Letters of a name at most."""
+"""Maximum length of a name in characters."""
 
 
 def aliases(names: Iterable[str]) -> dict[str, str]:
-    """Names that a netlist can carry: lower case, unique, without a double underscore.
+    """Return valid netlist names: lower case, unique, without a double underscore.
 
-    Parameters
-    ----------
-    names : iterable of str
-        Of parts, neurons and inputs.
-
-    Returns
-    -------
-    dict of str to str
-
-    Raises
-    ------
-    NetworkError
-        If a name has unprintable letters or is too long.
+    The names are those of parts, neurons and inputs. Raises `NetworkError` if a name has
+    unprintable characters or is too long.
 
     Examples
     --------
@@ -308,58 +276,64 @@ def aliases(names: Iterable[str]) -> dict[str, str]:
 
 
 HOLD = 0.1
-"""Resistor from the output of a diode neuron to ground, over the smallest one of the others."""
+"""Resistor from a rectifying neuron's output to ground, relative to the smallest other one."""
 
 CROSSING = 1.1
-"""Volts that the op amp of a diode neuron moves between its diodes: neither conducts meanwhile."""
+"""Voltage that a rectifying neuron's op amp crosses between its diodes, which both block."""
 
 SEEPING = 1e-4
-"""What a diode passes before it conducts, over what it passes then: its knee has no corner."""
+"""Current of a diode before conduction relative to that during conduction (diode knee)."""
 
 THERMAL = 0.02585
-"""kT / q in volts at 27 degrees, where diodes are those of netlists."""
+"""kT / q in volts at 27 degrees, the temperature of the diodes in netlists."""
 
 JUNCTION = 0.07e-12
-"""Farads of a diode of 0.1 pF at rest, 1 V in reverse: from an op amp's output to its ground."""
+"""Capacitance in farads from an op amp's output to its ground: a 0.1 pF diode at 1 V reverse."""
 
 CLAMP_SHARE = 0.2
-"""What lies in each clamp of an integrator with rails, as a share of its capacitor."""
+"""Capacitance in each clamp of a limited integrator as a fraction of its capacitor."""
 
 CLAMP_LAG, CLAMP_REFERENCE = 50.0, 20e9
-"""Of a clamp of op amps: the resistor of its diode times the integrator's capacitor and 2 pi GBW,
-and the one before its reference times GBW; as ``circuits/models/macro/clamp.lib`` has them."""
+"""Resistors of an op-amp clamp, in normalised form.
+
+The first value is the diode resistor times the integrator's capacitor and 2 pi GBW. The second is
+the resistor in series with the reference times GBW. The values equal those of
+``circuits/models/macro/clamp.lib``.
+"""
 
 CLAMP_DROP, CLAMP_SATURATION, CLAMP_RESTING = 0.6, 1e-14, 2
-"""Volts across the diode of one that conducts, the saturation current of its diodes, and how many
-of them it rests beside the output while it is off."""
+"""Diode data of a clamp: forward voltage, saturation current, number of diodes at rest.
+
+Forward voltage in volts applies to the conducting diode. An inactive clamp rests that number of
+diode drops from the output.
+"""
 
 
 @such_as("ann_dc.SpiceBackend().prepare(network)[0]")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Circuit:
-    """A schematic with its volts, seconds, ohms and farads; what is not there is infinite ohms.
+    """Schematic with component values in volts, seconds, ohms and farads.
+
+    An absent component has infinite ohms.
 
     Attributes
     ----------
-    schematic : Schematic
-        Its parts and wires.
     scaling : Scaling
-        What a volt and a second stand for.
+        Volts per value and seconds per network time.
     resistors : mapping of part name to (wires, N) array
-        Ohms, in the order of the part's wires.
+        Ohms in the order of the part's wires.
     feedback : mapping of part name to float
-        R_f of PI cells and adders, in ohms.
+        R_f of PI cells and adders in ohms.
     capacitors : mapping of part name to (N,) array
         Farads.
     presets : mapping of part name to (N,) array
-        Volts across the integrating capacitor at the start, with the sign of the output.
+        Initial volts across the integrating capacitor, with the sign of the output.
     inverter : float
-        Both resistors of every inverter, in ohms.
+        Both resistors of every inverter in ohms.
     conductances : mapping of part name to (N,) array
-        Of the nodes of a grid, in siemens: all that comes together in one; zero where there is
-        none.
+        Total conductance at the nodes of a resistive grid in siemens; zero for an absent node.
     lag : float
-        Capacitance of a grid's node over its conductance, in units of network time.
+        Ratio of capacitance to conductance of a grid node, in units of network time.
     """
 
     schematic: Schematic
@@ -374,46 +348,29 @@ class Circuit:
 
     @cached_property
     def alias(self) -> dict[str, str]:
-        """Names that a netlist can carry, of every part, neuron and input; see `aliases`.
+        """Netlist names of parts, neurons and inputs; see `aliases`.
 
-        Raises
-        ------
-        NetworkError
-            If a name has unprintable letters or is too long.
+        Raises `NetworkError` if a name has unprintable characters or is too long.
         """
         return aliases([*self.schematic.polarity, *self.schematic.network.cell.inputs, ONE])
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """All numbers that can be off, in the order of the parts."""
+        """Parameters that can deviate, in the order of the parts."""
         parts = (p for p in self.schematic.parts if isinstance(p, Integrator) and p.railed)
         rails = {part.name: self.rails(part) for part in parts}
         return parameters_of(self.schematic, self.alias, self.resistors, rails)
 
     def parameter_name(self, part: str, quantity: Quantity, wire: int | None = None) -> str:
-        """Name of a quantity of a part, whether or not a cell has one.
+        """Return the parameter name of a quantity of a part.
 
-        Parameters
-        ----------
-        part : str
-            Name of the part.
-        quantity : Quantity
-        wire : int, optional
-            Which of its wires an input resistor ends.
-
-        Returns
-        -------
-        str
+        The quantity may be absent in all cells. ``wire`` is the index of the wire of an input
+        resistor.
         """
         return quantity.named(self.alias[part], wire)
 
     def slower(self, times: float) -> Circuit:
-        """The same resistors with capacitors, a time and a margin that many times as large.
-
-        Parameters
-        ----------
-        times : float
-        """
+        """Return the circuit with capacitors, time and margin multiplied by ``times``."""
         return replace(
             self,
             scaling=self.scaling.slower(times),
@@ -421,62 +378,42 @@ class Circuit:
         )
 
     def value_of(self, name: str) -> float:
-        """The value that a volt at the output of the part ``name`` stands for, in network units."""
+        """Return the value of one volt at the output of part ``name``, in network units."""
         return self.schematic.polarity[name] * self.scaling.unit[name] / self.scaling.full_scale
 
     def scale_of(self, name: str) -> Scale:
-        """The user's value of a node, of a voltage at its part.
-
-        Parameters
-        ----------
-        name : str
-        """
+        """Return the scale from the voltage of a part to the user's value of its node."""
         network = self.schematic.network
         own = network.neuron(name).scale if name in network.neuron_index else IDENTITY
         return Scale(own.factor * self.value_of(name), own.offset)
 
     @property
     def control_scales(self) -> dict[str, Scale]:
-        """The user's value of every control, of a voltage at its output; by neuron."""
+        """Scales from output voltages to the user's values of all controls, by neuron."""
         neurons = self.schematic.network.cell.neurons
         names = [neuron.name for neuron in neurons if neuron.population == "u"]
         return {name: self.scale_of(name) for name in names if name in self.schematic.polarity}
 
     def limiter(self, part: Integrator) -> Limiter:
-        """The rails of an integrator that are built: those within full scale, in network units.
-
-        Parameters
-        ----------
-        part : Integrator
-        """
+        """Return the limits of an integrator within full scale, in network units."""
         low, high, unit = part.limiter.low, part.limiter.high, self.scaling.unit[part.name]
         return Limiter(
             low=low if abs(low) <= unit else -np.inf, high=high if abs(high) <= unit else np.inf
         )
 
     def rails(self, part: Integrator) -> tuple[float, float]:
-        """Volts (low, high) between which an integrator's output stays; infinite where no rail is.
-
-        Parameters
-        ----------
-        part : Integrator
-        """
+        """Return the output limits of an integrator in volts, infinite if absent."""
         built, sign = self.limiter(part), self.schematic.polarity[part.name]
         ends = (built.low, built.high)
         low, high = sorted(sign * self.scaling.volts(part.name, end) for end in ends)
         return low, high
 
     def crossing(self, part: PICell) -> float:
-        """`CROSSING` in network units of a diode neuron's output.
-
-        Parameters
-        ----------
-        part : PICell
-        """
+        """Return `CROSSING` in network units of a rectifying neuron's output."""
         return abs(self.value_of(part.name)) * CROSSING
 
     def own_capacitors(self, name: str) -> np.ndarray:
-        """Farads (N,) of the capacitor of the part ``name``, less what lies in clamps beside it."""
+        """Return the capacitor (N,) of a part in farads, without the clamp capacitance."""
         part, farads = self.schematic.by_name[name], self.capacitors[name]
         if not (isinstance(part, Integrator) and part.railed):
             return farads
@@ -484,7 +421,7 @@ class Circuit:
 
     @property
     def ranges(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Smallest and largest resistor in ohms, smallest and largest capacitor in farads."""
+        """Ranges (smallest, largest) of resistors in ohms and of capacitors in farads."""
         ohms = np.concatenate(
             [*(r[np.isfinite(r)] for r in self.resistors.values()), [*self.feedback.values()]]
         )
@@ -504,25 +441,11 @@ def circuit_of(
     smallest: float = SMALLEST_RESISTOR,
     lag: float = 0.0,
 ) -> Circuit:
-    """Choose the values: ohms and farads of every part.
+    """Return the circuit of a schematic, with ohms and farads of every part.
 
-    Parameters
-    ----------
-    schematic : Schematic
-    scaling : Scaling
-    smallest : float
-        Smallest resistor at a virtual ground or in a grid, in ohms.
-    lag : float
-        Capacitance of a grid's node over its conductance, in units of network time.
-
-    Returns
-    -------
-    Circuit
-
-    Raises
-    ------
-    NetworkError
-        If a grid is to have no lag.
+    The smallest resistor at a virtual ground or in a resistive grid is ``smallest`` ohms. ``lag``
+    is the ratio of capacitance to conductance of a grid node, in units of network time. Raises
+    `NetworkError` if a grid has no positive lag.
 
     Examples
     --------
@@ -562,7 +485,7 @@ def circuit_of(
 
 @dataclass(frozen=True)
 class _Values:
-    """Ohms and farads of one amplifier: (wires, N), one number, (N,)."""
+    """Values of one amplifier: ohms (wires, N), feedback ohms, farads (N,)."""
 
     resistors: np.ndarray
     feedback: float | None

@@ -1,4 +1,4 @@
-"""What a netlist takes to build: op amps, multipliers, resistors, and the power that they draw."""
+"""Cost of a netlist: numbers of op amps, multipliers and resistors, and power."""
 
 from __future__ import annotations
 
@@ -45,23 +45,14 @@ PARTS: Mapping[str, Mapping[str, int]] = {
     "follower": {OP_AMP: 1},
     "negative": {NEGATIVE: 1},
 }
-"""Parts of every cell of ``circuits/cells``; reset switches are not counted."""
+"""Parts of every cell of ``circuits/cells``, without reset switches."""
 
 
 def parts_of(cards: Mapping[str, int], inner: int = 0) -> dict[str, int]:
-    """Parts of a netlist, from how often every cell stands in it.
+    """Return the number of parts of a netlist; absent parts are omitted.
 
-    Parameters
-    ----------
-    cards : mapping of str to int
-        How often every cell of ``circuits/cells`` stands in the netlist.
-    inner : int
-        Multipliers that are inside function generators.
-
-    Returns
-    -------
-    dict of str to int
-        What is not there is left out.
+    ``cards`` maps the cells of ``circuits/cells`` to their number in the netlist. ``inner`` is the
+    number of multipliers inside function generators.
 
     Examples
     --------
@@ -78,17 +69,17 @@ def parts_of(cards: Mapping[str, int], inner: int = 0) -> dict[str, int]:
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """What a circuit takes.
+    """Cost of a circuit.
 
     Attributes
     ----------
     parts : mapping of str to int
-        How many of each kind, see `parts_of`.
+        Number of parts by kind, see `parts_of`.
     power : float
-        Watts at rest, of op amps with what they drive and of multipliers; nan where a level says
-        nothing of their power.
+        Power at rest in watts, of op amps with their loads and of multipliers; nan if the level has
+        no power data.
     settling : float
-        Seconds a solve.
+        Settling time in seconds per solve.
     """
 
     parts: Mapping[str, int]
@@ -97,7 +88,7 @@ class Cost:
 
     @property
     def energy(self) -> float:
-        """Joules a solve."""
+        """Energy per solve in joules."""
         return self.power * self.settling
 
 
@@ -105,25 +96,11 @@ class Cost:
 def cost_of(
     parts: Mapping[str, int], datasheet: Datasheet, settling: FloatOrNan, loads: float = 0.0
 ) -> Cost:
-    """Power and energy of a circuit at rest.
+    """Return the power and energy of a circuit at rest.
 
-    A function generator counts as the multipliers that it is made of, or as
-    `GENERATOR_MULTIPLIERS` where a level does not say.
-
-    Parameters
-    ----------
-    parts : mapping of str to int
-        From `parts_of`.
-    datasheet : Datasheet
-        Says what an op amp and a multiplier draw.
-    settling : float
-        Seconds a solve.
-    loads : float
-        Watts of what its op amps drive, see `load_power`.
-
-    Returns
-    -------
-    Cost
+    A function generator counts as its multipliers, or as `GENERATOR_MULTIPLIERS` if the level does
+    not specify them. ``settling`` is in seconds per solve. ``loads`` is the power of the op-amp
+    loads in watts, see `load_power`.
 
     Examples
     --------
@@ -140,4 +117,4 @@ def cost_of(
 
 
 GENERATOR_MULTIPLIERS = 5
-"""Multipliers that a function generator is made of: sin and cos take 4, tan 6."""
+"""Assumed number of multipliers of a function generator: sin and cos use 4, tan 6."""

@@ -1,8 +1,8 @@
-"""How far the numbers of a circuit are off: drawn, given by a user, of a series, combined.
+"""Deviations of circuit parameters: drawn, prescribed, rounded or combined.
 
-A *deviation* maps names of parameters to arrays (N,), one number a cell: relative for resistors,
-capacitors and gains, in volts for offsets. Netlist, emulation, sensitivity and Monte Carlo all
-speak of the same names, those of the parameters in the netlist.
+A *deviation* maps parameter names to arrays (N,), one number per cell. Values are relative for
+resistors, capacitors and gains, and in volts for offsets. Netlist, emulation, sensitivity and Monte
+Carlo analyses use the parameter names of the netlist.
 """
 
 from __future__ import annotations
@@ -20,30 +20,18 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import FloatOrNan
 
 Deviations: TypeAlias = Mapping[str, FloatOrNan | np.ndarray]
-"""How far parameters are off, by name."""
+"""Deviations of parameters by name."""
 
 
 @checked
 def draw(known: Iterable[Parameter], tolerances: Tolerances, seed: int) -> dict[str, np.ndarray]:
-    """Errors of the sizes of tolerances; the same seed gives the same errors.
+    """Draw errors within tolerances; equal seeds give equal errors.
 
-    Those of resistors and capacitors are uniform within their bounds, all others normal. Every
-    kind of parameter has a random stream of its own, and temperature coefficients have others: the
-    errors of one kind stay as they are when the size of another changes, and parts are the same
-    ones at every temperature.
-
-    Parameters
-    ----------
-    known : iterable of Parameter
-        Those of a circuit.
-    tolerances : Tolerances
-        Size and drift of each kind.
-    seed : int
-
-    Returns
-    -------
-    dict of parameter name to (N,) array
-        Relative, or in volts; kinds whose size is zero are left out.
+    Errors of resistors and capacitors are uniform within their bounds; all others are normal. Every
+    kind of parameter has a separate random stream, and temperature coefficients have further
+    streams. The errors of one kind therefore do not depend on the tolerance of another kind, and
+    parts are identical at every temperature. The result maps names to (N,) arrays, relative or in
+    volts, without kinds of zero size.
 
     Examples
     --------
@@ -69,22 +57,14 @@ def draw(known: Iterable[Parameter], tolerances: Tolerances, seed: int) -> dict[
 
 
 def _errors(stream: np.random.Generator, kind: Kind, count: int) -> np.ndarray:
-    """Errors of size one."""
+    """Return errors of unit size."""
     return stream.uniform(-1.0, 1.0, count) if kind.bounded else stream.standard_normal(count)
 
 
 def combined(known: Iterable[Parameter], *errors: Deviations) -> dict[str, np.ndarray]:
-    """Several deviations at once: relative ones multiply, volts add up.
+    """Combine several deviations: relative ones multiply, volts add.
 
-    Parameters
-    ----------
-    known : iterable of Parameter
-        Those of a circuit: they say which deviations are in volts.
-    *errors : mapping of parameter name to (N,) array
-
-    Returns
-    -------
-    dict of parameter name to (N,) array
+    The parameters ``known`` of the circuit determine which deviations are in volts.
     """
     total: dict[str, np.ndarray] = {}
     volts = {parameter.name for parameter in known if parameter.kind.unit == "V"}
@@ -97,25 +77,10 @@ def combined(known: Iterable[Parameter], *errors: Deviations) -> dict[str, np.nd
 
 
 def checked_deviations(known: Iterable[Parameter], given: Deviations) -> dict[str, np.ndarray]:
-    """Deviations as (N,) arrays.
+    """Return deviations, relative or in volts, as (N,) arrays.
 
-    Parameters
-    ----------
-    known : iterable of Parameter
-        Those of a circuit.
-    given : mapping of parameter name to float or (N,) array
-        Relative, or in volts.
-
-    Returns
-    -------
-    dict of parameter name to (N,) array
-
-    Raises
-    ------
-    UnknownNameError
-        If no parameter has that name.
-    NetworkError
-        If a number is not finite, or makes a resistor, capacitor or gain vanish.
+    Raises `UnknownNameError` if a parameter name is unknown. Raises `NetworkError` if a number is
+    not finite or reduces a resistor, capacitor or gain to zero.
     """
     by_name = {parameter.name: parameter for parameter in known}
     result = {}
@@ -141,17 +106,10 @@ def checked_deviations(known: Iterable[Parameter], given: Deviations) -> dict[st
 
 @checked
 def snapped(circuit: Circuit, series: Series) -> dict[str, np.ndarray]:
-    """Deviations of all resistors when they are taken from a series, and of all capacitors with it.
+    """Return relative deviations of resistors and capacitors rounded to a series.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    series : Series
-
-    Returns
-    -------
-    dict of parameter name to (N,) array
-        Relative; empty for a series that has every value.
+    Capacitors follow the capacitor series that belongs to ``series``. The result is empty for a
+    series with every value.
 
     Examples
     --------

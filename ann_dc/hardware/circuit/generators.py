@@ -1,4 +1,4 @@
-"""Function generators of a circuit: over which range they are built, and in which units."""
+"""Ranges and units of the function generators of a circuit."""
 
 from __future__ import annotations
 
@@ -9,14 +9,7 @@ from ann_dc.network.functions import function_block
 
 
 def slopes_of(schematic: Schematic, scaling: Scaling, part: Generator) -> tuple[float, float]:
-    """Values that a volt at a generator's input and at its output stand for, with their signs.
-
-    Parameters
-    ----------
-    schematic : Schematic
-    scaling : Scaling
-    part : Generator
-    """
+    """Return the signed values of one volt at the input and output of a generator."""
     return (
         schematic.sign(part.x) * scaling.unit[part.x] / scaling.full_scale,
         schematic.sign(part.name) * scaling.unit[part.name] / scaling.full_scale,
@@ -24,14 +17,10 @@ def slopes_of(schematic: Schematic, scaling: Scaling, part: Generator) -> tuple[
 
 
 def built_range(part: Generator, scaling: Scaling) -> tuple[float, float]:
-    """Where a function generator is built: the range that was seen and a quarter, in the domain.
+    """Return the range of a function generator: probed range plus a quarter per side.
 
-    Towards an end of the domain it goes half of the way that is left at most.
-
-    Parameters
-    ----------
-    part : Generator
-    scaling : Scaling
+    The range stays in the domain and covers at most half of the remaining distance to an end of the
+    domain.
     """
     peak = scaling.peaks[part.x]
     spare = 0.25 * max(peak.high - peak.low, 0.1 * peak.value, 1e-9)

@@ -1,8 +1,8 @@
-"""What the op amps of a circuit have to drive: resistors from their outputs to virtual grounds.
+"""Loads of the op amps of a circuit: resistors from outputs to virtual grounds.
 
-Those of clamps drive what lies before the references of their rails.
+Op amps of clamps drive the resistors in series with the references of their limits.
 
-What loads do at outputs: to the gain and the pole of op amps, to what multipliers give.
+Effect of loads on outputs: op-amp gain and pole, multiplier output.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from ann_dc.validation.values import State
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """The heaviest load of a circuit.
+    """Heaviest load of a circuit.
 
     Attributes
     ----------
     part : str
-        Whose op amp it is.
+        Part of the loaded op amp.
     inverter : bool
-        Whether it is that of the inverter behind the part.
+        True if the op amp is that of the inverter behind the part.
     stage : int
-        Its cell, from 0.
+        Cell of the part, from 0.
     amperes : float
-        At the largest voltage of the probe run, with all virtual grounds at zero and, for those who
-        move, capacitors empty.
+        Current at the largest voltage of the probe run, with all virtual grounds at zero. For
+        moving op amps, capacitors are discharged.
     """
 
     part: str
@@ -62,21 +62,14 @@ class Load:
 
 @checked
 def loads_of(circuit: Circuit) -> dict[tuple[str, bool], np.ndarray]:
-    """Conductance of what op amps, multipliers and function generators drive at rest.
+    """Return the static load conductance of op amps, multipliers and generators.
 
-    Parameters
-    ----------
-    circuit : Circuit
-
-    Returns
-    -------
-    dict of (part name, bool) to (N,) array
-        In siemens, by the part and whether the inverter behind it is meant: resistors into what
-        reads its output, and its own feedback where current flows through that at rest.
+    Keys are (part name, True for the inverter behind the part), values (N,) arrays in siemens. They
+    include the resistors into readers of the output and the feedback that carries current at rest.
 
     Examples
     --------
-    An integrator drives the resistor of its leak, and nothing else:
+    An integrator drives only the resistor of its leak:
 
     >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
     >>> from ann_dc.hardware.schematic import schematic_of
@@ -106,19 +99,11 @@ def loads_of(circuit: Circuit) -> dict[tuple[str, bool], np.ndarray]:
 
 
 def drawn_of(circuit: Circuit, recipe: Curves | None) -> dict[str, np.ndarray]:
-    """How many inputs of multipliers draw a current from the outputs of parts.
+    """Return the number (N,) of multiplier inputs that draw current from each part.
 
-    Diode neurons have none: what their outputs are to give comes from mirrors.
-
-    Parameters
-    ----------
-    circuit : Circuit
-    recipe : Curves or None
-        By which its function generators are made; those of a polynomial have multipliers, too.
-
-    Returns
-    -------
-    dict of part name to (N,) array
+    Rectifying neurons have none, because current mirrors supply the currents at their outputs. With
+    the fitting method ``recipe`` for function generators, the multipliers of polynomial generators
+    are included.
     """
     schematic, scaling = circuit.schematic, circuit.scaling
     found: dict[str, np.ndarray] = {}
@@ -140,20 +125,11 @@ def drawn_of(circuit: Circuit, recipe: Curves | None) -> dict[str, np.ndarray]:
 
 @checked
 def load_power(circuit: Circuit, level: Level, x: State) -> float:
-    """Watts that supplies give for what op amps drive at rest: at least, with rails for supplies.
+    """Return a lower bound in watts on the supply power of static op-amp loads.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    level : Level
-        Of the circuit. Op amps of transistors let their loads have a part of what they draw
-        anyway: of those it is zero, and of parts without rails.
-    x : (n,) array
-        Settled state of the ideal network.
-
-    Returns
-    -------
-    float
+    The output swings are taken as supply voltages, and ``x`` (n,) is the settled state of the ideal
+    network. The power is zero for transistor op amps, which supply their loads from their quiescent
+    current, and for parts without output swing.
 
     Examples
     --------
@@ -190,16 +166,7 @@ def load_power(circuit: Circuit, level: Level, x: State) -> float:
 
 @checked
 def heaviest(circuit: Circuit) -> Load:
-    """The op amp that has to give the largest current.
-
-    Parameters
-    ----------
-    circuit : Circuit
-
-    Returns
-    -------
-    Load
-    """
+    """Return the load of the op amp with the largest output current."""
     peaks, schematic = circuit.scaling.peaks, circuit.schematic
     best = Load(part="", inverter=False, stage=0, amperes=0.0)
     for (name, inverter), siemens in loads_of(circuit).items():
@@ -215,33 +182,26 @@ def heaviest(circuit: Circuit) -> Load:
 
 
 def moving_load(circuit: Circuit, name: str) -> float:
-    """Siemens that the op amp of a part drives besides while it moves: the feedback of a PI cell.
-
-    Parameters
-    ----------
-    circuit : Circuit
-    name : str
-        Of the part.
-    """
+    """Return the feedback load (siemens) of a PI cell, active only while it moves."""
     holds = isinstance(circuit.schematic.by_name[name], PICell)
     return 1 / circuit.feedback[name] if holds else 0.0
 
 
 def _volts_to_rails(circuit: Circuit, part: Integrator, values: np.ndarray) -> float:
-    """From an integrator's outputs to its rails, in all cells together."""
+    """Return the volts from an integrator's output to its limits, summed over cells."""
     volts = circuit.schematic.polarity[part.name] * circuit.scaling.volts(part.name, values)
     rails = [rail for rail in circuit.rails(part) if np.isfinite(rail)]
     return sum(float(np.abs(rail - volts)[part.present].sum()) for rail in rails)
 
 
 def _feedback(circuit: Circuit, part: Part) -> float:
-    """Siemens from an output to its own virtual ground, but for a capacitor, and to ground."""
+    """Return the resistive feedback and ground load of an output in siemens."""
     held = 1 / (HOLD * circuit.inverter) if part.name in circuit.schematic.diode_neurons else 0.0
     return held + (1 / circuit.feedback[part.name] if isinstance(part, Adder) else 0.0)
 
 
 def _read(circuit: Circuit) -> Iterator[tuple[str, bool, int, float]]:
-    """Part, whether its inverter, stage and siemens of every resistor from an op amp."""
+    """Yield part, inverter flag, stage and siemens of every resistor from an op amp."""
     schematic = circuit.schematic
     for part in schematic.parts:
         if isinstance(part, (Multiplier, Generator)):
@@ -258,7 +218,7 @@ def _read(circuit: Circuit) -> Iterator[tuple[str, bool, int, float]]:
 def _ends(
     circuit: Circuit, part: Part, wire: Wire, stage: int, ohms: float
 ) -> Iterator[tuple[str, bool, int, float]]:
-    """The output that a resistor comes from; in a grid there is one from each of the two."""
+    """Yield the output at the source of a resistor; for a grid, both outputs."""
     schematic = circuit.schematic
     source = schematic.carrier(wire.source)
     where = schematic.cell_of(source, stage + wire.offset)
@@ -274,18 +234,14 @@ def _ends(
 
 
 class Outputs:
-    """The outputs of a circuit's parts, with what they drive.
+    """Outputs of the parts of a circuit under load.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    level : Level
-        What its parts are like.
+    If ``inverter`` is true, methods refer to the inverter behind a part.
 
     Attributes
     ----------
     omega : float
-        Gain-bandwidth of its op amps, in radians per unit of network time.
+        Gain-bandwidth product of the op amps, in radians per unit of network time.
     """
 
     def __init__(self, circuit: Circuit, level: Level) -> None:
@@ -298,46 +254,27 @@ class Outputs:
         self._none = np.zeros(circuit.schematic.network.stages)
 
     def gain(self, part: str, inverter: bool = False) -> np.ndarray:
-        """Open-loop gain (N,) of an op amp into what it drives at rest.
-
-        Parameters
-        ----------
-        part : str
-        inverter : bool
-            Whether the inverter behind it is meant.
-        """
+        """Return the open-loop gain (N,) of an op amp into its static load."""
         return self.datasheet.a0 / (1 + self._ohms * self._load(part, inverter))
 
     def lag(self, part: str, inverter: bool = False) -> np.ndarray:
-        """1 / Omega (N,), Omega being smaller by what an op amp drives while it moves.
-
-        Parameters
-        ----------
-        part : str
-        inverter : bool
-            Whether the inverter behind it is meant.
-        """
+        """Return 1 / Omega (N,), with Omega reduced by the dynamic load of an op amp."""
         more = 0.0 if inverter else moving_load(self.circuit, part)
         return (1 + self.datasheet.rout * (self._load(part, inverter) + more)) / self.omega
 
     def offset(self, part: str, inverter: bool = False) -> np.ndarray:
-        """Volts (N,) at an op amp's input: its own, and what multipliers draw from its output.
+        """Return the offset (N,) at an op amp's input in volts.
 
-        Parameters
-        ----------
-        part : str
-        inverter : bool
-            Whether the inverter behind it is meant: multipliers read the part itself.
+        It includes the effect of multiplier input currents at the output; multipliers read the part
+        and not its inverter.
         """
         drawn = self._none if inverter else self._amperes(part)
         return self.datasheet.systematic_offset - self._ohms * drawn / self.datasheet.a0
 
     def passed(self, part: str) -> tuple[np.ndarray, np.ndarray]:
-        """Share (N,) of a multiplier's output that its load leaves, and volts (N,) added to it.
+        """Return the load factor and the added volts of a multiplier's output, each (N,).
 
-        Parameters
-        ----------
-        part : str
+        The factor is the fraction of the output that remains under load.
         """
         ohms = self.law.output_resistance
         return 1 / (1 + ohms * self._load(part, False)), -ohms * self._amperes(part)

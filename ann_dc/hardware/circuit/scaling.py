@@ -1,25 +1,25 @@
-r"""Amplitude and time scaling: which voltage stands for which value, which second for which time.
+r"""Amplitude and time scaling: volts per network value, seconds per network time.
 
-Every node j of a cell gets a unit S_j, the same at all stages: x_j = S_j v_j / V with V the full
-scale in volts. S_j is the largest magnitude that the node reaches on the whole way, times a
-headroom; a multiplier computes v_a v_b / V, so the unit of a product is the product of the units.
-Network time s takes t = T s seconds, with
+Every node j of a cell gets a unit S_j, equal at all stages: x_j = S_j v_j / V with V the full scale
+in volts. S_j is the largest magnitude of the node during the run times a headroom. A multiplier
+computes v_a v_b / V, so the unit of a product is the product of the units. Network time s takes t =
+T s seconds, with
 
 .. math:: T = \frac{k\, \rho(J)}{2\pi\, GBW} ,
 
-so that op amps of gain-bandwidth GBW are k times as fast as the network's fastest mode. Both are
-invertible: results come back in the user's units.
+so that op amps of gain-bandwidth product GBW are k times as fast as the fastest mode of the
+network. Both scalings are invertible, and results are in the user's units.
 
-Resistors of a grid: a network that settles at z with G z = D, node by node.
+Resistors of a resistive grid, which settles at z with G z = D, node by node.
 
-With S the units of the nodes, :math:`v_i = z_i V / S_i` volts, and any :math:`\kappa`, the
-currents into node i add up to zero with a resistor of conductance
+With S the units of the nodes, :math:`v_i = z_i V / S_i` volts and any :math:`\kappa`, the currents
+into node i add up to zero with resistors of conductance
 
 .. math:: g_{ij} = \kappa\, S_i |G_{ij}| S_j \quad\text{between two nodes}, \qquad
     g_i^{in} = \kappa\, S_i S_{D_i} \quad\text{from the integrator},
 
-and what is left of :math:`\kappa S_i^2 G_{ii}` to ground. It is negative where the others are more
-than that: then the resistance there has to be a negative one.
+and the remainder of :math:`\kappa S_i^2 G_{ii}` to ground. The remainder is negative if the other
+conductances exceed this sum, and then requires a negative resistance.
 """
 
 from __future__ import annotations
@@ -41,36 +41,33 @@ from ann_dc.scale import Scale
 from ann_dc.validation.checked import checked
 
 HEADROOM = 1.2
-"""Full scale over the largest value that was seen."""
+"""Ratio of full scale to the largest magnitude of the probe run."""
 
 QUIET = 0.1
-"""Unit of an own integrator, at least, over what moves its neuron by full scale."""
+"""Smallest unit of a separate integrator, over the input that moves its neuron by full scale."""
 
 NOISE_GAIN = 4.0
-"""What comes into a sum of a metric over its own unit, at most."""
+"""Largest input of a preconditioner sum, over the unit of the sum."""
 
 MARGIN = 10.0
-"""k: how much faster than the network's fastest mode its op amps are."""
+"""Bandwidth margin k: ratio of op-amp bandwidth to the fastest mode of the network."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProbeRun:
-    """A run that says where every node goes, and how fast the network is.
+    """Run that determines the ranges of all nodes and the fastest rate of a network.
+
+    Raises `NetworkError` if the run is not finite or the radius not positive.
 
     Attributes
     ----------
     states : (T, n) array
-        State vectors of a whole run, from the start to the settled point.
+        State vectors from the start to the settled point.
     times : (T,) array
-        Their network times.
+        Network times of the states.
     radius : float
         Spectral radius of the flow at the settled point.
-
-    Raises
-    ------
-    NetworkError
-        If the run is not finite, or the radius not positive.
     """
 
     states: np.ndarray
@@ -86,26 +83,23 @@ class ProbeRun:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScalingRules:
-    """What a scaling keeps to.
+    """Rules for a scaling.
+
+    Raises `NetworkError` if a number is out of its range.
 
     Attributes
     ----------
     gbw : float
         Gain-bandwidth product of the op amps in Hz.
     margin : float
-        k: op-amp bandwidth over the network's fastest mode.
+        Bandwidth margin k: op-amp bandwidth over the fastest mode of the network.
     full_scale : float
-        V, in volts.
+        V in volts.
     headroom : float
-        Full scale over the largest value that was seen, at least 1.
+        Ratio of full scale to the largest magnitude of the probe run, at least 1.
     intervals : mapping of node name to (low, high)
-        Where nodes are known to stay, in the user's units, for instance ``{"u.nu": (-20, 20)}``;
-        it counts instead of what the probe run reached.
-
-    Raises
-    ------
-    NetworkError
-        If a number is out of its range.
+        Declared ranges of nodes in the user's units, for example ``{"u.nu": (-20, 20)}``. They
+        replace the ranges of the probe run.
     """
 
     gbw: float = 10e6
@@ -121,18 +115,18 @@ class ScalingRules:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Peak:
-    """Where a node went: its largest magnitude, at which stage and network time, and its range.
+    """Largest magnitude of a node, its stage and network time, and the node's range.
 
     Attributes
     ----------
     value : float
-        Largest magnitude, in network units.
+        Largest magnitude in network units.
     stage : int
-        Where it was, from 0 to N - 1.
+        Stage of the largest magnitude, from 0 to N - 1.
     time : float
-        Network time at which it was.
+        Network time of the largest magnitude.
     low, high : float
-        Smallest and largest value over all stages and times, with their signs.
+        Smallest and largest signed value over all stages and times.
     """
 
     value: float
@@ -144,22 +138,20 @@ class Peak:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scaling:
-    """Volts for values and seconds for network time.
+    """Volts per network value and seconds per unit of network time.
 
     Attributes
     ----------
-    network : Network
-        What was scaled.
     full_scale : float
-        V, in volts.
+        V in volts.
     unit : mapping of node name to float
-        S: the value that full scale stands for, in network units.
+        S: the value at full scale in network units.
     time : float
         Seconds per unit of network time.
     margin : float
-        k, which that makes.
+        Resulting bandwidth margin k.
     peaks : mapping of node name to Peak
-        What the probe run reached.
+        Ranges of the probe run.
     """
 
     network: Network
@@ -170,29 +162,29 @@ class Scaling:
     peaks: Mapping[str, Peak]
 
     def volts(self, node: str, value):
-        """Voltage that stands for a value of a node, in network units; of any shape."""
+        """Return the voltage of a node's value in network units; of any shape."""
         return value * (self.full_scale / self.unit[node])
 
     def value(self, node: str, volts):
-        """Value of a node, in network units, that a voltage stands for; of any shape."""
+        """Return the value of a node in network units from its voltage; of any shape."""
         return volts * (self.unit[node] / self.full_scale)
 
     def slower(self, times: float) -> Scaling:
-        """The same volts with a margin, and a time, that many times as large."""
+        """Return the scaling with margin and time multiplied by ``times``."""
         return replace(self, time=self.time * times, margin=self.margin * times)
 
     def used(self, node: str) -> float:
-        """Largest share of full scale that the probe run used of a node."""
+        """Return the largest fraction of full scale that a node used in the probe run."""
         return self.peaks[node].value / self.unit[node]
 
     @property
     def tightest(self) -> str:
-        """The node that comes closest to full scale."""
+        """Node that uses the largest fraction of full scale."""
         return max(self.peaks, key=self.used)
 
     @property
     def loosest(self) -> str:
-        """The node that uses least of its scale: noise and offsets matter most there."""
+        """Node that uses the least of full scale: noise and offsets matter most there."""
         moving = [node for node in self.peaks if self.peaks[node].value > 0]
         return min(moving or self.peaks, key=self.used)
 
@@ -214,23 +206,8 @@ class Scaling:
 def scale(network: Network, probe: ProbeRun, rules: ScalingRules | None = None) -> Scaling:
     """Scale a network by a probe run, by declared intervals, or by both.
 
-    Parameters
-    ----------
-    network : Network
-    probe : ProbeRun
-        A run of that network.
-    rules : ScalingRules, optional
-
-    Returns
-    -------
-    Scaling
-
-    Raises
-    ------
-    NetworkError
-        If an interval is empty, or narrower than what the probe run reached.
-    UnknownNameError
-        If an interval names no node.
+    Raises `NetworkError` if an interval is empty or narrower than the range of the probe run, and
+    `UnknownNameError` if an interval belongs to an unknown node.
 
     Examples
     --------
@@ -260,9 +237,9 @@ def scale(network: Network, probe: ProbeRun, rules: ScalingRules | None = None) 
 
 
 def time_unit(radius: float, gbw: float, margin: float = MARGIN) -> float:
-    """Return T = k radius / (2 pi GBW), the seconds that stand for a unit of network time.
+    """Return T = k radius / (2 pi GBW), the seconds per unit of network time.
 
-    Of a fastest time constant with a ``radius`` of 1; the margin is k, GBW in Hz.
+    A fastest time constant of 1 has a ``radius`` of 1. The margin is k, and GBW is in Hz.
 
     Examples
     --------
@@ -279,7 +256,7 @@ def _check_above(low: float, **given: float) -> None:
 
 
 def _peak(values: np.ndarray, times: np.ndarray) -> Peak:
-    """Of one node, (T, N)."""
+    """Return the peak of one node from its values (T, N)."""
     sample, stage = np.unravel_index(np.abs(values).argmax(), values.shape)
     return Peak(
         value=float(np.abs(values[sample, stage])),
@@ -293,7 +270,7 @@ def _peak(values: np.ndarray, times: np.ndarray) -> Peak:
 def _declared(
     network: Network, intervals: Mapping[str, tuple[float, float]], peaks: Mapping[str, Peak]
 ) -> dict[str, Peak]:
-    """Peaks that the user declares."""
+    """Return the peaks of the declared intervals."""
     declared = {}
     for name, (low, high) in intervals.items():
         if name not in peaks or name == ONE:
@@ -334,11 +311,12 @@ def _units(network: Network, peaks: Mapping[str, Peak], headroom: float) -> dict
 def _metric_units(
     network: Network, units: Mapping[str, float], peaks: Mapping[str, Peak], headroom: float
 ) -> dict[str, float]:
-    """Units of the nodes of a metric; those that hardly move get no unit that would slow them.
+    """Return the units of a preconditioner's nodes.
 
-    What an integrator holds may cancel in all that happens: it counts as `QUIET` of what would move
-    its neuron by full scale. A sum of what cancels has a unit that keeps its noise gain below
-    `NOISE_GAIN`.
+    The contents of an integrator may cancel in all net effects, so the integrator gets at least
+    `QUIET` of the value that would move its neuron by full scale. The unit of a sum of cancelling
+    terms limits its noise gain to `NOISE_GAIN`. Otherwise nodes that hardly move would get units
+    that slow them down.
     """
     wiring = wiring_of(network)
     if wiring is None:
@@ -361,14 +339,14 @@ def _metric_units(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GridValues:
-    """Ohms and siemens of a grid.
+    """Resistances and conductances of a resistive grid.
 
     Attributes
     ----------
     resistors : dict of part name to (wires, N) array
-        In the order of the part's wires; one between two nodes stands with both.
+        Ohms in the order of the part's wires. A resistor between two nodes is listed with both.
     conductances : dict of part name to (N,) array
-        All that comes together in a node.
+        Total conductance at the node, in siemens.
     """
 
     resistors: dict[str, np.ndarray]
@@ -376,19 +354,7 @@ class GridValues:
 
 
 def values_of_grid(nodes: Sequence[GridNode], scaling: Scaling, smallest: float) -> GridValues:
-    """Values of the nodes of a grid, empty without any.
-
-    Parameters
-    ----------
-    nodes : sequence of GridNode
-    scaling : Scaling
-    smallest : float
-        Smallest resistor, in ohms.
-
-    Returns
-    -------
-    GridValues
-    """
+    """Return the values of grid nodes with the smallest resistor in ohms."""
     units = scaling.unit
     totals, shares = {}, {}
     for node in nodes:
@@ -408,27 +374,17 @@ def values_of_grid(nodes: Sequence[GridNode], scaling: Scaling, smallest: float)
 
 
 def to_ground(conductance: np.ndarray, resistors: np.ndarray) -> np.ndarray:
-    """Siemens (N,) that are missing at a node; negative where its resistors are too many.
+    """Return the conductance (N,) to ground that a node lacks, in siemens.
 
-    Parameters
-    ----------
-    conductance : (N,) array
-        Of the node.
-    resistors : (wires, N) array
+    The value is negative if the resistors (wires, N) exceed the conductance (N,) of the node.
     """
     return np.where(conductance > 0, conductance - (1.0 / resistors).sum(axis=0), 0.0)
 
 
 def begins(part: GridNode, wire: Wire, order: Sequence[str]) -> bool:
-    """Whether a resistor is listed with this part: each belongs to two nodes, but stands once.
+    """Return True if a resistor is listed with this part.
 
-    Parameters
-    ----------
-    part : GridNode
-    wire : Wire
-        Of the part.
-    order : sequence of str
-        Names of all parts.
+    Each resistor belongs to two nodes but is listed once, by the ``order`` of part names.
     """
     if wire.source.startswith(OWN) or wire.offset:
         return wire.offset >= 0

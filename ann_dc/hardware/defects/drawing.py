@@ -1,4 +1,7 @@
-"""Many chips of one network: weights and time constants drawn at once, a seed a chip."""
+"""Monte Carlo samples of a network: weights and time constants in one batch.
+
+Each sample has a seed.
+"""
 
 from __future__ import annotations
 
@@ -24,27 +27,29 @@ def drawn_numbers(
     weights: FloatOrNan = 0.0,
     time_constants: FloatOrNan = 0.0,
 ) -> Numbers:
-    """Numbers of ``mismatch(detuned(network, time_constants, seed=s), weights, seed=s)``.
+    """Draw the weights and time constants of many samples of a network.
 
-    Of every seed s, bit for bit, without a network for each: a hundredth of the time.
+    The numbers of seed s are those of ``mismatch(detuned(network, time_constants, seed=s), weights,
+    seed=s)``, bit for bit. No network is built per sample, which takes a hundredth of the time.
 
     Parameters
     ----------
     network : Network
+        Nominal network.
     seeds : sequence of int
-        One a sample.
+        Seeds, one per sample.
     weights, time_constants : float
-        Relative errors, of one standard deviation.
+        Standard deviations of the relative errors; 0 by default.
 
     Returns
     -------
     Numbers
-        For ``OdeBackend().run_batch(network, {}, numbers=...)``.
+        Argument for ``OdeBackend().run_batch(network, {}, numbers=...)``.
 
     Raises
     ------
     NetworkError
-        If a size is not finite, or so large that a time constant is not positive.
+        If a standard deviation is not finite, or so large that a time constant is not positive.
 
     Examples
     --------

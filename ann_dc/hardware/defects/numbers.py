@@ -1,4 +1,4 @@
-"""Defects of numbers: leaks, offsets, weights, time constants and gains that are off."""
+"""Non-ideal numbers: leaks, offsets, errors of weights, time constants and gains."""
 
 from __future__ import annotations
 
@@ -46,15 +46,24 @@ def leak(
     *,
     unit: Mapping[str, float] | None = None,
 ) -> Network:
-    r"""Finite DC gain of integrators: tau x' = sum w s - (sum \|w\|) x / gain.
+    r"""Add the leak of finite DC gain: tau x' = sum w s - (sum \|w\|) x / gain.
 
-    Where nodes have full scales S (``unit`` of a `Scaling`; all the same by default), \|w\| is
-    \|w_j\| S_j / S. A PI dual is one op amp: its resistors are the wires of its residual.
+    If nodes have full scales S (``unit`` of a `Scaling`), \|w\| is \|w_j\| S_j / S. A PI dual is
+    one op amp, whose resistors are the connections of its residual.
+
+    Parameters
+    ----------
+    gain : float
+        DC gain of the integrators. An infinite value returns the network unchanged.
+    where : Selection
+        Selected neurons and stages; all by default.
+    unit : mapping of str to float, optional
+        Full scales S by node; equal by default.
 
     Raises
     ------
     NetworkError, UnknownNameError
-        If ``gain`` is not positive, or ``where`` names what is not there.
+        If ``gain`` is not positive or ``where`` contains an unknown name.
 
     Examples
     --------
@@ -81,14 +90,22 @@ def leak(
 def offset(
     network: Network, size: FloatOrNan, where: Selection = EVERYWHERE, *, seed: Index | None = None
 ) -> Network:
-    """A bias o at neurons and sums, in units of what arrives there: tau x' = sum w s + o.
+    """Add a bias o at neurons and sums: tau x' = sum w s + o.
 
-    o is ``size``, or with a seed ``size`` times a normal draw for each node and stage.
+    Parameters
+    ----------
+    size : float
+        Bias o in units of the net input. With a seed, o is ``size`` times a normal draw for each
+        node and stage.
+    where : Selection
+        Selected neurons or sums and stages; all by default.
+    seed : int, optional
+        Seed of the draws.
 
     Raises
     ------
     NetworkError, UnknownNameError
-        If ``size`` is not finite, or ``where`` names what is not there.
+        If ``size`` is not finite or ``where`` contains an unknown name.
 
     Examples
     --------
@@ -108,12 +125,21 @@ def offset(
 def mismatch(
     network: Network, relative: FloatOrNan, where: Selection = EVERYWHERE, *, seed: Index
 ) -> Network:
-    """Weights w (1 + relative e), with a normal draw e for each connection and stage.
+    """Multiply weights w by 1 + relative e, with a normal draw e.
+
+    Parameters
+    ----------
+    relative : float
+        Standard deviation of the relative errors. Each connection and stage has one draw.
+    where : Selection
+        Selected connections and stages; all by default.
+    seed : int
+        Seed of the draws.
 
     Raises
     ------
     NetworkError, UnknownNameError
-        If ``relative`` is not finite, or ``where`` names what is not there.
+        If ``relative`` is not finite or ``where`` contains an unknown name.
 
     Examples
     --------
@@ -133,16 +159,24 @@ def mismatch(
 def detuned(
     network: Network, relative: FloatOrNan, where: Selection = EVERYWHERE, *, seed: Index
 ) -> Network:
-    """Time constants tau (1 + relative e), with a normal draw e for each neuron and stage.
+    """Multiply time constants tau by 1 + relative e, with a normal draw e.
 
-    Of a seed of `mismatch` too: its draws and these do not depend on each other. Coarse
-    coordinators keep their gains.
+    The gains of coarse-level neurons do not change.
+
+    Parameters
+    ----------
+    relative : float
+        Standard deviation of the relative errors. Each neuron and stage has one draw.
+    where : Selection
+        Selected neurons and stages; all by default.
+    seed : int
+        Seed of the draws, which are independent of those of `mismatch` with an equal seed.
 
     Raises
     ------
     NetworkError, UnknownNameError
-        If ``relative`` is not finite or so large that a time constant is not positive, or ``where``
-        names what is not there.
+        If ``relative`` is not finite or so large that a time constant is not positive, or if
+        ``where`` contains an unknown name.
 
     Examples
     --------
@@ -165,16 +199,25 @@ def quantised(
     bits: FloatOrNan = math.inf,
     series: Series = EXACT,
 ) -> Network:
-    """Weights that can be had: conductances of resistors from a series, or of a few bits.
+    """Round weights to conductances of series resistors or to significant bits.
 
-    A weight is 1 / R in units of one resistor; R becomes the nearest of the series, and the weight
-    is then rounded to so many significant bits. Equal weights stay equal, so that the errors of
-    stages do not average out.
+    A weight is 1 / R in units of one resistor. R is rounded to the nearest value of the series,
+    then the weight to the given number of significant bits. Equal weights stay equal, so the errors
+    of stages do not average out.
+
+    Parameters
+    ----------
+    where : Selection
+        Selected connections and stages; all by default.
+    bits : float
+        Significant bits, at least 1; unlimited by default.
+    series : Series
+        Available resistors; every value by default.
 
     Raises
     ------
     NetworkError, UnknownNameError
-        If ``bits`` is below 1, or ``where`` names what is not there.
+        If ``bits`` is below 1 or ``where`` contains an unknown name.
 
     Examples
     --------
@@ -207,15 +250,25 @@ def gain_error(
     *,
     seed: Index | None = None,
 ) -> Network:
-    """Products (1 + e) a b and functions (1 + e) g(x).
+    """Scale products to (1 + e) a b and functions to (1 + e) g(x).
 
-    e is ``relative``, or with a seed ``relative`` times a normal draw for each block and stage.
-    Connections that read a block are scaled; blocks that do read it through a sum ``gain.<block>``.
+    Connections that read a block are scaled. Blocks that read a block do so through a sum
+    ``gain.<block>``.
+
+    Parameters
+    ----------
+    relative : float
+        Relative gain error e. With a seed, e is ``relative`` times a normal draw for each block and
+        stage.
+    where : Selection
+        Selected blocks and stages; all by default.
+    seed : int, optional
+        Seed of the draws.
 
     Raises
     ------
     NetworkError, UnknownNameError
-        If ``relative`` is not finite, or ``where`` names what is not there.
+        If ``relative`` is not finite or ``where`` contains an unknown name.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Defects that add parts: poles, rails, a largest slope, and inputs for noise."""
+"""Non-idealities that add parts: poles, limits, slew limits and noise inputs."""
 
 from __future__ import annotations
 
@@ -20,16 +20,24 @@ from ann_dc.validation.values import FloatOrNan
 
 @checked
 def extra_pole(network: Network, bandwidth: FloatOrNan, where: Selection = EVERYWHERE) -> Network:
-    """One more pole at the output s of a neuron or a block: y' = bandwidth (s - y).
+    """Add a pole at the output s of a neuron or a block: y' = bandwidth (s - y).
 
-    Readers of s read a new neuron y, ``slow.<node>`` (where stages are chosen, through a sum
-    ``seen.<node>``), which is pinned, absent and started as s is. ``bandwidth`` is in radians per
-    unit of network time.
+    Readers of s read a new neuron y, named ``slow.<node>``. If ``where`` selects stages, they read
+    it through a sum ``seen.<node>``. The neuron y is fixed or omitted in the cells in which s is,
+    and starts at the initial value of s.
+
+    Parameters
+    ----------
+    bandwidth : float
+        Bandwidth in radians per unit of network time. An infinite value returns the network
+        unchanged.
+    where : Selection
+        Selected neurons or blocks and stages; all by default.
 
     Raises
     ------
     NetworkError, UnknownNameError
-        If ``bandwidth`` is not positive, or ``where`` names what is not there.
+        If ``bandwidth`` is not positive or ``where`` contains an unknown name.
 
     Examples
     --------
@@ -53,14 +61,22 @@ def extra_pole(network: Network, bandwidth: FloatOrNan, where: Selection = EVERY
 def rails(
     network: Network, limit: FloatOrNan | Mapping[str, FloatOrNan], where: Selection = EVERYWHERE
 ) -> Network:
-    """Neurons that stop at |x| = limit, one number or one by name, if nothing stops them before.
+    """Limit neurons to |x| <= limit unless a tighter limit exists.
 
-    A start beyond is moved there. Of a PI dual mu stops, not its output m.
+    An initial value beyond the limit is moved to the limit. For a PI dual, mu is limited and the
+    output m is not.
+
+    Parameters
+    ----------
+    limit : float or mapping of str to float
+        Limit in network units, one for all or one by name. An infinite value adds no limit.
+    where : Selection
+        Selected neurons; all by default. Stages cannot be selected.
 
     Raises
     ------
     NetworkError, UnknownNameError
-        If a limit is not positive, or ``where`` names what is not there or chooses stages.
+        If a limit is not positive, or if ``where`` contains an unknown name or selects stages.
 
     Examples
     --------
@@ -89,14 +105,23 @@ def rails(
 
 @checked
 def slew(network: Network, rate: FloatOrNan, where: Selection = EVERYWHERE) -> Network:
-    """No neuron faster than rate: tau x' = rate tau clip(d), d = sum w s / (rate tau).
+    """Limit the slope of neurons: tau x' = rate tau clip(d), d = sum w s / (rate tau).
 
-    clip(d) = rectify(d + 1) - rectify(d - 1) - 1. The wires arrive at a sum ``drive.<neuron>``.
+    The clip is clip(d) = rectify(d + 1) - rectify(d - 1) - 1. The connections arrive at a sum
+    ``drive.<neuron>``.
+
+    Parameters
+    ----------
+    rate : float
+        Largest slope in network units per unit of network time. An infinite value returns the
+        network unchanged.
+    where : Selection
+        Selected neurons and stages; all by default.
 
     Raises
     ------
     NetworkError, UnknownNameError
-        If ``rate`` is not positive, or ``where`` names what is not there.
+        If ``rate`` is not positive or ``where`` contains an unknown name.
 
     Examples
     --------
@@ -114,12 +139,21 @@ def slew(network: Network, rate: FloatOrNan, where: Selection = EVERYWHERE) -> N
 
 @checked
 def noise(network: Network, density: FloatOrNan, where: Selection = EVERYWHERE) -> Network:
-    """An input ``noise.<neuron>``, zero until someone feeds xi: tau x' = sum w s + density xi.
+    """Add noise inputs ``noise.<neuron>``: tau x' = sum w s + density xi.
+
+    The inputs xi are zero until the caller sets them.
+
+    Parameters
+    ----------
+    density : float
+        Factor on xi.
+    where : Selection
+        Selected neurons and stages; all by default.
 
     Raises
     ------
     NetworkError, UnknownNameError
-        If ``density`` is not finite, or ``where`` names what is not there.
+        If ``density`` is not finite or ``where`` contains an unknown name.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What hardware does to a network, as a network again: poles, offsets, clipping, noise."""
+"""Behavioural emulation: circuit as network with poles, offsets, clipping, noise."""
 
 import lazy_loader
 

@@ -1,8 +1,8 @@
-"""What an emulation is put together from: neurons, blocks and wires that stand for a circuit's.
+"""Assembly of an emulation from neurons, blocks and wires.
 
-An assembly is filled part by part, by functions that know one technology each, and becomes a
-`Network` at the end. It keeps two more accounts: which node of the ideal network every neuron
-stands for, and how weights change with the errors of parts.
+Functions, each for one technology, fill an assembly part by part, and the assembly becomes a
+`Network`. It also records the node of the ideal network that every neuron represents, and the
+change of weights with part errors.
 """
 
 from __future__ import annotations
@@ -34,30 +34,23 @@ from ann_dc.scale import IDENTITY, Scale
 
 
 class Assembly:
-    """The network of a circuit while it is put together.
+    """Network of a circuit under construction.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    level : Level
-    deviations : mapping of parameter name to (N,) array
-        Checked already.
-    moving : bool
-        Whether clamps of rails move.
+    Deviations (N,) by parameter name are already checked. Clamps of limits move if ``moving`` is
+    true.
 
     Attributes
     ----------
     transistors : bool
-        Whether its op amps and diodes are those of a chip.
+        True if op amps and diodes are those of a chip.
     halves : float
-        Into which the op amps of a pair split their offset.
+        Number of op amps of a pair over which the offset is divided.
     outputs : Outputs
-        Of its parts, with what they drive.
+        Loaded outputs of the parts.
     omega : float
-        Gain-bandwidth of its op amps, in radians per unit of network time.
-    origins : dict of neuron name to Origin
+        Gain-bandwidth product of the op amps, in radians per unit of network time.
     slopes : dict of parameter name to list of (connection name, (N,) array)
-        How the weights of connections change with a parameter's deviation.
+        Change of connection weights per deviation of a parameter.
     """
 
     def __init__(
@@ -94,7 +87,7 @@ class Assembly:
         scale: Scale = IDENTITY,
         limiter: Limiter = UNLIMITED,
     ) -> None:
-        """Add a neuron that stands for a node; of one that all cells share there is one."""
+        """Add a neuron that represents a node; a node shared by all cells has one neuron."""
         shared = origin.node in self.schematic.shared
         if shared:
             self._shared.add(name)
@@ -108,7 +101,7 @@ class Assembly:
         self._blocks.append(Sum(name=name))
 
     def product(self, name: str, a: str, b: str) -> None:
-        """Add a times b."""
+        """Add the product of a and b."""
         self._blocks.append(Product(name=name, a=a, b=b))
 
     def function(self, name: str, function: str, x: str) -> None:
@@ -116,40 +109,43 @@ class Assembly:
         self._blocks.append(Function(name=name, function=function, x=x))
 
     def connect(self, source: str, target: str, weight: float | np.ndarray, offset: int = 0) -> str:
-        """Add a wire from the cell at ``offset``, to what is shared in the last one; its name."""
+        """Add a wire from the cell at ``offset`` and return its name.
+
+        A shared target is in the last cell.
+        """
         weight = np.where(self._here(target), weight, 0.0)
         return self.collect(source, target, weight, offset)
 
     def collect(self, source: str, target: str, weight: float | np.ndarray, offset: int = 0) -> str:
-        """Add a wire in every cell, whose weights at what is shared add up; its name."""
+        """Add a wire in every cell, weights summed at a shared target; return its name."""
         weight = np.broadcast_to(np.asarray(weight, float), self.stages)
         connection = Connection(source=source, target=target, weight=weight, template=offset)
         self._connections.append(connection)
         return connection.name
 
     def _here(self, target: str) -> np.ndarray:
-        """(N,) booleans: in which cells a node is."""
+        """Return a mask (N,) of the cells that contain a node."""
         return np.arange(self.stages) >= (self.stages - 1 if target in self._shared else 0)
 
     def leave_out(self, name: str, stages: Iterable[int]) -> None:
-        """A neuron that is not there at some stages; what is shared is in the last cell anyway."""
+        """Omit a neuron at some stages; a shared neuron stays in the last cell."""
         if name not in self._shared:
             self._absent += [Absent(neuron=name, stage=stage) for stage in stages]
 
     def leave_out_unpinned(self, name: str, present: np.ndarray) -> None:
-        """A part's output, wherever there is no part (``present``: (N,)) and no pin holds it."""
+        """Omit outputs in cells without the part (``present``) and without a fixed value."""
         gone = np.flatnonzero(~present).tolist()
         self.leave_out(name, [k for k in gone if (name, k) not in self.schematic.pins])
 
     def leave_out_inside(self, nodes: AmplifierNodes, stages: Iterable[int]) -> None:
-        """The neurons inside an amplifier, those that it has, at some stages."""
+        """Omit the existing inner neurons of an amplifier at some stages."""
         stages = tuple(stages)
         for name in (nodes.first, nodes.ground, nodes.lagging, nodes.trailing):
             if name in self.origins:
                 self.leave_out(name, stages)
 
     def deviation(self, part: str, quantity: Quantity, wire: int | None = None) -> np.ndarray:
-        """How far a quantity of a part is off, (N,)."""
+        """Return the deviation (N,) of a quantity of a part."""
         name = self.circuit.parameter_name(part, quantity, wire)
         return self._deviations.get(name, np.zeros(self.stages))
 
@@ -161,7 +157,7 @@ class Assembly:
         quantity: Quantity,
         wire: int | None = None,
     ) -> None:
-        """Note how the weight of a connection changes with a quantity of a part."""
+        """Record the change of a connection's weight with a quantity of a part."""
         slope = np.broadcast_to(np.asarray(slope, float), self.stages)
         name = self.circuit.parameter_name(part, quantity, wire)
         self.slopes.setdefault(name, []).append((connection, slope))
@@ -174,13 +170,13 @@ class Assembly:
         quantity: Quantity,
         known: float | np.ndarray = 0.0,
     ) -> None:
-        """A voltage error beside ``known`` volts: a weight of the constant one."""
+        """Add a voltage error plus ``known`` volts as a weight of the constant one."""
         volts = self.deviation(part, quantity) + known
         connection = self.connect(ONE, target, volts * per_volt)
         self.slope(connection, np.where(self._here(target), per_volt, 0.0), part, quantity)
 
     def slewing(self, drive: str, name: str, unit: float) -> float:
-        """Add a sum before an op amp that its slew rate limits; what a drive of 1 weighs there."""
+        """Add a sum before a slew-limited op amp; return the weight of a net input of 1."""
         largest = self.datasheet.slew * self.scaling.time / self.omega * unit
         self.sum(drive)
         self.clip(drive, name, largest)
@@ -193,7 +189,10 @@ class Assembly:
             self.connect(wire.source, wire.target, wire.weight)
 
     def clip(self, source: str, target: str, limit: float) -> None:
-        """``limit`` times a source clipped to -1 .. 1: rectify(s + 1) - rectify(s - 1) - 1."""
+        """Add ``limit`` times a source clipped to -1 .. 1.
+
+        The clip is rectify(s + 1) - rectify(s - 1) - 1.
+        """
         for sign in (1.0, -1.0):
             inner, outer = f"edge{sign:+.0f}.{target}", f"rectify{sign:+.0f}.{target}"
             self.sum(inner)
@@ -204,13 +203,13 @@ class Assembly:
         self.connect(ONE, target, -limit)
 
     def scale_of(self, name: str) -> Scale:
-        """How a node stands for a value of the user's."""
+        """Return the scale from a node to the user's value."""
         return self.ideal.neuron(name).scale if name in self.ideal.neuron_index else Scale()
 
     def conductance(self, part: Amplifier, scale: np.ndarray) -> np.ndarray:
-        """Gamma (N,): what a volt at the virtual ground weighs against one at the output.
+        """Return Gamma (N,), the weight of the virtual ground relative to the output.
 
-        Where wires come from all cells, all of them count in each.
+        Wires from all cells count in each cell.
         """
         units, total = self.scaling.unit, np.zeros(self.stages)
         for number, wire in enumerate(part.wires):
@@ -220,7 +219,7 @@ class Assembly:
         return (total.sum() if self.schematic.collects(part.name) else total) * scale
 
     def network(self) -> Network:
-        """All of it, not yet started."""
+        """Return the complete network without an initial state."""
         return Network(
             cell=Cell(
                 neurons=tuple(self._neurons),
@@ -238,7 +237,7 @@ class Assembly:
         )
 
     def _ordered(self) -> tuple[Block, ...]:
-        """Blocks in topological order."""
+        """Return the blocks in topological order."""
         arriving: dict[str, list[str]] = {}
         for connection in self._connections:
             arriving.setdefault(connection.target, []).append(connection.source)
@@ -259,7 +258,7 @@ class Assembly:
 
 
 def _read_by(block: Block, arriving: Mapping[str, list[str]]) -> list[str]:
-    """Nodes that a block computes with."""
+    """Return the input nodes of a block."""
     if isinstance(block, Product):
         return [block.a, block.b]
     return [block.x] if isinstance(block, Function) else arriving.get(block.name, [])

@@ -1,4 +1,4 @@
-"""Makes the network of a circuit, part by part: with clamps that are walls, or that move."""
+"""Construction of circuit emulations, part by part, with ideal or moving clamps."""
 
 from __future__ import annotations
 
@@ -31,30 +31,33 @@ from ann_dc.validation.checked import checked
 
 @checked
 def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None) -> Emulation:
-    """The network of a circuit's equations, started where reset switches hold the circuit.
+    """Return the network of a circuit's equations.
 
-    Its clamps of rails are walls, as they are where a circuit rests.
+    The network starts at the state set by the reset switches. Clamps at saturation limits are ideal
+    limiters, as they are at rest.
 
     Parameters
     ----------
     circuit : Circuit
+        Circuit to emulate.
     level : Level
-        What parts are like. Its tolerances are not drawn here: ``deviations`` say which part is off
-        by how much.
+        Model level of the parts. Its tolerances are not drawn here; ``deviations`` contains the
+        errors of the parts.
     deviations : mapping of parameter name to (N,) array, optional
-        Relative, or in volts.
+        Deviations, relative or in volts; none by default.
 
     Returns
     -------
     Emulation
+        Emulation of the circuit.
 
     Raises
     ------
     NetworkError
-        If the level's circuits compute in periods of a clock, or cannot build the metric, the rails
-        of a neuron, or one that all cells share.
+        If circuits of the level are clocked, or cannot realise the preconditioner, the limits of a
+        neuron or a shared neuron.
     UnknownNameError
-        If a deviation names no parameter.
+        If a deviation has an unknown parameter name.
 
     Examples
     --------
@@ -82,31 +85,15 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
 def emulate_clamps(
     circuit: Circuit, level: Level, deviations: Deviations | None = None
 ) -> Emulation:
-    """Emulate the transient of a circuit: clamps of rails are op amps and diodes that move.
+    """Emulate the transient of a circuit with clamps made of op amps and diodes.
 
-    Currents of capacitors drop a voltage across output resistances, too. The emulation has more
-    neurons than that of `emulate` and the same settled point, for which `emulate` is easier to
-    solve.
-
-    Parameters
-    ----------
-    circuit : Circuit
-    level : Level
-    deviations : mapping of parameter name to (N,) array, optional
-        Relative, or in volts.
-
-    Returns
-    -------
-    Emulation
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
-        As `emulate`.
+    Currents of capacitors also drop a voltage across output resistances. The emulation has more
+    neurons than that of `emulate` and an identical settled point, which `emulate` computes more
+    easily. Raises `NetworkError` and `UnknownNameError` under the conditions of `emulate`.
 
     Examples
     --------
-    A neuron that rests 10 mV below its rail settles later than it would with a wall there:
+    A neuron that rests 10 mV below its limit settles later than with an ideal limiter:
 
     >>> import ann_dc
     >>> from ann_dc.hardware.emulation import emulate, emulate_clamps

@@ -1,12 +1,12 @@
-r"""Integrating capacitors as neurons: what charges them, what leaks, and what a switch leaves.
+r"""Integrating capacitors as neurons: charging current, leakage, switch charge.
 
-The voltage h across a capacitor C, with an insulator of tau_l = R C and the open reset switch,
-of resistance R_s towards the preset h_0 and capacitance C_s, across it, obeys
+A capacitor C with insulation tau_l = R C is in parallel with an open reset switch of capacitance
+C_s and resistance R_s towards the preset h_0. The capacitor voltage h obeys
 
 .. math:: (C + C_s)\, \dot h = i - \frac{C}{\tau_l} h - \frac{h - h_0}{R_s} ,
 
-and starts q / (C + C_s) above h_0 when the switch leaves a charge q as it opens. In a differential
-circuit both switches leave the same, which moves nothing.
+and starts q / (C + C_s) above h_0 if the opening switch leaves a charge q. In a differential
+circuit both switches leave equal charges, which have no effect.
 """
 
 from __future__ import annotations
@@ -31,16 +31,9 @@ def add_capacitor(
     tau: np.ndarray,
     limiter: Limiter = UNLIMITED,
 ) -> None:
-    """Add tau h' = the sum of weighted nodes, between rails, less what leaks.
+    """Add tau h' = the sum of weighted nodes, within limits, minus leakage.
 
-    Parameters
-    ----------
-    assembly : Assembly
-    part : Integrator or PICell
-    weights : mapping of node name to float or (N,) array
-    tau : (N,) array
-        Time constant of the nominal capacitor alone.
-    limiter : Limiter
+    ``tau`` (N,) is the time constant of the nominal capacitor alone.
     """
     nodes, circuit = AmplifierNodes(part.name), assembly.circuit
     parasitics, name = assembly.datasheet.parasitics, part.name
@@ -70,22 +63,12 @@ def released(
     off: Mapping[str, np.ndarray],
     x: np.ndarray,
 ) -> np.ndarray:
-    """A state in which the reset switches have opened and left their charge.
+    """Return the state (n,) after the reset switches have opened.
 
-    Parameters
-    ----------
-    network : Network
-        Of the emulation.
-    circuit : Circuit
-    parasitics : Parasitics
-    off : mapping of parameter name to (N,) array
-        How far capacitors are off.
-    x : (n,) array
-        State in which they are closed.
+    It includes the switch charge.
 
-    Returns
-    -------
-    (n,) array
+    ``network`` is that of the emulation, ``off`` maps parameter names to capacitor deviations (N,),
+    and ``x`` (n,) is the state with closed switches.
     """
     if parasitics.switch_charge == 0 or circuit.schematic.differential:
         return x

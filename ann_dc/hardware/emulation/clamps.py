@@ -1,27 +1,29 @@
-r"""Clamps of rails: walls where a circuit rests, op amps and diodes on its way there.
+r"""Clamps of saturation limits: ideal at rest, op amps and diodes in transients.
 
-Of an integrator with n rails a share n s of C lies in clamps, C_1 = s C in each. Where a circuit
-rests, those that are off are followers, loaded by R_1, behind a resistor of r + 1 / (2 pi GBW C_1),
-r being the output resistance of op amps. They bring f, which lags. With the symbols of `grounds`:
+A fraction n s of C of an integrator with n limits is located in clamps, C_1 = s C in each. At rest,
+inactive clamps are followers, loaded by R_1, behind a resistor of r + 1 / (2 pi GBW C_1), with r
+the output resistance of op amps. They supply f, which lags. With the symbols of `grounds`:
 
 .. math::
     (1 + \kappa)\, e = x + n s\, (f - x) - h, \qquad
     \tau\, \dot f = x - f, \quad T\, \tau = \frac{2 + r / R_1}{2 \pi\, GBW} + r\, C_1 .
 
-One that conducts keeps x where it is, which is what the limits of h are for. Its op amp, of gain
-A0, has to give the drop of a diode, by 1 / A0 of which the limits are wider, and what the current
-that would charge C drops across R_2 and r; to that it gives way by
+A conducting clamp fixes x, which the limits of h represent. Its op amp, of gain A0, has to supply
+the drop of a diode and the drop across R_2 and r of the current that would charge C. The diode drop
+widens the limits by 1 / A0 of its value; the current drop moves x by
 
 .. math:: x = h + \Big(\frac{50}{2 \pi\, GBW} + r C\Big) \frac{rate\, A}{T A_0} .
 
-It holds x beside its rail, by its offset and what its bias current makes of R_1. With d_1 at the
-lower rail l, d_2 at the upper one u, the capacitor holds another h, and all else is the same:
+The clamp fixes x near its limit, displaced by its offset and by the drop of its bias current across
+R_1. With d_1 at the lower limit l and d_2 at the upper limit u, the capacitor stores another h, and
+all else is unchanged:
 
 .. math:: x = h + \frac{d_1 (u - h) + d_2 (h - l)}{u - l} , \qquad d = -I R_1 - v_{os} .
 
-On its way a clamp is in between, for a while: its op amp has to move, and the drop of its two
-idle diodes falls as x comes near the rail. This makes C larger, 1 + s V_D / (u - x) times, with
-V_D = 2 V_T. There the clamp of an upper rail is what it is made of, with y the end of C_1:
+In a transient a clamp is between these states for some time. Its op amp has to move, and the drop
+of its two idle diodes decreases as x approaches the limit. This makes C larger by a factor of 1 + s
+V_D / (u - x), with V_D = 2 V_T. In a transient, the clamp of an upper limit is modelled in detail,
+with y the end of C_1:
 
 .. math::
     (1 + \kappa)\, e &= (1 - n s)\, x + s \textstyle\sum y - h, \qquad
@@ -32,23 +34,25 @@ V_D = 2 V_T. There the clamp of an upper rail is what it is made of, with y the 
         \omega\!\Big(\frac{o}{V_T} + \ln \frac{(R_2 + r) I_s}{V_T}\Big) , \qquad
         \omega + \ln \omega = z ,
 
-o between the op amp's own rails and as fast as its slew rate: the diodes' laws, solved for their
-currents. A clamp that cannot give what presses lets x past its rail. Of omega the blocks compute
-one step of Newton's method from ln(1 + e^z), which is within 1.5 %; V_T is that of 27 degrees.
+with o within the op amp's swing and slew rate. The omega functions are the diodes' laws, solved for
+their currents. A clamp that cannot supply the required current lets x exceed its limit. The blocks
+compute one step of Newton's method for omega from ln(1 + e^z), accurate to 1.5 %. V_T is that of 27
+degrees.
 
-What lies at a virtual ground beside resistors: a capacitance, and a bias current.
+Capacitance and bias current at a virtual ground, in addition to resistors.
 
-With x the output of a part, h the charge of its capacitor over C, A what its inputs bring, e the
-voltage of its virtual ground, C_in the capacitance from there to ground and kappa = C_in / C,
+Let x be the output of a part, h the charge of its capacitor over C, and A the contribution of its
+inputs. The virtual ground has the voltage e and the capacitance C_in to ground, with kappa = C_in /
+C. Then
 
 .. math::
     h &= x - (1 + \kappa)\, e &&\text{(integrator: a capacitive divider, and no more states)} \\
     \frac{R_f C_{in}}{T}\, \dot e &= x - h - A - (1 + \Gamma + \kappa)\, e
         &&\text{(PI cell; adder and inverter with } h = \kappa = 0) ,
 
-h counting what has come through the inputs, part of which lies in C_in. A bias current I out of the
-ground adds R I to A, R being R_f or the resistor of an integrator's input of weight one. The two
-grounds of a differential op amp it moves alike, and no output.
+where h counts the charge from the inputs, part of which is in C_in. A bias current I out of the
+ground adds R I to A, with R being R_f or the resistor of an integrator's input of weight one. It
+moves the two grounds of a differential op amp equally, and no output.
 """
 
 from __future__ import annotations
@@ -78,17 +82,11 @@ from ann_dc.hardware.schematic.elements import UNLIMITED, Integrator, PICell
 from ann_dc.network.cell import ONE, Function, Limiter
 
 FAST = 30.0
-"""A pole inside an op amp's loop that many times faster than it is left out."""
+"""Ratio of a pole in an op amp's loop to its bandwidth above which the pole is omitted."""
 
 
 def farads_over(assembly: Assembly, part: Integrator | PICell) -> np.ndarray:
-    """kappa (N,): the capacitance of a ground over the part's capacitor and its open switch.
-
-    Parameters
-    ----------
-    assembly : Assembly
-    part : Integrator or PICell
-    """
+    """Return kappa (N,): ground capacitance over the capacitor plus its open switch."""
     off, parasitics = (
         assembly.deviation(part.name, Quantity.CAPACITOR),
         assembly.datasheet.parasitics,
@@ -98,15 +96,10 @@ def farads_over(assembly: Assembly, part: Integrator | PICell) -> np.ndarray:
 
 
 def lag_of(assembly: Assembly, ohms: np.ndarray, conductance: np.ndarray) -> np.ndarray | None:
-    """R_f C_in / T (N,) of a ground; None where its capacitance does not count.
+    """Return R_f C_in / T (N,) of a ground, or None if its capacitance is negligible.
 
-    Parameters
-    ----------
-    assembly : Assembly
-    ohms : (N,) array
-        The feedback resistor.
-    conductance : (N,) array
-        What the ground itself weighs, in conductances of the feedback resistor.
+    ``ohms`` (N,) is the feedback resistor, and ``conductance`` (N,) is the weight of the ground in
+    conductances of that resistor.
     """
     lag = ohms * assembly.datasheet.parasitics.ground / assembly.scaling.time
     return lag if (assembly.omega * lag / conductance).max() * FAST > 1 else None
@@ -119,17 +112,9 @@ def add_ground(
     conductance: np.ndarray,
     ohms: np.ndarray,
 ) -> None:
-    """Add what outputs, capacitor and inputs make of a ground: a sum, or a neuron with a lag.
+    """Add a virtual ground of output, capacitor and inputs: a sum or a lagging neuron.
 
-    Parameters
-    ----------
-    assembly : Assembly
-    nodes : AmplifierNodes
-        Of the op amp.
-    name : str
-        Of the node.
-    conductance, ohms : (N,) array
-        As `lag_of` takes them.
+    The ground is called ``name``; ``conductance`` and ``ohms`` (N,) are those of `lag_of`.
     """
     lag = lag_of(assembly, ohms, conductance)
     part = assembly.schematic.by_name[nodes.part]
@@ -147,17 +132,9 @@ def add_ground(
 def add_bias(
     assembly: Assembly, nodes: AmplifierNodes, target: str, ohms: float | np.ndarray
 ) -> None:
-    """Add what a bias current brings, to where the inputs of a part end.
+    """Add the effect of a bias current at the node ``target`` of a part's inputs.
 
-    Parameters
-    ----------
-    assembly : Assembly
-    nodes : AmplifierNodes
-        Of the op amp.
-    target : str
-        Node that the inputs end at.
-    ohms : float or (N,) array
-        R: volts at the output, or what an integrator makes of them, per ampere.
+    ``ohms`` is R: volts at the output per ampere, or for an integrator its rate.
     """
     amperes = assembly.datasheet.parasitics.bias_current
     if amperes and not assembly.schematic.differential:
@@ -168,18 +145,18 @@ def add_bias(
 
 @dataclass(frozen=True)
 class Clamps:
-    """What the clamps of an integrator add to it.
+    """Contributions of the clamps of an integrator.
 
     Attributes
     ----------
     into : str
-        Node that its inputs end at.
+        Node at which the inputs end.
     limiter : Limiter
-        Of its capacitor.
+        Limits of the capacitor.
     followers : mapping of node name to float
-        What follows its output, and the shares of its capacitor that lie there.
+        Nodes that follow the output, and the fractions of the capacitor at them.
     shifts : tuple of str
-        What its output is beside the voltage that its capacitor holds.
+        Differences between the output and the capacitor voltage.
     """
 
     into: str
@@ -189,23 +166,12 @@ class Clamps:
 
     @property
     def share(self) -> float:
-        """n s: of the capacitor, in clamps."""
+        """Fraction n s of the capacitor in clamps."""
         return sum(self.followers.values())
 
 
 def add_clamps(assembly: Assembly, part: Integrator) -> Clamps:
-    """Add the clamps of an integrator's rails, if it has any.
-
-    Parameters
-    ----------
-    assembly : Assembly
-    part : Integrator
-
-    Returns
-    -------
-    Clamps
-        Without followers where it has none.
-    """
+    """Add the clamps of an integrator's limits, if any."""
     nodes, rails = AmplifierNodes(part.name), np.isfinite(assembly.circuit.rails(part))
     into = nodes.held
     # a shared neuron reads others of its kind in the last cell only, which a sum would do in all
@@ -229,7 +195,7 @@ def add_clamps(assembly: Assembly, part: Integrator) -> Clamps:
 
 
 def _add_follower(assembly: Assembly, part: Integrator) -> None:
-    """Add what all clamps follow with, as if none conducted."""
+    """Add the common follower of all clamps, as if none conducted."""
     nodes, sheet = AmplifierNodes(part.name), assembly.datasheet
     lag = (2 + sheet.rout * sheet.gbw / CLAMP_REFERENCE) / assembly.omega
     assembly.neuron(nodes.clamps, lag + _share_lag(assembly, part), Origin(part.name))
@@ -239,7 +205,7 @@ def _add_follower(assembly: Assembly, part: Integrator) -> None:
 
 
 def _share_lag(assembly: Assembly, part: Integrator) -> np.ndarray:
-    """r C_1 (N,) in network time."""
+    """Return r C_1 (N,) in network time."""
     return assembly.datasheet.rout * CLAMP_SHARE * _farads(assembly, part) / assembly.scaling.time
 
 
@@ -248,13 +214,13 @@ def _farads(assembly: Assembly, part: Integrator) -> np.ndarray:
 
 
 def _carrying(assembly: Assembly, part: Integrator) -> np.ndarray:
-    """C (R_2 + r) (N,) in network time."""
+    """Return C (R_2 + r) (N,) in network time."""
     farads = assembly.datasheet.rout * _farads(assembly, part) / assembly.scaling.time
     return CLAMP_LAG / assembly.omega + farads
 
 
 def _given_way(assembly: Assembly, part: Integrator, into: str) -> Limiter:
-    """Add how far clamps that conduct give way; the capacitor's limits, of a diode's drop."""
+    """Add the displacement of conducting clamps; return the widened capacitor limits."""
     nodes, circuit, a0 = AmplifierNodes(part.name), assembly.circuit, assembly.datasheet.a0
     if into == nodes.summed:
         way = _carrying(assembly, part) / part.tau / a0
@@ -264,7 +230,7 @@ def _given_way(assembly: Assembly, part: Integrator, into: str) -> Limiter:
 
 
 def _shifts(assembly: Assembly, part: Integrator) -> Iterator[str]:
-    """Add how far clamps put an integrator beside its rails, by their offsets; their nodes."""
+    """Add the displacements from an integrator's limits by clamp offsets; yield nodes."""
     nodes, circuit = AmplifierNodes(part.name), assembly.circuit
     rails, volt = circuit.rails(part), circuit.value_of(part.name)
     reference = _reference(assembly)
@@ -282,15 +248,16 @@ def _shifts(assembly: Assembly, part: Integrator) -> Iterator[str]:
 
 
 def _reference(assembly: Assembly) -> float:
-    """Volts that a bias current drops before the reference of a clamp."""
+    """Return the volts that a bias current drops before the reference of a clamp."""
     sheet = assembly.datasheet
     return sheet.parasitics.bias_current * CLAMP_REFERENCE / sheet.gbw
 
 
 def _add_clamp(assembly: Assembly, part: Integrator, clamp: Clamp, into: str) -> str:
-    """Add a clamp that moves: op amp, diodes, and its share of the capacitor; what that is called.
+    """Add a moving clamp and return the name of the node of its part of the capacitor.
 
-    Its share ends at the virtual ground, and at what is called so.
+    A clamp consists of an op amp, diodes and its part of the capacitor, which ends at the virtual
+    ground and at that node.
     """
     nodes = clamp.nodes
     _add_comparator(assembly, part, clamp)
@@ -305,7 +272,7 @@ def _add_clamp(assembly: Assembly, part: Integrator, clamp: Clamp, into: str) ->
 
 
 def _add_comparator(assembly: Assembly, part: Integrator, clamp: Clamp) -> None:
-    """Add the op amp of a clamp, and the diode by which it follows while it is off."""
+    """Add the op amp of a clamp, and the diode through which it follows while idle."""
     nodes, sheet, thermal = clamp.nodes, assembly.datasheet, clamp.idling
     value = assembly.circuit.value_of(part.name)
     rails = op_amp_rails(sheet, assembly.scaling.full_scale) * abs(value)
@@ -326,7 +293,7 @@ def _add_comparator(assembly: Assembly, part: Integrator, clamp: Clamp) -> None:
 
 
 def _add_current(assembly: Assembly, part: Integrator, clamp: Clamp, into: str) -> None:
-    """Add what a clamp carries through its other diode, into the virtual ground."""
+    """Add the current of a clamp's other diode into the virtual ground."""
     nodes, out = clamp.nodes, clamp.side * clamp.thermal
     carrying = _carrying(assembly, part)
     ohms = assembly.scaling.time * carrying / np.where(part.present, _farads(assembly, part), 1.0)
@@ -339,7 +306,10 @@ def _add_current(assembly: Assembly, part: Integrator, clamp: Clamp, into: str) 
 def _add_omega(
     assembly: Assembly, name: str, source: str, weight: float, at_zero: float | np.ndarray
 ) -> None:
-    """Add omega + ln omega = z = weight source + at_zero: near (1 + z - ln near) / (1 + near)."""
+    """Add omega + ln omega = z, with z = weight source + at_zero.
+
+    The blocks compute near (1 + z - ln near) / (1 + near).
+    """
     z, near, log, above, below = (f"{n}.{name}" for n in ("z", "near", "log", "above", "below"))
     inverse, times = f"inverse.{name}", f"times.{name}"
     assembly.sum(z)

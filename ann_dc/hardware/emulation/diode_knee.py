@@ -1,21 +1,22 @@
-r"""The knee of a diode: multipliers that bend where they should have a corner, and what that moves.
+r"""Diode knee: rounded corners of multipliers, and their effect on the solution.
 
-A diode that is not inside the loop of an op amp rounds the corner of m = max(0, y), y = z + w g, by
-its own exponential, a width of s:
+A diode outside the loop of an op amp rounds the corner of m = max(0, y), y = z + w g. The corner
+becomes exponential, with a width of s:
 
 .. math:: m = s \ln(1 + e^{y / s}) = \max(0, y) + s \ln(1 + e^{-|y| / s}) .
 
-The integrator before it rests at m = z, so that a row is short of its boundary by
+The integrator before the diode rests at m = z, so a constraint misses its boundary by
 
 .. math:: g = \frac{s}{w} \ln(1 - e^{-z / s}) ,
 
-which is exponentially small for all but weakly active rows. To first order the excess
-:math:`b = s \ln(1 + e^{-|y|/s})` of every multiplier at the optimum, active or nearly so, moves the
-solution of the KKT system in which a row conducts by the share :math:`p = 1 / (1 + e^{-y/s})`:
+which is exponentially small except for weakly active constraints. Every active or nearly active
+multiplier at the optimum has an excess :math:`b = s \ln(1 + e^{-|y|/s})`. To first order the
+excesses move the solution of the KKT system, in which a constraint conducts by the fraction
+:math:`p = 1 / (1 + e^{-y/s})`:
 
 .. math:: L\, \delta x + G' \delta z = 0, \qquad p\, w\, G\, \delta x - (1 - p)\, \delta z = -b .
 
-In the loop of an op amp a knee costs s / A0, which is nothing.
+In the loop of an op amp a knee has an effect of s / A0, which is negligible.
 """
 
 from __future__ import annotations
@@ -35,33 +36,18 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import FloatOrNan, State
 
 FARTHEST = 30.0
-"""Widths from a corner beyond which a diode is straight: its tail is below 1e-13 of a width."""
+"""Widths from a corner beyond which a diode is straight; its tail is below 1e-13 widths."""
 
 
 @checked
 def knee(network: Network, width: FloatOrNan | Mapping[str, FloatOrNan]) -> Network:
-    r"""Diode neurons with a knee: m = width ln(1 + exp((z + w g) / width)).
+    """Add a knee to rectifying neurons: m = width ln(1 + exp((z + w g) / width)).
 
-    Its blocks are ``tail.<m>``, what is added to the corner, and what that is made of.
-
-    Parameters
-    ----------
-    network : Network
-    width : float or mapping of str to float
-        In network units of the multiplier; of all, or of some by the name of their neuron. Of 10 mV
-        in a circuit it is ``circuit.scaling.value(diode.multiplier, 0.01)``.
-
-    Returns
-    -------
-    Network
-        Where nothing has a width, the network itself.
-
-    Raises
-    ------
-    NetworkError
-        If a width is negative or not finite.
-    UnknownNameError
-        If there is no diode neuron of a name.
+    The added blocks are ``tail.<m>``, the addition to the corner, and its inputs. ``width`` is in
+    network units of the multiplier, one for all or by neuron name. For 10 mV in a circuit it is
+    ``circuit.scaling.value(diode.multiplier, 0.01)``. A network without widths is returned
+    unchanged. Raises `NetworkError` if a width is negative or not finite, and `UnknownNameError` if
+    no rectifying neuron has a given name.
 
     Examples
     --------
@@ -84,28 +70,12 @@ def knee(network: Network, width: FloatOrNan | Mapping[str, FloatOrNan]) -> Netw
 def knee_shift(
     network: Network, x: State, width: FloatOrNan | Mapping[str, FloatOrNan]
 ) -> np.ndarray:
-    """How far a knee moves a settled state, to first order: one step of Newton's method.
+    """Return the first-order shift (n,) of a settled state by a knee.
 
-    Parameters
-    ----------
-    network : Network
-        Without a knee.
-    x : (n,) array
-        Where it settles.
-    width : float or mapping of str to float
-        As `knee` takes it.
-
-    Returns
-    -------
-    (n,) array
-        What to add to ``x``; neurons at a rail stay there.
-
-    Raises
-    ------
-    NetworkError
-        If a width is negative or not finite, or the equilibrium is not isolated.
-    UnknownNameError
-        If there is no diode neuron of a name.
+    It is one step of Newton's method. The network has no knee and settles at ``x`` (n,), to which
+    the result is added. Saturated neurons stay at their limits. ``width`` has the form of `knee`.
+    Raises `NetworkError` if a width is negative or not finite or the equilibrium is not isolated,
+    and `UnknownNameError` if no rectifying neuron has a given name.
 
     Examples
     --------
@@ -140,7 +110,7 @@ def knee_shift(
 
 
 def _widths(network: Network, width: float | Mapping[str, float]) -> dict[str, float]:
-    """Width of every rectifier that has one, by the sum that it reads."""
+    """Return the width of every rounded rectifier, by the sum that it reads."""
     cell = network.cell
     sums = {dual.neuron: (dual.sum,) for dual in cell.objectives if not dual.is_softened}
     sums |= {d.neuron: (d.sum, d.excess) if d.excess else (d.sum,) for d in cell.diodes}
@@ -156,7 +126,7 @@ def _widths(network: Network, width: float | Mapping[str, float]) -> dict[str, f
 
 
 def _bent(network: Network, sum_name: str, s: float) -> Network:
-    """With the rectifiers of a sum y bent: m = corner + s ln(1 + exp(-|y| / s))."""
+    """Return the network with m = corner + s ln(1 + exp(-|y| / s)) for a sum y."""
     blocks: list[Block] = []
     wires = list(network.cell.connections)
     for block in network.cell.blocks:
@@ -172,19 +142,10 @@ def _bent(network: Network, sum_name: str, s: float) -> Network:
 
 
 def bent_rectifier(block: Function, s: float) -> tuple[Iterable[Block], Iterable[Connection]]:
-    """Blocks and wires in place of a rectifier: s ln(1 + e^(y / s)), y no less than -30 s.
+    """Return blocks and wires that replace a rectifier of y by s ln(1 + e^(y / s)).
 
-    Parameters
-    ----------
-    block : Function
-        The rectifier, of y.
-    s : float
-        Width of the knee, in units of y.
-
-    Returns
-    -------
-    tuple of blocks and connections
-        The sum that ends them has the rectifier's name.
+    The argument y is at least -30 s. The knee width s is in units of y. The final sum has the name
+    of the rectifier.
     """
     m, y = block.name, block.x
     corner, near, kept, exponent = f"corner.{m}", f"near.{m}", f"kept.{m}", f"exponent.{m}"

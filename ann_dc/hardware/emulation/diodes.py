@@ -1,18 +1,19 @@
-r"""The diode behind the op amp of a diode neuron, which slows it.
+r"""Slowdown of a rectifying multiplier neuron by the diode behind its op amp.
 
-The drop of the diode grows with its current: for a volt at the far end, x, the op amp moves by
+The drop of the diode grows with its current. For a volt at the far end, x, the op amp moves by
 
 .. math:: 1 + \frac{V_T}{x} \approx 1 + \frac{V_T}{x + V_T / 2} ,
 
-so that x follows at the pace p = (x + V_T / 2) / (x + 3 V_T / 2) of an op amp without a diode.
-On the other side of the knee nothing has to follow, and p is soon 1. Meanwhile the diode of the
-virtual ground is a junction of capacitance C_j, whose current R_f has to bring, too:
+so x follows at the pace p = (x + V_T / 2) / (x + 3 V_T / 2) of an op amp without a diode. On the
+other side of the knee no part has to follow, and p quickly reaches 1. Meanwhile the diode of the
+virtual ground is a junction of capacitance C_j, whose current R_f must also supply:
 
 .. math:: \Big(1 + \frac{R_f C_j\, \Omega}{T\, (1 + \Gamma)}\Big) \dot x
           = p\, \Omega\, (o - e - x / A_0) .
 
-A transient has p as a node. At rest p moves no equilibrium, and Newton's method does better without
-it, on drives that are linear on either side of the knee; `paced_at` gives the modes there.
+In a transient p is a node. At rest p moves no equilibrium, and Newton's method is more robust
+without p, with net inputs that are linear on either side of the knee. `paced_at` gives the modes at
+rest.
 """
 
 from __future__ import annotations
@@ -33,24 +34,13 @@ AT_KNEE = 1.5
 """1 / (1 - p) at the knee."""
 
 STEEP = 10.0
-"""Factor on the distance from the knee on the side where the diode is off: the pace is soon 1."""
+"""Factor on the distance from the knee while the diode is off; the pace quickly reaches 1."""
 
 
 def add_pace(assembly: Assembly, op_amp: AmplifierNodes, neuron: str) -> str:
-    """Let the op amp of a diode neuron follow at the pace of its diode.
+    """Add the pace of the diode to the op amp before it; return the new target node.
 
-    Parameters
-    ----------
-    assembly : Assembly
-    op_amp : AmplifierNodes
-        Before the diode.
-    neuron : str
-        Of its pole.
-
-    Returns
-    -------
-    str
-        The node that its drives go to.
+    ``neuron`` is the pole of the op amp. The net inputs of the op amp go to the returned node.
     """
     thermal = THERMAL * abs(assembly.circuit.value_of(op_amp.part))
     away, above, inverse = (f"{name}.{op_amp.pace}" for name in ("away", "above", "inverse"))
@@ -72,14 +62,9 @@ def add_pace(assembly: Assembly, op_amp: AmplifierNodes, neuron: str) -> str:
 
 
 def paced_at(emulation: Emulation, x: np.ndarray) -> Network:
-    """Return the network of an emulation at rest with the paces of a state in its time constants.
+    """Return the emulation's network with the paces of a state in its time constants.
 
-    Parameters
-    ----------
-    emulation : Emulation
-        Without paces as nodes.
-    x : (n,) array
-        State of it.
+    The emulation has no paces as nodes, and ``x`` (n,) is its state at rest.
     """
     circuit, network = emulation.circuit, emulation.network
     values, slower = network.unpack(x), dict[str, np.ndarray]()
@@ -96,14 +81,9 @@ def paced_at(emulation: Emulation, x: np.ndarray) -> Network:
 
 
 def slowed(assembly: Assembly, part: PICell, ohms: np.ndarray) -> np.ndarray:
-    """Return the factor (N,) by which the junction slows a diode neuron: 1 on a chip.
+    """Return the slowdown (N,) of a rectifying neuron by the junction: 1 on a chip.
 
-    Parameters
-    ----------
-    assembly : Assembly
-    part : PICell
-    ohms : (N,) array
-        Of its feedback resistor and its inputs side by side.
+    ``ohms`` (N,) is the parallel resistance of the feedback resistor and the inputs.
     """
     farads = 0.0 if assembly.transistors else JUNCTION
     return 1 + ohms * farads / assembly.scaling.time / assembly.outputs.lag(part.name)

@@ -1,8 +1,8 @@
-"""A circuit as a network again: its neurons, and what each of them stands for.
+"""Behavioural emulation of a circuit: a network and the counterparts of neurons.
 
-All that parts do is neurons, sums and multipliers: the result is a `Network`, which every backend
-runs, whose Jacobian is the pole model of the circuit, and in which every resistor, offset and gain
-is the weight of a connection. `op_amps`, `transconductors` and `multipliers` have the equations.
+All effects of parts are neurons, sums and multipliers, so the result is a `Network`, which every
+backend runs. Its Jacobian is the pole model of the circuit, and every resistor, offset and gain is
+the weight of a connection. `op_amps`, `transconductors` and `multipliers` contain the equations.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from ann_dc.validation.values import such_as
 @such_as("ann_dc.emulate(circuit, level)")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Emulation:
-    """The network that a circuit is.
+    """Network that represents a circuit.
 
     Attributes
     ----------
     network : Network
-        Its neurons carry the names of the parts; values are in the units of the ideal network.
-        ``held.<part>`` is a capacitor, ``not.<part>`` an inverter, ``open.<part>`` the op amp of a
-        diode neuron, ``clamps.<part>`` what clamps follow,
-        ``clamp_hi.<part>`` the op amp of one that moves, ``share.clamp_hi.<part>`` what it carries
-        of the capacitor, ``ground.<part>`` a virtual ground,
-        ``first.<part>`` an op amp before its second pole.
+        Neurons have the names of the parts; values are in units of the ideal network.
+        ``held.<part>`` is a capacitor, ``not.<part>`` an inverter, and ``open.<part>`` the op amp
+        of a rectifying multiplier neuron. ``clamps.<part>`` is the output of the idle clamps,
+        ``clamp_hi.<part>`` the op amp of a moving clamp, and ``share.clamp_hi.<part>`` its part of
+        the capacitor. ``ground.<part>`` is a virtual ground, ``first.<part>`` an op amp before its
+        second pole.
     circuit : Circuit
-        What was emulated.
+        Emulated circuit.
     origins : mapping of neuron name to Origin
-        Which node of the ideal network each of its neurons stands for.
+        Node of the ideal network that each neuron represents.
     slopes : mapping of parameter name to tuple of (connection name, (N,) array)
-        How the weights of connections change with a parameter's deviation.
+        Change of connection weights per deviation of a parameter.
     """
 
     network: Network
@@ -48,9 +48,9 @@ class Emulation:
 
     @cached_property
     def outputs(self) -> np.ndarray:
-        """(m,) components of the state that stand for the ideal network's controls.
+        """State components (m,) of the ideal controls, or of all neurons without controls.
 
-        For all of its neurons where it has no controls; a multiplier stands on its capacitor.
+        A multiplier output is represented by its capacitor.
         """
         ideal = self.circuit.schematic.network
         controls = ideal.of_population("u")
@@ -63,28 +63,20 @@ class Emulation:
 
     @property
     def output_names(self) -> list[str]:
-        """Names of the neurons of ``outputs``, one for each of them."""
+        """Names of the neurons of ``outputs``."""
         rows = self.network.places[self.outputs, 0]
         return [self.network.cell.neurons[row].name for row in rows]
 
     @cached_property
     def clips(self) -> np.ndarray:
-        """(n,) booleans: whose rails are those of a part, and not those of the ideal network."""
+        """Mask (n,) of the neurons with limits of a part and not of the ideal network."""
         held = {AmplifierNodes(part.name).held for part in self.circuit.schematic.parts}
         names = [neuron.name for neuron in self.network.cell.neurons]
         return np.array([names[row] not in held for row in self.network.places[:, 0]])
 
     def controls(self, x: np.ndarray) -> np.ndarray:
-        """Controls of states of the emulation, in the units of the states.
+        """Return the controls (..., m) of states (..., n), in the units of the states.
 
-        Parameters
-        ----------
-        x : (..., n) array
-            State vectors of the emulation.
-
-        Returns
-        -------
-        (..., m) array
-            All stages' controls, in the order of ``outputs``.
+        The controls of all stages are in the order of ``outputs``.
         """
         return np.asarray(x)[..., self.outputs]

@@ -1,12 +1,14 @@
-r"""Idle clamps: outputs of their op amps, and the capacitance that they add to an integrator.
+r"""Idle clamps: outputs of their op amps, and their capacitance at an integrator.
 
-The op amp of an idle clamp at an upper rail u follows the output x, two diode drops below it. One
-drop is too little: near the rail idle diodes carry little current, and the clamping diode leaks:
+The op amp of an idle clamp at an upper limit u follows the output x, two diode drops below. One
+drop is not sufficient, because near the limit idle diodes carry little current and the clamping
+diode leaks:
 
 .. math:: o = x - V_D \ln\Big(1 + \frac{u - x}{R_1 I_s}\Big) , \qquad
     \frac{do}{dx} = 1 + \frac{V_D}{u - x + R_1 I_s} , \quad V_D = 2 V_T .
 
-A share s of the integrator's capacitor is charged with o: near a rail it is that much larger.
+A fraction s of the integrator's capacitor is charged with o, so near a limit this part is larger by
+the factor do/dx.
 """
 
 from __future__ import annotations
@@ -31,24 +33,24 @@ from ann_dc.hardware.schematic.elements import Integrator
 from ann_dc.network.network import Network
 
 BESIDE = 1e-4
-"""Volts from a rail at which reset leaves an output that starts there: currents of its inputs, and
-a closed switch of an ohm."""
+"""Distance in volts from a limit at which reset leaves an output that starts at the limit.
+
+The cause is the current of its inputs through a closed switch of one ohm.
+"""
 
 
 @dataclass(frozen=True)
 class Clamp:
-    """One clamp of an integrator, in network units of its output.
+    """Clamp of an integrator, in network units of its output.
 
     Attributes
     ----------
-    nodes : ClampNodes
     side : float
-        1 at its largest value, -1 at its smallest one.
-    rail : float
+        1 for the upper limit, -1 for the lower limit.
     thermal : float
         V_T.
     idling : float
-        V_D of the diodes by which it follows while it is off.
+        V_D of the diodes through which the inactive clamp follows.
     seeping : float
         R_1 I_s.
     """
@@ -61,32 +63,19 @@ class Clamp:
     seeping: float
 
     def idle(self, x: np.ndarray) -> np.ndarray:
-        """Return the rest of its op amp while the integrator's output is between the rails."""
+        """Return the op amp's equilibrium output while the integrator is within limits."""
         apart = np.maximum(self.side * (self.rail - x), self.thermal * BESIDE / THERMAL)
         return x - self.side * self.idling * np.log1p(apart / self.seeping)
 
     def added(self, x: np.ndarray) -> np.ndarray:
-        """Return what it adds to the capacitor, over the capacitor; 0 if it conducts."""
+        """Return the added relative capacitance; 0 if the clamp conducts."""
         apart = self.side * (self.rail - x)
         off = apart > self.thermal * BESIDE / THERMAL
         return CLAMP_SHARE * self.idling / (np.where(off, apart, np.inf) + self.seeping)
 
 
 def clamps_of(circuit: Circuit, sheet: Datasheet, part: Integrator) -> tuple[Clamp, ...]:
-    """Return the moving clamps of an integrator.
-
-    Parameters
-    ----------
-    circuit : Circuit
-    sheet : Datasheet
-        Of their op amps.
-    part : Integrator
-
-    Returns
-    -------
-    tuple of Clamp
-        One for every rail that it has, the lower one first.
-    """
+    """Return the moving clamps of an integrator, one per limit, the lower limit first."""
     built, value = circuit.limiter(part), circuit.value_of(part.name)
     return tuple(
         Clamp(
@@ -103,20 +92,9 @@ def clamps_of(circuit: Circuit, sheet: Datasheet, part: Integrator) -> tuple[Cla
 
 
 def rest_idle(network: Network, circuit: Circuit, sheet: Datasheet, x: np.ndarray) -> np.ndarray:
-    """Return a state of an emulation in which all moving clamps are off.
+    """Return an emulation state in which all moving clamps are off.
 
-    Parameters
-    ----------
-    network : Network
-        Of the emulation.
-    circuit : Circuit
-    sheet : Datasheet
-    x : (n,) array
-        State with outputs inside their rails.
-
-    Returns
-    -------
-    (n,) array
+    The given state ``x`` (n,) has outputs inside their limits.
     """
     full = network.unpack(x).copy()
     for part in circuit.schematic.parts:
@@ -133,21 +111,10 @@ def rest_idle(network: Network, circuit: Circuit, sheet: Datasheet, x: np.ndarra
 
 
 def beside_rails(emulation: Emulation, sheet: Datasheet, x: np.ndarray) -> Emulation:
-    """Return an emulation with capacitors as large as idle clamps make them at a state.
+    """Return an emulation with the capacitors enlarged by idle clamps at a state.
 
-    Parameters
-    ----------
-    emulation : Emulation
-        With clamps that are walls.
-    sheet : Datasheet
-        Of the op amps.
-    x : (n,) array
-        State vector of the ideal network.
-
-    Returns
-    -------
-    Emulation
-        The given one if the circuit has no clamps.
+    The given emulation treats clamps as ideal limiters, and ``x`` (n,) is a state of the ideal
+    network. The emulation is returned unchanged if the circuit has no clamps.
     """
     circuit, network = emulation.circuit, emulation.network
     ideal, larger = circuit.schematic.network, dict[str, np.ndarray]()

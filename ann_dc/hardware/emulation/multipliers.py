@@ -1,20 +1,22 @@
-r"""Multipliers and function generators as products and functions, with what spoils them.
+r"""Multipliers and function generators as products and functions with errors.
 
-A multiplier is (1 + ge) X y + oz + f (x + y) with x = a + ox, y = b + oy, a function generator
-(1 + ge) g(x) + oy, behind a pole and between rails. The first input of a multiplier is bent: by an
-odd cubic that is off by a share d of full scale at most, within full scale,
+A multiplier is (1 + ge) X y + oz + f (x + y) with x = a + ox, y = b + oy. A function generator is
+(1 + ge) g(x) + oy. Both have a pole and limits. The first input of a multiplier is bent by an odd
+cubic that deviates by at most a fraction d of full scale within full scale,
 
 .. math:: X = x + d\, T_3(x) = x \left(1 + d\, (4 x^2 - 3)\right) ,
 
 all in units of full scale. T_3 is Chebyshev's polynomial: it reaches 1 at both ends and once on
-either side of zero, so that no straight line is closer to X than x is. The feedthrough f is what
-either input adds to the output. The capacitance of its inputs is left out: behind the output
-resistance of an op amp it is a pole of its loop, and 20 pF behind 100 ohm move settling by 0.1 %.
+either side of zero, so no straight line is closer to X than x. The feedthrough f is the
+contribution of either input to the output. The capacitance of the inputs is omitted. Behind the
+output resistance of an op amp it is a pole of the op amp's loop, and 20 pF behind 100 ohm changes
+settling by 0.1 %.
 
-What transistors make of a product is a `MultiplierLaw`. A function generator that is a cascade of
-multipliers is emulated as these, each with that law, behind one pole; the input current of the next
-one flows through their output resistance. In a divider an op amp makes m = u y what it has to be,
-K + 3 (o - y / A0) / 2 behind the resistors at its input; with m as the law and its load have it,
+A `MultiplierLaw` describes the errors of transistors. A function generator that is a cascade of
+multipliers is emulated as these multipliers, each with that law, behind one pole. The input current
+of the next multiplier flows through their output resistance. In a divider an op amp drives m = u y
+to its required value. This value is K + 3 (o - y / A0) / 2 behind the resistors at its input. With
+m given by the law and its load,
 
 .. math:: y = \frac{1}{u} \left(2 - \frac{m(u, 1/u)}{K}
     + \frac{3}{2 K} \left(o - \frac{y}{A_0}\right)\right)
@@ -39,23 +41,23 @@ from ann_dc.hardware.schematic.elements import Generator, Multiplier
 from ann_dc.network.cell import ONE, Limiter
 
 FAST = 10.0
-"""A pole that many times faster than the op amps is left out."""
+"""Ratio of a pole to the op-amp bandwidth above which the pole is omitted."""
 
 
 @dataclass(frozen=True)
 class _Factor:
-    """What a pair of inputs multiplies.
+    """Factor of a multiplier: a pair of inputs.
 
     Attributes
     ----------
     node : str
-        Of the assembly.
+        Node of the assembly.
     share : float
-        The difference of the two inputs over full scale, per unit of the node.
+        Difference of the two inputs relative to full scale, per unit of the node.
     volts : float
-        Their sum, in volts per unit of the node.
+        Sum of the two inputs in volts per unit of the node.
     centre : float
-        Their sum where the node is zero.
+        Sum of the two inputs at zero of the node.
     """
 
     node: str
@@ -108,7 +110,7 @@ def _product(
     law: MultiplierLaw,
     z: float = 0.0,
 ) -> str:
-    """What a law of a full scale, in volts, makes of two factors beside z volts: a node."""
+    """Return the node of a law's product of two factors plus z; ``volts``: full scale."""
     product, slope, lawful = (f"{word}.{name}" for word in ("product", "slope", "lawful"))
     assembly.product(product, x.node, y.node)
     if law == PRODUCT:
@@ -130,7 +132,7 @@ def _product(
 
 
 def _bent(assembly: Assembly, part: Multiplier, x: _Factor) -> _Factor:
-    """What a multiplier makes of its first input before it multiplies: x (1 + d (4 x^2 - 3))."""
+    """Return the bent first input of a multiplier: x (1 + d (4 x^2 - 3))."""
     d = assembly.datasheet.parasitics.multiplier_nonlinearity
     if d == 0:
         return x
@@ -144,7 +146,7 @@ def _bent(assembly: Assembly, part: Multiplier, x: _Factor) -> _Factor:
 
 
 def add_generator(assembly: Assembly, part: Generator, recipe: Curves | None) -> None:
-    """Add a function of a node to an assembly, made of parts by a recipe if there is one."""
+    """Add a function of a node, made of parts by a fitting method if one exists."""
     curve, scaling = f"curve.{part.name}", assembly.scaling
     fitted = recipe.fit(part.function, *built_range(part, scaling)) if recipe else None
     slopes, loaded = slopes_of(assembly.schematic, scaling, part), None
@@ -162,7 +164,7 @@ def add_generator(assembly: Assembly, part: Generator, recipe: Curves | None) ->
 def _add_divider(
     assembly: Assembly, part: Generator, fitted: FittedQuotient, slopes: tuple[float, float]
 ) -> None:
-    """1/u by an op amp and a multiplier, whose input is in units of its full scale."""
+    """Add 1/u by an op amp and a multiplier; its input is in units of full scale."""
     name, (sx, sy), value = part.name, slopes, assembly.circuit.value_of(part.name)
     low, high = fitted.stretch.low, fitted.stretch.high
     V = max(abs(low), abs(high)) / abs(sx)
@@ -185,7 +187,7 @@ def _add_divider(
 
 
 def _add_cascade(assembly: Assembly, part: Generator, cascade: Cascade, volts: float) -> None:
-    """Multipliers one behind the other; inner nodes are in units of their full scale."""
+    """Add multipliers in series; inner nodes are in units of their full scale."""
     V, name = cascade.amplitude, part.name
     assembly.sum(f"{INPUT}.{name}")
     assembly.connect(part.x, f"{INPUT}.{name}", volts / V)
@@ -218,7 +220,7 @@ def _add_step(assembly: Assembly, part: Generator, cascade: Cascade, step: Step)
 
 
 def _pair(name: str, cascade: Cascade, pins: tuple[str, str]) -> _Factor:
-    """The voltage between two nodes of a cascade."""
+    """Return the voltage between two nodes of a cascade as a factor."""
     V = cascade.amplitude
     if INPUT not in pins:
         return _Factor(node=f"{pins[0]}.{name}", share=1.0, volts=V)
@@ -236,7 +238,7 @@ def _output(
     known: float = 0.0,
     loaded: tuple[float, float] | None = None,
 ) -> tuple[str, float]:
-    """Gain error, output offset, rails and pole; where a unit of output enters, and its weight."""
+    """Add gain error, offset, limits and pole; return the target node and its weight."""
     share, sag = loaded or assembly.outputs.passed(name)
     gain = share * (1 + assembly.deviation(name, Quantity.GAIN))
     volt = assembly.circuit.value_of(name)

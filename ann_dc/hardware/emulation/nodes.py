@@ -1,4 +1,4 @@
-"""What the nodes of an emulation are called, and which of the ideal network they stand for."""
+"""Names of the nodes of an emulation, and their counterparts in the ideal network."""
 
 from __future__ import annotations
 
@@ -7,16 +7,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class AmplifierNodes:
-    """Names of the nodes that stand for an amplifier, or for the inverter behind a part.
+    """Names of the nodes of an amplifier, or of the inverter behind a part.
 
     Attributes
     ----------
-    part : str
-        Name of the part.
     inverter : bool
-        Whether the inverter behind it is meant.
+        True for the inverter behind the part.
     rectified : bool
-        Whether its op amp before the diodes is meant.
+        True for the op amp before the diodes.
 
     Examples
     --------
@@ -30,102 +28,102 @@ class AmplifierNodes:
 
     @property
     def output(self) -> str:
-        """Its output."""
+        """Output."""
         if self.rectified:
             return f"open.{self.part}"
         return f"not.{self.part}" if self.inverter else self.part
 
     @property
     def summed(self) -> str:
-        """What its input resistors bring."""
+        """Sum of the input resistors' contributions."""
         return f"summed.{self.output}"
 
     @property
     def ground(self) -> str:
-        """Its virtual ground."""
+        """Virtual ground."""
         return f"ground.{self.output}"
 
     @property
     def bias(self) -> str:
-        """The bias current of its input, times what a volt at its output stands for."""
+        """Bias current of the input, times the value of one volt at the output."""
         return f"bias.{self.output}"
 
     @property
     def lagging(self) -> str:
-        """What the virtual ground of a diode neuron would be without its diodes."""
+        """Virtual ground that a rectifying neuron would have without its diodes."""
         return f"lagging.{self.output}"
 
     @property
     def first(self) -> str:
-        """Behind the first of its two poles."""
+        """Node between the first and the second pole."""
         return f"first.{self.output}"
 
     @property
     def below(self) -> str:
-        """How far it is below where the diode of its virtual ground begins to conduct."""
+        """Distance below the conduction threshold of the virtual ground's diode."""
         return f"below.{self.output}"
 
     @property
     def back(self) -> str:
-        """What that diode takes from its virtual ground."""
+        """Current of that diode from the virtual ground."""
         return f"back.{self.output}"
 
     @property
     def beyond(self) -> str:
-        """Its distance from where its own diode begins to conduct, while that is off."""
+        """Distance from the conduction threshold of the output diode while it is off."""
         return f"beyond.{self.output}"
 
     @property
     def pace(self) -> str:
-        """The rate at which the far end of its own diode follows, over its own."""
+        """Rate of the output diode's far end relative to that of the op amp."""
         return f"pace.{self.output}"
 
     @property
     def paced(self) -> str:
-        """Its drive times its pace."""
+        """Product of net input and pace."""
         return f"paced.{self.output}"
 
     @property
     def drop_free(self) -> str:
-        """Its drive, had its own diode no drop."""
+        """Net input without the drop of the output diode."""
         return f"drop_free.{self.output}"
 
     @property
     def held(self) -> str:
-        """The voltage across its capacitor."""
+        """Voltage across the capacitor."""
         return f"held.{self.output}"
 
     @property
     def trailing(self) -> str:
-        """The current of that capacitor, one time constant of an op amp late."""
+        """Current of the capacitor, delayed by one op-amp time constant."""
         return f"trailing.{self.output}"
 
     @property
     def leak(self) -> str:
-        """What leaks into that capacitor."""
+        """Leakage into the capacitor."""
         return f"leak.{self.output}"
 
     @property
     def clamps(self) -> str:
-        """What the op amps of its rails, which are off, follow it with."""
+        """Follower voltage of the inactive op amps of the limits."""
         return f"clamps.{self.output}"
 
     @property
     def drive(self) -> str:
-        """What would drive it, were its slew rate infinite."""
+        """Net input at infinite slew rate."""
         return f"drive.{self.output}"
 
 
 @dataclass(frozen=True)
 class ClampNodes:
-    """Names of the nodes that stand for the clamp of one of an integrator's rails.
+    """Names of the nodes of the clamp at one of an integrator's limits.
 
     Attributes
     ----------
     part : str
         Name of the integrator.
     upper : bool
-        Of its two rails.
+        True for the upper limit.
     """
 
     part: str
@@ -133,38 +131,38 @@ class ClampNodes:
 
     @property
     def op_amp(self) -> str:
-        """The output of its op amp."""
+        """Output of the op amp."""
         return f"clamp_{'hi' if self.upper else 'lo'}.{self.part}"
 
     @property
     def share(self) -> str:
-        """The capacitor's share in it, at the end that is not the virtual ground."""
+        """Fraction of the capacitor in the clamp, at the end opposite the virtual ground."""
         return f"share.{self.op_amp}"
 
     @property
     def short(self) -> str:
-        """By what its other input is short of the reference, over V_T: through the idle diode."""
+        """Shortfall of the other input from the reference, over V_T, by the idle diode."""
         return f"short.{self.op_amp}"
 
     @property
     def current(self) -> str:
-        """What it carries, times its resistors, over V_T."""
+        """Current of the clamp times its resistors, over V_T."""
         return f"current.{self.op_amp}"
 
     @property
     def drive(self) -> str:
-        """What would drive its op amp, were the slew rate infinite."""
+        """Net input of the op amp at infinite slew rate."""
         return f"drive.{self.op_amp}"
 
 
 @dataclass(frozen=True)
 class Origin:
-    """What a neuron stands for: ``sign`` times a node of the ideal network.
+    """Counterpart of a neuron: ``sign`` times a node of the ideal network.
 
     Attributes
     ----------
     node : str
-        Of the ideal network.
+        Node of the ideal network.
     sign : float
         1 or -1.
     """

@@ -1,25 +1,24 @@
-r"""Noise of resistors, op amps and multipliers, drawn from a seed: currents into virtual grounds.
+r"""Noise of resistors, op amps and multipliers: seeded currents at virtual grounds.
 
 Every resistor R has a thermal current of one-sided density 4 k T / R, and every op amp a white
-voltage e_a at its input. Moved to the virtual ground of a part whose resistors R_j end there, both
-are currents,
+voltage e_a at its input. At the virtual ground of a part with resistors R_j, both are currents,
 
 .. math:: S = 4 k T \sum_j 1/R_j + e_a^2 \Bigl(\sum_j 1/R_j\Bigr)^2 ,
 
-where the feedback resistor of an adder or an inverter is one of the R_j. That of a PI cell is not:
-it has a capacitor in series, which a current of its own must not charge. Its noise, and the e_a
-that a PI cell passes on to its output, are a second current across it, from its far end to the
-virtual ground. The white voltage e_m at the output of a multiplier stays a voltage: it acts as an
-offset there, before the multiplier's own pole, which ends its band.
+with the feedback resistor of an adder or an inverter among the R_j. The feedback resistor of a PI
+cell is not among them, because its series capacitor must not be charged by a noise current. Its
+noise, and the e_a that a PI cell passes to its output, form a second current across the resistor,
+from its far end to the virtual ground. The white voltage e_m at the output of a multiplier remains
+a voltage. It acts as an offset before the multiplier's pole, which limits its bandwidth.
 
-Samples of variance s^2 on a grid of dt, joined by straight lines, have the one-sided density
-2 s^2 dt sinc^4(f dt), so s^2 = S / (2 dt) is right for frequencies far below 1/dt; behind a pole of
-time constant tau the rms is 7/30 dt/tau too small. The first sample is zero: noise begins when the
-reset switches open. Netlist and emulation are fed the same samples.
+Samples of variance s^2 at intervals dt, connected by straight lines, have the one-sided density 2
+s^2 dt sinc^4(f dt). So s^2 = S / (2 dt) is correct for frequencies far below 1/dt. Behind a pole of
+time constant tau the rms value is 7/30 dt/tau too small. The first sample is zero, because noise
+begins when the reset switches open. Netlist and emulation use identical samples.
 
-Neglected are the e_a that an integrator passes on to its output beside what it integrates (it
-shows above sum(1/R)/(2 pi C) only), flicker noise, the noise of function generators, the errors of
-the resistors that make the noise, and kT/C of the reset switches.
+Not modelled are flicker noise, noise of function generators, errors of the noise-generating
+resistors, and kT/C noise of the reset switches. The e_a that an integrator passes directly to its
+output is also omitted; it is visible only above sum(1/R)/(2 pi C).
 """
 
 from __future__ import annotations
@@ -41,25 +40,22 @@ from ann_dc.validation.checked import checked
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Noise:
-    """How much noise there is.
+    """Noise strength.
+
+    Raises `NetworkError` if a number is out of its range.
 
     Attributes
     ----------
     step : float
-        Seconds between samples; the noise is white up to about a fifth of 1 / step.
+        Seconds between samples; the noise is white up to about one fifth of 1 / step.
     temperature : float
-        Of all resistors, in K.
+        Temperature of all resistors in K.
     amplifier : float
-        Input voltage noise of the op amps in V/sqrt(Hz), white.
+        White input voltage noise of the op amps in V/sqrt(Hz).
     multiplier : float
-        Of multipliers at their outputs, in V/sqrt(Hz), white.
+        White output voltage noise of multipliers in V/sqrt(Hz).
     seed : int
-        The same seed gives the same samples.
-
-    Raises
-    ------
-    NetworkError
-        If a number is out of its range.
+        Equal seeds give equal samples.
 
     Examples
     --------
@@ -90,13 +86,9 @@ class Noise:
     def of_parts(
         cls, parasitics: Parasitics, *, step: float, temperature: float = 300.0, seed: int = 0
     ) -> Noise:
-        """The noise of resistors, and of parts as their datasheet has it.
+        """Return the noise of resistors, and of parts according to their datasheet.
 
-        Parameters
-        ----------
-        parasitics : Parasitics
-        step, temperature, seed
-            Of `Noise`.
+        ``step``, ``temperature`` and ``seed`` are fields of `Noise`.
 
         Examples
         --------
@@ -112,17 +104,9 @@ class Noise:
         )
 
     def thermal(self, conductance):
-        """One-sided density 4 k T G of the thermal current of a conductance [1]_.
+        """Return the one-sided density 4 k T G of a conductance's thermal current [1]_.
 
-        Parameters
-        ----------
-        conductance : float or array
-            G, in siemens.
-
-        Returns
-        -------
-        float or array
-            In A^2/Hz.
+        The conductance G is in siemens, the result in A^2/Hz.
 
         References
         ----------
@@ -133,7 +117,7 @@ class Noise:
 
 
 class Place(enum.Enum):
-    """Where noise enters."""
+    """Location of a noise source."""
 
     GROUND = "into the virtual ground"
     FEEDBACK = "across the feedback resistor"
@@ -143,17 +127,18 @@ class Place(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Source:
-    """A current of noise in every cell, or the voltage of a multiplier.
+    """Noise current in every cell, or noise voltage of a multiplier.
 
     Attributes
     ----------
     part : str
-        The part with the op amp, or the multiplier.
+        Part with the op amp, or multiplier.
     place : Place
-        Where it enters.
+        Location of the source.
     conductance : (N,) array
-        Of all resistors that make it, in siemens; zero where there is none. It is as well the
-        current for a volt of the op amp's noise. Of a multiplier's voltage, 1 where there is one.
+        Total conductance of the resistors that cause the noise in siemens; zero for an absent
+        source. It is also the current per volt of op-amp noise. The value for a multiplier's
+        voltage is 1.
     """
 
     part: str
@@ -162,27 +147,27 @@ class Source:
 
     @property
     def name(self) -> str:
-        """Its own name, and that of its random streams."""
+        """Name of the source and of its random streams."""
         return f"{self.place.name.lower()}.{self.part}"
 
     @property
     def op_amp(self) -> str:
-        """Name of the random streams of the op amp: a PI cell has one for both currents."""
+        """Name of the op amp's random streams: a PI cell has one name for both currents."""
         return f"not.{self.part}" if self.place is Place.INVERTER else self.part
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Currents:
-    """Samples of all noise, joined by straight lines, from the opening of the reset switches on.
+    """Linearly interpolated samples of all noise since the reset switches opened.
 
     Attributes
     ----------
     step : float
         Seconds between samples.
     sources : tuple of Source
-        Empty where there is no noise.
+        Empty without noise.
     samples : (sources, N, K + 1) array
-        Amperes, volts of multipliers; the first ones are zero.
+        Amperes, or volts for multipliers; the first samples are zero.
     """
 
     step: float
@@ -191,30 +176,19 @@ class Currents:
 
     @property
     def span(self) -> float:
-        """Seconds from the first sample to the last."""
+        """Seconds from the first to the last sample."""
         return (self.samples.shape[2] - 1) * self.step
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Samples (N, K + 1) of a source, by its name."""
+        """Return the samples (N, K + 1) of a source by name."""
         return self.samples[[source.name for source in self.sources].index(name)]
 
 
 @checked
 def noise_sources(circuit: Circuit) -> tuple[Source, ...]:
-    """Where noise of resistors and op amps enters a circuit.
+    """Return the noise sources of the resistors and op amps of a circuit.
 
-    Parameters
-    ----------
-    circuit : Circuit
-
-    Returns
-    -------
-    tuple of Source
-
-    Raises
-    ------
-    NetworkError
-        If the circuit is differential.
+    Raises `NetworkError` if the circuit is differential.
     """
     schematic = circuit.schematic
     if schematic.differential:
@@ -244,12 +218,9 @@ def noise_sources(circuit: Circuit) -> tuple[Source, ...]:
 
 @checked
 def sources_of(circuit: Circuit, noise: Noise) -> tuple[Source, ...]:
-    """Where noise enters a circuit (Circuit), multipliers included; what makes none is left out.
+    """Return the contributing noise sources of a circuit, multipliers included.
 
-    Raises
-    ------
-    NetworkError
-        If the circuit is differential.
+    Raises `NetworkError` if the circuit is differential.
     """
     schematic = circuit.schematic
     currents = noise_sources(circuit)
@@ -263,7 +234,7 @@ def sources_of(circuit: Circuit, noise: Noise) -> tuple[Source, ...]:
 
 
 def _conductance(circuit: Circuit, part: Integrator | PICell | Adder) -> np.ndarray:
-    """(N,) siemens of the resistors that end at a part's virtual ground from outside."""
+    """Return the conductance (N,) of external resistors at a part's virtual ground."""
     total = np.zeros(circuit.schematic.network.stages)
     for wire, ohms in zip(part.wires, circuit.resistors[part.name]):
         total += np.where(circuit.schematic.fed_at(wire), 1 / ohms, 0.0)
@@ -274,24 +245,10 @@ def _conductance(circuit: Circuit, part: Integrator | PICell | Adder) -> np.ndar
 def draw_noise(circuit: Circuit, noise: Noise, span: float) -> Currents:
     """Draw the noise of a circuit.
 
-    Every source and every op amp has a random stream of its own in every cell, by its name: other
-    parts, more cells, a longer span or another temperature leave its random numbers as they are.
-
-    Parameters
-    ----------
-    circuit : Circuit
-    noise : Noise
-    span : float
-        Seconds after the opening of the reset switches that the samples have to last.
-
-    Returns
-    -------
-    Currents
-
-    Raises
-    ------
-    NetworkError
-        If the span is not positive, or the circuit is one that `noise_sources` does not know.
+    Every source and every op amp has a random stream in every cell, determined by its name. Other
+    parts, more cells, a longer span or another temperature do not change its random numbers. The
+    samples cover ``span`` seconds after the opening of the reset switches. Raises `NetworkError` if
+    the span is not positive or `noise_sources` does not support the circuit.
     """
     require_positive(span=span)
     sources = sources_of(circuit, noise)
@@ -320,21 +277,10 @@ def _samples(noise: Noise, source: Source, stage: int, count: int) -> np.ndarray
 
 
 def white(density: float, step: float, count: int, seed: list[int]) -> np.ndarray:
-    """Samples that, joined by straight lines, have a one-sided density at low frequency.
+    """Return (count,) samples whose linear interpolation has a low-frequency density.
 
-    The unit of the samples squared a Hz is that of the density: for A, A^2/Hz.
-
-    Parameters
-    ----------
-    density : float
-    step : float
-        Seconds between samples.
-    count : int
-    seed : list of int
-
-    Returns
-    -------
-    (count,) array
+    The density is one-sided, and ``step`` is the number of seconds between samples. The square of
+    the samples' unit per Hz is the unit of the density: for A, A^2/Hz.
 
     Examples
     --------

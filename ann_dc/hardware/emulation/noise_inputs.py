@@ -1,15 +1,14 @@
-r"""Noise as an input of the emulation's network: currents into virtual grounds, and voltages.
+r"""Noise inputs of the emulation's network: currents at virtual grounds, voltages.
 
-A current i into the virtual ground of a part adds to what its resistors bring there. With V/S volts
-for a unit of its node, p its polarity, T seconds for a unit of network time,
+A current i into the virtual ground of a part adds to the contribution of the resistors there. With
+V/S volts per unit of the part's node, p its polarity, and T seconds per unit of network time,
 
 .. math::
     A \to A - \frac{p S}{V} \frac{T}{rate\, C}\, i \;\text{(integrator)}, \qquad
-    A \to A - \frac{p S}{V} R_f\, i \;\text{(PI cell, adder, inverter)} ,
+    A \to A - \frac{p S}{V} R_f\, i \;\text{(PI cell, adder, inverter)} .
 
-and a current across the feedback resistor of a PI cell moves its virtual ground,
-e -> e + (p S / V) R_f i / (1 + Gamma), but does not reach its capacitor. The voltage of a
-multiplier acts as its output offset does.
+A current across the feedback resistor of a PI cell moves its virtual ground and not its capacitor:
+e -> e + (p S / V) R_f i / (1 + Gamma). The voltage of a multiplier acts as its output offset.
 """
 
 from __future__ import annotations
@@ -30,16 +29,7 @@ from ann_dc.validation.checked import checked
 
 
 def noise_input(source: Source) -> str:
-    """Name of the input that carries the current of a source in amperes, or its voltage.
-
-    Parameters
-    ----------
-    source : Source
-
-    Returns
-    -------
-    str
-    """
+    """Return the input name of a source, which carries amperes, or volts."""
     return f"noise.{source.name}"
 
 
@@ -47,19 +37,10 @@ def noise_input(source: Source) -> str:
 def noisy_network(
     emulation: Emulation, currents: Currents, deviations: Deviations | None = None
 ) -> Network:
-    """The emulation's network with an input in amperes or volts for every source of noise, at 0.
+    """Return the emulation's network with an input per noise source, initially zero.
 
-    Parameters
-    ----------
-    emulation : Emulation
-    currents : Currents
-        Their sources, whatever the samples.
-    deviations : mapping of parameter name to (N,) array, optional
-        Those that the emulation was made with.
-
-    Returns
-    -------
-    Network
+    Inputs are in amperes or volts. The samples of ``currents`` are not used. ``deviations`` are
+    those with which the emulation was made.
     """
     network, cell = emulation.network, emulation.network.cell
     off = deviations or {}
@@ -88,7 +69,7 @@ def _connection(emulation: Emulation, source: Source, off: Deviations) -> Connec
 
 
 def _as_offset(emulation: Emulation, source: Source) -> Connection:
-    """A volt at the output of a multiplier: it enters where that of its offset does."""
+    """Return the connection of one volt at a multiplier's output, like its offset."""
     name = emulation.circuit.parameter_name(source.part, Quantity.OFFSET_Z)
     ((offset, slope),) = emulation.slopes[name]
     target = next(wire.target for wire in emulation.network.cell.connections if wire.name == offset)
@@ -97,7 +78,7 @@ def _as_offset(emulation: Emulation, source: Source) -> Connection:
 
 
 def _ohms(emulation: Emulation, source: Source, off: Deviations) -> np.ndarray:
-    """Volts at the output, or what an integrator makes of them in network time, per ampere."""
+    """Return volts at the output per ampere (integrator: per unit of network time)."""
     circuit, name = emulation.circuit, source.part
     part = circuit.schematic.by_name[name]
     if source.place is Place.INVERTER:

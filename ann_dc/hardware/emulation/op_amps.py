@@ -1,8 +1,8 @@
-r"""Op amps with resistors as neurons: finite gain, a pole, a slew rate, rails and offsets.
+r"""Op amps with resistors as neurons: finite gain, poles, slew rate, swing, offset.
 
-With x the value that a part's output stands for, e that of its virtual ground, and
-Gamma = sum |w_j| S_j / S the conductance of its inputs, a part of gain A0 into what it drives and
-gain-bandwidth Omega (per unit of network time), off by a voltage that stands for o, is
+Let x be the value represented by a part's output, e that of its virtual ground, and o that of its
+offset voltage. The conductance of its inputs is Gamma = sum |w_j| S_j / S. A part of loaded gain A0
+and gain-bandwidth product Omega (per unit of network time) is
 
 .. math::
     \dot x &= \Omega\,(o - e - x / A_0) &&\text{(every op amp)} \\
@@ -12,37 +12,38 @@ gain-bandwidth Omega (per unit of network time), off by a voltage that stands fo
         &&\text{(PI cell, } A, \Gamma \text{ times } \rho) \\
     e &= \frac{x - A}{1 + \Gamma} &&\text{(adder, inverter)} .
 
-h is the voltage across the capacitor; with rails, what the output is where the op amp has come to
-rest, which stops at them: e = x - h + o - x / A0. What lies at a virtual ground besides is in
-`grounds`, what rails add in `clamps`. A second pole is y' = omega_2 (x - y), y the output;
-behind an output resistance r that drives a conductance G, A0 and Omega are 1 + r G times smaller.
-In a PI cell the resistor R_f drives the capacitor, whose voltage moves:
+Here h is the voltage across the capacitor. With saturation limits, h is the output at which the op
+amp is at rest, which stops at the limits: e = x - h + o - x / A0. `grounds` adds capacitance and
+bias current of a virtual ground, `clamps` the clamps of limits. A second pole is y' = omega_2 (x -
+y), with y the output. Behind an output resistance r with load conductance G, A0 and Omega are 1 + r
+G times smaller. In a PI cell the resistor R_f drives the capacitor, whose voltage moves:
 
 .. math:: \Big(1 + r G + \frac{r}{R_f}\Big) \dot x
           = \Omega\,(o - e - x / A_0) + \frac{r}{R_f} \dot h .
 
-The current of an integrator's capacitor drops r / R (A + Gamma e), R the resistor of an input of
-weight one. While a circuit moves, its derivative is taken from what lags it by 1 / Omega:
+The current of an integrator's capacitor drops r / R (A + Gamma e), with R the resistor of an input
+of weight one. During a transient its derivative is taken from a signal that lags by 1 / Omega:
 
 .. math:: (1 + r G)\, \dot x = \Omega\,\Big(o - e - x / A_0 - \frac{r}{R} (A + \Gamma e - a)\Big) ,
           \qquad \dot a = \Omega\,(A + \Gamma e - a) .
 
-Neurons that all cells share have no such term: settling times differ by at most 0.03 % (100 ohm).
+Shared neurons have no such term: settling times differ by at most 0.03 % (100 ohm).
 
-A diode neuron is a PI cell whose op amp stands at y + D / 2; behind a diode of drop D / 2 its
-output is x = max(0, y). By min(0, y + D) through another diode it holds its virtual ground, at the
-noise gain of its inputs; between the two it has to move, and a share s seeps back:
+A rectifying multiplier neuron is a PI cell whose op-amp output is y + D / 2. Behind a diode of drop
+D / 2 the neuron output is x = max(0, y). With min(0, y + D) through another diode the op amp fixes
+its virtual ground, at the noise gain of its inputs. Between the two it has to move, and a fraction
+s leaks back:
 
 .. math:: \dot y &= \Omega\,(o - e - (y + D / 2) / A_0), \quad
           e = s \min(0, y) + (1 - s) \min(0, y + D) + \frac{x - h - A}{1 + \Gamma} \\
           \dot h &= \frac{rate}{\rho} (x - h - e) .
 
-A pair of nodes of a grid, v and v', with a negative resistance of conductance mu against theirs
-across it, is
+A pair of grid nodes, v and v', with a negative resistance between them of conductance mu relative
+to theirs, is
 
 .. math:: \tau\, \dot v = \sum_j |w_j| s_j - v + \tfrac{\mu}{2} (v + v') ,
 
-s_j the node of the other pair, or the integrator, that has the sign of the weight.
+with s_j the integrator or the node of the other pair that has the sign of the weight.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ from ann_dc.network.cell import ONE, Limiter
 
 
 def add_op_amp(assembly: Assembly, part: Amplifier) -> None:
-    """Add an integrator, a PI cell or an adder to an assembly, and the inverter behind it."""
+    """Add an integrator, a PI cell or an adder, with its inverter, to an assembly."""
     if isinstance(part, Adder):
         _adder(assembly, part)
     elif isinstance(part, PICell):
@@ -90,7 +91,7 @@ def add_op_amp(assembly: Assembly, part: Amplifier) -> None:
 
 
 def add_inverter(assembly: Assembly, name: str) -> None:
-    """Add the inverter of a part, by its ``name``: a wire of weight -1 into an adder."""
+    """Add the inverter of part ``name``: an adder with a wire of weight -1."""
     schematic, nodes = assembly.schematic, AmplifierNodes(name, inverter=True)
     assembly.sum(nodes.summed)
     weight = -(1 + assembly.deviation(name, Quantity.INVERTER))
@@ -139,8 +140,8 @@ def _trailed(
 ) -> dict[str, float | np.ndarray]:
     """Add the delayed current of an integrator's capacitor; return the weights of e.
 
-    They include the voltage that the current drops across the output resistance. A ``share`` of
-    the capacitor is connected to the output itself, the rest to clamps.
+    The weights include the voltage drop of the current across the output resistance. A fraction
+    ``share`` of the capacitor is connected to the output, the remainder to clamps.
     """
     nodes = AmplifierNodes(part.name)
     assembly.neuron(nodes.trailing, 1 / assembly.omega, Origin(part.name, 0.0))
@@ -205,7 +206,7 @@ def _diode_cell(assembly: Assembly, part: PICell) -> None:
 
 
 def _returned(assembly: Assembly, part: PICell, ohms: np.ndarray) -> np.ndarray:
-    """Return r / (R_f Omega tau): weight of the current of a PI cell's capacitor in its op amp."""
+    """Return r / (R_f Omega tau), the weight of a PI cell's capacitor current."""
     tau = np.where(part.present, part.tau, 1.0) * ohms / assembly.circuit.feedback[part.name]
     return assembly.datasheet.rout / (ohms * assembly.omega * tau)
 
@@ -223,7 +224,7 @@ def _adder(assembly: Assembly, part: Adder) -> None:
 
 
 def add_grid_node(assembly: Assembly, part: GridNode) -> None:
-    """Add a pair of nodes of a grid to an assembly, and the follower that carries the first."""
+    """Add a pair of grid nodes, and the follower of the first, to an assembly."""
     nodes, twin = AmplifierNodes(part.name), AmplifierNodes(part.name, inverter=True)
     circuit, schematic = assembly.circuit, assembly.schematic
     conductance = circuit.conductances[part.name]
@@ -255,7 +256,7 @@ def add_grid_node(assembly: Assembly, part: GridNode) -> None:
 def _amplify(
     assembly: Assembly, nodes: AmplifierNodes, gamma: np.ndarray, ohms: np.ndarray
 ) -> None:
-    """An op amp with resistive feedback: e = (x - A) / (1 + Gamma), or that with a lag."""
+    """Add an op amp with resistive feedback: e = (x - A) / (1 + Gamma), or with a lag."""
     add_bias(assembly, nodes, nodes.summed, ohms)
     if lag_of(assembly, ohms, 1 + gamma) is None:
         e = {nodes.output: 1 / (1 + gamma), nodes.summed: -1 / (1 + gamma)}
@@ -271,7 +272,7 @@ def _amplifier(
     e: Mapping[str, float | np.ndarray],
     slower: float | np.ndarray = 1.0,
 ) -> None:
-    """x' = Omega (o - e - x / A0), with e given as weights of nodes; with a smaller Omega."""
+    """Add x' = Omega (o - e - x / A0), e as node weights; ``slower`` divides Omega."""
     datasheet, volt = assembly.datasheet, assembly.circuit.value_of(nodes.part)
     outputs, op_amp = assembly.outputs, (nodes.part, nodes.inverter)
     name, a0 = _poles(assembly, nodes, slower), outputs.gain(*op_amp)
@@ -291,7 +292,7 @@ def _amplifier(
 
 
 def _poles(assembly: Assembly, nodes: AmplifierNodes, slower: float | np.ndarray) -> str:
-    """The neuron of an op amp's pole, between its rails; its output behind a second one, if any."""
+    """Add an op amp's pole within its swing and any second pole; return the first."""
     datasheet, name = assembly.datasheet, nodes.output
     rails = datasheet.rails * abs(assembly.circuit.value_of(nodes.part))
     origin = Origin(nodes.part, -1.0 if nodes.inverter else 1.0)
@@ -309,7 +310,7 @@ def _poles(assembly: Assembly, nodes: AmplifierNodes, slower: float | np.ndarray
 
 
 def _inputs(assembly: Assembly, part: Amplifier, scale: np.ndarray, target: str) -> None:
-    """The wires of a part into a node of it; each resistor is one or two weights."""
+    """Connect a part's wires to a node; each resistor is one or two weights."""
     name, adds = part.name, isinstance(part, Adder)
     feedback = assembly.deviation(name, Quantity.FEEDBACK) if adds else 0.0
     for number, wire in enumerate(part.wires):
@@ -325,7 +326,7 @@ def _inputs(assembly: Assembly, part: Amplifier, scale: np.ndarray, target: str)
 def _sources(
     assembly: Assembly, part: Amplifier, wire: Wire, weight: np.ndarray
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """The node that a wire reads at some stages, and the inverted one that it reads at others."""
+    """Yield the direct and the inverted node that a wire reads, each at some stages."""
     direct = _direct(assembly, part, wire)
     inverted = AmplifierNodes(wire.source, inverter=True).output
     for source, sign, where in ((wire.source, 1.0, direct), (inverted, -1.0, ~direct)):
@@ -334,7 +335,7 @@ def _sources(
 
 
 def _direct(assembly: Assembly, part: Amplifier, wire: Wire) -> np.ndarray:
-    """(N,) booleans: whether a wire reads the part's own output, not its inverter's."""
+    """Return a mask (N,) of the stages at which a wire reads a non-inverted output."""
     schematic, stages = assembly.schematic, assembly.stages
     polarity = schematic.polarity.get(wire.source)
     if polarity is None or schematic.differential:  # there with both signs

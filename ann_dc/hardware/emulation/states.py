@@ -1,4 +1,4 @@
-"""Where an emulation stands while the ideal network stands somewhere, and its modes there."""
+"""States of an emulation that correspond to ideal network states, and their modes."""
 
 from __future__ import annotations
 
@@ -15,20 +15,21 @@ from ann_dc.hardware.schematic.metric_wiring import metric_values
 from ann_dc.validation.checked import checked
 
 ALL_MODES = 3000
-"""Neurons of an emulation up to which all of its modes are computed: exactly, in ten seconds."""
+"""Largest number of neurons for which all modes are computed: exactly, in ten seconds."""
 
 
 @checked
 def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
-    """State of the emulation in which everything is where the ideal network has it.
+    """Return the emulation state that corresponds to a state of the ideal network.
 
-    Capacitors, op amps and multipliers stand at their ideal values, the op amp of a diode neuron
-    that is off where it holds its virtual ground: where reset switches hold a circuit, and where
-    Newton's method starts to look for its equilibrium.
+    Capacitors, op amps and multipliers have their ideal values. The op amp of an inactive
+    rectifying multiplier neuron has the value that maintains its virtual ground. Reset switches
+    bring a circuit to this state, and Newton's method for the equilibrium starts from it.
 
     Parameters
     ----------
     emulation : Emulation
+        Emulation of a circuit.
     x : (n,) array
         State vector of the ideal network.
 
@@ -65,7 +66,7 @@ def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
 
 
 def _stop(emulation: Emulation, full: np.ndarray) -> None:
-    """Capacitors of neurons that stand at a rail, to where clamps keep them; in place."""
+    """Move capacitors of saturated neurons, in place, to the clamped values."""
     network, ideal = emulation.network, emulation.circuit.schematic.network
     for neuron in ideal.cell.neurons:
         held = network.neuron_index.get(AmplifierNodes(neuron.name).held)
@@ -77,7 +78,7 @@ def _stop(emulation: Emulation, full: np.ndarray) -> None:
 
 
 def _switch_off(emulation: Emulation, full: np.ndarray) -> None:
-    """Op amps of diode neurons that are off, to where they hold their virtual grounds; in place."""
+    """Move op amps of inactive rectifying neurons, in place, to hold their grounds."""
     network, circuit = emulation.network, emulation.circuit
     nodes = evaluator(network).values(network.pack(full))[..., 1:-1]
     for part in circuit.schematic.parts:
@@ -93,7 +94,7 @@ def _switch_off(emulation: Emulation, full: np.ndarray) -> None:
 def _caught_up(
     emulation: Emulation, part: str, nodes: np.ndarray, full: np.ndarray
 ) -> np.ndarray | float:
-    """What the ground of a diode neuron lags behind by; in place, it does so no more."""
+    """Remove the lag of the ground of a rectifying neuron in place and return the lag."""
     network, names = emulation.network, AmplifierNodes(part)
     if names.lagging not in network.neuron_index:
         return 0.0
@@ -109,35 +110,14 @@ def _caught_up(
 
 
 def modes_at(emulation: Emulation, x: np.ndarray) -> Spectrum:
-    """Eigenvalues of the pole model at one of its own states: up to `ALL_MODES` neurons all.
+    """Return the eigenvalues of the pole model at a state ``x`` (n,) of the emulation.
 
-    Parameters
-    ----------
-    emulation : Emulation
-    x : (n,) array
-        State vector of the emulation.
-
-    Returns
-    -------
-    Spectrum
-        In units of 1 / network time.
+    All are computed for up to `ALL_MODES` neurons. The unit is 1 / network time.
     """
     return spectrum(paced_at(emulation, x), x, dense=ALL_MODES)
 
 
 @checked
 def pole_spectrum(emulation: Emulation, x: np.ndarray) -> Spectrum:
-    """Eigenvalues of the pole model where the ideal network stands at a state.
-
-    Parameters
-    ----------
-    emulation : Emulation
-    x : (n,) array
-        State vector of the ideal network.
-
-    Returns
-    -------
-    Spectrum
-        In units of 1 / network time.
-    """
+    """Return the pole-model eigenvalues (1 / network time) at an ideal state ``x``."""
     return modes_at(emulation, emulated_state(emulation, x))

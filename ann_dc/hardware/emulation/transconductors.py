@@ -1,13 +1,13 @@
-r"""Transconductors as neurons: a tanh a weight, into one node a part.
+r"""Transconductors as neurons: a tanh per weight, into one node per part.
 
-With G_j = |w_j| S_j the conductance of a wire in units of the network, L the linear range over full
-scale, and v = s / S the share of full scale of a source, a transconductor brings
+Let G_j = |w_j| S_j be the conductance of a wire in network units, and L the linear range relative
+to full scale. A source has the fraction v = s / S of full scale. A transconductor adds
 
 .. math:: G\,L \tanh(v / L) \;\text{(one weight)}, \qquad
     G\,L \tanh((v_a - v_b) / L) \;\text{(a pair)}
 
-to A, and a finite gain A0 of all that drive a node takes A / A0 of its own value away. A pair sees
-the difference of two sources only, so its curvature goes where a residual goes.
+to A, and a finite gain A0 of all transconductors at a node subtracts A / A0 of the node's value. A
+pair reads only the difference of two sources, so its curvature vanishes together with a residual.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ann_dc.hardware.parts.technologies import OtaC, paired
 from ann_dc.hardware.schematic.elements import Adder, Amplifier, Integrator, PICell
 
 Source = tuple[str, int]
-"""A node, and the offset of its cell."""
+"""Node and offset of its cell."""
 
 
 def add_transconductors(assembly: Assembly, built: OtaC, part: Amplifier) -> None:
@@ -70,7 +70,7 @@ def _adder(assembly: Assembly, built: OtaC, part: Adder) -> None:
 
 
 def _arriving(assembly: Assembly, built: OtaC, part: Amplifier, scale: np.ndarray) -> np.ndarray:
-    """Wire the transconductors of a part into its sum; their Gamma (N,)."""
+    """Connect the transconductors of a part to its sum and return their Gamma (N,)."""
     found: dict[tuple[Source, ...], np.ndarray] = {}
     gamma = np.zeros(assembly.stages)
     for stage in range(assembly.stages):
@@ -88,7 +88,7 @@ def _arriving(assembly: Assembly, built: OtaC, part: Amplifier, scale: np.ndarra
 def _weights(
     assembly: Assembly, part: Amplifier, stage: int, scale: np.ndarray
 ) -> Iterator[tuple[str, Source, float]]:
-    """Name, source and conductance of every wire that is there at a stage."""
+    """Yield name, source and conductance of every wire present at a stage."""
     for number, wire in enumerate(part.wires):
         if wire.weight[stage] != 0 and assembly.schematic.fed(wire, stage):
             g = wire.weight[stage] * assembly.scaling.unit[wire.source] * scale[stage]

@@ -1,4 +1,7 @@
-"""What parts are like, whatever network they serve: datasheets, technologies, levels, presets."""
+"""Properties of parts: datasheets, technologies, model levels and part sets.
+
+They do not depend on the network that the parts realise.
+"""
 
 import lazy_loader
 

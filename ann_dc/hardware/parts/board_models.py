@@ -1,7 +1,7 @@
-"""Models of parts as they are on a board: in which files, and what their parameters are.
+"""Board models of parts: model files and their parameters.
 
-A file of ``circuits/models/board`` stands in for the one of its name where a parasitic asks for it;
-a circuit without parasitics has the same netlist as ever.
+A file of ``circuits/models/board`` replaces the file of equal name if a parasitic requires it. The
+netlist of a circuit without parasitics does not change.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ MACRO_PARAMETERS = {
     "mul_vsat": ("multiplier_rails", 1e-3, 1e3),
     "func_bw": ("function_bandwidth", 1.0, 1e11),
 }
-"""Parameters of the macro models: the attribute of `Datasheet`, and the range that they can do."""
+"""Parameters of the macro models: attribute of `Datasheet` and supported range."""
 
 IDEAL = {"opamp_a0": 1e8, "opamp_sr": 1e9, "opamp_rout": 1e-3, "mul_bw": 1e9, "func_bw": 1e9}
-"""What stands for an infinite value, or none, so that it does not show; rails: 15 full scales."""
+"""Values that represent infinity, or none, without visible effect; limits are 15 full scales."""
 
 PASSIVES = {
     "cap_leakage": ("capacitor_leakage", 1e9),
@@ -35,40 +35,36 @@ PASSIVES = {
     "switch_capacitance": ("switch_capacitance", 0.0),
     "switch_charge": ("switch_charge", 0.0),
 }
-"""Parameters of cells that hold something: the attribute of `Parasitics`, what stands for none."""
+"""Parameters of cells with a capacitor: attribute of `Parasitics`, value that denotes none."""
 
 MULTIPLIERS = {
     "mul_nonlinearity": ("multiplier_nonlinearity", 0.0),
     "mul_feedthrough": ("multiplier_feedthrough", 0.0),
     "mul_capacitance": ("multiplier_capacitance", 0.0),
 }
-"""The same of multipliers as macro models."""
+"""Parameters of macro-model multipliers: attribute of `Parasitics`, value that denotes none."""
 
 BUILT = (
     *("input_capacitance", "stray_capacitance", "second_pole", "bias_current", "output_current"),
     *(attribute for attribute, _ in MULTIPLIERS.values()),
 )
-"""Parasitics that a netlist of macro models alone can have."""
+"""Parasitics that only netlists of macro models support."""
 
 HOLDING = "integ.cir", "pi_cell.cir", "pi_diode.cir", "integ_fd.cir", "pi_cell_fd.cir"
-"""Cells that hold something."""
+"""Cells with a capacitor."""
 
 FILES = {
     **dict.fromkeys(("opamp.lib", "opamp_fd.lib"), tuple(BOARD_PARAMETERS)),
     **dict.fromkeys(("switch.lib", *HOLDING), tuple(PASSIVES)),
     **dict.fromkeys(("mul4q.lib", "mul4q_fd.cir"), tuple(MULTIPLIERS)),
 }
-"""Files of ``circuits/models/board``, and the parameters that ask for them."""
+"""Files of ``circuits/models/board`` and the parameters that require them."""
 
 
 def model_parameters(parasitics: Parasitics, models: str) -> dict[str, float]:
-    """Values of the global parameters of all files that parasitics ask for.
+    """Return the global parameters of all files that parasitics require.
 
-    Parameters
-    ----------
-    parasitics : Parasitics
-    models : str
-        Folder of the op amps and multipliers: only those of ``macro`` have a file for a board.
+    ``models`` is the folder of op amps and multipliers; only those of ``macro`` have board files.
 
     Examples
     --------
@@ -88,13 +84,7 @@ def model_parameters(parasitics: Parasitics, models: str) -> dict[str, float]:
 
 
 def macro_parameters(datasheet: Datasheet, full_scale: float) -> dict[str, float]:
-    """Values of the global parameters of macro models.
-
-    Parameters
-    ----------
-    datasheet : Datasheet
-    full_scale : float
-        In volts.
+    """Return the global parameters of macro models; ``full_scale`` is in volts.
 
     Examples
     --------
@@ -107,37 +97,18 @@ def macro_parameters(datasheet: Datasheet, full_scale: float) -> dict[str, float
 
 
 def op_amp_rails(datasheet: Datasheet, full_scale: float) -> float:
-    """Volts between which op amps of macro models stay; those of endless ones, too, are finite.
-
-    Parameters
-    ----------
-    datasheet : Datasheet
-    full_scale : float
-        In volts.
-    """
+    """Return the (finite) output swing of macro-model op amps in volts."""
     return macro_parameters(datasheet, full_scale)["opamp_vsat"]
 
 
 def check_parasitics(
     parasitics: Parasitics, own: Parasitics, models: str, technology: Technology, name: str
 ) -> None:
-    """Refuse parasitics that no netlist would have: of cells without such a part, or of models.
+    """Raise `NetworkError` for a parasitic that a netlist cannot contain.
 
-    Parameters
-    ----------
-    parasitics : Parasitics
-    own : Parasitics
-        What models that are no macro models have by themselves.
-    models : str
-        Folder of the op amps and multipliers.
-    technology : Technology
-    name : str
-        What the error calls the circuits.
-
-    Raises
-    ------
-    NetworkError
-        Naming the parasitic.
+    Cells may lack the part, or the models may not support the parasitic. The message names the
+    parasitic. ``own`` contains the parasitics of models that are not macro models. ``models`` is
+    the folder of op amps and multipliers, and ``name`` identifies the circuits in the message.
     """
     for attribute, _ in PASSIVES.values():
         if not technology.resettable and getattr(parasitics, attribute) != getattr(NONE, attribute):
@@ -154,14 +125,9 @@ def check_parasitics(
 
 
 def on_board(file: str, parameters: dict[str, float]) -> str:
-    """The file that stands in for one of ``circuits``, or that one.
+    """Return the board file that replaces a file below ``circuits``, or that file.
 
-    Parameters
-    ----------
-    file : str
-        Below ``circuits``.
-    parameters : dict of str to float
-        Of `model_parameters`.
+    ``parameters`` are those of `model_parameters`.
 
     Examples
     --------

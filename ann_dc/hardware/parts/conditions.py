@@ -1,4 +1,4 @@
-"""Where a circuit stands: its temperature, its supplies, and the process corner of its chip."""
+"""Operating conditions of a circuit: temperature, supplies and process corner."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from ann_dc.errors import NetworkError
 from ann_dc.validation.checked import checked
 
 ROOM = 27.0
-"""Degrees Celsius at which parts are described, and simulated where nothing else is asked for."""
+"""Temperature in degrees Celsius of part data, and default for simulations."""
 
 COLDEST, HOTTEST = -55.0, 150.0
-"""Degrees Celsius that models of parts are made for."""
+"""Temperature range of part models in degrees Celsius."""
 
 SUPPLY_RANGE = (0.5, 1.5)
-"""Supplies over their nominal value that make sense."""
+"""Range of valid supplies relative to their nominal value."""
 
 CORNERS = ("tt", "ss", "ff", "sf", "fs")
 """Process corners: n- and p-channel devices typical, slow or fast."""
@@ -25,20 +25,17 @@ CORNERS = ("tt", "ss", "ff", "sf", "fs")
 class Conditions:
     """Temperature, supplies and process.
 
+    Raises `NetworkError` if the temperature is outside the range of the models, the supply is
+    outside its valid range, or the corner is unknown.
+
     Attributes
     ----------
     temperature : float
-        Of the whole circuit, in degrees Celsius.
+        Temperature of the entire circuit in degrees Celsius.
     supply : float
-        All supplies over their nominal values.
+        All supplies relative to their nominal values.
     process : str
-        One of `CORNERS`; boards of bought parts know only the first.
-
-    Raises
-    ------
-    NetworkError
-        If the temperature is outside what models are made for, a supply senseless, or the corner
-        unknown.
+        Element of `CORNERS`; boards of discrete parts support only the first.
 
     Examples
     --------
@@ -67,7 +64,7 @@ class Conditions:
 
     @property
     def kelvin(self) -> float:
-        """The temperature in kelvin."""
+        """Temperature in kelvin."""
         return self.temperature + 273.15
 
 

@@ -1,8 +1,9 @@
-"""What parts are like: gain, bandwidth, slew rate and rails, and how far each may be off.
+"""Part data: gain, bandwidth, slew rate, output swing, tolerances.
 
-`Datasheet` holds what every part of a kind has in common, `Tolerances` the sizes of the errors in
-which they differ: bounds of resistors and capacitors, which are sorted out where they are made, and
-standard deviations of all else. An infinite value, or a tolerance of zero, is an ideal part.
+`Datasheet` contains the values common to all parts of a kind. `Tolerances` contains the sizes of
+the errors in which the parts differ: bounds for resistors and capacitors, which are sorted in
+manufacture, and standard deviations for all other quantities. An infinite value or a tolerance of
+zero denotes an ideal part.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import such_as
 
 FOLLOWING = ("rails", "multiplier_rails", "amplifier_power", "multiplier_power")
-"""What is in proportion to the supplies."""
+"""Quantities proportional to the supplies."""
 
 SMALLEST_RESISTOR = 10e3
-"""What an op amp can drive, in ohms."""
+"""Smallest resistor in ohms that an op amp can drive."""
 
 POSITIVE = (
     "a0",
@@ -33,14 +34,14 @@ POSITIVE = (
     "multiplier_bandwidth",
     "function_bandwidth",
 )
-"""Numbers of a datasheet that are above zero, and may be infinite."""
+"""Quantities of a datasheet that are positive and may be infinite."""
 
 
 class Kind(enum.Enum):
-    """What a parameter is; the value is the field of `Tolerances` with the size of its error.
+    """Kind of a parameter; the value is the field of `Tolerances` with its error size.
 
-    The errors of ``RESISTOR``, ``CAPACITOR`` and ``GAIN`` are relative, those of ``OFFSET`` and
-    ``PRODUCT_OFFSET`` in volts.
+    Errors of ``RESISTOR``, ``CAPACITOR`` and ``GAIN`` are relative; those of ``OFFSET`` and
+    ``PRODUCT_OFFSET`` are in volts.
     """
 
     RESISTOR = "resistor"
@@ -51,12 +52,12 @@ class Kind(enum.Enum):
 
     @property
     def unit(self) -> str:
-        """Unit of its deviation."""
+        """Unit of the deviation."""
         return "V" if self in (Kind.OFFSET, Kind.PRODUCT_OFFSET) else "1"
 
     @property
     def parts(self) -> str:
-        """What has such an error, in words; that of multipliers is a gain or an offset."""
+        """Description of the parts with this error; multipliers have gains and offsets."""
         return {
             Kind.RESISTOR: "resistors",
             Kind.CAPACITOR: "capacitors",
@@ -67,41 +68,42 @@ class Kind(enum.Enum):
 
     @property
     def bounded(self) -> bool:
-        """Whether the size of its error is a bound, within which all errors are as likely."""
+        """True if the error size is a bound within which all errors are equally likely."""
         return self in (Kind.RESISTOR, Kind.CAPACITOR)
 
 
 DRIFTS = {Kind.RESISTOR: "resistor_drift", Kind.OFFSET: "offset_drift"}
-"""Kinds that drift with temperature, and the fields of `Tolerances` that say how far."""
+"""Kinds that drift with temperature, and the fields of `Tolerances` with their coefficients."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Tolerances:
-    r"""Sizes of the errors of single parts, and of their drift with temperature.
+    r"""Error sizes of single parts, and their drift with temperature.
 
-    A resistor of tolerance t is sorted out where it is off by more: its error lies anywhere between
-    -t and t, of standard deviation :math:`t / \sqrt 3`. Offsets and gains are normal. Each part has
-    a temperature coefficient of its own, whatever its error: as far above room temperature as below
-    it, a part has drifted as far the other way.
+    A resistor of tolerance t is rejected in manufacture if it deviates by more, so its error is
+    uniform between -t and t, with standard deviation :math:`t / \sqrt 3`. Offsets and gains are
+    normal [1]_. Each part has an individual temperature coefficient, independent of its error.
+    Drift at equal distances above and below room temperature has opposite signs.
 
     Attributes
     ----------
     resistor, capacitor : float
-        Relative; bounds.
+        Bounds of relative errors.
     offset : float
-        Input offset of op amps in volts; a standard deviation, as all that follow.
+        Standard deviation of the op amps' input offset, in volts. The remaining sizes are standard
+        deviations unless stated otherwise.
     gain : float
-        Gain error of multipliers and function generators, relative.
+        Relative gain error of multipliers and function generators.
     product_offset : float
-        Offsets of multipliers, at both inputs and at the output, and of function generators at
-        the output, in volts.
+        Offsets of multipliers at both inputs and the output, and of function generators at the
+        output, in volts.
     resistor_drift : float
-        Temperature coefficient of resistors, in 1/K; a bound.
+        Bound of the temperature coefficient of resistors, in 1/K.
     offset_drift : float
-        Temperature coefficient of the op amps' offsets, in V/K; a standard deviation.
+        Standard deviation of the temperature coefficient of the op amps' offsets, in V/K.
     kelvin : float
-        Above room temperature, with its sign; zero where nothing drifts.
+        Signed difference to room temperature in kelvin; zero for no drift.
 
     Raises
     ------
@@ -150,63 +152,70 @@ class Tolerances:
         )
 
     def drift(self, kind: Kind) -> float:
-        """How far errors of a kind have drifted since room temperature, with the sign of the way.
+        """Return the signed drift of errors of a kind since room temperature.
 
         Parameters
         ----------
         kind : Kind
+            Kind of the errors.
 
         Returns
         -------
         float
-            A bound or a standard deviation, as that of the kind.
+            Bound or standard deviation, as for the error size of the kind.
         """
         return getattr(self, DRIFTS[kind]) * self.kelvin if kind in DRIFTS else 0.0
 
     def size(self, kind: Kind) -> float:
-        """Bound of the errors of a kind, or their standard deviation, drift and all.
+        """Return the bound or standard deviation of the errors of a kind, including drift.
 
         Parameters
         ----------
         kind : Kind
+            Kind of the errors.
         """
         own, drift = getattr(self, kind.value), abs(self.drift(kind))
         return own + drift if kind.bounded else math.hypot(own, drift)
 
     def deviation(self, kind: Kind) -> float:
-        """Standard deviation of the errors of a kind.
+        """Return the standard deviation of the errors of a kind.
 
         Parameters
         ----------
         kind : Kind
+            Kind of the errors.
         """
         size = math.hypot(getattr(self, kind.value), self.drift(kind))
         return size / math.sqrt(3.0) if kind.bounded else size
 
     def at(self, conditions: Conditions) -> Tolerances:
-        """The same parts at a temperature.
+        """Return the tolerances of the parts at a temperature.
 
         Parameters
         ----------
         conditions : Conditions
+            Conditions with the temperature.
 
         Returns
         -------
         Tolerances
+            Tolerances including drift.
         """
         drifts = any(getattr(self, name) for name in DRIFTS.values())
         return replace(self, kelvin=conditions.temperature - ROOM if drifts else 0.0)
 
     def without(self, kinds: Iterable[Kind]) -> Tolerances:
-        """Of parts that have no errors of some kinds.
+        """Return the tolerances without the errors of some kinds.
 
         Parameters
         ----------
         kinds : iterable of Kind
+            Kinds to omit.
 
         Returns
         -------
         Tolerances
+            Tolerances with zero size for the omitted kinds.
         """
         kinds = tuple(kinds)
         none = [kind.value for kind in kinds] + [DRIFTS[kind] for kind in kinds if kind in DRIFTS]
@@ -214,47 +223,44 @@ class Tolerances:
 
 
 TYPICAL = Tolerances(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
-"""One per cent and a millivolt: what is assumed where nothing else is known."""
+"""Default tolerances for unknown parts: one per cent and one millivolt."""
 
 
 @checked
 @such_as("ann_dc.hardware.parts.Datasheet()")
 @dataclass(frozen=True, kw_only=True)
 class Datasheet:
-    """What the parts of a circuit have in common.
+    """Values that are common to the parts of a circuit.
+
+    Raises `NetworkError` if a number is out of its range.
 
     Attributes
     ----------
     a0 : float
-        Open-loop gain of the op amps without a load.
+        Open-loop gain of the unloaded op amps.
     gbw : float
-        Their gain-bandwidth product in Hz; finite, because it sets the time scale.
+        Gain-bandwidth product of the op amps in Hz; finite, because it sets the time scale.
     slew : float
         Slew rate in V/s.
     rails, multiplier_rails : float
-        Saturation of op amps, and of multipliers and function generators, in volts.
+        Saturation voltage of op amps, and of multipliers and function generators.
     rout : float
-        Output resistance of the op amps in ohms; with what they drive it divides a0.
+        Output resistance of the op amps in ohms; a load reduces a0 by this divider.
     stage_resistance : float
-        Resistance in ohms at the output of op amps without a buffer, inside their compensation: a
-        load lowers a0, and leaves gbw as it is.
+        Output resistance in ohms of op amps without a buffer, inside their compensation. A load
+        reduces a0 but not gbw.
     systematic_offset : float
-        Input offset that all op amps have, of either sign, in volts.
+        Input offset common to all op amps, of either sign, in volts.
     multiplier_bandwidth, function_bandwidth : float
-        In Hz.
+        Bandwidth in Hz.
     multiplier_law : MultiplierLaw
-        What multipliers do where all of their parts are as they should be.
+        Law of multipliers with nominal parts.
     amplifier_power, multiplier_power : float
-        Watts that one draws; nan where it is not known.
+        Power per part in watts; nan if unknown.
     tolerances : Tolerances or None
-        How far single parts may be off; None where it is not known.
+        Tolerances of single parts; None if unknown.
     parasitics : Parasitics
-        What parts have beside what they are for.
-
-    Raises
-    ------
-    NetworkError
-        If a number is out of its range.
+        Parasitic quantities of the parts.
 
     Examples
     --------
@@ -312,20 +318,18 @@ class Datasheet:
 
     @property
     def usable_bandwidth(self) -> float:
-        """Hz by which network time is scaled: op amps, or three times slower multipliers."""
+        """Bandwidth in Hz that scales network time.
+
+        It is the smallest of that of op amps and three times that of multipliers and function
+        generators.
+        """
         return min(self.gbw, 3 * self.multiplier_bandwidth, 3 * self.function_bandwidth)
 
     def at(self, now: Conditions, before: Conditions) -> Datasheet:
-        """The same parts elsewhere: rails and power follow supplies, bias currents grow with heat.
+        """Return the datasheet at other operating conditions.
 
-        Parameters
-        ----------
-        now, before : Conditions
-            Where they are to stand, and where these figures hold.
-
-        Returns
-        -------
-        Datasheet
+        Output swing and power follow the supplies; bias currents grow with temperature. The
+        conditions are ``now``; those of the datasheet are ``before``.
         """
         share = now.supply / before.supply
         follow = {name: getattr(self, name) for name in FOLLOWING}

@@ -1,8 +1,9 @@
-"""Values that can be bought: the preferred numbers of IEC 60063, resistors also two in series.
+"""Available values: preferred numbers of IEC 60063, with pairs of resistors.
 
-The same weight is the same resistor in every cell, so it is off by the same share in every cell:
-snapping is a correlated error, worse than a tolerance of that size, and it must not be drawn at
-random. Capacitors are sold in coarser steps; they change how fast a circuit settles, not where.
+Pairs are two resistors in series. A weight is the same resistor in every cell, so its relative
+error is equal in every cell. Rounding to a series is therefore a correlated error, worse than a
+tolerance of that size, and must not be drawn at random. Capacitors are sold in coarser steps; they
+change the settling time of a circuit, not its settled point.
 """
 
 from __future__ import annotations
@@ -22,15 +23,14 @@ _E24 = (
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Series:
-    """A series of preferred numbers.
+    """Series of preferred numbers.
 
     Attributes
     ----------
-    name : str
     mantissas : tuple of float
-        From 1 to below 10; none takes every value as it is.
+        Numbers from 1 to below 10; if empty, every value is available.
     pairs : bool
-        Whether two resistors in series make one.
+        True if two resistors in series form a value.
 
     References
     ----------
@@ -50,29 +50,18 @@ class Series:
 
     @property
     def capacitors(self) -> Series:
-        """The series of the capacitors beside resistors of this one: E24 at most, never two."""
+        """Series of the capacitors for this resistor series: at most E24, without pairs."""
         return E24 if self.pairs or len(self.mantissas) > len(_E24) else self
 
     def nearest(self, values: np.ndarray) -> np.ndarray:
-        """The value that can be had and is nearest; infinite ones stay.
-
-        Parameters
-        ----------
-        values : array
-            Of any shape, in ohms or farads.
-
-        Returns
-        -------
-        array
-            Of the same shape.
-        """
+        """Return the nearest available values in ohms or farads; infinite values stay."""
         values = np.asarray(values, float)
         unique, where = np.unique(values, return_inverse=True)
         snapped = [sum(self.parts(v)) if 0 < v < np.inf else v for v in unique]
         return np.array(snapped)[where].reshape(values.shape)
 
     def parts(self, value: float) -> tuple[float, ...]:
-        """The one part to buy for a finite value in ohms or farads, or two resistors in series."""
+        """Return the part for a finite value in ohms or farads, or a pair of resistors."""
         if not self.mantissas:
             return (value,)
         if value < 0:  # a negative resistance: what its op amp has around it

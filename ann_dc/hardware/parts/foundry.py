@@ -1,4 +1,4 @@
-"""The rung of a foundry's transistors: devices of an open process, from its own models."""
+"""Model level of a foundry: devices of an open process with the foundry's models."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ TRANSLINEAR = MultiplierLaw(
     output_resistance=31.6,
     least_gain=1.0,
 )
-"""Of the multiplier of ``circuits/models/sky130``, by sweeps at full scales of 0.5 to 1.2 V, inputs
-within 1 V, and 1 + ge of 0.1 to 2; currents and resistance at 1 V.
+"""Law of the multiplier of ``circuits/models/sky130``.
 
-Its 1.1 kohm of emitter resistance hold at 1 V, tails shunt the resistors of y where these are
-large, early voltages tilt the gain, and the op amp has a noise gain of 8 or more.
+It was fitted to sweeps at full scales of 0.5 to 1.2 V, inputs within 1 V, and 1 + ge of 0.1 to 2.
+Currents and resistance are those at 1 V. Four effects limit the accuracy. The emitter resistance of
+1.1 kohm is valid at 1 V, and tails shunt the resistors of y if these are large. Early voltages tilt
+the gain, and the op amp has a noise gain of 8 or more.
 """
 
 SKY130 = Level(
@@ -52,26 +53,21 @@ SKY130 = Level(
     smallest_resistor=100e3,
     smallest_capacitor=0.5e-12,
 )
-"""Op amps, multipliers and reset switches of 5 V devices of SkyWater's 130 nm process.
+"""Level of op amps, multipliers and reset switches in 5 V devices of SkyWater's 130 nm process.
 
-Its figures are those of ``circuits/models/sky130``, typical corner, 27 C: gain of the op amp, and
-``stage_resistance`` from its gain into 45 kohm, slew rate into 100 kohm, where the phase of a
-multiplier is -45 degrees, power of one op amp and of one multiplier at +-2.5 V; spreads by the
-PDK's mismatch, of resistors of 100 kohm and 2 um of width and of capacitors of 1 pF.
+The figures are those of ``circuits/models/sky130``, typical corner, 27 C. The value
+``stage_resistance`` follows from the op-amp gain into 45 kohm. The slew rate applies to 100 kohm.
+The multiplier bandwidth is the frequency at which its phase is -45 degrees. The power is that of
+one op amp and of one multiplier at +-2.5 V. Spreads follow the PDK's mismatch, for resistors of 100
+kohm and 2 um width and capacitors of 1 pF.
 """
 
 
 @checked
 def passive(tolerances: Tolerances) -> Tolerances:
-    """What is left to draw where transistors have errors by their models: resistors, capacitors.
+    """Return the tolerances of resistors and capacitors only.
 
-    Parameters
-    ----------
-    tolerances : Tolerances
-
-    Returns
-    -------
-    Tolerances
+    They are drawn in addition to the errors of transistors, which the device models contain.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-r"""A fitted polynomial as a cascade of multipliers: what each of them multiplies, in volts.
+"""Fitted polynomial as a cascade of multipliers, with node voltages in volts.
 
-The scale of every partial sum of Horner's rule is such that its largest value is the amplitude of
-the input, so that inner nodes use full scale, and stay within.
+Every partial sum of Horner's rule is scaled so that its largest value equals the amplitude of the
+input. Inner nodes therefore use full scale and do not exceed it.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from ann_dc.hardware.parts.generator_curves import FittedPolynomial
 from ann_dc.hardware.parts.generator_stretch import GRID
 
 INPUT, CENTRE, GROUND, OUTPUT = "x", "c", "0", "out"
-"""Nodes of a cascade: its input, the centre of its range, ground, and its output."""
+"""Nodes of a cascade: input, centre of the input range, ground and output."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """A multiplier of a cascade: gain x y / V + constant.
+    """Multiplier of a cascade: gain x y / V + constant.
 
     Attributes
     ----------
     x, y : (str, str)
-        Nodes of its inputs, each the voltage between two.
+        Pair of nodes of each input; the input is the voltage between them.
     gain : float
-        Of any sign.
+        Gain of any sign.
     constant : float
-        Volts that are added.
+        Added voltage in volts.
     node : str
-        Of its output; the last one is `OUTPUT`.
+        Output node; `OUTPUT` for the last multiplier.
     """
 
     x: tuple[str, str]
@@ -44,16 +44,16 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Cascade:
-    """Multipliers of full scale V, one behind the other.
+    """Multipliers of full scale V in series.
 
     Attributes
     ----------
     amplitude : float
-        V, in volts.
+        V in volts.
     sources : dict of node to float
-        Volts of the nodes that are constant.
+        Voltages of the constant nodes, in volts.
     steps : tuple of Step
-        That of the highest power first.
+        Multipliers, beginning with the highest power.
     """
 
     amplitude: float
@@ -62,21 +62,14 @@ class Cascade:
 
 
 def cascade_of(curve: FittedPolynomial, sx: float, sy: float) -> Cascade:
-    """The multipliers of a generator, v(out) = f(u) / sy with u = sx v(x).
+    """Return the multipliers of a generator, v(out) = f(u) / sy with u = sx v(x).
 
-    Parameters
-    ----------
-    curve : FittedPolynomial
-    sx, sy : float
-        Units of u per volt of the input, of f(u) per volt of the output; of any sign.
-
-    Returns
-    -------
-    Cascade
+    The scales ``sx`` (units of u per volt of the input) and ``sy`` (units of f(u) per volt of the
+    output) have any sign.
 
     Examples
     --------
-    >>> from ann_dc.hardware.parts.generator_curves import Polynomial
+    >>> from ann_dc.hardware.generators import Polynomial
     >>> cascade = cascade_of(Polynomial().fit("sin", -1.3, 1.3), sx=1.3, sy=1.0)
     >>> cascade.amplitude, [step.node for step in cascade.steps]
     (1.0, ['w', 'p1', 'p0', 'out'])
@@ -89,12 +82,12 @@ def cascade_of(curve: FittedPolynomial, sx: float, sy: float) -> Cascade:
 
 
 def _partial(j: int) -> str:
-    """The node of a partial sum of Horner's rule."""
+    """Return the node of partial sum j of Horner's rule."""
     return f"p{j}"
 
 
 def _steps(curve: FittedPolynomial, sx: float, sy: float, V: float) -> list[Step]:
-    """p_j is scaled to the amplitude V; U is the voltage between two nodes, of that amplitude."""
+    """Return the multipliers, with p_j scaled to amplitude V and U a node difference."""
     a, k, at = curve.powers, len(curve.powers) - 1, np.linspace(-1.0, 1.0, GRID + 1)
     scale = [V / np.abs(polynomial.polyval(at, a[j:])).max() for j in range(k + 1)]
     if curve.parity >= 0:

@@ -1,8 +1,8 @@
-r"""Function generators made of parts: y = f(u) by multipliers, or by diodes and op amps.
+"""Function generators y = f(u) made of multipliers, or of diodes and op amps.
 
-No part is a sine. Multipliers compute a polynomial, rectifiers put together a chain of chords; both
-are fitted to a declared range of u. A recipe (`Polynomial`, `Breakpoints`) gives a fitted record,
-whose error is known before anything is built; which cells make it up is the netlist's business.
+Multipliers compute a polynomial; rectifiers form a chain of chords. Both are fitted to a declared
+range of u. A fitting method (`Polynomial`, `Breakpoints`) returns a fitted record, whose error is
+known before a circuit exists. The netlist selects the cells that realise the record.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from ann_dc.hardware.parts.generator_stretch import GRID, Stretch
 from ann_dc.validation.checked import checked
 
 FINE = 10
-"""Into how many finer intervals each is divided where a fit is judged."""
+"""Subdivision of each sampling interval when the error of a fit is evaluated."""
 
 LOAD = 100e3
-"""Smallest resistor at an op amp, in ohms; the multiplier of a divider drives half of it."""
+"""Smallest resistor at an op amp in ohms; the multiplier of a divider drives half of this value."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FittedPolynomial:
-    r"""A polynomial of U = (u - centre) / half, which goes from -1 to 1.
+    r"""Polynomial of U = (u - centre) / half, which ranges from -1 to 1.
 
     .. math:: \sum_k a_k U^k \;\text{(parity 0)}, \qquad \sum_k a_k W^k \;\text{(even)}, \qquad
               U \sum_k a_k W^k \;\text{(odd)}, \qquad W = 2 U^2 - 1 .
@@ -36,15 +36,16 @@ class FittedPolynomial:
     Attributes
     ----------
     stretch : Stretch
-        What was fitted.
+        Fitted function and range.
     parity : int
-        1 even, -1 odd, 0 neither.
+        1 for even, -1 for odd, 0 otherwise.
     centre, half : float
-        Of the range, which is made symmetric for an even or odd function.
+        Centre and half-width of the range. The range is extended to a symmetric one for an even or
+        odd function.
     powers : (k + 1,) array
-        a, the lowest power first.
+        Coefficients a, beginning with the lowest power.
     error : float
-        Largest error over the largest |f|.
+        Largest error relative to the largest |f|.
     """
 
     stretch: Stretch
@@ -56,7 +57,7 @@ class FittedPolynomial:
 
     @property
     def inputs(self) -> int:
-        """Inputs of these products that U is at."""
+        """Number of multiplier inputs connected to U."""
         steps = len(self.powers) - 1
         if not self.parity or not steps:
             return steps + (self.parity < 0)
@@ -64,25 +65,25 @@ class FittedPolynomial:
 
     @property
     def multipliers(self) -> int:
-        """Products that it takes."""
+        """Number of multipliers that are needed."""
         steps = len(self.powers) - 1  # one each; one for W, one for the factor U
         return steps + (self.parity != 0 and steps > 1) + (self.parity < 0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FittedChords:
-    """A chain of n chords.
+    """Chain of n chords.
 
     Attributes
     ----------
     stretch : Stretch
-        What was fitted.
+        Fitted function and range.
     ends : (n + 1,) array
-        Ends of the chords, from the low end of the range to the high one.
+        Ends of the chords, from the low end of the range to the high end.
     values : (n + 1,) array
-        Of the chain there.
+        Values of the chain at the ends.
     error : float
-        Largest error over the largest |f|.
+        Largest error relative to the largest |f|.
     """
 
     stretch: Stretch
@@ -93,16 +94,18 @@ class FittedChords:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FittedQuotient:
-    """1/u as a divider, an op amp that makes a multiplier's u y constant: ``error`` is zero.
+    """Reciprocal 1/u computed by a divider.
+
+    An op amp controls y so that a multiplier's product u y is constant. The fit is exact.
 
     Attributes
     ----------
     stretch : Stretch
-        What it divides by; zero is not in it.
+        Range of the divisor, which excludes zero.
     error : float
-        Largest error over the largest |f|.
+        Largest error relative to the largest |f|: zero.
     inputs : int
-        Of multipliers that u is at.
+        Number of multiplier inputs that are connected to u.
     """
 
     stretch: Stretch
@@ -113,22 +116,19 @@ class FittedQuotient:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Polynomial:
-    """Multipliers that compute the best polynomial [1]_ by Horner's rule, p_k = a_k + U p_{k+1}.
+    """Minimax polynomial [1]_ computed by multipliers with Horner's rule.
 
-    U goes from -1 to 1 over the range. An odd or even f may take powers of W = 2 U^2 - 1 over the
-    range made symmetric instead, half as many. Where no polynomial does, 1/u is a divider.
+    The rule is p_k = a_k + U p_{k+1}, with U from -1 to 1 over the range. An odd or even f may use
+    powers of W = 2 U^2 - 1 over a symmetric range, which halves the number of powers. The
+    reciprocal 1/u becomes a divider if no polynomial meets the tolerance. Raises `NetworkError` if
+    the tolerance is not positive or fewer than two terms are allowed.
 
     Attributes
     ----------
     tolerance : float
-        Largest error that is accepted, over the largest |f|.
+        Largest accepted error relative to the largest |f|.
     most_terms : int
         Largest number of coefficients, at least 2.
-
-    Raises
-    ------
-    NetworkError
-        If the tolerance is not positive, or fewer than two terms are allowed.
 
     References
     ----------
@@ -149,25 +149,11 @@ class Polynomial:
             raise NetworkError(f"most_terms: expected 2 or more, got {self.most_terms!r}")
 
     def fit(self, function: str, low: float, high: float) -> FittedPolynomial | FittedQuotient:
-        """The polynomial of fewest multipliers that keeps the tolerance, or a divider.
+        """Return the polynomial of fewest multipliers within the tolerance, or a divider.
 
-        Parameters
-        ----------
-        function : str
-            Name of a function block.
-        low, high : float
-            Range of u in which f is fitted. Nothing clamps u to it.
-
-        Returns
-        -------
-        FittedPolynomial or FittedQuotient
-
-        Raises
-        ------
-        UnknownNameError
-            If there is no such function block.
-        NetworkError
-            If f is not finite on the range, or no polynomial is close enough.
+        The name of a function block and the range of u define the target; a circuit does not clamp
+        u to the range. Raises `UnknownNameError` if the function block does not exist, and
+        `NetworkError` if f is not finite on the range or no polynomial meets the tolerance.
         """
         return _fitted(self.tolerance, self.most_terms, function, low, high)
 
@@ -175,23 +161,19 @@ class Polynomial:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Breakpoints:
-    r"""Precision rectifiers and a summing amplifier: chords between breakpoints [1]_.
+    r"""Chords between breakpoints by precision rectifiers and a summing amplifier [1]_.
 
     .. math:: f(u) \approx \alpha + \beta u + \sum_{\Delta_j > 0} \Delta_j \max(u - u_j, 0)
               + \sum_{\Delta_j < 0} \Delta_j \max(u_j - u, 0)
 
-    with :math:`\Delta_j` the change of slope at u_j. The breakpoints lie where the errors of all
-    chords are equal [2]_, for n chords about (integral of sqrt |f''|)^2 / (16 n^2).
+    with :math:`\Delta_j` the change of slope at u_j. The breakpoints equalise the errors of all
+    chords [2]_. The error of n chords is about (integral of sqrt |f''|)^2 / (16 n^2). Raises
+    `NetworkError` if the number of segments is not positive.
 
     Attributes
     ----------
     segments : int
-        Number of chords, one more than breakpoints.
-
-    Raises
-    ------
-    NetworkError
-        If there is no segment.
+        Number of chords, one more than the number of breakpoints.
 
     References
     ----------
@@ -211,25 +193,11 @@ class Breakpoints:
         require_positive(segments=self.segments)
 
     def fit(self, function: str, low: float, high: float) -> FittedChords:
-        """The chain of chords.
+        """Return the chain of chords of a function on a range of u.
 
-        Parameters
-        ----------
-        function : str
-            Name of a function block.
-        low, high : float
-            Range of u in which f is fitted. Nothing clamps u to it.
-
-        Returns
-        -------
-        FittedChords
-
-        Raises
-        ------
-        UnknownNameError
-            If there is no such function block.
-        NetworkError
-            If f is not finite on the range.
+        The name of a function block and the range define the target; a circuit does not clamp u to
+        the range. Raises `UnknownNameError` if the function block does not exist, and
+        `NetworkError` if f is not finite on the range.
         """
         stretch = Stretch(function=function, low=low, high=high)
         u, y = _chords(stretch, self.segments)
@@ -239,17 +207,17 @@ class Breakpoints:
 
 
 Curves: TypeAlias = Polynomial | Breakpoints
-"""Recipes: how function generators are made of parts."""
+"""Fitting methods for function generators."""
 
 Curve: TypeAlias = FittedPolynomial | FittedQuotient | FittedChords
-"""A function generator, fitted."""
+"""Fitted function generators."""
 
 
 @lru_cache(maxsize=1024)
 def _fitted(
     tolerance: float, most_terms: int, function: str, low: float, high: float
 ) -> FittedPolynomial | FittedQuotient:
-    """What `Polynomial.fit` finds, kept: a circuit is emulated many times with the same curves."""
+    """Return the result of `Polynomial.fit`, cached for repeated emulations."""
     stretch, tried = Stretch(function=function, low=low, high=high), []
     for parity in (0, 1, -1):
         for terms in range(1 + (parity >= 0), most_terms + 1):
@@ -270,7 +238,7 @@ def _fitted(
 
 
 def _best_polynomial(stretch: Stretch, parity: int, terms: int) -> FittedPolynomial | None:
-    """The polynomial of smallest largest error; None where f is not of this parity."""
+    """Return the minimax polynomial, or None if f does not have this parity."""
     low, high = stretch.low, stretch.high
     centre, half = 0.5 * (low + high), 0.5 * (high - low)
     places = U = np.cos(np.linspace(0.0, np.pi, FINE * GRID + 1))
@@ -294,7 +262,7 @@ def _best_polynomial(stretch: Stretch, parity: int, terms: int) -> FittedPolynom
 
 
 def _chords(stretch: Stretch, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Breakpoints and values of n chords: spread by curvature, then until errors are equal."""
+    """Return breakpoints and values of n chords, spread by curvature, then equalised."""
     places = np.linspace(stretch.low, stretch.high, FINE * GRID + 1)
     share = np.sqrt(np.abs(np.gradient(np.gradient(stretch.value(places)))))[1:]
     u = f = hats = np.zeros(0)
@@ -309,7 +277,7 @@ def _chords(stretch: Stretch, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _minimax(basis: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """Coefficients of the smallest largest deviation, by linear programming on the remainder."""
+    """Return minimax coefficients by linear programming on the least-squares residual."""
     series = np.linalg.lstsq(basis, f, rcond=None)[0]
     rest = f - basis @ series
     size = float(np.abs(rest).max()) or 1.0

@@ -1,4 +1,4 @@
-"""A function over a range: what a generator is to compute."""
+"""Target of a function generator: a function on a range."""
 
 from __future__ import annotations
 
@@ -12,26 +12,15 @@ from ann_dc.errors import NetworkError
 from ann_dc.network.functions import function_block
 
 GRID = 400
-"""Intervals at which a function is looked at, and a fit is made."""
+"""Number of intervals in which a function is sampled and fitted."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretch:
-    """A function over a range: what is to be built.
+    """Function `function` of a function block on the range from `low` to `high`.
 
-    Attributes
-    ----------
-    function : str
-        Name of a function block.
-    low, high : float
-        Range of u.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such function block.
-    NetworkError
-        If f is not finite on the range, or zero throughout.
+    Raises `UnknownNameError` if the function block does not exist, and `NetworkError` if f is not
+    finite on the range or zero throughout.
     """
 
     function: str
@@ -52,7 +41,7 @@ class Stretch:
         return f"{self.function} over {self.low:g} .. {self.high:g}"
 
     def value(self, u: np.ndarray) -> np.ndarray:
-        """f(u), of the shape of u; nan or infinite where it has no value."""
+        """Return f(u), of the shape of u; nan or infinite outside the domain."""
         with np.errstate(all="ignore"):
             return function_block(self.function).value(u)
 

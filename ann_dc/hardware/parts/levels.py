@@ -1,9 +1,9 @@
-"""The ladder: one network, rising fidelity. A level says what is built, of which models.
+"""Model levels: circuits of one network at increasing fidelity.
 
-A level is a record, whatever network it will serve and whoever reads it: the emulation takes its
-datasheet and its technology, the netlist its models. Ideal parts, op amps as macro models,
-transconductors, switched capacitors and transistors are the shipped rungs; those with the figures
-of real parts are `ann_dc.hardware.parts.presets`.
+A level is a record of technology and models, independent of the network. The emulation uses its
+datasheet and technology, the netlist its models. The built-in levels are ideal parts, op-amp macro
+models, transconductors, switched capacitors and transistors. `ann_dc.hardware.parts.presets` adds
+part sets with the data of real parts.
 """
 
 from __future__ import annotations
@@ -40,37 +40,40 @@ from ann_dc.validation.values import FloatOrNan, PositiveFinite, such_as
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Level:
-    """A rung of the ladder.
+    """Model level of a circuit.
 
     Attributes
     ----------
     name : str
-        What tables call it.
+        Name in tables.
     models : str
-        Folder of ``circuits/models`` that holds op amps, multipliers and function generators.
+        Folder of ``circuits/models`` with op amps, multipliers and function generators: ``ideal``,
+        ``macro``, ``transistor`` or ``sky130``.
     datasheet : Datasheet
-        What the parts of a kind have in common.
+        Values common to the parts of a kind; ideal by default.
     technology : Technology
-        What cells are built of.
+        Technology of the cells; op amps with resistors by default.
     functions : Curves or None
-        Recipe by which function generators are made of parts; None takes the models' own.
+        Fitting method for function generators made of parts; None uses those of the models.
     smallest_resistor : float, optional
-        In ohms. Where none is given it is what suits the capacitances and output currents of the
-        parts, and `SMALLEST_RESISTOR` where they have none.
+        Smallest resistor in ohms. If omitted, it suits the capacitances and output currents of the
+        parts, or is `SMALLEST_RESISTOR` if the parts have none.
     smallest_capacitor : float
-        In farads, of integrating capacitors: what strays do not swamp.
+        Smallest integrating capacitor in farads, large relative to parasitic capacitances; 0 by
+        default.
     full_scale : float
-        Volts that stand for the largest value.
+        Volts of the largest value; 1 by default.
     area : float
-        Of the matched gates of ``transistor`` models, over that of the smallest ones.
+        Area of the matched gates of ``transistor`` models relative to the smallest gates; 1 by
+        default.
     conditions : Conditions
-        Where it stands, which its datasheet and its netlists know; `at` takes it elsewhere.
+        Operating conditions of datasheet and netlist; nominal by default. Use `at` to change them.
 
     Raises
     ------
     NetworkError
-        If a number is one that the macro models cannot do, parts leak that its cells lack, or it
-        is to have a corner of a process without transistors.
+        If the macro models do not support a number, the cells lack a part with parasitics, or a
+        process corner is given for parts without transistors.
 
     Examples
     --------
@@ -113,38 +116,41 @@ class Level:
 
     @property
     def transistors(self) -> bool:
-        """Whether its parts are made of transistors, which a process makes slow or fast."""
+        """True if the parts are made of transistors, which have process corners."""
         return self.models not in ("ideal", "macro")
 
     @property
     def limit(self) -> float:
-        """Volts at which the first kind of part clips; infinite where none does."""
+        """Lowest saturation voltage of a part kind; infinite without saturation."""
         return min(self.datasheet.rails, self.datasheet.multiplier_rails)
 
     @property
     def tolerances(self) -> Tolerances:
-        """Sizes of the errors of single parts where it stands, `TYPICAL` ones if none are known."""
+        """Error sizes of single parts at the operating conditions; `TYPICAL` if unknown."""
         sizes = self.datasheet.tolerances or TYPICAL
         return sizes.at(self.conditions).without(self.technology.without)
 
     @checked
     def at(self, conditions: Conditions) -> Level:
-        """The same parts at another temperature and other supplies.
+        """Return the level at other operating conditions.
 
-        Rails and power follow supplies; tolerances grow with drift, and bias currents with heat.
+        Output swing and power follow the supplies, tolerances grow with drift, and bias currents
+        grow with temperature.
 
         Parameters
         ----------
         conditions : Conditions
+            New operating conditions.
 
         Returns
         -------
         Level
+            Level with changed datasheet and conditions.
 
         Raises
         ------
         NetworkError
-            If parts without transistors are to have a corner of a process.
+            If a process corner is given for parts without transistors.
 
         Examples
         --------
@@ -157,47 +163,53 @@ class Level:
 
     @property
     def emulated(self) -> bool:
-        """Whether its circuits can be emulated; ideal op amps need not: they are the ODE."""
+        """True if circuits can be emulated; those of ideal op amps equal the ODE."""
         built = self.technology
         return not built.clocked and (self.models != "ideal" or not isinstance(built, OpAmps))
 
     @property
     def metrics(self) -> tuple[contract.Kind, ...]:
-        """Kinds of metric that it can build; ideal op amps find no operating point for a grid."""
+        """Preconditioner kinds that the level supports.
+
+        Circuits of ideal op amps find no operating point for a resistive grid.
+        """
         kinds, ideal = self.technology.metrics, self.models == "ideal"
         return tuple(kind for kind in kinds if not (ideal and kind is contract.Kind.GRID))
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Values of the models' global parameters."""
+        """Global parameters of the models."""
         own = macro_parameters(self.datasheet, self.full_scale) if self.models == "macro" else {}
         return own | model_parameters(self.datasheet.parasitics, self.models)
 
 
 BEHAVIOURAL = Level(name="behavioural", models="ideal")
-"""Ideal op amps, multipliers and function generators."""
+"""Level of ideal op amps, multipliers and function generators."""
 
 
 @checked
 def macro(datasheet: Datasheet | None = None, *, differential: bool = False, **given: Any) -> Level:
-    """Op-amp macro models.
+    """Return a level of op-amp macro models.
 
     Parameters
     ----------
     datasheet : Datasheet, optional
+        Data of the parts.
     differential : bool
-        Fully differential op amps: every signal has both signs, and there are no inverters.
+        True for fully differential op amps, with both signs of every signal and without inverters;
+        False by default.
     **given : float
-        Attributes of `Datasheet`, instead of ``datasheet``; a0 is 1e6 where it is not given.
+        Attributes of `Datasheet`, instead of ``datasheet``. The default of a0 is 1e6.
 
     Returns
     -------
     Level
+        Level of macro models.
 
     Raises
     ------
     NetworkError
-        If a number is out of its range, or one that the macro models cannot do.
+        If a number is out of its range or not supported by the macro models.
 
     Examples
     --------
@@ -217,20 +229,21 @@ def macro(datasheet: Datasheet | None = None, *, differential: bool = False, **g
 def ota_c(
     *, a0: FloatOrNan = math.inf, linear_range: FloatOrNan = 30.0, gbw: FloatOrNan = 10e6
 ) -> Level:
-    """OTA-C: one node a neuron, one tanh transconductor a weight [1]_.
+    """Return an OTA-C level: a node per neuron, a tanh transconductor per weight [1]_.
 
     Parameters
     ----------
     a0 : float
-        Voltage gain of a transconductor into its own output resistance.
+        Voltage gain of a transconductor into its output resistance; infinite by default.
     linear_range : float
-        Volts of the tanh, over full scale.
+        Voltage scale of the tanh relative to full scale; 30 by default.
     gbw : float
-        What network time is scaled by, as for op amps, in Hz.
+        Bandwidth in Hz that scales network time, as for op amps; 10 MHz by default.
 
     Returns
     -------
     Level
+        Level of transconductors.
 
     Raises
     ------
@@ -266,22 +279,26 @@ def switched_capacitor(
     clock: FloatOrNan = 1e6,
     **given,
 ) -> Level:
-    """Switched capacitors: the recurrent layer with a fixed step, one step a clock period [1]_.
+    """Return a level of switched capacitors, one step per clock period [1]_.
+
+    The circuit realises the recurrent layer with a fixed step.
 
     Parameters
     ----------
     a0, gbw : float
-        Of the op amps: open-loop gain, and gain-bandwidth product in Hz.
+        Open-loop gain of the op amps, infinite by default, and gain-bandwidth product in Hz, 200
+        MHz by default.
     step : float
         Network time of a period.
     clock : float
-        In Hz.
+        Clock frequency in Hz; 1 MHz by default.
     **given : float
         Further attributes of `SwitchedCapacitors`.
 
     Returns
     -------
     Level
+        Level of switched capacitors.
 
     Raises
     ------
@@ -311,16 +328,20 @@ def switched_capacitor(
 
 @checked
 def transistor(*, area: PositiveFinite = 1.0) -> Level:
-    """CMOS op amps, Gilbert multipliers, functions as polynomials: no behavioural source.
+    """Return a level of CMOS op amps and Gilbert multipliers.
+
+    Functions are polynomials, and the circuits contain no behavioural source.
 
     Parameters
     ----------
     area : float
-        Of the op amps' matched gates over the smallest, 1 to 64; see `transistor_sheet`.
+        Area of the op amps' matched gates relative to the smallest gates, 1 to 64, see
+        `transistor_sheet`; 1 by default.
 
     Returns
     -------
     Level
+        Level of transistors.
 
     Raises
     ------
@@ -345,4 +366,4 @@ def transistor(*, area: PositiveFinite = 1.0) -> Level:
 
 
 TRANSISTOR = transistor()
-"""That of the smallest transistors."""
+"""Transistor level with the smallest gates."""

@@ -1,8 +1,8 @@
-"""What parts do beside what they are for: capacitances, second poles, leaks, noise, bent products.
+"""Parasitics of parts: capacitances, second poles, leaks, noise, nonlinearity.
 
-Zero, or infinity where a thing limits or leaks less the larger it is, means that there is none; an
-ideal part has nothing here. `Parasitics` are those of parts on a board, a `MultiplierLaw` is what a
-multiplier of transistors makes of its inputs.
+Zero, or infinity for quantities that cause less harm the larger they are, denotes the absence of a
+parasitic. Ideal parts have none. `Parasitics` describes parts on a board, and `MultiplierLaw` the
+output of a transistor multiplier as a function of its inputs.
 """
 
 from __future__ import annotations
@@ -20,56 +20,57 @@ LIMITING = {
     "switch_leakage": "ohm",
     "bias_doubling": "K",
 }
-"""Parasitics that are above zero and do no harm at infinity, with their units."""
+"""Parasitics that are positive and harmless at infinity, with their units."""
 
 LARGEST = 1.0
-"""Of the others: a farad, an ampere, all of full scale."""
+"""Maximum of the other parasitics: one farad, one ampere or full scale."""
 MOST_DOUBLINGS = 1000.0
-"""Of a bias current: more are beyond all numbers."""
+"""Maximum number of doublings of a bias current, for floating-point range."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Parasitics:
-    """What the parts of a circuit have beside what they are for.
+    """Parasitic quantities of the parts of a circuit.
+
+    Raises `NetworkError` if a number is negative, or zero for a limiting quantity. Zero or infinity
+    is the default of each.
 
     Attributes
     ----------
     input_capacitance : float
-        Of an op amp, from its inverting input to ground, in farads.
+        Capacitance of an op amp from its inverting input to ground, in farads.
     stray_capacitance : float
-        Of the wiring at every virtual ground, in farads.
+        Capacitance of the wiring at every virtual ground, in farads.
     second_pole : float
-        Of the op amps, in Hz.
+        Second pole of the op amps in Hz.
     bias_current : float
-        Into the inverting input of every op amp, in amperes, at the level's temperature.
+        Current into the inverting input of every op amp in amperes, at the temperature of the
+        level.
     bias_doubling : float
-        What heats that current to twice as much, in kelvins: about 10 for junctions that leak.
+        Temperature rise that doubles the bias current, in kelvins; about 10 for leaking junctions.
     output_current : float
-        The largest that an op amp gives or takes, in amperes.
+        Largest output current of an op amp in amperes, of either sign.
     capacitor_leakage : float
         Insulation resistance times capacitance of the integrating capacitors, in seconds.
     switch_leakage : float
-        Resistance of an open reset switch, in ohms.
+        Resistance of an open reset switch in ohms.
     switch_capacitance : float
-        Of an open reset switch, across the capacitor that it resets, in farads.
+        Capacitance of an open reset switch across its capacitor, in farads.
     switch_charge : float
-        What a reset switch leaves on its capacitor when it opens, in coulombs.
+        Charge that an opening reset switch leaves on its capacitor, in coulombs.
     multiplier_nonlinearity : float
-        Largest deviation of a multiplier from a straight line in its first input, over full scale.
+        Largest deviation of a multiplier from a straight line in its first input, relative to full
+        scale.
     multiplier_feedthrough : float
-        What either input adds to the output while the other is zero, over full scale.
+        Contribution of either input to the output while the other input is zero, relative to full
+        scale.
     multiplier_capacitance : float
-        Of each input of a multiplier, in farads.
+        Capacitance of each input of a multiplier in farads.
     multiplier_noise : float
-        At the output of a multiplier, in V/sqrt(Hz), white.
+        White noise at the output of a multiplier in V/sqrt(Hz).
     amplifier_noise : float
-        Input voltage noise of the op amps, in V/sqrt(Hz), white.
-
-    Raises
-    ------
-    NetworkError
-        If a number is negative, or one that limits is zero.
+        White input voltage noise of the op amps in V/sqrt(Hz).
 
     Examples
     --------
@@ -109,25 +110,14 @@ class Parasitics:
 
     @property
     def ground(self) -> float:
-        """Farads from a virtual ground to ground: the op amp's own and those of the wiring."""
+        """Capacitance of a virtual ground in farads: op amp input plus wiring."""
         return self.input_capacitance + self.stray_capacitance
 
     def hotter(self, kelvins: float) -> Parasitics:
-        """The same parts at another temperature: bias currents grow with what leaks.
+        """Return the parasitics at a temperature ``kelvins`` higher, or lower if negative.
 
-        Parameters
-        ----------
-        kelvins : float
-            Negative where it gets colder.
-
-        Returns
-        -------
-        Parasitics
-
-        Raises
-        ------
-        NetworkError
-            If a bias current grows to more than an ampere.
+        Bias currents double every `bias_doubling` kelvins. Raises `NetworkError` if a bias current
+        exceeds one ampere.
 
         Examples
         --------
@@ -146,7 +136,7 @@ class Parasitics:
 
 
 NONE = Parasitics()
-"""Parts that do what they are for, and nothing else."""
+"""Parts without parasitics."""
 
 BOARD_PARAMETERS = {
     "opamp_cin": ("ground", 1e-18),
@@ -154,16 +144,14 @@ BOARD_PARAMETERS = {
     "opamp_pole2": ("second_pole", 1e12),
     "opamp_imax": ("output_current", 1e3),
 }
-"""Parameters of the op amps of ``circuits/models/board``: the attribute of `Parasitics`, and what
-stands for none."""
+"""Parameters of the op amps of ``circuits/models/board``.
+
+Values are the attribute of `Parasitics` and the number that denotes none.
+"""
 
 
 def board_parameters(parts: Parasitics) -> dict[str, float]:
-    """Values of the parameters of op amps on a board; none where these have no parasitics.
-
-    Parameters
-    ----------
-    parts : Parasitics
+    """Return the parameters of op amps on a board; empty without parasitics.
 
     Examples
     --------
@@ -179,41 +167,38 @@ def board_parameters(parts: Parasitics) -> dict[str, float]:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class MultiplierLaw:
-    r"""What a multiplier makes of its inputs where all of its parts are as they should be.
+    r"""Output of a multiplier with nominal parts as a function of its inputs.
 
-    Of a full scale of V volts, with x and y the differences of its pairs of inputs over V, X and Y
-    the sums of their volts, and z what is added to the output, it is
+    Let V be the full scale in volts, and x and y the differences of the input pairs over V. X and Y
+    are the sums of the input volts, and z is the voltage added to the output. The output is
 
     .. math::
         v_{out} = (1 + ge) V x y\,(1 + gain + gain_y + gain_o + bend_x x^2 + bend_y (y V / V_y)^2
                   + tilt_x X + tilt_y Y) + (1 + follow)\,z + offset + bow\,(v_{out}^2 - z^2) .
 
-    Output resistors of V_o = (1 + ge) V make the gain; below ``least_gain`` they stay, and larger
-    ones of y, which make V_y of V, do the rest. What depends on the resistors that set a full
-    scale is a + b / V + c V, written (a, b, c). The current of a product does not depend on V_o:
-    where an op amp of little gain gives it, that costs volts, b of ``gain_o``, also at small gains.
+    Output resistors of V_o = (1 + ge) V realise the gain. Below ``least_gain`` they stay constant
+    and larger resistors of y, which make V_y of V, provide the remainder. Coefficients that depend
+    on the resistors of a full scale have the form a + b / V + c V, written (a, b, c). The current
+    of a product does not depend on V_o. If an op amp of small gain supplies this current, the loss
+    in volts, b of ``gain_o``, also occurs at small gains. Raises `NetworkError` if a number is not
+    finite.
 
     Attributes
     ----------
     gain, bend_x : (float, float, float)
-        Of V: bends are what is left of the voltage-to-current converters' curvature.
+        Functions of V. A bend is the remaining curvature of the voltage-to-current converters.
     gain_y, bend_y : (float, float, float)
-        Of V_y.
+        Functions of V_y.
     gain_o, follow, offset, bow : (float, float, float)
-        Of V_o; the offset in volts, the bow in 1/V.
+        Functions of V_o; offset in volts, bow in 1/V.
     tilt_x, tilt_y : float
-        In 1/V: by the common mode of an input.
+        Gain per common-mode volt of an input, in 1/V.
     input_current : float
-        Into every input, in amperes, from what drives it.
+        Current into every input in amperes, from its driver.
     output_resistance : float
-        In ohms.
+        Output resistance in ohms.
     least_gain : float
-        1 + ge that the resistors of the output make at least.
-
-    Raises
-    ------
-    NetworkError
-        If a number is not finite.
+        Smallest 1 + ge that the output resistors realise.
 
     Examples
     --------
@@ -242,14 +227,9 @@ class MultiplierLaw:
                 raise NetworkError(f"multiplier_law, {field.name}: expected numbers, got {value!r}")
 
     def at(self, volts: float, gain: float = 1.0) -> MultiplierLaw:
-        """The law of one full scale and gain, whose numbers depend on these no more.
+        """Return the law for a full scale V (``volts``) and a gain 1 + ge.
 
-        Parameters
-        ----------
-        volts : float
-            V; bends of what comes back are those of shares of it.
-        gain : float
-            1 + ge.
+        The numbers of the result are constant, and its bends apply to inputs relative to V.
         """
         y, output = volts * max(1.0, self.least_gain / gain), volts * max(self.least_gain, gain)
         scales = {"gain_y": y, "bend_y": y}
@@ -269,4 +249,4 @@ def _numbers(value: float | tuple[float, ...]) -> tuple[float, ...]:
 
 
 PRODUCT = MultiplierLaw()
-"""A product and nothing else."""
+"""Ideal product."""

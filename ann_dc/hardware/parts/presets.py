@@ -1,7 +1,7 @@
-"""Macro levels with the figures of real parts, by name, from ``circuits/models/presets``.
+"""Macro levels with the data of real parts from ``circuits/models/presets``.
 
-A preset is a file of ``.param`` lines that ngspice reads as it is; the same figures are read here,
-so that emulation and netlist cannot differ.
+A preset is a file of ``.param`` lines that ngspice reads directly. This module reads the same file,
+so emulation and netlist cannot differ.
 
 >>> names()[0], get("tl072_ad633").full_scale
 ('ad8065_ad835', 10.0)
@@ -28,10 +28,10 @@ TOLERANCES = {
     "resistor_drift": "resistor_drift",
     "opamp_drift": "offset_drift",
 }
-"""Figures of a file that say how far parts may be off, by the field of `Tolerances`."""
+"""Figures of a file that give the tolerances of parts, by the field of `Tolerances`."""
 
 POWER = {"opamp_power": "amplifier_power", "mul_power": "multiplier_power"}
-"""Figures of a file that say what parts draw, by the attribute of `Datasheet`."""
+"""Figures of a file that give the power of parts, by the attribute of `Datasheet`."""
 
 PARASITICS = {
     "input_capacitance": "input_capacitance",
@@ -45,18 +45,19 @@ PARASITICS = {
     "mul_capacitance": "multiplier_capacitance",
     "mul_noise": "multiplier_noise",
 }
-"""Figures of a file that say what parts do besides, by the attribute of `Parasitics`."""
+"""Figures of a file that give the parasitics of parts, by the attribute of `Parasitics`."""
 
 PARAM = re.compile(r"^\.param (\w+)=(\S+)$", re.MULTILINE)
 
 
 @checked
 def names() -> tuple[str, ...]:
-    """The names of all presets, sorted.
+    """Return the sorted names of all part sets.
 
     Returns
     -------
     tuple of str
+        Names for `get`.
 
     Examples
     --------
@@ -68,21 +69,22 @@ def names() -> tuple[str, ...]:
 
 @checked
 def get(name: str) -> Level:
-    """A macro level with the figures of real parts, by name.
+    """Return a macro level with the data of real parts.
 
     Parameters
     ----------
     name : str
-        One of `names`.
+        Name of a part set, see `names`.
 
     Returns
     -------
     Level
+        Macro level with the part data.
 
     Raises
     ------
     UnknownNameError
-        Listing the names that exist.
+        If the name is unknown; the message lists the valid names.
 
     Examples
     --------
@@ -116,5 +118,5 @@ def _level(name: str, text: str) -> Level:
 
 
 def _given(figures: dict[str, float], fields: dict[str, str]) -> dict[str, Any]:
-    """The figures that a file has, under the names of a record's fields."""
+    """Return the figures that a file contains, under the field names of a record."""
     return {field: figures[key] for key, field in fields.items() if key in figures}

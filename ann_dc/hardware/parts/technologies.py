@@ -1,8 +1,8 @@
-"""What a cell is built of: op amps with resistors, differential ones, transconductors, capacitors.
+"""Technologies of a cell: op amps, differential pairs, OTA-C, switched capacitors.
 
-A technology is a record. What it means is told by its interpreters: the emulation reads it as the
-equations of a network, the netlist as cards. Every technology computes with the same circuit: a
-transconductor is 1/R, a switched capacitor h T C_f / (R C) per period.
+A technology is a record that two modules interpret: the emulation as equations of a network, the
+netlist as cards. Every technology realises the same circuit: a transconductor is 1/R, a switched
+capacitor h T C_f / (R C) per period.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from ann_dc.network.preconditioners import base as contract
 from ann_dc.validation.checked import checked
 
 FEED_FORWARD = tuple(kind for kind in contract.Kind if kind is not contract.Kind.GRID)
-"""Metrics that are sums without a loop."""
+"""Preconditioners that are sums without a loop."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OpAmps:
-    """Op amps with resistors at a virtual ground; an inverter where the other sign is needed.
+    """Op amps with resistors at a virtual ground, and inverters for the opposite sign.
 
     Attributes
     ----------
     differential : bool
-        Whether every signal is there with both signs.
+        True if every signal exists with both signs.
     clocked : bool
-        Whether it computes in periods of a clock.
+        True if the circuit operates in clock periods.
     resettable : bool
-        Whether capacitors and reset switches of its cells can be those of a board.
+        True if capacitors and reset switches of the cells may be those of a board.
     without : tuple of Kind
-        Errors of parts that its cells do not have.
+        Part errors that the cells do not have.
     metrics : tuple of metrics.Kind
-        Kinds of metric that it can build.
+        Preconditioner kinds that the cells can realise.
     """
 
     differential: ClassVar[bool] = False
@@ -49,12 +49,9 @@ class OpAmps:
 
 @dataclass(frozen=True, kw_only=True)
 class DifferentialPairs:
-    """Fully differential op amps: two summing nodes and outputs, twice the R and C, no inverter.
+    """Fully differential op amps: two summing nodes and outputs, no inverters.
 
-    Attributes
-    ----------
-    differential, clocked, resettable, without, metrics
-        As of `OpAmps`: no grid.
+    Every R and C exists twice. Attributes are those of `OpAmps`; resistive grids are not supported.
     """
 
     differential: ClassVar[bool] = True
@@ -67,14 +64,15 @@ class DifferentialPairs:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class OtaC:
-    """Transconductors into one node a neuron; equal and opposite weights share one pair.
+    """Transconductors into one node per neuron; opposite equal weights use one pair.
+
+    Attributes are those of `OpAmps`. Transconductors have no offset, and no adders that could
+    realise a preconditioner.
 
     Attributes
     ----------
     linear_range : float
-        Volts of the tanh, over full scale.
-    differential, clocked, resettable, without, metrics
-        As of `OpAmps`: transconductors have no offset, and no adders that a metric could be.
+        Voltage scale of the tanh relative to full scale.
     """
 
     linear_range: float = 30.0
@@ -89,27 +87,24 @@ class OtaC:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class SwitchedCapacitors:
-    """Parasitic-insensitive switched-capacitor branches: forward Euler, one step a period.
+    """Parasitic-insensitive switched capacitors: forward Euler, one step per period.
+
+    Attributes are those of `OpAmps`; only diagonal preconditioners are supported. Raises
+    `NetworkError` if a number is not positive or the overlap is negative.
 
     Attributes
     ----------
     step : float
         Network time of a period.
     clock : float
-        Hz.
+        Clock frequency in Hz.
     unit_capacitor : float
         Feedback capacitor of every neuron in farads.
     on_resistance : float
-        Of a switch, in ohms.
+        Resistance of a closed switch in ohms.
     overlap : float
-        Capacitance from clock to signal at every switch terminal, in farads: charge injection.
-    differential, clocked, resettable, without, metrics
-        As of `OpAmps`: time constants only.
-
-    Raises
-    ------
-    NetworkError
-        If a number is not positive, or the overlap negative.
+        Capacitance from clock to signal at every switch terminal in farads, the cause of charge
+        injection.
     """
 
     step: float
@@ -136,13 +131,13 @@ class SwitchedCapacitors:
 
 
 Technology: TypeAlias = OpAmps | DifferentialPairs | OtaC | SwitchedCapacitors
-"""What a level is built of."""
+"""Technology of a model level."""
 
 OP_AMPS = OpAmps()
 DIFFERENTIAL_PAIRS = DifferentialPairs()
 
 COMMON = 0.9
-"""Two weights share a pair when the smaller one is at least that share of the larger."""
+"""Smallest ratio of two weights that use a common pair."""
 
 Node = TypeVar("Node")
 
@@ -150,22 +145,11 @@ Node = TypeVar("Node")
 def paired(
     weights: list[tuple[str, Node, float]],
 ) -> Iterator[tuple[str, tuple[Node, ...], float]]:
-    """Name, source or two of them, and weight of every transconductor.
+    """Yield name, one or two sources, and weight of every transconductor.
 
-    What two weights of opposite sign have in common goes to one pair, positive source first; the
-    rest of the larger one is a transconductor of its own.
-
-    Parameters
-    ----------
-    weights : list of (name, source, float)
-        Name of every wire, what it comes from, and its weight.
-
-    Yields
-    ------
-    name : str
-    sources : tuple of one source or two
-    weight : float
-        Of one source with its sign, of two without.
+    The common part of two weights of opposite sign goes to one pair, positive source first. The
+    remainder of the larger weight is a separate transconductor. The weight of one source is signed;
+    that of two sources is not. ``weights`` lists name, source and weight of every wire.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""Parts made of transistors of a generic process, whose models are written by hand.
+"""Parts made of transistors of a generic process, with hand-written models.
 
-Its figures are what testbenches of ``circuits/testbenches`` measure, each part alone.
+The figures were measured with the testbenches of ``circuits/testbenches``, each part alone.
 """
 
 from __future__ import annotations
@@ -25,36 +25,34 @@ GILBERT = MultiplierLaw(
     input_current=0.64e-6,
     output_resistance=4.2,
 )
-"""Of the multiplier of ``circuits/models/transistor``, by sweeps at full scales of 0.4 to 1.6 V.
+"""Law of the multiplier of ``circuits/models/transistor``.
 
-Its 26 mV / 200 uA of emitter resistance leave a curvature as 1 / V, early voltages a gain that
-depends on the common mode, and the stage that adds is an op amp of finite gain: V / 68 kohm for
-half of the product cost 56 kohm / 22.2e3 times that, 37 uV at full scale, whatever V_o is.
+It was fitted to sweeps at full scales of 0.4 to 1.6 V. The emitter resistance of 26 mV / 200 uA
+causes a curvature proportional to 1 / V, and Early voltages make the gain depend on the common
+mode. The summing stage is an op amp of finite gain: V / 68 kohm for half of the product costs 56
+kohm / 22.2e3 times that current, 37 uV at full scale, for any V_o.
 """
 
 MATCHING = 10e-3
-"""A_VT: volts of threshold mismatch between two gates of 1 um^2 [1]_, of either kind."""
+"""A_VT: threshold mismatch in volts between two gates of 1 um^2 [1]_, of either kind."""
 
 PAIR, MIRROR = 34.0, 15.0
-"""Gate areas of ``opamp`` in um^2, where ``area`` is 1."""
+"""Gate areas of ``opamp`` in um^2 for ``area`` 1."""
 
 LARGEST_AREA = 64.0
-"""Up to it the op amps' phase margin, 82 degrees with the smallest mirrors, stays above 55."""
+"""Largest area, which leaves the op amps a phase margin above 55 degrees (smallest mirrors: 82)."""
 
 ADDED = 1 + 34 / 51
-"""Noise gain of the op amp of a multiplier, by which its offset is at the output."""
+"""Noise gain of a multiplier's op amp, which refers its offset to the output."""
 
 
 def offset_of(area: float) -> float:
-    r"""Standard deviation of the op amps' input offset, in volts [1]_.
+    r"""Return the standard deviation of the op amps' input offset in volts [1]_.
 
     .. math:: \sigma = A_{VT} \sqrt{\frac{1}{(WL)_{pair}}
               + \left(\frac{g_{mirror}}{g_{pair}}\right)^2 \frac{1}{(WL)_{mirror}}}
 
-    Parameters
-    ----------
-    area : float
-        Of the gates, over that of the smallest ones.
+    The ``area`` of the gates is relative to that of the smallest gates.
 
     References
     ----------
@@ -71,24 +69,16 @@ def offset_of(area: float) -> float:
 
 
 def transistor_sheet(area: float) -> Datasheet:
-    """What op amps and multipliers are like whose matched gates are larger.
+    """Return the datasheet of op amps and multipliers with enlarged matched gates.
 
-    Their length grows with their width, so that currents and transconductances stay as they are.
-    Capacitances of gates grow with their area, those of overlaps with its root: the virtual
-    grounds' (``opamp_transistor_input.cir``), the mirrors', which are a second pole, and those at
-    the op amps of multipliers, which are as many times slower (``mul4q_transistor_area.cir``).
-    Offsets are those of gates: a multiplier's is its op amp's, here at its inputs, too, for which
-    bipolar transistors and resistors are not known.
-
-    Parameters
-    ----------
-    area : float
-        Over that of the smallest ones, from 1 to `LARGEST_AREA`.
-
-    Raises
-    ------
-    NetworkError
-        If the area is out of its range.
+    The ``area`` is relative to the smallest gates, from 1 to `LARGEST_AREA`; other values raise
+    `NetworkError`. The length of the gates grows with their width, so currents and
+    transconductances do not change. Gate capacitances grow with the area, overlap capacitances with
+    its square root. They load the virtual grounds (``opamp_transistor_input.cir``), the mirrors,
+    which form a second pole, and the op amps of multipliers, which become slower by the same factor
+    (``mul4q_transistor_area.cir``). Offsets are those of the gates. The offset of a multiplier is
+    that of its op amp. It is also used at the inputs of the multiplier, because mismatch data of
+    the bipolar transistors and resistors there are not available.
 
     Examples
     --------

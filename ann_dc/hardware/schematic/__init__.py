@@ -1,4 +1,4 @@
-"""A network read as parts: which op amps and multipliers, wired how, with which signs."""
+"""Schematic of a network: op amps and multipliers, their wiring and their signs."""
 
 import lazy_loader
 

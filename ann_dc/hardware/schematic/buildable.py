@@ -1,4 +1,4 @@
-"""What a level can build, and refusals that say which kinds of metric it can."""
+"""Checks that a model level can build a preconditioner kind and a resistor series."""
 
 from __future__ import annotations
 
@@ -12,17 +12,9 @@ from ann_dc.validation.checked import checked
 
 @checked
 def check_metric(kind: contract.Kind, level: Level) -> None:
-    """Refuse a kind of metric that a level cannot build.
+    """Raise `NetworkError` if a level cannot build a preconditioner kind.
 
-    Parameters
-    ----------
-    kind : metrics.Kind
-    level : Level
-
-    Raises
-    ------
-    NetworkError
-        With the kinds that it can build.
+    The message lists the kinds that it can build.
 
     Examples
     --------
@@ -42,17 +34,7 @@ def check_metric(kind: contract.Kind, level: Level) -> None:
 
 @checked
 def check_series(series: Series, level: Level) -> None:
-    """Refuse resistors of a series at a level that computes without resistors.
-
-    Parameters
-    ----------
-    series : Series
-    level : Level
-
-    Raises
-    ------
-    NetworkError
-        Naming both.
+    """Raise `NetworkError` for resistors of a series at a level without resistors.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The elements of a schematic: what one cell is made of, before any volt or ohm is chosen."""
+"""Elements of a schematic: parts of one cell without voltages or resistances."""
 
 from __future__ import annotations
 
@@ -9,21 +9,20 @@ import numpy as np
 from ann_dc.network.cell import Limiter
 
 UNLIMITED = Limiter()
-"""Of integrators without rails."""
+"""Limiter of integrators without limits."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wire:
-    """A weighted connection: weight times the source arrives.
+    """Weighted connection: weight times source.
 
     Attributes
     ----------
     source : str
         Name of a node.
     offset : int
-        Cell of the source relative to the wire's own: -1, 0 or 1 in what a problem is wired into,
-        any number of cells in a metric.
-    weight : (N,) array
+        Cell of the source relative to that of the wire: -1, 0 or 1 for wires of the problem, any
+        number of cells for those of a preconditioner.
     """
 
     source: str
@@ -33,20 +32,20 @@ class Wire:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Integrator:
-    """x' = rate * sum of wires.
+    """Integrator x' = rate * sum of wires.
 
     Attributes
     ----------
     name : str
-        Of the neuron; ``own.<neuron>`` for the own integrator of one that a metric reaches.
-    wires : tuple of Wire
+        Name of the neuron; ``own.<neuron>`` for the separate integrator of a neuron that a
+        preconditioner reaches.
     rate : (N,) array
-        In units of 1 / network time; zero where the neuron is pinned or absent.
+        Rate in units of 1 / network time; zero for fixed or omitted cells.
     limiter : Limiter
-        Its rails, in network units: there it stops, and turns back at once.
+        Saturation limits in network units; the output stops there and leaves without delay.
     shared : bool
-        Whether there is one for the row, in the last cell, and all cells send to it: a wire's
-        weight at a stage is that of the cell which sends.
+        True if the integrator exists once, in the last cell, and receives from all cells. The
+        weight of a wire at a stage is that of the sending cell.
     """
 
     name: str
@@ -57,41 +56,40 @@ class Integrator:
 
     @property
     def railed(self) -> bool:
-        """Whether it has a rail."""
+        """True if the integrator has a saturation limit."""
         return bool(np.isfinite([self.limiter.low, self.limiter.high]).any())
 
     @property
     def present(self) -> np.ndarray:
-        """(N,) booleans: in which cells there is one."""
+        """True for the cells (N,) that have the integrator."""
         return self.rate > 0
 
     @property
     def tau(self) -> np.ndarray:
-        """1 / rate (N,), in network time; one where there is none."""
+        """1 / rate (N,) in network time; one for absent cells."""
         return 1.0 / np.where(self.present, self.rate, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PICell:
-    """m = mu + rho c, mu' = rate c, c the sum of wires; or a diode neuron.
+    """PI cell m = mu + rho c, mu' = rate c, c the sum of wires; or rectifying neuron.
 
-    That is rectified, m = max(0, mu + rho c), and where m is zero mu leaks, mu' = -rate mu / rho.
-    That of a compliant row has a wire from its own output, -d m: a resistor across all of its
-    feedback.
+    A rectifying multiplier neuron has m = max(0, mu + rho c), and mu leaks while m is zero, mu' =
+    -rate mu / rho. That of a compliant constraint has a wire from its output, -d m: a resistor
+    across the entire feedback.
 
     Attributes
     ----------
     name : str
-        Of m.
+        Name of m.
     dual : str
-        Names mu; where it is absent, so is m.
+        Name of mu; if mu is omitted, so is m.
     wires : tuple of Wire
-        What c adds up.
+        Terms of c.
     rate : (N,) array
-        In units of 1 / network time; zero where mu is absent.
-    rho : (N,) array
+        Rate in units of 1 / network time; zero for omitted cells.
     rectified : bool
-        Whether it is a diode neuron.
+        True for a rectifying multiplier neuron.
     """
 
     name: str
@@ -103,31 +101,29 @@ class PICell:
 
     @property
     def present(self) -> np.ndarray:
-        """(N,) booleans: in which cells there is one."""
+        """True for the cells (N,) that have the PI cell."""
         return self.rate > 0
 
     @property
     def compliance(self) -> np.ndarray:
-        """d (N,), zero where no wire comes from the own output."""
+        """Compliance d (N,), zero without a wire from the output."""
         own = [wire.weight for wire in self.wires if wire.source == self.name and not wire.offset]
         return -np.sum(own, axis=0) if own else np.zeros(len(self.rate))
 
     @property
     def tau(self) -> np.ndarray:
-        """rho / rate (N,), in network time; one where there is none."""
+        """Time constant rho / rate (N,) in network time; one for absent cells."""
         return np.where(self.present, self.rho / np.where(self.present, self.rate, 1.0), 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Adder:
-    """y = sum of wires.
+    """Adder y = sum of wires.
 
     Attributes
     ----------
-    name : str
-    wires : tuple of Wire
     present : (N,) array of bool, optional
-        In which cells there is one; in all of them where nothing is given.
+        True for the cells that have the adder; all cells by default.
     """
 
     name: str
@@ -137,11 +133,10 @@ class Adder:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Multiplier:
-    """y = a b, with differential inputs.
+    """Multiplier y = a b with differential inputs.
 
     Attributes
     ----------
-    name : str
     a, b : str
         Names of the factors.
     """
@@ -153,13 +148,12 @@ class Multiplier:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Generator:
-    """y = g(x), by a function generator.
+    """Function generator y = g(x).
 
     Attributes
     ----------
-    name : str
     function : str
-        Which g: the name of a function block.
+        Name of a function block g.
     x : str
         Name of the argument.
     """
@@ -171,19 +165,20 @@ class Generator:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GridNode:
-    """lag v' = sum of wires - v: a pair of nodes of a resistor network, v and -v, and a follower.
+    """Pair of grid nodes v and -v with a follower: lag v' = sum of wires - v.
 
-    Every resistor is there twice, between the nodes of equal sign where its weight is positive and
-    across where it is negative, so that no inverter stands in the network.
+    Every resistor occurs twice: between nodes of equal sign for a positive weight, and crosswise
+    for a negative weight. The network therefore needs no inverter.
 
     Attributes
     ----------
     name : str
-        Of the neuron that the follower carries.
+        Name of the neuron that the follower carries.
     wires : tuple of Wire
-        From the integrators, and from other nodes of the network, by the names of their neurons.
+        Wires from the integrators and from other nodes of the network, by the names of their
+        neurons.
     present : (N,) array of bool
-        In which cells there is one.
+        True for the cells that have the node.
     """
 
     name: str

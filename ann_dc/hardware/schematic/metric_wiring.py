@@ -1,33 +1,29 @@
-r"""A metric as layers of weighted sums: which wires lead from the own integrators to the neurons.
+r"""Preconditioner as layers of weighted sums: wires from integrators to neurons.
 
-What the network calls z, the neurons that move with the drives of others, obeys
-:math:`z' = M d`. With an own integrator D of each, D' = d, it is the weighted sum z = z_0 + M D,
-and the metric needs no integrator of its own. Between D and z stand the metric's nodes,
+The neurons z that move with the net inputs of others obey :math:`z' = M d`. With a separate
+integrator D per neuron, D' = d, they are the weighted sum z = z_0 + M D, and the preconditioner
+needs no further integrator. Its nodes lie between D and z,
 
 .. math:: v = W v + (D, c) ,
 
-one sum a node, with the wires of the kind, here without the constants c:
+one sum per node, with the wires of the preconditioner kind. Without the constants c these are:
 
-- pyramid: every coarse coordinator adds up the integrals below its hat, :math:`Y = \phi' D`, and
-  every neuron what the coordinators above it say, :math:`z = T D + \phi S\, Y`;
-- tree: level by level down, :math:`y = T^{1/2} D - W y`, with a sum for every block that has
-  something below it, and up again, :math:`z = T^{1/2} S_{ee}^{-1} y - T^{1/2} W' T^{-1/2} z`;
-- grid: nodes between which resistors are, :math:`G z = D` with G = M^{-1}; a node adds up what
-  arrives from its neighbours, :math:`z_i = (D_i - \sum_{j \ne i} G_{ij} z_j) / G_{ii}`.
+- multilevel: every coarse-level neuron adds up the integrals below its hat function, :math:`Y =
+  \phi' D`, and every neuron the outputs of the coarse-level neurons above, :math:`z = T D + \phi
+  S\, Y`;
+- cyclic reduction: downward level by level, :math:`y = T^{1/2} D - W y`, with a sum for every block
+  that has blocks below, and upward, :math:`z = T^{1/2} S_{ee}^{-1} y - T^{1/2} W' T^{-1/2} z`;
+- resistive grid: nodes connected by resistors, :math:`G z = D` with G = M^{-1}. A node adds up the
+  signals from its neighbours, :math:`z_i = (D_i - \sum_{j \ne i} G_{ij} z_j) / G_{ii}`.
 
-Where the neurons start, z_0, is a constant c of theirs: integrators start at zero and hold no more
-than what has changed. Those of a row that is nearly there would else hold M^{-1} z_0, which is
-large at the fixed ends, fifty times what the car's move by at N = 36; sums of so large a range have
-a noise gain as large, and ask for op amps that are as much faster. In a grid D holds it: a resistor
-network has no noise gain.
+The initial values z_0 are constants c of the neurons, so integrators start at zero and store only
+changes. Otherwise the integrators of a network near its settled point would store M^{-1} z_0, which
+is large at the fixed ends: fifty times the change for the car at N = 36. Sums of such a range have
+an equally large noise gain and need correspondingly faster op amps. In a grid, D includes z_0,
+because a resistor network has no noise gain.
 
-Errors of these wires bend the way and move no equilibrium: where all D rest, all drives are zero.
-
-The parts of a metric: one in every cell that has a node, with wires as long as they need be.
-
-A node of a metric stands in a cell as any other part does, so that its wires have names, values and
-errors like those between neighbours; only that they come from further away. Nodes of one name stand
-in some cells, and are missing in others.
+Errors of these wires change the trajectory but move no equilibrium. If all D are at rest, all net
+inputs are zero.
 """
 
 from __future__ import annotations
@@ -52,29 +48,29 @@ from ann_dc.network.preconditioners.multilevel import Pyramid, hat_positions
 from ann_dc.network.preconditioners.resistive_grid import Grid
 
 OWN = "own."
-"""Before the name of a neuron: its own integrator, where a metric reaches it."""
+"""Prefix of the separate integrator of a neuron that a preconditioner reaches."""
 
 Node = tuple[str, int]
 """Name and stage."""
 
 SMALLEST = 1e-9
-"""Weights below that share of a node's largest are no wires."""
+"""Threshold relative to a node's largest weight, below which a weight is not a wire."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MetricWiring:
-    """The nodes of a metric, own integrators first, and the wires between them.
+    """Nodes of a preconditioner, integrators first, and the wires between them.
 
     Attributes
     ----------
     nodes : tuple of (name, stage)
-        ``own.<neuron>`` for the integrators; the neurons themselves come last.
+        ``own.<neuron>`` for the integrators; the neurons come last.
     weights : (nodes, nodes) sparse array
-        W: how much every node (row) takes of every other one (column).
+        W: weight into a node (row) from another node (column).
     constants : (nodes,) array
-        c: how much every node takes of the constant one.
+        c: weight into a node from the constant one.
     passive : bool
-        Whether the neurons are nodes of a resistor network, which settles by itself.
+        True if the neurons are nodes of a resistor network, which settles by itself.
     """
 
     nodes: tuple[Node, ...]
@@ -84,18 +80,18 @@ class MetricWiring:
 
     @cached_property
     def own(self) -> np.ndarray:
-        """Places of the own integrators."""
+        """Indices of the separate integrators."""
         return np.flatnonzero([name.startswith(OWN) for name, _ in self.nodes])
 
     @cached_property
     def moved(self) -> np.ndarray:
-        """Places of the neurons, in the order of their own integrators."""
+        """Indices of the neurons, in the order of their integrators."""
         place = {node: i for i, node in enumerate(self.nodes)}
         own = (self.nodes[i] for i in self.own)
         return np.array([place[name.removeprefix(OWN), stage] for name, stage in own], int)
 
     def values(self, integrals: np.ndarray) -> np.ndarray:
-        """Values (nodes, ...) of all nodes, from those (own, ...) of the integrators."""
+        """Return the values of all nodes (first axis) from those of the integrators."""
         given = np.zeros((len(self.nodes), *integrals.shape[1:]))
         given.T[...] = self.constants
         given[self.own] = integrals
@@ -104,26 +100,17 @@ class MetricWiring:
 
     @property
     def start(self) -> np.ndarray:
-        """Values (own,) of the neurons where all integrators are zero."""
+        """Values of the neurons, in the order of `moved`, for integrators at zero."""
         return self.values(np.zeros(len(self.own)))[self.moved]
 
     @property
     def metric(self) -> np.ndarray:
-        """M (own, own): what every integrator moves the neurons by."""
+        """M: displacement of the neurons (rows) per value of an integrator (columns)."""
         return self.values(np.eye(len(self.own)))[self.moved] - self.start[:, None]
 
 
 def wiring_of(network: Network) -> MetricWiring | None:
-    """The wires of a network's metric; None where it has time constants alone.
-
-    Parameters
-    ----------
-    network : Network
-
-    Returns
-    -------
-    MetricWiring or None
-    """
+    """Return the wires of a network's preconditioner, or None if it is diagonal."""
     metric, row = network.metric, network.row
     reached = np.flatnonzero(metric.reach(row)[network.places[:, 0]])
     if not len(reached):
@@ -148,13 +135,13 @@ class _Layers:
         self.weights: Any = sparse.csr_array((len(self.nodes), len(self.nodes)))
 
     def neurons(self, before: str) -> list[Node]:
-        """The neurons that are reached, with something before their names."""
+        """Return the reached neurons with a prefix in their names."""
         places = self.network.places[self.reached]
         names = [neuron.name for neuron in self.network.cell.neurons]
         return [(before + names[neuron], int(stage)) for neuron, stage in places]
 
     def add(self, nodes: list[Node], weights: Any) -> None:
-        """A layer (rows), and what it takes of all nodes before and of itself (columns)."""
+        """Add a layer (rows) with its weights from all earlier nodes and itself (columns)."""
         width = len(self.nodes) + len(nodes)
         weights = sparse.csr_array(weights)
         weights.resize((len(nodes), width))
@@ -164,7 +151,7 @@ class _Layers:
         self.weights = sparse.vstack([old, weights], format="csr")
 
     def wiring(self, *, passive: bool) -> MetricWiring:
-        """All of it, without the weights that are rounding."""
+        """Return the wiring without weights at rounding level."""
         weights = sparse.csr_array(self.weights)
         largest = abs(weights).max(axis=1).toarray().ravel()
         rows = np.repeat(np.arange(len(largest)), np.diff(weights.indptr))
@@ -184,7 +171,7 @@ class _Layers:
 
 
 def _pyramid(layers: _Layers, pyramid: Pyramid) -> None:
-    """Coarse coordinators, then the neurons of the chains."""
+    """Add the coarse-level neurons, then the neurons of the chains."""
     network, place = layers.network, _places(layers)
     components = network.row.chain_components  # (C, 2N)
     nodes: list[Node] = []
@@ -201,14 +188,14 @@ def _pyramid(layers: _Layers, pyramid: Pyramid) -> None:
 
 
 def _places(layers: _Layers) -> np.ndarray:
-    """Place of every component of the state vector among those that are reached; -1 for others."""
+    """Return the index of each state component among the reached ones, or -1."""
     place = -np.ones(layers.network.size + 1, np.int64)  # the last one is that of no component
     place[layers.reached] = np.arange(len(layers.reached))
     return place
 
 
 def _hats(components: np.ndarray, place: np.ndarray, intervals: int, count: int) -> Any:
-    """(reached, points C): share of every coarse coordinator of a level in every neuron."""
+    """Return the weights (reached, points C) of coarse-level neurons in neurons."""
     chains, positions = components.shape
     index, share = hat_positions(positions, intervals)
     chain = np.arange(chains)[:, None]
@@ -223,7 +210,7 @@ def _hats(components: np.ndarray, place: np.ndarray, intervals: int, count: int)
 
 
 def _coarse_nodes(network: Network, intervals: int, active: np.ndarray) -> Iterator[Node]:
-    """Coarse coordinators, each in the cell that it stands above."""
+    """Yield the coarse-level neurons, each in the cell below its position."""
     chains = network.cell.chains
     last = 2 * network.stages - 1
     taken: dict[Node, int] = {}
@@ -239,7 +226,7 @@ def _coarse_nodes(network: Network, intervals: int, active: np.ndarray) -> Itera
 
 
 def _tree(layers: _Layers, found: Elimination) -> None:
-    """Sums over what is handed down to every block, then the neurons, the last block first."""
+    """Add the sums of the downward sweep, then the neurons, the last block first."""
     below, inverse = _hat_matrices(found, _places(layers), len(layers.reached))
     root = np.sqrt(layers.rates)
     is_summed = abs(below).sum(axis=1) > 0
@@ -254,7 +241,7 @@ def _tree(layers: _Layers, found: Elimination) -> None:
 
 
 def _hat_matrices(found: Elimination, place: np.ndarray, count: int) -> tuple[Any, Any]:
-    """W (remaining, eliminated) of all levels, and S_ee^{-1} of all blocks."""
+    """Return W (remaining, eliminated) of all levels and S_ee^{-1} of all blocks."""
     hats, inverses = sparse.lil_array((count, count)), sparse.lil_array((count, count))
     blocks = place[found.component]
 
@@ -274,7 +261,7 @@ def _hat_matrices(found: Elimination, place: np.ndarray, count: int) -> tuple[An
 
 
 def _grid(layers: _Layers, grid: Grid) -> None:
-    """Nodes that resistors tie to their neighbours."""
+    """Add the nodes with resistors to their neighbours."""
     stiffness = sparse.csr_array(grid.matrix(layers.network.row))[layers.reached][:, layers.reached]
     root = sparse.diags_array(1 / np.sqrt(layers.rates))
     conductance = sparse.csr_array(root @ stiffness @ root)  # G = M^{-1}
@@ -286,18 +273,9 @@ def _grid(layers: _Layers, grid: Grid) -> None:
 
 
 def metric_parts(wiring: MetricWiring, stages: int) -> Iterator[Adder | GridNode]:
-    """A part for every name of a node that is no integrator, in the order of the layers.
+    """Yield a part for every node name except integrators, in the order of layers.
 
-    Parameters
-    ----------
-    wiring : MetricWiring
-    stages : int
-        N.
-
-    Yields
-    ------
-    Adder or GridNode
-        The latter where the wiring is passive.
+    A part is a `GridNode` if the wiring is passive, and an `Adder` otherwise.
     """
     wires: dict[str, dict[tuple[str, int], np.ndarray]] = {}
     present: dict[str, np.ndarray] = {}
@@ -326,20 +304,11 @@ def metric_parts(wiring: MetricWiring, stages: int) -> Iterator[Adder | GridNode
 
 
 def metric_values(network: Network, states: np.ndarray) -> dict[str, np.ndarray]:
-    """What every node of a metric holds where the network is, its own integrators included.
+    """Return the values of preconditioner nodes, with integrators but without neurons.
 
-    With z' = M d and D' = d, z = z_0 + M D: D is M^{-1} (z - z_0). Empty for time constants alone.
-
-    Parameters
-    ----------
-    network : Network
-    states : (T, n) array
-        State vectors.
-
-    Returns
-    -------
-    dict of str to (T, N) array
-        By the name of the node; zero in cells that have none. Neurons are left out.
+    With z' = M d and D' = d, z = z_0 + M D, so D is M^{-1} (z - z_0). States (T, n) give values (T,
+    N) by node name, zero in cells without the node. The result is empty for a diagonal
+    preconditioner.
     """
     wiring = wiring_of(network)
     if wiring is None:
@@ -358,5 +327,5 @@ def metric_values(network: Network, states: np.ndarray) -> dict[str, np.ndarray]
 
 
 def _neurons(wiring: MetricWiring) -> list[tuple[str, int]]:
-    """Neurons (name, stage) in the order of their own integrators."""
+    """Return neurons (name, stage) in the order of their integrators."""
     return [wiring.nodes[i] for i in wiring.moved]

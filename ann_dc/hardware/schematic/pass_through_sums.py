@@ -1,8 +1,8 @@
-"""Sums that are no part: a voltage stands for any multiple of its value.
+"""Sums without a part: one voltage represents any multiple of its value.
 
-A sum of one node of its own cell with a positive weight is that node's voltage on another scale.
-Multipliers and function generators, whose inputs draw no current, read it as it is; a sum that a
-resistor reads keeps its amplifier.
+A sum of one node of its cell with a positive weight is the voltage of that node on another scale.
+Multipliers and function generators, whose inputs draw no current, read that voltage directly. A sum
+with a resistor as a reader needs an amplifier.
 """
 
 from __future__ import annotations
@@ -16,17 +16,9 @@ from ann_dc.network.cell import ONE, Cell, Connection, Function, Product, Sum
 
 
 def plain_sums(cell: Cell) -> dict[str, Wire]:
-    """The sums of a cell that are plain wires, each with what carries it.
+    """Return the sums of a cell without a part, each with the wire from its carrier.
 
-    Parameters
-    ----------
-    cell : Cell
-
-    Returns
-    -------
-    dict of str to Wire
-        By the name of the sum, in the order of the blocks. Weights are single numbers; no source
-        is a plain wire itself.
+    The order is that of the blocks. Weights are scalars, and no source is such a sum.
 
     Examples
     --------
@@ -53,7 +45,7 @@ def plain_sums(cell: Cell) -> dict[str, Wire]:
 
 
 def _read_without_current(cell: Cell) -> Iterator[str]:
-    """What multipliers and function generators read."""
+    """Yield the inputs of multipliers and function generators."""
     for block in cell.blocks:
         if isinstance(block, Product):
             yield from (block.a, block.b)

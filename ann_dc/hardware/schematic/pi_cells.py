@@ -1,7 +1,7 @@
-"""What one op amp is: the nodes of a PI dual, a diode neuron or an objective, fused to a PI cell.
+"""PI-cell merging: nodes of a PI, inequality or objective dual in one op amp.
 
 A residual sum, an integrator and a proportional path together are an amplifier with series R-C
-feedback, as long as nothing else reads what is inside.
+feedback, provided that no other node reads the inner nodes.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from ann_dc.network.duals import DiodeDual, ObjectiveDual, PIDual
 from ann_dc.network.network import Network
 
 Wires: TypeAlias = Mapping[str, tuple[Wire, ...]]
-"""What arrives at a node, by its name."""
+"""Incoming wires by node name."""
 
 Rectified: TypeAlias = DiodeDual | ObjectiveDual
-"""What becomes a PI cell with diodes."""
+"""Duals that become PI cells with diodes."""
 
 
 def wires_of(network: Network) -> Wires:
-    """What arrives at every node of a cell."""
+    """Return the incoming wires of every node of a cell."""
     arriving: dict[str, list[Wire]] = {}
     for c in network.cell.connections:
         weight = np.broadcast_to(np.asarray(c.weight, float), network.stages)
@@ -37,28 +37,16 @@ def wires_of(network: Network) -> Wires:
 
 
 def rates_of(network: Network) -> dict[str, np.ndarray]:
-    """1 / tau (N,) of every neuron, zero where it is pinned or absent."""
+    """Return 1 / tau (N,) of every neuron, zero for fixed or omitted cells."""
     return dict(zip((n.name for n in network.cell.neurons), evaluator(network).tape.rates))
 
 
 def fused_cells(
     network: Network, wires: Wires, *, differential: bool
 ) -> tuple[list[PICell], set[str]]:
-    """PI cells, and the nodes that are inside of them.
+    """Return PI cells, and the neurons and blocks that are inside them.
 
-    Parameters
-    ----------
-    network : Network
-    wires : mapping of node name to tuple of Wire
-        From `wires_of`.
-    differential : bool
-        Whether outputs come with both signs; then nothing is rectified.
-
-    Returns
-    -------
-    cells : list of PICell
-    inside : set of str
-        Neurons and blocks that have no part of their own.
+    The ``wires`` are those of `wires_of`. If outputs are ``differential``, no cell is rectified.
     """
     readers, rates = _readers(network, wires), rates_of(network)
     cells: list[PICell] = []
@@ -77,7 +65,7 @@ def fused_cells(
 
 
 def _readers(network: Network, wires: Wires) -> Counter[str]:
-    """How often every node is read."""
+    """Return the number of readers of every node."""
     readers: Counter[str] = Counter(w.source for found in wires.values() for w in found)
     for block in network.cell.blocks:
         if isinstance(block, Product):
@@ -88,13 +76,13 @@ def _readers(network: Network, wires: Wires) -> Counter[str]:
 
 
 def _is_fused(dual: PIDual, wires: Wires, readers: Counter[str]) -> bool:
-    """Whether a PI dual can be one op amp: c is read by mu and m only, mu by m only."""
+    """Return True if a PI dual is one op amp: mu and m alone read c, m alone reads mu."""
     alone = readers[dual.residual] == 2 and readers[dual.neuron] == 1
     return alone and _is_proportional_integral(dual, wires)
 
 
 def _is_proportional_integral(dual: PIDual, wires: Wires) -> bool:
-    """Whether mu' is a positive share of c and m = mu + rho c with rho > 0, in the same cell."""
+    """Return True if mu' is a positive multiple of c and m = mu + rho c with rho > 0."""
     into_mu, into_m = wires.get(dual.neuron, ()), wires.get(dual.multiplier, ())
     return (
         [w.source for w in into_mu] == [dual.residual]
@@ -105,14 +93,17 @@ def _is_proportional_integral(dual: PIDual, wires: Wires) -> bool:
 
 
 def _is_rectified(dual: Rectified, wires: Wires, readers: Counter[str], live: np.ndarray) -> bool:
-    """Whether z can be one op amp: only its rectifier reads z + w g, and z' is all of its kind."""
+    """Return True if z can be one op amp: only its rectifier reads z + w g."""
     own = sum(w.source == dual.neuron for w in wires.get(dual.residual, ()))
     read = readers[dual.residual], readers[dual.sum], readers[dual.neuron] - own
     return read == (1, 1, 2) and _has_diode(dual, wires, live) and _leaks_little(dual, wires)
 
 
 def _has_diode(dual: Rectified, wires: Wires, live: np.ndarray) -> bool:
-    """Whether z' is a positive share of m - z and m that of z + w g with w > 0, where z lives."""
+    """Return True if z' is a positive multiple of m - z, m that of z + w g with w > 0.
+
+    The condition applies to the stages at which z exists.
+    """
     into_z = {w.source: w for w in wires.get(dual.neuron, ())}
     into_sum = {w.source: w for w in wires.get(dual.sum, ())}
     if set(into_z) != {dual.multiplier, dual.neuron}:
@@ -127,14 +118,14 @@ def _has_diode(dual: Rectified, wires: Wires, live: np.ndarray) -> bool:
 
 
 def _leaks_little(dual: Rectified, wires: Wires) -> bool:
-    """Whether g reads z as -d z at most, with 0 <= w d < 1: then it may read m instead."""
+    """Return True if g reads z at most as -d z, 0 <= w d < 1: then g may read m."""
     d = -_weight(wires, dual.neuron, dual.residual)
     w = _weight(wires, dual.residual, dual.sum)
     return bool(np.all((d >= 0) & (w * d < 1)))
 
 
 def _weight(wires: Wires, source: str, target: str) -> np.ndarray | float:
-    """Of what arrives at a node from another one of its cell."""
+    """Return the weight into a node from another node of its cell."""
     found = [w.weight for w in wires.get(target, ()) if w.source == source and not w.offset]
     return np.sum(found, axis=0) if found else 0.0
 

@@ -1,4 +1,4 @@
-"""Rails of neurons: which levels build them, which neurons have parts that can stop or be read."""
+"""Saturation limits of neurons: levels that support them, neurons that have parts."""
 
 from __future__ import annotations
 
@@ -16,28 +16,23 @@ from ann_dc.network.selection import clamped_rows
 from ann_dc.validation.checked import checked
 
 HIGHEST = 1.0
-"""Full scale, in volts, up to which rails are built: the op amp of a clamp rests a diode drop
-beside what it clamps, where it must not conduct yet."""
+"""Largest full scale in volts for which limits are built.
+
+The op amp of a clamp rests one diode drop from the clamped node, where the diode must not conduct
+yet.
+"""
 
 
 TRANSISTORS = ("transistor", "sky130")
-"""Folders of models that have no clamps."""
+"""Folders of models without clamps."""
 
 
 @checked
 def check_rails(network: Network, level: Level) -> None:
-    """Refuse a network whose neurons have rails that a level cannot build.
+    """Raise `NetworkError` if a neuron has limits that a level cannot build.
 
-    Parameters
-    ----------
-    network : Network
-    level : Level
-
-    Raises
-    ------
-    NetworkError
-        If a neuron has rails, and the level is not one of single-ended op amps, ideal or as macro
-        models, or its full scale is above `HIGHEST`.
+    Limits need a level of single-ended op amps, ideal or as macro models, with a full scale of at
+    most `HIGHEST`.
 
     Examples
     --------
@@ -68,16 +63,7 @@ def check_rails(network: Network, level: Level) -> None:
 
 @checked
 def with_rails(network: Network, level: Level) -> Level:
-    """The level, or with a full scale of `HIGHEST` volts if neurons have rails, and it has more.
-
-    Parameters
-    ----------
-    network : Network
-    level : Level
-
-    Returns
-    -------
-    Level
+    """Return the level with a full scale of at most `HIGHEST` if neurons have limits.
 
     Examples
     --------
@@ -95,21 +81,11 @@ def with_rails(network: Network, level: Level) -> Level:
 
 
 def check_parts(network: Network, fused: Container[str], *, differential: bool) -> None:
-    """Refuse rails of neurons whose parts cannot have them.
+    """Raise `NetworkError` if a neuron has limits that its part cannot realise.
 
-    Parameters
-    ----------
-    network : Network
-    fused : container of str
-        Neurons that are one op amp with other nodes.
-    differential : bool
-        Whether outputs come with both signs.
-
-    Raises
-    ------
-    NetworkError
-        Naming the neurons: only an integrator of its own has rails, none in a differential circuit,
-        and none that the metric couples to others.
+    Only a separate integrator has limits. A neuron merged with other nodes (``fused``), any neuron
+    of a differential circuit, and a neuron that the preconditioner couples to others have none. The
+    message names the neurons.
     """
     coupled = [network.cell.neurons[row].name for row in clamped_rows(network)]
     names = [n for n in _railed(network) if differential or n in coupled or n in fused]
@@ -127,7 +103,7 @@ def check_parts(network: Network, fused: Container[str], *, differential: bool) 
 
 
 def _railed(network: Network) -> list[str]:
-    """Neurons that have a rail."""
+    """Return the neurons that have a saturation limit."""
     return [
         neuron.name
         for neuron in network.cell.neurons

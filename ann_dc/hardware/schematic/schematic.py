@@ -1,29 +1,29 @@
-r"""The parts of an analog cell: which op amps, multipliers and function generators, wired how.
+r"""Parts of an analog cell: op amps, multipliers, function generators and wiring.
 
-A schematic is a network read as hardware, before any voltage or resistor is chosen. Three things
-are different from the network's own list of nodes:
+A schematic is a network read as hardware, before any voltage or resistor is chosen. It differs from
+the network's node list in three respects:
 
-- a PI dual is one op amp: its residual sum, its integrator and its proportional path together are
-  an amplifier with series R-C feedback that takes the residual's inputs at its virtual ground,
-  m = mu + rho c; two diodes around it make it a diode neuron, m = max(0, mu + rho c), whose
-  capacitor discharges through the resistor where the output is zero;
-- a metric beyond time constants needs no integrators of its own. An own integrator D of every
-  neuron that it reaches sums up its drive, D' = d, and what the network calls z, z' = M d, is the
-  weighted sum z = M D, in as many layers of adders as the metric's kind has (`metric_wiring`);
-- integrators and summing amplifiers invert. Each node is carried with a polarity, chosen so that
-  few sources are needed with both signs; an inverter makes the other one. Multipliers have
-  differential inputs, which makes products free of sign.
+- A PI dual is one op amp. Its residual sum, integrator and proportional path form an amplifier with
+  series R-C feedback and the residual's inputs at its virtual ground, m = mu + rho c. Two diodes
+  around the amplifier make it a rectifying multiplier neuron, m = max(0, mu + rho c), whose
+  capacitor discharges through the resistor while the output is zero.
+- A preconditioner beyond a diagonal one needs no additional integrators. A separate integrator D of
+  every reached neuron integrates its net input, D' = d. The neuron z, z' = M d, is the weighted sum
+  z = M D. The sum has as many layers of adders as the preconditioner kind (`metric_wiring`).
+- Integrators and summing amplifiers invert. Each node has a polarity, chosen so that few sources
+  are needed with both signs; an inverter makes the other sign. Multipliers have differential
+  inputs, so products have no sign constraint.
 
-A sum that only multiplies a node is no part at all (`plain_sums`). What all cells share stands in
-the last one, on lines that lead along the row (`shared`).
+A sum that only multiplies a node is not a part (`plain_sums`). Nodes shared by all cells are placed
+in the last cell, on lines along the cell array (`shared`).
 
-With which sign every part carries its node, so that few inverters are needed.
+Polarity of every node's output, chosen so that few inverters are needed.
 
-Integrators and summing amplifiers invert: a source of weight w reaches a part at polarity p with
-the right sign if its own polarity is :math:`\sigma` with :math:`p\,\sigma\,w < 0`. Where some
-reader needs the other sign, the source gets an inverter. Multipliers have differential inputs,
-which makes products free of sign, and a differential circuit has both signs of everything. A diode
-neuron carries its multiplier with the sign of its diodes, and is not turned.
+Integrators and summing amplifiers invert. A source of weight w reaches a part at polarity p with
+the right sign if the source polarity :math:`\sigma` satisfies :math:`p\,\sigma\,w < 0`. A source
+gets an inverter if a reader needs the other sign. Multipliers have differential inputs, so products
+have no sign constraint, and a differential circuit has both signs of every node. A rectifying
+multiplier neuron has the sign of its diodes, which is not changed.
 """
 
 from __future__ import annotations
@@ -54,16 +54,7 @@ from ann_dc.network.network import Network
 
 
 def polarities(parts: Sequence[Part]) -> dict[str, int]:
-    """Signs that need few inverters: every part's turned as long as that saves one.
-
-    Parameters
-    ----------
-    parts : sequence of Part
-
-    Returns
-    -------
-    dict of node name to +1 or -1
-    """
+    """Return polarities (+1 or -1), flipped one by one while this saves an inverter."""
     ordered = sorted(parts, key=lambda part: isinstance(part, Multiplier))  # free of sign: last
     # a dual's output is inverted: primal and dual read each other with opposite signs
     polarity = {part.name: -1 if isinstance(part, PICell) else 1 for part in ordered}
@@ -85,24 +76,14 @@ def polarities(parts: Sequence[Part]) -> dict[str, int]:
 
 
 def inverted(parts: Sequence[Part], polarity: Mapping[str, int]) -> set[str]:
-    """Parts whose output is needed with the other sign too: one inverter each and cell.
-
-    Parameters
-    ----------
-    parts : sequence of Part
-    polarity : mapping of node name to +1 or -1
-
-    Returns
-    -------
-    set of str
-    """
+    """Return the parts that need an inverter per cell for the other sign."""
     names = list(polarity)
     found = _Readings(parts, names).inverted(np.array(list(polarity.values())))
     return {names[part] for part in np.flatnonzero(found)}
 
 
 class _Readings:
-    """Who reads whom with which sign: every sign of every wire once."""
+    """Readers and sources with signs: every sign of every wire once."""
 
     def __init__(self, parts: Sequence[Part], names: list[str]) -> None:
         self.count = len(names)
@@ -127,7 +108,7 @@ class _Readings:
         self.table = np.array(sorted(found), int).reshape(-1, 3)
 
     def inverted(self, signs: np.ndarray) -> np.ndarray:
-        """(parts,) booleans: which are needed with the other sign, for signs (parts,)."""
+        """Return a mask (parts,) of the parts needed with both signs, for signs (parts,)."""
         sources, targets, sign = self.table.T
         wrong = sign * signs[sources] * signs[targets] > 0
         return np.bincount(sources[wrong], minlength=self.count) > 0
@@ -135,20 +116,20 @@ class _Readings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Schematic:
-    """The parts of a cell, N times.
+    """Parts of a cell that occurs N times.
 
     Attributes
     ----------
     network : Network
-        What was read.
+        Source of the schematic.
     parts : tuple of Part
-        Of one cell; all cells have the same, except for the ends and the nodes of a metric.
+        Parts of one cell. All cells have equal parts, except for the ends and preconditioner nodes.
     polarity : dict of node name to +1 or -1
-        Sign with which the output of a part carries its node. Inputs come with both signs.
+        Sign of a part's output relative to its node. Inputs come with both signs.
     differential : bool
-        Every output is there with both signs, so that no inverter is needed.
+        True if every output exists with both signs, so no inverter is needed.
     plain : mapping of node name to Wire
-        Sums that are no part, and the nodes whose voltages carry them.
+        Sums without a part, and the nodes whose voltages carry them.
     """
 
     network: Network
@@ -159,11 +140,11 @@ class Schematic:
 
     @cached_property
     def by_name(self) -> dict[str, Part]:
-        """The parts, by the name of their node."""
+        """Parts by the name of their node."""
         return {part.name: part for part in self.parts}
 
     def count(self, kind: type) -> int:
-        """Number of parts of a kind, over all cells that have one or its pin."""
+        """Return the number of parts of a kind over all cells, fixed neurons included."""
         return sum(self._cells(part) for part in self.parts if isinstance(part, kind))
 
     def _cells(self, part: Part) -> int:
@@ -173,7 +154,7 @@ class Schematic:
 
     @cached_property
     def shared(self) -> frozenset[str]:
-        """Nodes that stand in the last cell alone, and that all cells read."""
+        """Nodes that exist only in the last cell and are read by all cells."""
         return shared_nodes(self.network)
 
     @cached_property
@@ -183,12 +164,12 @@ class Schematic:
 
     @cached_property
     def railed(self) -> bool:
-        """Whether an integrator has rails, which clamps make."""
+        """True if an integrator has saturation limits, realised by clamps."""
         return any(isinstance(part, Integrator) and part.railed for part in self.parts)
 
     @cached_property
     def diode_neurons(self) -> frozenset[str]:
-        """Parts that are diode neurons, whose outputs nothing drives while they are off."""
+        """Rectifying multiplier neurons, whose outputs are not driven while inactive."""
         return frozenset(p.name for p in self.parts if isinstance(p, PICell) and p.rectified)
 
     @cached_property
@@ -199,19 +180,19 @@ class Schematic:
         return inverted(self.parts, self.polarity)
 
     def carrier(self, name: str) -> str:
-        """The node whose voltage carries a node: itself, or what a plain sum multiplies."""
+        """Return the node that carries a node's voltage: itself or a plain sum's source."""
         return self.plain[name].source if name in self.plain else name
 
     def sign(self, name: str) -> int:
-        """Sign with which a node is carried; an input comes with both."""
+        """Return the sign with which a node is carried; an input comes with both."""
         return self.polarity.get(self.carrier(name), 1)
 
     def cell_of(self, name: str, stage: int) -> int:
-        """Where the node stands that is read as one of a stage: what is shared, in the last."""
+        """Return the cell of a node read at a stage: the last cell if the node is shared."""
         return self.network.stages - 1 if name in self.shared else stage
 
     def alive(self, name: str, stage: int) -> bool:
-        """Whether a part is there at a stage."""
+        """Return True if a part is present at a stage."""
         if stage != self.cell_of(name, stage):
             return False
         part = self.by_name[name]
@@ -219,7 +200,7 @@ class Schematic:
         return present is None or bool(present[stage])
 
     def fed(self, wire: Wire, stage: int) -> bool:
-        """Whether a wire has a source at a stage; where it has none, its resistor is left out."""
+        """Return True if a wire has a source at a stage; otherwise it has no resistor."""
         where = self.cell_of(wire.source, stage + wire.offset)
         if not 0 <= where < self.network.stages:
             return where < 0 and wire.source in self.network.left
@@ -227,41 +208,29 @@ class Schematic:
         return given or self.alive(wire.source, where)
 
     def alive_at(self, name: str) -> np.ndarray:
-        """(N,) booleans: at which stages a part is there."""
+        """Return a mask (N,) of the stages at which a part is present."""
         return np.array([self.alive(name, stage) for stage in range(self.network.stages)])
 
     def fed_at(self, wire: Wire) -> np.ndarray:
-        """(N,) booleans: at which stages a wire has a source."""
+        """Return a mask (N,) of the stages at which a wire has a source."""
         return np.array([self.fed(wire, stage) for stage in range(self.network.stages)])
 
     def collects(self, name: str) -> bool:
-        """Whether all cells send to a part, as to a shared integrator."""
+        """Return True if all cells send to a part, as to a shared integrator."""
         part = self.by_name[name]
         return isinstance(part, Integrator) and part.shared
 
     def reading(self, part: Part, wire: Wire) -> np.ndarray:
-        """Sign (N,) with which an inverting part reads a source: -w p, so that currents add."""
+        """Return the sign -w p (N,) with which a part reads a source: currents then add."""
         return -np.sign(wire.weight).astype(int) * self.polarity[part.name]
 
 
 def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     """Read a network as parts.
 
-    Parameters
-    ----------
-    network : Network
-    differential : bool
-        Whether outputs come with both signs.
-
-    Returns
-    -------
-    Schematic
-
-    Raises
-    ------
-    NetworkError
-        If a neuron has rails that these parts do not have: only integrators of their own neurons
-        have some, and none in a differential circuit.
+    Outputs have both signs if ``differential`` is true. Raises `NetworkError` if a neuron has
+    limits that its part cannot realise, see `check_parts`: only separate integrators have limits,
+    and none in a differential circuit.
 
     Examples
     --------
@@ -294,7 +263,7 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
 
 
 def _integrators(network: Network, wires: Wires, inside: set[str]) -> Iterator[Integrator]:
-    """All other neurons; one that a metric reaches has an own integrator of rate one."""
+    """Yield the remaining neurons; a neuron in the preconditioner has rate one."""
     rates = rates_of(network)
     for neuron, own in zip(network.cell.neurons, network.metric.reach(network.row)):
         if neuron.name in inside:

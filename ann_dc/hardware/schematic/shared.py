@@ -1,9 +1,10 @@
-"""What all cells share: a neuron that stands once, in the last cell, and is wired to all of them.
+"""Shared neurons: placed once, in the last cell, and connected to all cells.
 
-Two lines lead along the row for each. On one the currents of all cells add up at the virtual ground
-of its integrator; the other one carries its output, which every cell reads. What is computed of
-such neurons alone, the same in every cell, stands beside them once and has a line of its own: of an
-objective, z + r (J - E) and its rectifier.
+Two lines along the cell array serve each shared neuron. On the first line the currents of all cells
+add up at the virtual ground of the integrator. The second line carries the output, which every cell
+reads. Blocks that depend only on shared neurons, and are therefore equal in every cell, are placed
+next to the neuron once with a separate line. For an objective these are z + r (J - E) and its
+rectifier.
 """
 
 from __future__ import annotations
@@ -19,15 +20,7 @@ from ann_dc.validation.checked import checked
 
 
 def shared_nodes(network: Network) -> frozenset[str]:
-    """Nodes that stand once for the row: shared neurons, and blocks of nothing else.
-
-    Parameters
-    ----------
-    network : Network
-
-    Returns
-    -------
-    frozenset of str
+    """Return the nodes that exist once: shared neurons and blocks of shared nodes.
 
     Examples
     --------
@@ -60,17 +53,9 @@ def _read_by(block: Block, wires: list[Connection]) -> set[str]:
 
 @checked
 def check_shared(network: Network, level: Level) -> None:
-    """Refuse a network whose cells share a neuron, where a level has no lines for it.
+    """Raise `NetworkError` if a level has no lines for the network's shared neurons.
 
-    Parameters
-    ----------
-    network : Network
-    level : Level
-
-    Raises
-    ------
-    NetworkError
-        If cells share a neuron, and the level is not one of single-ended op amps.
+    Only levels of single-ended op amps have such lines.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Which resistors, capacitors and margin suit a network on a level: what a circuit is made with."""
+"""Component sizing: resistors, capacitors and bandwidth margin for a model level."""
 
 import lazy_loader
 

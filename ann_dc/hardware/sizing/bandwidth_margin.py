@@ -1,18 +1,20 @@
-"""Margins at which a circuit does not ring: the eigenvalues of its emulation decide.
+"""Bandwidth margins of stable circuits, from the eigenvalues of their emulations.
 
-Of a grid with diode neurons they do not suffice. While a row presses nothing, the op amp of its
-diode neuron moves all the same, which lets a share of the row's rate through, the smaller the
-faster op amps are. The nodes of a grid divide by lambda, the smallest eigenvalue of their stiffness
-over its diagonal, so that Omega lambda has to be `FOLLOWING` or more. In ngspice, macro models,
-long waves of the lander (N = 50, lambda = 2.8e-4) grow at 0.022 and settle as predicted at 0.09.
+For a resistive grid with rectifying multiplier neurons the eigenvalues are not sufficient. While a
+constraint is inactive, the op amp of its multiplier neuron still moves and passes a fraction of the
+constraint rate, smaller for faster op amps. The nodes of a grid divide by lambda, the smallest
+eigenvalue of their stiffness relative to its diagonal, so Omega lambda has to be at least
+`FOLLOWING`. In ngspice with macro models, long waves of the lander (N = 50, lambda = 2.8e-4) grow
+at 0.022 and settle as predicted at 0.09.
 
-What would keep a circuit from ringing: a larger margin, or smaller resistors, in words.
+Stability advice for a circuit that rings: a larger margin or smaller resistors.
 
-The smallest resistor and the margin of a circuit, from capacitances and currents.
+Selection of the smallest resistor and the bandwidth margin of a circuit.
 
-Resistors come first, see `resistors`. What is then missing in the capacitors the margin has to make
-up for, at the expense of speed, and what clamps could not hold; and where the emulation rings at a
-margin `SPARE` times smaller, it grows until it does not.
+Capacitances and currents determine both. Resistors are chosen first, see `resistors`. The margin
+then compensates for capacitors that are still too small and for clamps that could not hold their
+limits, at the expense of speed. If the emulation is unstable at a margin `SPARE` times smaller, the
+margin is increased until the emulation is stable.
 """
 
 from __future__ import annotations
@@ -43,59 +45,32 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import State
 
 HIGHEST = 1e4
-"""Margins above that are none."""
+"""Largest margin that is considered."""
 
 SPARE = 1.5
-"""Margin over the smallest one: what a pole model does not know, and time to settle."""
+"""Factor on the smallest margin, for effects outside the pole model and for settling."""
 
 FOLLOWING = 0.08
-"""Omega lambda of a grid with diode neurons, at least; Omega in radians per network time."""
+"""Smallest Omega lambda of a grid with rectifying neurons; Omega in radians per network time."""
 
 
 @checked
 def is_stable(circuit: Circuit, level: Level, x: State) -> bool:
-    """Whether a circuit comes to rest where the ideal network stands.
+    """Return True if a circuit is stable at the state ``x`` (n,) of the ideal network.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    level : Level
-        What its parts are like.
-    x : (n,) array
-        State vector of the ideal network.
-
-    Raises
-    ------
-    NetworkError
-        If the circuit has no emulation.
+    Raises `NetworkError` if the circuit has no emulation.
     """
     return pole_spectrum(emulate(circuit, level), x).abscissa < 0
 
 
 @checked
 def least_margin(circuit: Circuit, level: Level, x: State, *, progress: Progress = silent) -> float:
-    """The smallest margin from 1 on with which a circuit is stable, to 1 %.
+    """Return the smallest margin from 1 on with which a circuit is stable, to 1 %.
 
-    Parameters
-    ----------
-    circuit : Circuit
-        Of any margin; its resistors are kept.
-    level : Level
-        What its parts are like.
-    x : (n,) array
-        State vector of the ideal network where it settles.
-    progress : Progress
-        Told every margin that is tried.
-
-    Returns
-    -------
-    float
-        Infinite if not even 10000 is enough.
-
-    Raises
-    ------
-    NetworkError
-        If the circuit has no emulation.
+    The state ``x`` (n,) is the settled point of the ideal network. The circuit may have any margin;
+    its resistors are not changed. Every tried margin is reported to ``progress``. The result is
+    infinite if a margin of 10000 is not sufficient. Raises `NetworkError` if the circuit has no
+    emulation.
     """
     radius = spectrum(circuit.schematic.network, x).radius
     wanted = radius / (2 * np.pi * level.datasheet.usable_bandwidth)  # time at a margin of one
@@ -117,19 +92,10 @@ def least_margin(circuit: Circuit, level: Level, x: State, *, progress: Progress
 
 @checked
 def following_margin(circuit: Circuit, level: Level) -> float:
-    """Return the smallest margin at which idle diode neurons do not move a grid.
+    """Return the smallest margin at which idle multiplier neurons do not move a grid.
 
-    Parameters
-    ----------
-    circuit : Circuit
-        Of any margin.
-    level : Level
-        Speed of its parts.
-
-    Returns
-    -------
-    float
-        Zero without a grid of several nodes, and without diode neurons.
+    The result is zero without a grid of several nodes or without rectifying multiplier neurons. The
+    circuit may have any margin.
     """
     network, scaling = circuit.schematic.network, circuit.scaling
     wiring = wiring_of(network) if network.cell.diodes else None
@@ -147,17 +113,9 @@ def following_margin(circuit: Circuit, level: Level) -> float:
 
 @checked
 def check_following(circuit: Circuit, level: Level) -> None:
-    """Refuse a circuit whose grid would repel, although its eigenvalues do not say so.
+    """Raise `NetworkError` if a grid would be unstable in spite of its eigenvalues.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    level : Level
-
-    Raises
-    ------
-    NetworkError
-        With the margin that is enough, if the circuit has less than half of it.
+    The circuit fails with less than half of the sufficient margin, which the message names.
     """
     wanted, margin = following_margin(circuit, level), circuit.scaling.margin
     if 2 * margin < wanted:
@@ -171,21 +129,11 @@ def check_following(circuit: Circuit, level: Level) -> None:
 
 @checked
 def cure(circuit: Circuit, level: Level, x: State) -> str:
-    """What would keep a circuit from ringing, in a clause.
+    """Return advice on how to stabilise a circuit, as a clause.
 
-    Parameters
-    ----------
-    circuit : Circuit
-        Which is unstable as it is built; a margin is told for exact parts.
-    level : Level
-        What its parts are like.
-    x : (n,) array
-        State vector of the ideal network where it settles.
-
-    Raises
-    ------
-    NetworkError
-        If the circuit has no emulation.
+    The circuit is unstable as built, with its part errors. Advice on the margin assumes exact
+    parts. The state ``x`` (n,) is the settled point of the ideal network. Raises `NetworkError` if
+    the circuit has no emulation.
     """
     least, farads = least_margin(circuit, level, x), level.datasheet.parasitics.ground
     if least <= circuit.scaling.margin:
@@ -203,7 +151,10 @@ def cure(circuit: Circuit, level: Level, x: State) -> str:
 
 
 def _of_lag(circuit: Circuit, level: Level, x: State) -> list[str]:
-    """Return what faster nodes of a grid do, or nothing: no margin changes their share."""
+    """Return advice on faster nodes of a resistive grid, or an empty list.
+
+    A larger margin does not help, because the relative lag of the nodes does not depend on it.
+    """
     faster = replace(circuit, lag=circuit.lag / 10)
     least = max(least_margin(faster, level, x), following_margin(circuit, level))
     if math.isinf(least):
@@ -212,7 +163,7 @@ def _of_lag(circuit: Circuit, level: Level, x: State) -> list[str]:
 
 
 def _of_resistors(circuit: Circuit, level: Level, x: State) -> str:
-    """What smaller resistors do, or nothing."""
+    """Return advice on smaller resistors, or an empty string."""
     ohms = fitting_resistor(circuit, level)
     if ohms >= circuit.inverter:
         return ""
@@ -225,27 +176,26 @@ def _of_resistors(circuit: Circuit, level: Level, x: State) -> str:
 
 
 def _up(margin: float) -> str:
-    """The next margin of two digits, which is enough."""
+    """Return the next sufficient margin of two digits."""
     return f"{-two_digits(-margin):.3g}"
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sizing:
-    """What is to be sized, and what is given.
+    """Input of the sizing.
 
     Attributes
     ----------
-    schematic : Schematic
     scaling : Scaling
-        At any margin.
-    level : Level
+        Scaling for any margin.
     x : (n,) array
-        State vector of the ideal network where it settles.
+        State vector of the ideal network at its settled point.
     margin : float or None
-        None where it may be chosen; then the scaling's is the smallest.
+        Prescribed bandwidth margin. If None, the margin is chosen and that of the scaling is the
+        minimum.
     lag : float
-        Of a grid's nodes, in units of network time.
+        Lag of the nodes of a resistive grid, in units of network time.
     """
 
     schematic: Schematic
@@ -258,26 +208,13 @@ class Sizing:
 
 @checked
 def sized_circuit(sizing: Sizing, *, progress: Progress = silent) -> Circuit:
-    """A circuit whose smallest resistor and margin suit its parts.
+    """Return a circuit whose smallest resistor and margin suit its parts.
 
-    What is given is obeyed; the rest is chosen. Where parts have neither parasitics nor a smallest
-    capacitor, that is `SMALLEST_RESISTOR` and the scaling's own margin.
-
-    Parameters
-    ----------
-    sizing : Sizing
-    progress : Progress
-        Told the margins that are tried, what was chosen, and what it costs.
-
-    Returns
-    -------
-    Circuit
-
-    Raises
-    ------
-    NetworkError
-        If an op amp has to give more than it can, no margin makes the circuit stable, or the given
-        one is too small.
+    Prescribed values are used unchanged; the others are chosen. Parts without parasitics and
+    without a smallest capacitor get `SMALLEST_RESISTOR` and the margin of the scaling. Tried
+    margins, the choice and its cost are reported to ``progress``. Raises `NetworkError` if an op
+    amp would exceed its output current, no margin makes the circuit stable, or the prescribed
+    margin is too small.
     """
     level, given = sizing.level, sizing.level.smallest_resistor
     circuit, matters = _built(sizing, given or SMALLEST_RESISTOR), _matters(level)
@@ -309,7 +246,11 @@ def _built(sizing: Sizing, ohms: float) -> Circuit:
 
 
 def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circuit:
-    """With a margin that lifts capacitors, unless resistors are given, holds, and does not ring."""
+    """Return the circuit with a sufficient margin.
+
+    The margin raises the capacitors (unless resistors are prescribed), lets clamps hold and makes
+    the circuit stable.
+    """
     level, begun = sizing.level, circuit.scaling.margin
     wanted = max(begun, holding_margin(circuit, level, sizing.x))
     if wanted > begun:
@@ -336,18 +277,10 @@ def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circui
 
 @checked
 def check_currents(circuit: Circuit, level: Level) -> None:
-    """Refuse a circuit whose op amps have to give more than they can.
+    """Raise `NetworkError` if op amps would exceed their output current.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    level : Level
-        With the output current of its op amps.
-
-    Raises
-    ------
-    NetworkError
-        With the op amp that has to give most, and the resistor that would do.
+    The message names the op amp with the largest current and a sufficient resistor. The model level
+    gives the output current.
     """
     limit, load = level.datasheet.parasitics.output_current, heaviest(circuit)
     if load.amperes <= SHARE * limit * (1 + 1e-9):
@@ -361,7 +294,7 @@ def check_currents(circuit: Circuit, level: Level) -> None:
 
 
 def _tell(circuit: Circuit, sizing: Sizing, progress: Progress) -> None:
-    """What was chosen; what it costs, or what more it would cost."""
+    """Report the chosen values, the slowdown, and the slowdown of a further increase."""
     wanted, smallest = sizing.level.smallest_capacitor, circuit.ranges[1][0]
     margin, begun = circuit.scaling.margin, sizing.scaling.margin
     told = (

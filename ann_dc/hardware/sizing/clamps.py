@@ -1,12 +1,13 @@
-r"""Margins at which clamps hold what presses neurons against their rails.
+r"""Bandwidth margins at which clamps hold saturated neurons at their limits.
 
-A clamp that holds a neuron carries the current that would move it. Its op amp has to give what that
-drops across a resistor of 50 / (2 pi GBW C) and its own output resistance, and the drop of a diode:
+The clamp of a saturated neuron carries the current that would move the neuron. This current flows
+through a resistor of 50 / (2 pi GBW C), the output resistance r of the clamp's op amp and a diode.
+The op amp has to supply the voltage drop
 
 .. math:: \Big(\frac{50}{2 \pi\, GBW} + r C\Big) \Big|\frac{dv}{dt}\Big| + 0.6\,V ,
 
-dv/dt being the slope that is cut off. With a margin k all slopes are 1 / k as steep, and capacitors
-k times as large: the more a neuron is pressed, the slower its circuit has to be.
+where dv/dt is the suppressed slope. With a margin k all slopes are 1 / k as steep and capacitors k
+times as large. A neuron that is pushed harder against its limit therefore needs a slower circuit.
 """
 
 from __future__ import annotations
@@ -29,26 +30,16 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import State
 
 GIVEN = 0.7
-"""Of the rails of its op amp that a clamp gives at most; beyond, its gain ends."""
+"""Largest used fraction of the output swing of a clamp's op amp; its gain drops beyond."""
 
 
 @checked
 def holding_margin(circuit: Circuit, level: Level, x: State) -> float:
-    """The smallest margin with which the clamps of a circuit hold where the ideal network stands.
+    """Return the smallest margin with which clamps hold at the ideal settled state.
 
-    Parameters
-    ----------
-    circuit : Circuit
-        Of any margin; its resistors are kept.
-    level : Level
-        What its parts are like.
-    x : (n,) array
-        State vector of the ideal network where it settles.
-
-    Returns
-    -------
-    float
-        Zero where nothing presses, infinite if no margin is enough.
+    The state ``x`` (n,) is the settled point of the ideal network. The circuit may have any margin;
+    its resistors are not changed. The result is zero if no neuron is saturated, and infinite if no
+    margin is sufficient.
     """
     sheet, scaling = level.datasheet, circuit.scaling
     railed = [p for p in circuit.schematic.parts if isinstance(p, Integrator) and p.railed]
@@ -72,19 +63,9 @@ def holding_margin(circuit: Circuit, level: Level, x: State) -> float:
 
 @checked
 def check_clamps(circuit: Circuit, level: Level, x: State) -> None:
-    """Refuse a circuit whose clamps would not hold where the ideal network stands.
+    """Raise `NetworkError` if the clamps would not hold at the settled state ``x``.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    level : Level
-    x : (n,) array
-        State vector of the ideal network where it settles.
-
-    Raises
-    ------
-    NetworkError
-        With the margin that would do.
+    The state (n,) is that of the ideal network. The message names a sufficient margin.
     """
     least, margin = holding_margin(circuit, level, x), circuit.scaling.margin
     if least > margin * (1 + 1e-6):
@@ -101,6 +82,6 @@ def check_clamps(circuit: Circuit, level: Level, x: State) -> None:
 
 
 def _unlimited(network: Network) -> Network:
-    """Without rails: what arrives at neurons that stand at theirs."""
+    """Return the network without limits, for the net inputs of saturated neurons."""
     neurons = tuple(replace(n, limiter=Limiter()) for n in network.cell.neurons)
     return replace(network, cell=replace(network.cell, neurons=neurons))

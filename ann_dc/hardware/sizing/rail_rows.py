@@ -1,17 +1,19 @@
-r"""Rails of coupled neurons as rows: diode neurons that hold what a metric couples to others.
+r"""Saturation limits of coupled neurons as constraint rows with rectifying neurons.
 
-At a rail the moves are the projection v = M (d + lambda), lambda the currents of ideal diodes. In a
-circuit of own integrators D, z = z_0 + M D, the current of a rail therefore ends where the drive of
-its neuron does, D' = d + lambda; a stop of z alone would let D run on. The diode neuron of the row
-s (z - rail) <= 0, with s = 1 for the upper and -1 for the lower rail, gives this current:
+At a limit the state derivatives are the projection v = M (d + lambda), with lambda the currents of
+ideal diodes and M the preconditioner. A circuit has separate integrators D, z = z_0 + M D. The
+current of a limit therefore acts on the net input of its neuron, D' = d + lambda; a stop of z alone
+would let D drift. The rectifying multiplier neuron of the constraint s (z - rail) <= 0, with s = 1
+for the upper and -1 for the lower limit, supplies this current:
 
 .. math:: \lambda = -s\, m, \quad m = \max(0, y + w\, s\, (z - rail)), \qquad
     \tau\, \dot y = m - y .
 
-It settles with z at the rail and m = s d, which is the equilibrium of the projection. On its way it
-is a proportional and integral controller of z. With w = omega / M_ii and tau = `SLOWER` / omega it
-crosses over at omega = `FASTER` times the network's fastest rate. The larger omega is, the closer
-the course is to the projection, and the slower is the circuit, whose op amps have to be faster.
+It settles with z at the limit and m = s d, which is the equilibrium of the projection. During the
+transient it is a proportional-integral controller of z. With w = omega / M_ii and tau = `SLOWER` /
+omega, the crossover is at omega = `FASTER` times the fastest rate of the network. A larger omega
+follows the projection more closely but makes the circuit slower, because its op amps have to be
+faster.
 """
 
 from __future__ import annotations
@@ -34,44 +36,35 @@ from ann_dc.network.rewiring import wire
 from ann_dc.network.selection import clamped_rows
 
 FASTER = 4.0
-"""omega over the fastest rate of the network."""
+"""Ratio of omega to the fastest rate of the network."""
 
 SLOWER = 4.0
-"""omega tau: the integral part begins that far below the cross-over."""
+"""Product omega tau: ratio of the crossover to the corner of the integral part."""
 
 BANDWIDTH = 2 * FASTER
-"""Rate that op amps are sized for, over the fastest one: a loop of a row has several of them."""
+"""Rate for op-amp sizing over the fastest rate: the loop of a constraint has several op amps."""
 
 GAIN = 2.0
-"""Sum of the input gains of a PI cell, at most: its bandwidth falls with them."""
+"""Largest sum of the input gains of a PI cell, whose bandwidth decreases with that sum."""
 
 INTO = 1.0
-"""Largest drive of an own integrator, in full scales per 1 / rate, for the same reason."""
+"""Largest net input of a separate integrator in full scales per 1 / rate, for the same reason."""
 
 
 def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
-    """Replace the rails of coupled neurons by rows.
+    """Replace the saturation limits of coupled neurons by constraint rows.
 
-    Parameters
-    ----------
-    network : Network
-        With a metric that couples neurons with rails.
-    scaling : Scaling
-        Of the network. Rails beyond full scale are omitted, as those of other neurons are.
-    rate : float
-        Fastest rate of the network, in units of 1 / network time.
-
-    Returns
-    -------
-    Network
-        Starts with the currents of the projection at the start of the given network.
+    The preconditioner of the network couples neurons with limits; ``rate`` is the fastest rate of
+    the network in units of 1 / network time. Limits beyond full scale are omitted, as for other
+    neurons. The result starts with the currents of the projection at the start of the given
+    network.
 
     Examples
     --------
     >>> import numpy as np
     >>> from ann_dc.hardware.circuit import ProbeRun, scale
     >>> from ann_dc.network import Cell, Network
-    >>> from ann_dc.network.preconditioners import Grid
+    >>> from ann_dc.network.metrics import Grid
     >>> held = Neuron(name="x", role=Role.PRIMAL, limiter=Limiter(high=0.5))
     >>> ties = Grid(own=np.full((2, 1, 1), 1.0), following=np.full((1, 1, 1), -0.5))
     >>> pushed = Cell(neurons=(held,), connections=(wire(ONE, "x"), wire("x", "x", -1.0)))
@@ -102,7 +95,7 @@ def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
 
 
 def _rails(neuron: Neuron, scaling: Scaling) -> Iterator[tuple[str, float, float]]:
-    """Return word, side and value of the rails within full scale."""
+    """Return name, side and value of the limits within full scale."""
     for word, side in (("low", -1.0), ("high", 1.0)):
         rail = getattr(neuron.limiter, word)
         if abs(rail) <= scaling.unit[neuron.name]:
@@ -123,7 +116,7 @@ def _response(network: Network) -> np.ndarray:
 
 
 def _currents(network: Network, free: Network) -> np.ndarray:
-    """Return lambda (P, N) at the start; ``free`` is the network without the rails."""
+    """Return lambda (P, N) at the start; ``free`` is the network without the limits."""
     x = network.start_state
     drives = network.pack(evaluator(free).drives(x))
     moves = evaluator(network).rhs(x)
@@ -133,7 +126,7 @@ def _currents(network: Network, free: Network) -> np.ndarray:
 def _with_row(
     cell: Cell, diode: DiodeDual, neuron: str, rail: tuple[float, float], w: np.ndarray, tau: float
 ) -> Cell:
-    """Add the diode neuron of one rail, (side, value), to a cell."""
+    """Add the rectifying multiplier neuron of one limit, (side, value), to a cell."""
     side, value = rail
     ends = (
         wire(neuron, diode.residual, side),
@@ -161,28 +154,17 @@ def _with_row(
 def intervals_of_inputs(
     schematic: Schematic, scaling: Scaling, rate: float, headroom: float
 ) -> dict[str, tuple[float, float]]:
-    """Return intervals of PI cells and own integrators whose inputs would make them slow.
+    """Return wider intervals of PI cells and integrators that avoid slow inputs.
 
-    The bandwidth of an amplifier falls with what arrives at its virtual ground, in its own full
-    scales. With these intervals it is at most `GAIN` for a PI cell, `INTO` for an own integrator.
-
-    Parameters
-    ----------
-    schematic : Schematic
-    scaling : Scaling
-    rate : float
-        Rate that op amps are sized for, in units of 1 / network time.
-    headroom : float
-        Full scale over the ends of an interval.
-
-    Returns
-    -------
-    dict of node name to (low, high)
-        As `ScalingRules` takes them; only those that are wider than the probe run asks for.
+    The bandwidth of an amplifier decreases with the signal at its virtual ground, in full scales of
+    the amplifier. With these intervals that signal is at most `GAIN` for a PI cell and `INTO` for a
+    separate integrator. Op amps are sized for ``rate`` in units of 1 / network time, and
+    ``headroom`` is the ratio of full scale to the ends of an interval. The result is an argument of
+    `ScalingRules` and contains only intervals that are wider than the probe run requires.
 
     Examples
     --------
-    PI cells of a large penalty have large gains, and get larger units:
+    PI cells of a large penalty have large gains and get larger units:
 
     >>> from ann_dc import plants, synthesize
     >>> from ann_dc.hardware.circuit import ProbeRun, scale

@@ -1,14 +1,15 @@
-r"""The smallest resistor of a circuit, from what lies at its grounds and what op amps can drive.
+r"""Smallest resistor of a circuit, from ground capacitances and op-amp currents.
 
-With all resistors r times as large and a margin k, capacitors are k / r times as large, currents
-1 / r, and the corner of a virtual ground against the op amp,
+With all resistors r times as large and a bandwidth margin k, capacitors are k / r times as large
+and currents 1 / r. The corner of a virtual ground relative to the op amp,
 
 .. math:: 2 \pi\, GBW\, C_{in}\, (R_f \parallel R_1 \parallel R_2 \ldots) ,
 
-r times. So r is the largest, up to `SMALLEST_RESISTOR`, that keeps this below `GROUND` and
-capacitors above the level's smallest; it is not so small that an op amp has to give more than
-`SHARE` of its output current, `CURRENT` where nobody says how much that is, nor smaller than
-`STIFF` output resistances, because what goes past those through a capacitor is not emulated.
+is r times as large. So r is the largest value, up to `SMALLEST_RESISTOR`, with this corner below
+`GROUND` and capacitors above the smallest one of the level. Two lower bounds take precedence. An op
+amp supplies at most the fraction `SHARE` of its output current (`CURRENT` if unknown). The resistor
+is at least `STIFF` output resistances, because the feedthrough past those via a capacitor is not
+emulated.
 """
 
 from __future__ import annotations
@@ -25,28 +26,21 @@ from ann_dc.hardware.schematic.elements import Adder, PICell
 from ann_dc.validation.checked import checked
 
 GROUND = 0.4
-"""Of the slowest virtual ground: the op amps' bandwidth over its corner, at most."""
+"""Largest ratio of op-amp bandwidth to the corner of the slowest virtual ground."""
 
 SHARE = 0.7
-"""Of its output current that an op amp gives at most; beyond, limits begin to show."""
+"""Largest used fraction of an op amp's output current; limiting begins beyond."""
 
 CURRENT = 20e-3
-"""Amperes that op amps give of which nobody says how much that is."""
+"""Assumed output current in amperes of op amps with unknown output current."""
 
 STIFF = 10.0
-"""The smallest resistor over the output resistance of op amps, at least."""
+"""Smallest ratio of the smallest resistor to the output resistance of op amps."""
 
 
 @checked
 def fitting_resistor(circuit: Circuit, level: Level) -> float:
-    """Ohms of the smallest resistor that suits a level's parts, with two digits.
-
-    Parameters
-    ----------
-    circuit : Circuit
-        With some smallest resistor or other.
-    level : Level
-    """
+    """Return the smallest resistor in ohms that suits the parts, with two digits."""
     ohms = circuit.inverter
     most = [SMALLEST_RESISTOR]
     corner = _corner(circuit, level)
@@ -62,7 +56,7 @@ def fitting_resistor(circuit: Circuit, level: Level) -> float:
 
 
 def _corner(circuit: Circuit, level: Level) -> float:
-    """2 pi GBW C_in R of the slowest virtual ground that is there."""
+    """Return 2 pi GBW C_in R of the slowest virtual ground in the circuit."""
     schematic = circuit.schematic
     parallel = [circuit.inverter / 2] if schematic.inverted else []
     for part in schematic.parts:
@@ -76,7 +70,7 @@ def _corner(circuit: Circuit, level: Level) -> float:
 
 
 def two_digits(value: float) -> float:
-    """The next number of two digits that is not larger.
+    """Return the largest number of two digits that does not exceed ``value``.
 
     >>> two_digits(1170.0), -two_digits(-1170.0), -two_digits(-1000.0)
     (1100.0, 1200.0, 1000.0)

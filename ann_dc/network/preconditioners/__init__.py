@@ -1,4 +1,4 @@
-"""How drives become moves: the metric M of dx/ds = M d(x), a record with kinds."""
+"""Preconditioners of the network flow: the matrix M of dx/ds = M d(x), by kind."""
 
 import lazy_loader
 

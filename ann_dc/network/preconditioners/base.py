@@ -1,16 +1,16 @@
-r"""The metric of a network, whatever its kind: how the drives of all neurons become their moves.
+r"""Preconditioners of the network flow: the matrix M in dx/ds = M d(x).
 
 .. math:: \dot x = M\, d(x), \qquad M = M^T > 0 .
 
-Every neuron has a time constant; a metric says which neurons besides move with a drive. It is
-symmetric and positive definite, so that it changes how fast a network settles and never where:
-M d = 0 only where d = 0. No kind spreads the drive of a dual neuron.
+Every neuron has a time constant. A preconditioner defines the further neurons that a net input
+moves. M is symmetric and positive definite, so it changes the speed of settling but not the
+equilibrium: M d = 0 only if d = 0. Preconditioners do not spread the net input of a dual neuron.
 
-1. `apply` is M d in time proportional to the neurons, for drives with any leading batch axes.
-2. `factors` is M as sparse matrices, from which its `inverse` comes.
-3. `wires` is what has to be built besides the neighbour wiring.
-4. A neuron that is pinned or absent has no rate and takes no part.
-5. `clamp` is M among the other neurons while some are held at a rail: with S_FF for a stiffness.
+1. `apply` is M d in time proportional to the number of neurons, for any leading batch axes.
+2. `factors` is M as sparse matrices, from which its `inverse` is computed.
+3. `wires` is the wiring in addition to that between neighbours.
+4. A fixed or omitted neuron has rate zero and is not included.
+5. `clamp` is M among the other neurons while some are saturated: with S_FF for a stiffness.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from scipy import sparse
 
 
 class Kind(enum.Enum):
-    """The kinds of metric; the value is the sentence that a user reads.
+    """Kinds of preconditioner; the value is the text shown to users.
 
     Examples
     --------
@@ -45,17 +45,17 @@ class Kind(enum.Enum):
 
 
 ALL_KINDS = tuple(Kind)
-"""What equations can be integrated with; hardware may build less."""
+"""Kinds that the integration of the equations supports; hardware may support fewer."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
-    """What a metric has to know of the row of cells that it belongs to; P neurons, N stages.
+    """Layout of the cell array, the input of a preconditioner; P neurons, N stages.
 
     Attributes
     ----------
     rates : (P, N) array
-        1 / tau, zero where a neuron is pinned or absent.
+        1 / tau, zero for fixed and omitted neurons.
     primal : (m,) array of int
         Rows of the primal neurons (q, u, t).
     chains : (C, 2) array of int
@@ -68,12 +68,12 @@ class Row:
 
     @property
     def stages(self) -> int:
-        """N."""
+        """Number of stages N."""
         return self.rates.shape[1]
 
     @cached_property
     def component(self) -> np.ndarray:
-        """(P, N) integers: place in the state vector, -1 where there is no neuron."""
+        """Position in the state vector, (P, N) integers; -1 without a neuron."""
         component = -np.ones(self.rates.shape, np.int64)
         live = self.rates.T > 0
         component.T[live] = np.arange(live.sum())
@@ -81,7 +81,7 @@ class Row:
 
     @cached_property
     def state_rates(self) -> np.ndarray:
-        """(n,): 1 / tau of every component of the state vector."""
+        """Rates 1 / tau of every component of the state vector, (n,)."""
         return self.rates.T[self.rates.T > 0]
 
     @cached_property
@@ -92,27 +92,27 @@ class Row:
 
     @property
     def chain_components(self) -> np.ndarray:
-        """(C, 2N) integers: components of q_0, t_0, q_1, ... of every chain, -1 where dead."""
+        """Components of q_0, t_0, q_1, ... of every chain, (C, 2N); -1 if not live."""
         return self.component[self.chains].transpose(0, 2, 1).reshape(len(self.chains), -1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Factors:
-    """M = spread stiffness^{-1} spread', over the components of a state vector.
+    """Factors of M = spread stiffness^{-1} spread', over state vector components.
 
     Attributes
     ----------
     spread : (n, a) sparse array
-        How much a node of the metric moves every neuron.
+        Displacement of every neuron per displacement of a node of the preconditioner.
     stiffness : (a, a) sparse array
-        Symmetric positive definite: how hard it is to move a node.
+        Stiffness between the nodes, symmetric positive definite.
     """
 
     spread: Any
     stiffness: Any
 
     def matrix(self) -> sparse.csr_array:
-        """M (n, n); full where the stiffness is not diagonal."""
+        """Return M (n, n); dense if the stiffness is not diagonal."""
         diagonal = self.stiffness.diagonal()
         if self.stiffness.nnz == len(diagonal):
             return sparse.csr_array(self.spread @ sparse.diags_array(1 / diagonal) @ self.spread.T)
@@ -120,7 +120,7 @@ class Factors:
         return sparse.csr_array(self.spread @ between.solve(self.spread.T.toarray()))
 
     def inverse(self) -> Callable[[np.ndarray], np.ndarray]:
-        """v (n,) -> M^{-1} v, by one sparse factorisation.
+        """Return the function v (n,) -> M^{-1} v, by one sparse factorisation.
 
         M^{-1} v = lambda with stiffness y = spread' lambda and spread y = v.
         """
@@ -133,17 +133,17 @@ class Factors:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wires:
-    """What a metric adds to the neighbour wiring.
+    """Wires of a preconditioner in addition to the neighbour wiring.
 
     Attributes
     ----------
     weights : (n, nodes) sparse array
-        Weight of the wire between a neuron and a node of the metric. Where a node stands for a
-        neuron, as in a grid or a tree, it has that neuron's place: (n, n).
+        Weight of the wire between a neuron and a node of the preconditioner. If the nodes are
+        neurons, as in a resistive grid or in cyclic reduction, the shape is (n, n).
     nodes : int
-        Nodes that have to be built besides the neurons.
+        Number of nodes in addition to the neurons; 0 by default.
     both_ways : bool
-        Whether each wire is there twice, to the node and back.
+        True if each wire exists twice, to the node and back; False by default.
     """
 
     weights: Any
@@ -152,79 +152,60 @@ class Wires:
 
     @property
     def count(self) -> int:
-        """Number of wires; each way, where there are two."""
+        """Number of wires in each direction."""
         return int(self.weights.count_nonzero())
 
     def per_cell(self, stages: int) -> float:
-        """Wires a cell; each way, where there are two."""
+        """Return the number of wires per cell in each direction."""
         return self.count / stages
 
 
 Clamp: TypeAlias = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Drives (..., n) -> moves (..., n), zero for held neurons, and currents (..., n), zero for all
-others, with moves = M (drives + currents)."""
+"""Map of net inputs d (..., n) to state derivatives and currents, (..., n) each. Derivatives = M (d
++
+currents). Derivatives are zero for saturated neurons, currents for all others.
+"""
 
 
 class Metric(ABC):
-    """How drives become moves; see the module for the contract."""
+    """Preconditioner; the module docstring gives its properties."""
 
     @property
     @abstractmethod
     def kind(self) -> Kind:
-        """Which kind it is."""
+        """Kind of the preconditioner."""
 
     @abstractmethod
     def check(self, row: Row) -> None:
-        """Refuse a row that it does not fit.
+        """Check that the preconditioner fits a cell array.
 
-        Raises
-        ------
-        NetworkError
-            With what was given and what was expected.
+        Raises `NetworkError` with the given and the expected sizes.
         """
 
     @abstractmethod
     def apply(self, row: Row, drives: np.ndarray) -> np.ndarray:
-        """M d.
-
-        Parameters
-        ----------
-        row : Row
-        drives : (..., P, N) array
-            Zero where there is no neuron.
-
-        Returns
-        -------
-        (..., P, N) array
-        """
+        """Return M d (..., P, N) for net inputs (..., P, N), zero without a neuron."""
 
     def moves(self, row: Row, drives: np.ndarray) -> np.ndarray:
-        """Return M d for drives (..., n) over the components of a state vector."""
+        """Return M d for net inputs (..., n) over the components of a state vector."""
         table = np.zeros((*drives.shape[:-1], *row.rates.shape), drives.dtype)
         neuron, stage = row.places
         table[..., neuron, stage] = drives
         return self.apply(row, table)[..., neuron, stage]
 
     def clamp(self, row: Row, held: np.ndarray) -> Clamp:
-        """Return the map from drives to moves while some neurons are held.
+        """Return the map from net inputs to state derivatives for saturated neurons.
 
-        The current of a held neuron is that of an ideal diode at its rail: it keeps the move of the
-        neuron at zero, and the metric spreads it like a drive. The moves of the other neurons are
-        argmin 1/2 v' M^{-1} v - d'v over all v that are zero where a neuron is held.
+        The current of a saturated neuron is that of an ideal diode at its limit. The current makes
+        the derivative of the neuron zero, and the preconditioner spreads the current like a net
+        input. The derivatives of the other neurons are argmin 1/2 v' M^{-1} v - d'v over all v that
+        are zero at saturated neurons.
 
-        Parameters
-        ----------
-        row : Row
-        held : (n,) array of bool
-
-        Returns
-        -------
-        Clamp
-            Factored once.
+        ``held`` (n,) is True for saturated neurons. The matrix is factored once.
 
         Examples
         --------
-        >>> from ann_dc.network.preconditioners import TimeConstants
+        >>> from ann_dc.network.metrics import TimeConstants
         >>> row = Row(rates=np.ones((1, 2)), primal=np.array([0]), chains=np.zeros((0, 2), int))
         >>> clamp = TimeConstants().clamp(row, np.array([False, True]))
         >>> [found.tolist() for found in clamp(np.array([2.0, 3.0]))]
@@ -244,14 +225,10 @@ class Metric(ABC):
         return clamped
 
     def among(self, row: Row, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Return M d for drives (..., n) while some neurons are held, as a function of d.
+        """Return the function M d of net inputs (..., n) for saturated neurons.
 
-        Held ones that the metric does not couple make no difference, and move with their drives.
-
-        Parameters
-        ----------
-        row : Row
-        held : (n,) array of bool
+        Saturated neurons that the preconditioner does not couple have no effect on others; their
+        derivatives follow their net inputs. ``held`` (n,) is True for saturated neurons.
         """
         held = held & self.reach(row)[row.places[0]]
         if not held.any():
@@ -261,19 +238,19 @@ class Metric(ABC):
 
     @abstractmethod
     def factors(self, row: Row) -> Factors:
-        """M as sparse factors, with of order N or N log N entries."""
+        """Return M as sparse factors with O(N) or O(N log N) entries."""
 
     def inverse(self, row: Row) -> Callable[[np.ndarray], np.ndarray]:
-        """v (n,) -> M^{-1} v, by one sparse factorisation."""
+        """Return the function v (n,) -> M^{-1} v, by one sparse factorisation."""
         return self.factors(row).inverse()
 
     @abstractmethod
     def wires(self, row: Row) -> Wires:
-        """What has to be built besides the neighbour wiring."""
+        """Return the wires in addition to the neighbour wiring."""
 
     @abstractmethod
     def reach(self, row: Row) -> np.ndarray:
-        """(P,) booleans: which neurons of the cell move with the drives of others too.
+        """Return (P,) booleans: True for neurons that net inputs of other neurons move.
 
-        The rest move with their own alone, M d = d / tau.
+        For the other neurons M d = d / tau.
         """

@@ -1,8 +1,9 @@
-"""The feed-forward tree: the metric of the grid, exactly, as hats that follow the plant.
+"""Cyclic reduction: the resistive grid's preconditioner as a feed-forward tree.
 
-Where the grid has to settle by itself, faster than the network, the tree has no loop: drives are
-handed down from neighbour to neighbour over twice the distance each time, and the moves come back
-the same way (`elimination`). The price is wires that reach across the whole row.
+The result is exactly that of the grid, with hats that depend on the plant. A grid is a loop that
+must settle faster than the network; the tree has no loop. Net inputs are passed down from neighbour
+to neighbour over twice the distance each time, and state derivatives return by the same wires
+(`elimination`). The disadvantage is wires that cross the whole array.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ann_dc.network.preconditioners.stiffness import Stiffness
 @final
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tree(Stiffness):
-    """The stiffness between neighbours as a tree.
+    """Stiffness between neighbours, realised by cyclic reduction.
 
     Examples
     --------
@@ -36,17 +37,17 @@ class Tree(Stiffness):
 
     @property
     def kind(self) -> Kind:
-        """`Kind.TREE`."""
+        """Kind of the preconditioner, `Kind.TREE`."""
         return Kind.TREE
 
     def elimination(self, row: Row) -> Elimination:
-        """The levels of the tree."""
+        """Return the levels of the tree."""
         return eliminate(self, row)
 
     def wires(self, row: Row) -> Wires:
-        """Hats -W from the eliminated neuron (row) to the remaining one (column).
+        """Return the hats -W from eliminated (row) to remaining neurons (column).
 
-        And the couplings S_ee^{-1} within an eliminated block, above the diagonal.
+        The wires include the couplings S_ee^{-1} within an eliminated block, above the diagonal.
         """
         found = self.elimination(row)
         place, entries = found.component, []
@@ -67,6 +68,6 @@ class Tree(Stiffness):
 def _entries(
     rows: np.ndarray, columns: np.ndarray, blocks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(row, column, weight) of what blocks (B, b, b) say between components that are there."""
+    """Return (row, column, weight) of blocks (B, b, b) between existing components."""
     block, i, j = np.nonzero((blocks != 0) & (rows[:, :, None] >= 0) & (columns[:, None, :] >= 0))
     return rows[block, i], columns[block, j], blocks[block, i, j]

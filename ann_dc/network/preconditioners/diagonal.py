@@ -1,4 +1,4 @@
-"""Time constants alone: every neuron moves with its own drive and no other."""
+"""Diagonal preconditioner: every neuron moves with its net input only."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from ann_dc.network.preconditioners.base import Factors, Kind, Metric, Row, Wire
 @final
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TimeConstants(Metric):
-    """M = diag(1 / tau); what a network has where nothing else is given."""
+    """Diagonal preconditioner M = diag(1 / tau), the default of a network."""
 
     @property
     def kind(self) -> Kind:
-        """`Kind.TIME_CONSTANTS`."""
+        """Kind of the preconditioner, `Kind.TIME_CONSTANTS`."""
         return Kind.TIME_CONSTANTS
 
     def check(self, row: Row) -> None:
-        """It fits every row."""
+        """Accept every cell array."""
 
     def apply(self, row: Row, drives: np.ndarray) -> np.ndarray:
-        """Drives (..., P, N) times 1 / tau."""
+        """Return net inputs (..., P, N) times 1 / tau."""
         return drives * row.rates
 
     def factors(self, row: Row) -> Factors:
-        """One node a neuron, with its time constant as its stiffness."""
+        """Return one node per neuron, with its time constant as stiffness."""
         n = len(row.state_rates)
         return Factors(
             spread=sparse.eye_array(n, format="csr"),
@@ -37,9 +37,9 @@ class TimeConstants(Metric):
         )
 
     def wires(self, row: Row) -> Wires:
-        """None."""
+        """Return an empty set of wires."""
         return Wires(weights=sparse.csr_array((len(row.state_rates), 0)))
 
     def reach(self, row: Row) -> np.ndarray:
-        """No neuron (P,)."""
+        """Return False for all neurons (P,)."""
         return np.zeros(len(row.rates), bool)

@@ -1,14 +1,15 @@
-r"""Elimination of every other block of a row, again and again: a solve without a loop.
+r"""Odd-even reduction (cyclic reduction) of a block-tridiagonal system.
 
-A stiffness between neighbours, in blocks along the row, is solved by odd-even reduction: the blocks
-at even places hand their drives on to their two neighbours and are done, which leaves a row of half
-the length. With the hats :math:`W = S_{oe} S_{ee}^{-1}`,
+A stiffness between neighbours, in blocks along the array, is solved by odd-even reduction. The
+blocks at even positions add their net inputs to those of their two neighbours and are eliminated,
+which leaves an array of half the length. With the hats :math:`W = S_{oe} S_{ee}^{-1}`,
 
 .. math:: d_o \leftarrow d_o - W_{left}\, d_e - W_{right}\, d_{e'}, \qquad
     z_e = S_{ee}^{-1} d_e - W_{right}'^T z_{o'} - W_{left}^T z_o .
 
-The hats of a level are the harmonic extensions of the one above: they follow the plant. All of it
-is feed-forward, down with W and up with its transpose, in log2 of the length as many levels.
+The hats of a level are the harmonic extensions of the next coarser level, so they depend on the
+plant. The computation is feed-forward, down with W and up with its transpose, in log2 of the length
+levels.
 """
 
 from __future__ import annotations
@@ -23,16 +24,16 @@ from ann_dc.network.preconditioners.stiffness import Stiffness
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Level:
-    """One halving of the row: E blocks are eliminated, O remain.
+    """One halving of the array: E blocks are eliminated, O remain.
 
     Attributes
     ----------
     inverse : (E, b, b) array
-        S_ee^{-1}.
+        Inverses S_ee^{-1}.
     left : (O, b, b) array
         Hats of the remaining blocks over the eliminated ones on their left.
     right : (E - 1, b, b) array
-        Over those on their right; where E = O the last block has none.
+        Hats over the eliminated blocks on their right; if E = O the last block has none.
     """
 
     inverse: np.ndarray
@@ -42,14 +43,14 @@ class Level:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Elimination:
-    """S^{-1} of a row of blocks, level by level.
+    """Inverse S^{-1} of a block array, level by level.
 
     Attributes
     ----------
     component : (blocks, b) array of int
-        What stands in every block, as components of the state vector; -1 where nothing does.
+        State vector components of every block; -1 for empty positions.
     levels : tuple of Level
-        The longest row first; the last one has a single block.
+        Levels from the longest array to a single block.
 
     References
     ----------
@@ -61,7 +62,7 @@ class Elimination:
     levels: tuple[Level, ...]
 
     def solve(self, drives: np.ndarray) -> np.ndarray:
-        """S^{-1} d for drives (blocks, b, ...)."""
+        """Return S^{-1} d for net inputs d (blocks, b, ...)."""
         done, rest = [], drives
         for level in self.levels:
             ready, rest = rest[0::2], rest[1::2].copy()
@@ -80,17 +81,10 @@ class Elimination:
 
 
 def eliminate(stiffness: Stiffness, row: Row) -> Elimination:
-    """Eliminate a stiffness, in blocks (q, u) and t of each stage; in cells where it has no chains.
+    """Return the elimination of a stiffness that fits the cell array.
 
-    Parameters
-    ----------
-    stiffness : Stiffness
-    row : Row
-        That it fits.
-
-    Returns
-    -------
-    Elimination
+    The blocks are (q, u) and t of each stage, or whole cells if the stiffness has no chain
+    structure.
     """
     component, own, following = blocks_of(stiffness, row)
     levels = []
@@ -110,14 +104,7 @@ def eliminate(stiffness: Stiffness, row: Row) -> Elimination:
 
 
 def blocks_of(stiffness: Stiffness, row: Row) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return components (blocks, b), S of every block and between one and the next.
-
-    Parameters
-    ----------
-    stiffness : Stiffness
-    row : Row
-        That it fits.
-    """
+    """Return components (blocks, b), S of every block and S to the next block."""
     own, following = stiffness.blocks(row)
     is_target = np.isin(row.primal, row.chains[:, 1])
     first, second = np.flatnonzero(~is_target), np.flatnonzero(is_target)

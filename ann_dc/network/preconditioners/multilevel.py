@@ -1,17 +1,18 @@
-r"""Coarse coordinators: the pyramid above the row, which makes settling independent of N.
+r"""Additive multilevel preconditioner (BPX): neurons on coarse grids.
 
-Neighbour-only wiring passes news one stage at a time, so settling grows as N^2. The coordinators
-are neurons on grids of 2, 4, ..., 2^J intervals over the chain t_0, q_1, t_1, ..., q_{N-1}, whose
-fixed ends are the ends of every grid. Each adds up the drives below its hat, integrates them, and
-adds the result back through the same hat:
+Wiring between neighbours transmits information by one stage at a time, so the settling time grows
+as N^2. With the coarse-level neurons settling is independent of N. They are on grids of 2, 4, ...,
+2^J intervals over the chain t_0, q_1, t_1, ..., q_{N-1}, whose fixed ends are the ends of every
+grid. Each coarse-level neuron sums the net inputs below its hat, integrates the sum, and adds the
+result back through the same hat:
 
 .. math::
     y_a' = S_a \sum_p \phi_a(p)\, d_p, \qquad
     z_p' = \tau_p^{-1} d_p + \sum_a \phi_a(p)\, y_a',
 
-with d the drives of the chain's neurons. Because down and up are transposes and S is positive
-semi-definite, the metric diag(1/tau) + (hats) S (hats)' is positive definite and no equilibrium
-changes.
+with d the net inputs of the chain's neurons. Restriction and prolongation are transposes and S is
+positive semi-definite. The preconditioner diag(1/tau) + (hats) S (hats)' is therefore positive
+definite and preserves all equilibria.
 """
 
 from __future__ import annotations
@@ -29,25 +30,25 @@ from ann_dc.errors import NetworkError
 from ann_dc.network.preconditioners.base import Factors, Kind, Metric, Row, Wires
 
 ROUNDING = 1e-6
-"""Largest negative eigenvalue or asymmetry of a gain over its largest entry: single precision."""
+"""Largest negative eigenvalue or asymmetry of a gain relative to its largest entry: single
+precision.
+"""
 
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pyramid(Metric):
-    """M = diag(1 / tau) + hats S hats', with the gains S of the coarse coordinators.
+    """Multilevel preconditioner M = diag(1 / tau) + hats S hats', with the gains S.
+
+    Raises `NetworkError` if a level does not have half the intervals of the previous one. The error
+    is also raised if a gain has another number of chains, is not finite, or is not symmetric
+    positive semi-definite.
 
     Attributes
     ----------
     gains : tuple of (2**j + 1, C, C) arrays
-        S of every grid point, finest level first; zero where a grid point has no neuron (the
-        fixed ends). C is the number of chains, one a state component.
-
-    Raises
-    ------
-    NetworkError
-        If a level has not half the intervals of the one before, or a gain has another number of
-        chains, is not finite, or not symmetric positive semi-definite.
+        S of every grid point, finest level first; zero for grid points without a neuron (the fixed
+        ends). C is the number of chains, one per state component.
 
     References
     ----------
@@ -87,28 +88,23 @@ class Pyramid(Metric):
 
     @property
     def chains(self) -> int:
-        """C, the number of state components."""
+        """Number of chains C, equal to the number of state components."""
         return self.gains[0].shape[-1]
 
     @property
     def kind(self) -> Kind:
-        """`Kind.COUPLED_PYRAMID` where a gain has an entry beside its diagonal."""
+        """Kind of the preconditioner, `Kind.COUPLED_PYRAMID` if a gain is not diagonal."""
         beside = ~np.eye(self.chains, dtype=bool)
         coupled = any(gain[:, beside].any() for gain in self.gains)
         return Kind.COUPLED_PYRAMID if coupled else Kind.PYRAMID
 
     @property
     def size(self) -> int:
-        """Number of coarse neurons."""
+        """Number of coarse-level neurons."""
         return sum(int((np.abs(gain).sum(axis=-1) > 0).sum()) for gain in self.gains)
 
     def check(self, row: Row) -> None:
-        """Refuse a row with another number of chains.
-
-        Raises
-        ------
-        NetworkError
-        """
+        """Raise a `NetworkError` if the cell array has another number of chains."""
         if self.chains != len(row.chains):
             raise NetworkError(
                 f"{self.kind.value}: made for {self.chains} chains, but the cell has "
@@ -116,13 +112,13 @@ class Pyramid(Metric):
             )
 
     def reach(self, row: Row) -> np.ndarray:
-        """The neurons (P,) of the chains, q and t."""
+        """Return True for the neurons (P,) of the chains, q and t."""
         reach = np.zeros(len(row.rates), bool)
         reach[row.chains.ravel()] = True
         return reach
 
     def apply(self, row: Row, drives: np.ndarray) -> np.ndarray:
-        """M d (..., P, N): down the pyramid and up again."""
+        """Return M d (..., P, N) by restriction and prolongation over all levels."""
         moves = drives * row.rates
         q, t = row.chains.T
         chain = np.stack([drives[..., q, :], drives[..., t, :]], axis=-1)
@@ -132,7 +128,10 @@ class Pyramid(Metric):
         return np.where(row.rates > 0, moves, 0)
 
     def spread(self, drive: np.ndarray) -> np.ndarray:
-        """What the pyramid adds to z': ``drive`` and the result have shape (..., C, 2N)."""
+        """Return the coarse-level contribution to z', for net inputs (..., C, 2N).
+
+        The result has the same shape.
+        """
         index, share = hat_positions(drive.shape[-1], len(self.gains[0]) - 1)
         grid = np.zeros((*drive.shape[:-1], len(self.gains[0])), drive.dtype)
         np.add.at(grid, (..., index), (1 - share) * drive)  # pyright: ignore[reportArgumentType]
@@ -147,7 +146,7 @@ class Pyramid(Metric):
         return (1 - share) * move[..., index] + share * move[..., index + 1]
 
     def factors(self, row: Row) -> Factors:
-        """Time constants, and one node a direction in which a grid point moves."""
+        """Return time constants, and one node per eigenvector of a grid point's gain."""
         n = len(row.state_rates)
         spread, stiffness = [sparse.eye_array(n, format="csr")], [1 / row.state_rates]
         for gain in self.gains:
@@ -169,10 +168,11 @@ class Pyramid(Metric):
         )
 
     def inverse(self, row: Row) -> Callable[[np.ndarray], np.ndarray]:
-        """v (n,) -> M^{-1} v: level by level as in `apply`, because hats of long levels fill in.
+        """Return the function v (n,) -> M^{-1} v, level by level as in `apply`.
 
-        With drives g below the hats of every level and moves e that they get back,
-        T d + R_0' e_0 = v, g_0 = R_0 d, g_l = R_l g_{l-1}, e_l = S_l g_l + R_{l+1}' e_{l+1}.
+        A direct factorisation would fill in with the hats of long levels. With net inputs g
+        restricted to every level and the returned displacements e, the equations are T d + R_0' e_0
+        = v. Further, g_0 = R_0 d, g_l = R_l g_{l-1}, e_l = S_l g_l + R_{l+1}' e_{l+1}.
         """
         n, levels, chains = len(row.state_rates), len(self.gains), self.chains
         down = [self._hats(row, len(self.gains[0]) - 1).T]
@@ -193,7 +193,7 @@ class Pyramid(Metric):
         return lambda v: solver.solve(np.concatenate([v, between]))[:n]
 
     def wires(self, row: Row) -> Wires:
-        """Hats of the coarse neurons that there are."""
+        """Return the hats of the existing coarse-level neurons."""
         weights = []
         for gain in self.gains:
             active = (np.abs(gain).sum(axis=-1) > 0).ravel()
@@ -201,7 +201,7 @@ class Pyramid(Metric):
         return Wires(weights=sparse.hstack(weights, format="csr"), nodes=self.size, both_ways=True)
 
     def _hats(self, row: Row, intervals: int) -> Any:
-        """(n, points C): share of every coarse neuron of a level in every neuron's move."""
+        """Return the weights (n, points C) of a level's coarse neurons in all derivatives."""
         index, share = hat_positions(2 * row.stages, intervals)
         components, chain = row.chain_components, np.arange(self.chains)[:, None]
         entries = []
@@ -216,7 +216,7 @@ class Pyramid(Metric):
 
 
 def _check_definite(level: int, gain: np.ndarray) -> None:
-    """Refuse a level (points, C, C) with a matrix that has a negative eigenvalue or is askew."""
+    """Raise an error for a level (points, C, C) with an asymmetric or indefinite gain."""
     diagonal = np.einsum("aii->ai", gain)
     least = diagonal.min(axis=1)
     if np.count_nonzero(gain) != np.count_nonzero(diagonal):
@@ -237,21 +237,10 @@ def _check_definite(level: int, gain: np.ndarray) -> None:
 
 
 def hat_positions(count: int, intervals: int) -> tuple[np.ndarray, np.ndarray]:
-    """Place ``count`` chain positions on a grid of ``intervals``.
+    """Return grid point and fraction of ``count`` chain positions (two or more).
 
-    Parameters
-    ----------
-    count : int
-        Positions, two or more.
-    intervals : int
-        Of the grid.
-
-    Returns
-    -------
-    index : (count,) array of int
-        Grid point to the left.
-    share : (count,) array
-        Of the way to the grid point on the right.
+    The grid point ``index`` (count,) is to the left; ``share`` (count,) is the fraction of the
+    distance to the grid point on the right. The grid has the given number of intervals.
 
     Examples
     --------
@@ -265,7 +254,7 @@ def hat_positions(count: int, intervals: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _coarsening(points: int) -> sparse.csr_array:
-    """`_coarsen` to a level of so many points, as a matrix (points, 2 points - 1)."""
+    """Return `_coarsen` to a number of points as a matrix (points, 2 points - 1)."""
     fine = 2 * points - 1
     half = sparse.diags_array(np.full(fine - 1, 0.5), offsets=1, shape=(fine, fine))
     return sparse.csr_array(sparse.eye_array(fine) + half + half.T)[0::2]

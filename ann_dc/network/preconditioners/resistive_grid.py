@@ -1,6 +1,7 @@
-"""The neighbour grid: a resistor network between the primal neurons of neighbouring cells.
+"""Resistive grid between the primal neurons of neighbouring cells.
 
-The drives flow in as currents, the moves are the voltages: no wire is longer than to the next cell.
+The net inputs are currents into the grid, the state derivatives are its voltages. The longest wire
+reaches the next cell.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from ann_dc.network.preconditioners.stiffness import Stiffness
 @final
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grid(Stiffness):
-    """The stiffness between neighbours as a grid.
+    """Stiffness between neighbours, realised as a resistive grid.
 
     Examples
     --------
@@ -35,9 +36,9 @@ class Grid(Stiffness):
 
     @property
     def kind(self) -> Kind:
-        """`Kind.GRID`."""
+        """Kind of the preconditioner, `Kind.GRID`."""
         return Kind.GRID
 
     def wires(self, row: Row) -> Wires:
-        """One between two neurons that S couples; its weight is S there."""
+        """Return one wire, with weight S, between each two neurons that S couples."""
         return Wires(weights=sparse.csr_array(sparse.triu(self.matrix(row), k=1)))

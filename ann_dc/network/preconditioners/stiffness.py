@@ -1,16 +1,16 @@
-r"""A metric that is the inverse of a stiffness between neighbours.
+r"""Preconditioner given by the inverse of a stiffness between neighbours.
 
 Over the primal neurons z = (q, u, t) of all cells,
 
 .. math:: M = T^{1/2}\, S^{-1}\, T^{1/2}, \qquad T = \mathrm{diag}(1/\tau),
 
 with S dimensionless, symmetric positive definite and block tridiagonal: a neuron is coupled to the
-primal neurons of its own cell and of the two next to it. With a unit diagonal of S the time
-constants are those of T = diag(M^{-1})^{-1}. It is positive definite whatever the time constants
-become, so an error of theirs moves no equilibrium.
+primal neurons of its cell and of the two adjacent cells. With a unit diagonal of S the time
+constants are those of T = diag(M^{-1})^{-1}. M is positive definite for all time constants, so
+errors of time constants do not move an equilibrium.
 
-The same metric is built in two ways: as a grid of resistors between neighbours (`grid`), or by
-elimination, as a tree without a loop (`tree`).
+The preconditioner has two realisations: a resistive grid between neighbours (`grid`), or
+elimination, as a feed-forward tree (`tree`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ from ann_dc.network.preconditioners.base import Clamp, Factors, Metric, Row
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stiffness(Metric):
-    """S between the m primal neurons of every cell and of the next.
+    """Stiffness S between the m primal neurons of every cell and of the next.
+
+    Raises `NetworkError` if the shapes disagree, a number is not finite, or ``own`` is not
+    symmetric.
 
     Attributes
     ----------
@@ -35,11 +38,6 @@ class Stiffness(Metric):
         S within a cell, symmetric.
     following : (N - 1, m, m) array
         S between a cell (rows) and the next one (columns).
-
-    Raises
-    ------
-    NetworkError
-        If the shapes do not agree, a number is not finite, or ``own`` is not symmetric.
     """
 
     own: np.ndarray
@@ -62,21 +60,13 @@ class Stiffness(Metric):
         following.setflags(write=False)
 
     def check(self, row: Row) -> None:
-        """Refuse a row of another size, or one on which S is not positive definite.
-
-        Raises
-        ------
-        NetworkError
-        """
+        """Raise a `NetworkError` if the size differs or S is not positive definite."""
         self.cholesky(row)
 
     def cholesky(self, row: Row) -> np.ndarray:
-        """L (2m, N m) of S = L L', as `banded`; zero where S has nothing to fill in.
+        """Return L (2m, N m) of S = L L' in the form of `banded`, without fill outside.
 
-        Raises
-        ------
-        NetworkError
-            If S does not fit the row, or is not positive definite on it.
+        Raises `NetworkError` if S does not fit the cell array or is not positive definite.
         """
         expected = (row.stages, len(row.primal), len(row.primal))
         if self.own.shape != expected or not len(row.primal):
@@ -93,11 +83,11 @@ class Stiffness(Metric):
             ) from error
 
     def alive(self, row: Row) -> np.ndarray:
-        """(N, m) booleans: which primal neurons are there."""
+        """Return (N, m) booleans: True for existing primal neurons."""
         return row.rates[row.primal].T > 0
 
     def blocks(self, row: Row) -> tuple[np.ndarray, np.ndarray]:
-        """``own`` and ``following`` with the identity where there is no neuron."""
+        """Return ``own`` and ``following`` with the identity at missing neurons."""
         alive = self.alive(row)
         own = np.where(alive[:, :, None] & alive[:, None, :], self.own, 0.0)
         stage, neuron = np.nonzero(~alive)
@@ -106,7 +96,7 @@ class Stiffness(Metric):
         return own, np.where(pairs, self.following, 0.0)
 
     def banded(self, row: Row) -> np.ndarray:
-        """S (2m, N m) as LAPACK's banded solvers take it: the diagonal and 2m - 1 below it."""
+        """Return S (2m, N m) in LAPACK's band form: the diagonal and 2m - 1 rows below it."""
         own, following = self.blocks(row)
         stages, m = own.shape[:2]
         band = np.zeros((2 * m, stages, m))
@@ -117,7 +107,7 @@ class Stiffness(Metric):
         return band.reshape(2 * m, -1)
 
     def _dense(self, row: Row) -> np.ndarray:
-        """S (N m, N m)."""
+        """Return S (N m, N m)."""
         own, following = self.blocks(row)
         stages, m = own.shape[:2]
         table, stage = np.zeros((stages, m, stages, m)), np.arange(stages)
@@ -127,7 +117,10 @@ class Stiffness(Metric):
         return table.reshape(stages * m, -1)
 
     def apply(self, row: Row, drives: np.ndarray) -> np.ndarray:
-        """M d (..., P, N): one solve for the primal neurons, banded where drives are few."""
+        """Return M d (..., P, N) by one solve for the primal neurons.
+
+        The solve is banded if there are fewer net input vectors than primal neurons.
+        """
         moves = drives * row.rates
         root = np.sqrt(row.rates[row.primal])
         pushed = np.swapaxes(drives[..., row.primal, :] * root, -1, -2)  # (..., N, m)
@@ -144,7 +137,10 @@ class Stiffness(Metric):
         return moves
 
     def clamp(self, row: Row, held: np.ndarray) -> Clamp:
-        """Solve with S among the other neurons: banded, for any number of held ones."""
+        """Return the solution with S among unsaturated neurons.
+
+        The solve is banded, for any number of saturated neurons.
+        """
         rates = row.rates.copy()
         rates[row.places] = np.where(held, 0.0, row.state_rates)
         band = self.banded(replace(row, rates=rates))  # the identity in the place of held neurons
@@ -165,7 +161,7 @@ class Stiffness(Metric):
         return clamped
 
     def matrix(self, row: Row) -> sparse.csr_array:
-        """S (n, n) over the components of a state vector; one at the diagonal of other neurons."""
+        """Return S (n, n) over state vector components, with a diagonal of one elsewhere."""
         place = row.component[row.primal].T  # (N, m)
         own, following = self.blocks(row)
         tables = (
@@ -188,12 +184,12 @@ class Stiffness(Metric):
         return sparse.csr_array(sparse.coo_array((entries, at), shape=(len(row.state_rates),) * 2))
 
     def factors(self, row: Row) -> Factors:
-        """T^{1/2} and S."""
+        """Return T^{1/2} and S."""
         root = sparse.diags_array(np.sqrt(row.state_rates), format="csr")
         return Factors(spread=root, stiffness=self.matrix(row))
 
     def reach(self, row: Row) -> np.ndarray:
-        """The primal neurons (P,)."""
+        """Return True for the primal neurons (P,)."""
         reach = np.zeros(len(row.rates), bool)
         reach[row.primal] = True
         return reach

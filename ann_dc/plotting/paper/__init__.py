@@ -1,6 +1,6 @@
-"""Figures 4 to 6 of the paper, drawn anew from plain numbers: paths, discs, iterations.
+"""Figures 4 to 6 of the paper, drawn from plain numbers: paths, discs, iterations.
 
-Whoever plans a path around obstacles draws it with the same functions: they know no solver.
+Path planners can use the same functions, which do not depend on a solver.
 """
 
 import lazy_loader

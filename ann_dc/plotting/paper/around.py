@@ -1,4 +1,4 @@
-"""Figures 4 and 5: the paths among obstacles, and their controls, in three ways."""
+"""Figures 4 and 5: paths among obstacles and their controls, in three variants."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ann_dc.plotting.style import BLUE, GREEN, INK, ORANGE, VERMILION, with_unit
 from ann_dc.validation.checked import checked
 
 COLUMNS = 3
-"""Panels of a case: as printed, with legs, with discs."""
+"""Panels of a case: as printed, with segments (legs), with discs."""
 FREE = "T_0, planned without obstacles"
 PLANNED = "T_0, T_1, ... as far as they are driven (IV.C)"
 LEAP = "to q_obs + delta: printed without a plan"
@@ -26,21 +26,15 @@ CONSTRAINED = "one network, obstacles as constraints"
 
 @checked
 def figure_4(cases: Sequence[Around]) -> Figure:
-    """Paths among the obstacles of every case: as printed, with legs, with discs.
+    """Plot the paths among obstacles: as printed, with segments, and with discs.
 
-    Parameters
-    ----------
-    cases : sequence of Around
+    See Figure 4 and section IV.C of the paper.
 
     Examples
     --------
     >>> from ann_dc.paper import around, iterations
     >>> cases = [around(plans, problem) for plans in iterations().cases]  # doctest: +SKIP
     >>> figure = figure_4(cases)  # doctest: +SKIP
-
-    References
-    ----------
-    Paper, Figure 4 and section IV.C.
     """
     problem = cases[0].discs.problem
     (x_0, y_0), (x_d, y_d) = (end[:2].tolist() for end in problem.ends)
@@ -57,21 +51,13 @@ def figure_4(cases: Sequence[Around]) -> Figure:
 
 @checked
 def figure_5(cases: Sequence[Around]) -> Figure:
-    """Controls that go with the paths of `figure_4`.
-
-    Parameters
-    ----------
-    cases : sequence of Around
+    """Plot the controls of the paths in `figure_4` (Figure 5 of the paper).
 
     Examples
     --------
     >>> from ann_dc.paper import around, iterations
     >>> cases = [around(plans, problem) for plans in iterations().cases]  # doctest: +SKIP
     >>> figure = figure_5(cases)  # doctest: +SKIP
-
-    References
-    ----------
-    Paper, Figure 5.
     """
     problem = cases[0].discs.problem
     names = [str(u) for u in problem.controls]
@@ -84,7 +70,7 @@ def figure_5(cases: Sequence[Around]) -> Figure:
 
 
 def _panels(case: Around, drawn: Sequence[Sequence[Drawn]]) -> list[Panel]:
-    """Panels of a case: as printed, with legs, with discs."""
+    """Return the panels of a case: as printed, with segments, with discs."""
     name, proof = case.plans.case.name, case.discs.certificate
     told = "certified" if case.discs.certified else "not certified"
     legs, constrained = (f"room {case.room(way):.3f} m" for way in case.ways.values())
@@ -122,6 +108,6 @@ def _controls(case: Around) -> tuple[Sequence[Drawn], ...]:
 
 
 def _apart(pieces: Sequence[np.ndarray]) -> np.ndarray:
-    """Pieces (R, K) behind each other, with gaps between them."""
+    """Concatenate pieces (R, K) with gaps between them."""
     gap = np.full((len(pieces[0]), 1), np.nan)
     return np.hstack([part for piece in pieces for part in (piece, gap)][:-1])

@@ -1,4 +1,4 @@
-"""The example without obstacles: what holds, beside what the printed equations give."""
+"""Figures of the example without obstacles: corrected and printed equations."""
 
 from __future__ import annotations
 
@@ -20,16 +20,20 @@ HOLDS, PRINTED = "what holds", "what the printed equations give"
 
 @checked
 def free_paths(optimum: Solution, straight: Solution, letter: Solution) -> Figure:
-    """The path without obstacles, beside two that the printed equations give.
+    """Plot the path without obstacles next to two paths of the printed equations.
 
     Parameters
     ----------
     optimum : Solution
-        Of the corrected equations.
+        Solution of the corrected equations.
     straight : Solution
-        Without dB/dq, S3.
+        Solution without dB/dq (erratum S3).
     letter : Solution
-        Of (16), (17) to the letter.
+        Run of (16) and (17) as printed.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
 
     Examples
     --------
@@ -59,12 +63,16 @@ def free_paths(optimum: Solution, straight: Solution, letter: Solution) -> Figur
 
 @checked
 def free_controls(optimum: Solution, straight: Solution, letter: Solution) -> Figure:
-    """The controls that go with the paths of `free_paths`.
+    """Plot the controls of the paths in `free_paths`.
 
     Parameters
     ----------
     optimum, straight, letter : Solution
-        As of `free_paths`.
+        Solutions as in `free_paths`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
 
     Examples
     --------
@@ -92,7 +100,7 @@ def free_controls(optimum: Solution, straight: Solution, letter: Solution) -> Fi
 
 
 Named = tuple[Path, str, bool]
-"""A path, its colour, and whether it is only where controls lead."""
+"""Path, its colour, and True if it is the simulated path of the controls."""
 
 
 def _paths(

@@ -1,4 +1,4 @@
-"""Figure 6: lambda, A and B over the outer iterations; and what (18) and (21) say there."""
+"""Figure 6: lambda, A and B over the outer iterations; tests of (18) and (21)."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import NotEmpty, NotNegative, OrNan, Shape
 
 THIRD = 3
-"""After which iteration the paper sees convergence."""
+"""Iteration after which the paper reports convergence."""
 
 LONG = 50
-"""Iterations above which a column has a logarithmic axis."""
+"""Number of iterations above which an axis is logarithmic."""
 
 Line = Annotated[np.ndarray, Shape("J"), OrNan()]
 
@@ -37,15 +37,15 @@ Line = Annotated[np.ndarray, Shape("J"), OrNan()]
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curves:
-    """What the coordinator did, outer iteration by outer iteration.
+    """Coordinator quantities over the outer iterations.
 
     Attributes
     ----------
     name : str
-        In the legend.
+        Legend entry.
     gain, A, B, theta : (J,) array
-        lambda and what it was made of, before each of J iterations; in network units.
-    colour : str
+        lambda and the quantities from which it is computed, before each of J iterations, in network
+        units.
     """
 
     name: str
@@ -60,22 +60,11 @@ class Curves:
 def gain_over_iterations(
     columns: Annotated[Mapping[str, Sequence[Curves]], NotEmpty()], *, title: str = ""
 ) -> Figure:
-    """lambda, A, |B| and Theta over the outer iterations, a column a case.
+    """Plot lambda, A, |B| and Theta over the outer iterations, one column per case.
 
-    Parameters
-    ----------
-    columns : mapping of str to sequence of Curves
-        By what stands above the column; a curve a plan.
-    title : str
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Dots where B < 0, so that some lambda lowers Theta, and crosses where none does.
-
-    References
-    ----------
-    Paper, Figure 6 and equations (19), (21), (33).
+    Columns are keyed by heading, with one curve per plan. Dots mark B < 0, for which some lambda
+    decreases Theta. Crosses mark points without such a lambda. See Figure 6 and equations (19),
+    (21), (33) of the paper.
     """
     figure = new_figure(0.8 + 3.3 * len(columns), 8.2)
     grid = figure.subplots(4, len(columns), squeeze=False, sharex="col")
@@ -119,22 +108,10 @@ def _key_of_signs(axes: Axes) -> None:
 
 @checked
 def definitions(curves: Annotated[Sequence[Curves], NotEmpty()], *, title: str = "") -> Figure:
-    """A, B, |B/A| and the change of Theta, by several definitions of A and B.
+    """Plot A, B, |B/A| and the change of Theta for several definitions of A and B.
 
-    Parameters
-    ----------
-    curves : sequence of Curves
-        Of the same iterations, with one lambda for t and beta.
-    title : str
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The last panel has A lambda^2 + B lambda beside what Theta did.
-
-    References
-    ----------
-    Paper equations (20), (21), (33).
+    The curves belong to the same iterations, with one lambda for t and beta. The last panel shows A
+    lambda^2 + B lambda next to the change of Theta. See equations (20), (21), (33) of the paper.
     """
     figure = new_figure(9.6, 6.0)
     (a, b), (bound, change) = figure.subplots(2, 2, sharex=True)
@@ -165,24 +142,17 @@ def definitions(curves: Annotated[Sequence[Curves], NotEmpty()], *, title: str =
 def following(
     told: Line, found: Mapping[str, tuple[Line, NotNegative]], *, title: str = ""
 ) -> Figure:
-    """How the errors of the stages follow those of what they are told, beside their bounds.
+    """Plot the errors of the stages against the coordination errors, with bounds.
+
+    See equation (18) and Theorem IV.1. The figure shows errors over the iterations, and their
+    ratios with the rates.
 
     Parameters
     ----------
     told : (J,) array
         Norm of e_t and e_beta together.
     found : mapping of str to pair
-        By name: norms (J,) of an error of the stages, and its rate in Theorem IV.1.
-    title : str
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Errors over the iterations, and their quotients beside the rates.
-
-    References
-    ----------
-    Paper equation (18) and Theorem IV.1.
+        Norms (J,) of a stage error and its rate in Theorem IV.1, by name.
     """
     figure = new_figure(9.6, 4.0)
     errors, quotients = figure.subplots(1, 2)

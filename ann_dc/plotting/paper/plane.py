@@ -1,4 +1,4 @@
-"""Figure 4: paths in the plane, with the obstacles that they pass."""
+"""Figure 4: paths in the plane with obstacles."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ OBSTACLE = "#D9D9D9"
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Disc:
-    """An obstacle: its centre ``x``, ``y`` and its ``radius``, in the unit of the axes."""
+    """Disc obstacle: centre `x`, `y` and `radius`, in the unit of the axes."""
 
     x: Finite
     y: Finite
@@ -43,17 +43,16 @@ class Disc:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
-    """A path, or controls over the stages, and how they are drawn.
+    """Path, or controls over the stages, with drawing style.
 
     Attributes
     ----------
     name : str
-        In the legend.
+        Legend entry.
     rows : (R, K) array
         x and y at K nodes, or R controls at K stages.
-    colour : str
     dashed : bool
-        Thin and dashed, without dots: where controls lead, say.
+        True for a thin dashed line without dots, for example a simulated path.
     """
 
     name: str
@@ -62,7 +61,7 @@ class Drawn:
     dashed: bool = False
 
     def style(self) -> dict[str, Any]:
-        """For ``Axes.plot``."""
+        """Return the options of ``Axes.plot``."""
         if self.dashed:
             return {"color": self.colour, "lw": 1.1, "ls": "--", "zorder": 4, "label": self.name}
         return {"color": self.colour, "lw": 1.6, "marker": "o", "ms": 4, "label": self.name}
@@ -71,14 +70,12 @@ class Drawn:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Panel:
-    """What stands in one panel.
+    """Content of one panel.
 
     Attributes
     ----------
-    heading : str
-    drawn : sequence of Drawn
     discs : sequence of Disc
-        Obstacles, if any.
+        Obstacles; may be empty.
     """
 
     heading: str
@@ -96,23 +93,10 @@ def plane(
     title: str = "",
     columns: int | None = None,
 ) -> Figure:
-    """Paths from a start to a target, in panels.
+    """Plot paths from a start to a target in panels (Figure 4 of the paper).
 
-    Parameters
-    ----------
-    panels : sequence of Panel
-        With x and y as rows.
-    start, target : pair of float
-        Where every path begins, and where it is to end.
-    unit : str
-        Of x and y.
-    title : str
-    columns : int, optional
-        Panels beside each other; all of them by default.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    The rows of the panels are x and y, in `unit`. By default all panels are in one row of
+    `columns`.
 
     Examples
     --------
@@ -120,10 +104,6 @@ def plane(
     >>> panel = Panel(heading="around", drawn=[path], discs=[Disc(x=3.0, y=3.0, radius=0.5)])
     >>> len(plane([panel], start=(0.0, 0.0), target=(5.0, 5.0)).axes)
     1
-
-    References
-    ----------
-    Paper, Figure 4.
     """
     columns = columns or len(panels)
     rows = -(-len(panels) // columns)

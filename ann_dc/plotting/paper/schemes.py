@@ -1,4 +1,4 @@
-"""Figures 1 to 3: the robot, its decomposition into stages, and what the two levels exchange."""
+"""Figures 1 to 3: robot, decomposition into stages, exchange of the two levels."""
 
 from __future__ import annotations
 
@@ -15,28 +15,20 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Finite, Positive
 
 WHEEL = 0.3, 0.09
-"""Length and width of a wheel over the wheel base."""
+"""Length and width of a wheel relative to the wheel base."""
 TRACK = 0.5
-"""Distance of two wheels of an axle over the wheel base."""
+"""Distance between the wheels of an axle relative to the wheel base."""
 BOX = "#EEF3F7"
 COLUMNS = 0.0, 3.4, 6.8
-"""Places of the first, a middle and the last stage."""
+"""Positions of the first, a middle and the last stage."""
 
 
 @checked
 def figure_1(*, D: Positive = 1.0, phi: Finite = 0.5, varphi: Finite = 0.45) -> Figure:
     """Draw the four-wheel robot with its coordinates.
 
-    Parameters
-    ----------
-    D : float
-        Distance of the axles, in m.
-    phi, varphi : float
-        Heading and steering angle, in rad.
-
-    References
-    ----------
-    Paper, Figure 1 and equation (1).
+    `D` is the axle distance in m; `phi` and `varphi` are heading and steering angle in rad. See
+    Figure 1 and equation (1) of the paper.
     """
     figure = new_figure(5.2, 4.4)
     axes = figure.subplots()
@@ -75,21 +67,15 @@ def figure_1(*, D: Positive = 1.0, phi: Finite = 0.5, varphi: Finite = 0.45) -> 
 
 @checked
 def figure_2(problem: OptimalControlProblem) -> Figure:
-    """Draw the stages of a problem in series, each with its own state, controls and output.
+    """Draw the stages of a problem in series with states, controls and outputs.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
+    See Figure 2 and equation (8) of the paper.
 
     Examples
     --------
     >>> from ann_dc import plants
     >>> len(figure_2(plants.car()).axes)
     1
-
-    References
-    ----------
-    Paper, Figure 2 and equation (8).
     """
     figure, axes = _board(10.4, 3.2)
     last = problem.horizon - 1
@@ -117,21 +103,15 @@ def figure_2(problem: OptimalControlProblem) -> Figure:
 
 @checked
 def figure_3(problem: OptimalControlProblem) -> Figure:
-    """Draw what the two levels tell each other in an outer iteration.
+    """Draw the exchange between the two levels in an outer iteration.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
+    See Figure 3 and the corrected equations (16), (17) of the paper.
 
     Examples
     --------
     >>> from ann_dc import plants
     >>> len(figure_3(plants.car()).axes)
     1
-
-    References
-    ----------
-    Paper, Figure 3 and equations (16), (17), corrected.
     """
     figure, axes = _board(10.4, 4.4)
     last = problem.horizon - 1

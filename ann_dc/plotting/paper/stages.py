@@ -1,4 +1,4 @@
-"""Figure 5: the controls, held from stage to stage."""
+"""Figure 5: piecewise constant controls over the stages."""
 
 from __future__ import annotations
 
@@ -24,27 +24,11 @@ def controls_over_stages(
     title: str = "",
     columns: int | None = None,
 ) -> Figure:
-    """Every control over the stages, a column a panel.
+    """Plot every control over the stages, one column per panel (paper, Figure 5).
 
-    Parameters
-    ----------
-    panels : sequence of Panel
-        With the controls as rows.
-    labels : sequence of str
-        Of the controls, with their units.
-    title : str
-    columns : int, optional
-        Panels beside each other; all of them by default.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A column that goes far beyond the range of the first shows three times that range; what
-        leaves it is cut off.
-
-    References
-    ----------
-    Paper, Figure 5.
+    The rows of the panels are the controls and `labels` are their names with units. By default all
+    panels are in one row. A column whose range far exceeds that of the first shows three times that
+    range and is cut off outside.
     """
     columns, m = columns or len(panels), len(labels)
     rows = m * -(-len(panels) // columns)
@@ -74,7 +58,7 @@ def controls_over_stages(
 
 
 def _held(axes: Axes, values: np.ndarray, style: dict) -> None:
-    """Values (N,) from stage to stage, each until the next one."""
+    """Plot values (N,) over the stages, piecewise constant."""
     stages = np.arange(len(values) + 1)
     line = {key: style[key] for key in ("color", "lw", "ls", "label", "zorder") if key in style}
     axes.plot(stages, np.append(values, values[-1]), drawstyle="steps-post", **line)

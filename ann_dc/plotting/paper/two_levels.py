@@ -1,4 +1,4 @@
-"""Figure 6 of the paper, equation (21) and Theorem IV.1, from the runs of the two levels."""
+"""Figure 6, equation (21) and Theorem IV.1, from runs of the two-level algorithm."""
 
 from __future__ import annotations
 
@@ -18,21 +18,26 @@ from ann_dc.two_level.lyapunov import Lyapunov
 from ann_dc.two_level.run import TwoLevelRun
 
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE)
-"""Of the plans T_0, T_1, ..."""
+"""Colours of the plans T_0, T_1, ..."""
 UNTOLD = "figures of the two levels: the run was not told the solution; pass settled="
 
 
 def figure_6(found: Iterations) -> Figure:
-    """lambda, A, B and Theta of every plan in both cases, and to the letter.
+    """Plot lambda, A, B and Theta of every plan in both cases, and as printed.
 
     Parameters
     ----------
     found : Iterations
+        Result of `ann_dc.paper.iterations`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
 
     Raises
     ------
     NetworkError
-        If a run was not told the solution.
+        If a run does not contain the solution.
 
     Examples
     --------
@@ -69,16 +74,23 @@ def figure_6(found: Iterations) -> Figure:
 
 
 def figure_of_definitions(found: Iterations) -> Figure:
-    """A and B where one fixed gain moves t and beta, as they are and as (20), (21) print them.
+    """Plot A and B for one fixed gain of t and beta, corrected and as printed.
+
+    The printed definitions are (20) and (21).
 
     Parameters
     ----------
     found : Iterations
+        Result of `ann_dc.paper.iterations`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
 
     Raises
     ------
     NetworkError
-        If a run was not told the solution.
+        If a run does not contain the solution.
 
     Examples
     --------
@@ -100,16 +112,21 @@ def figure_of_definitions(found: Iterations) -> Figure:
 
 
 def figure_of_following(found: Iterations) -> Figure:
-    """Theorem IV.1, measured where two fixed gains settle.
+    """Plot the measurement of Theorem IV.1 in a run that settles with two fixed gains.
 
     Parameters
     ----------
     found : Iterations
+        Result of `ann_dc.paper.iterations`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
 
     Raises
     ------
     NetworkError
-        If a run was not told the solution.
+        If a run does not contain the solution.
 
     Examples
     --------

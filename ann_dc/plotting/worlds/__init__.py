@@ -1,4 +1,4 @@
-"""Robots among obstacles, as pictures and as films."""
+"""Figures and films of robots among obstacles."""
 
 import lazy_loader
 

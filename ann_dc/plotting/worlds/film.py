@@ -1,4 +1,4 @@
-"""A film of a journey: the robot in its world, and its neurons beside it."""
+"""Film of a closed-loop run: the robot in its scenario, and its neurons."""
 
 from __future__ import annotations
 
@@ -18,18 +18,14 @@ from ann_dc.validation.checked import checked
 
 FRAMES_A_SECOND = 10
 DOTS = 70
-"""Dots an inch."""
+"""Resolution in dots per inch."""
 
 
 @checked
 def film(journey: Journey, path: str | os.PathLike[str]) -> None:
-    """Write a journey as a GIF: left the robot and its plan, right the states of its neurons.
+    """Write a closed-loop run as a GIF: robot and plan left, neuron states right.
 
-    Parameters
-    ----------
-    journey : Journey
-    path : path-like
-        Ends in ``.gif``.
+    The path must end in ``.gif``.
     """
     figure = new_figure(8.6, 4.6)
     left, right = figure.subplots(1, 2, width_ratios=[1.2, 1.0])

@@ -1,4 +1,7 @@
-"""One journey: the way among the obstacles, and below it room, multipliers and residual."""
+"""Figure of a closed-loop run: path among obstacles, clearance and residuals.
+
+Multipliers are plotted as well.
+"""
 
 from __future__ import annotations
 
@@ -26,28 +29,22 @@ from ann_dc.plotting.style import (
 from ann_dc.validation.checked import checked
 
 PLANS = 8
-"""Plans that are drawn beside the way."""
+"""Number of plans drawn with the path."""
 ROBOTS = 12
-"""Discs of the robot that are drawn along the way."""
+"""Number of robot discs drawn along the path."""
 STANDING = "#C9C9C9"
 MOVING = "#E8C9A0"
 
 
 @checked
 def journey(journey: Journey) -> Figure:
-    """Where a robot went, and how its network did.
+    """Plot the path of a robot and the quantities of its network.
 
-    Parameters
-    ----------
-    journey : Journey
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Left the plane: obstacles where they are in the end, the ways of those that move as arrows;
-        right, over time: the room between the robot's rim and what is nearest, the largest
-        multiplier of an obstacle's row as a share of its price, and the residual of each plan;
-        the last two only of a planner that has them.
+    Left, the plane with the final obstacle positions; arrows are the paths of moving obstacles.
+    Right, over time, three quantities. The first is the clearance between the robot's edge and the
+    nearest object. The second is the largest multiplier of an obstacle constraint relative to its
+    penalty weight. The third is the residual of each plan. The last two require a planner that has
+    them.
     """
     figure = new_figure(10.4, 5.2)
     draws = (_room, _pressed, _residual) if _known(journey).any() else (_room,)
@@ -68,12 +65,14 @@ def journey(journey: Journey) -> Figure:
 
 @checked
 def plane(axes: Axes, journey: Journey) -> None:
-    """The world with the whole way, in axes of one's own.
+    """Draw a scenario with the complete path in given axes.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
+        Axes to draw in.
     journey : Journey
+        Closed-loop run.
 
     Examples
     --------
@@ -102,7 +101,7 @@ def plane(axes: Axes, journey: Journey) -> None:
 
 
 def ends(axes: Axes, journey: Journey) -> None:
-    """Start and goal, and axes that show both."""
+    """Mark start and goal, and set axes that contain both."""
     world = journey.world
     axes.plot(*world.start[:2], "s", mfc="white", mec=GREEN, ms=9, label="start")
     axes.plot(*world.goal, "*", color=VERMILION, ms=14, label="goal")
@@ -114,7 +113,7 @@ def ends(axes: Axes, journey: Journey) -> None:
 
 
 def patch_of(obstacle: Obstacle, time: float) -> Circle | Polygon:
-    """An obstacle where it is at a time."""
+    """Return the drawing of an obstacle at a given time."""
     colour = MOVING if obstacle.moves else STANDING
     corners = obstacle.corners + time * obstacle.velocity
     if len(corners) == 1:

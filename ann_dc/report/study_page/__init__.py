@@ -1,4 +1,4 @@
-"""The page of a study: one HTML file that needs nothing else, to be read, searched and printed."""
+"""Report of a study as one self-contained HTML page."""
 
 import lazy_loader
 

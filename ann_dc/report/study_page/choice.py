@@ -1,7 +1,8 @@
-"""Which figures a page has: about a dozen, those that tell most; the others are named.
+"""Selection of the figures of a page: the most informative ones, about twelve.
 
-A metric over a setting tells as much as the share of its spread that the setting accounts for.
-What the spec speaks of comes first, what the machine took comes last.
+The informativeness of a metric over a setting is the fraction of its spread explained by the
+setting. Metrics of the specification come first and computing times last. The titles of omitted
+figures are listed.
 """
 
 from __future__ import annotations
@@ -19,26 +20,24 @@ from ann_dc.report.study_page.distributions import beside, distribution, over_ti
 from ann_dc.report.study_page.figure import Figure, limit_of
 
 MOST = 12
-"""Figures of a page."""
+"""Number of figures of a page."""
 ROOM = {"yield": 1, "over": 5, "map": 1, "beside": 1, "time": 2, "spread": 2}
-"""Figures of each kind, in the order of the page; what one kind leaves free is another's."""
+"""Number of figures of each kind, in page order. Unused places pass to other kinds."""
 WORDS = 30
-"""Different words of a setting that have a place on an axis."""
+"""Largest number of different text values on an axis."""
 MAPPED = 4
-"""Settings of which pairs are looked at, for each metric."""
+"""Number of settings whose pairs are considered for each metric."""
 
 
 class Candidate(NamedTuple):
-    """A figure that could be drawn.
+    """Candidate for a figure.
 
     Attributes
     ----------
     kind : str
-        Of `ROOM`.
-    title : str
-    worth : float
+        Key of `ROOM`.
     draw : callable
-        Gives the `Figure`, or None where there are too few points.
+        Function that returns the `Figure`, or None for too few cases.
     """
 
     kind: str
@@ -48,12 +47,7 @@ class Candidate(NamedTuple):
 
 
 def chosen(found: Findings) -> tuple[list[Figure], list[str]]:
-    """The figures of a page, and the titles of those that are left out.
-
-    Parameters
-    ----------
-    found : Findings
-    """
+    """Return the figures of a page, and the titles of the omitted ones."""
     best = sorted(_candidates(found), key=lambda candidate: -candidate.worth)
     kept: list[tuple[Candidate, Figure]] = []
     waiting: list[Candidate] = []
@@ -103,7 +97,10 @@ def _spreads(metric: Column) -> bool:
 
 
 def _dependences(found: Findings, metrics: list[Column]) -> Iterator[Candidate]:
-    """Every metric over every setting; yields and maps over the settings that tell most."""
+    """Yield candidates for every metric over every setting.
+
+    Yields and maps are drawn over the most informative settings.
+    """
     spec = limits(found)
     settings = [s for s in found.varied if s.numbers is not None or len(s.words) <= WORDS]
     for place, metric in enumerate(metrics):

@@ -1,4 +1,4 @@
-"""Figures of what a metric depends on: one setting, its words, two settings; and of the yield."""
+"""Figures of metrics and yield over one or two settings."""
 
 from __future__ import annotations
 
@@ -30,30 +30,24 @@ from ann_dc.report.study_page.figure import (
 from ann_dc.study.records import OUTCOME
 
 CELLS = 60
-"""Different values of a setting that a map has a row or a column each for."""
+"""Largest number of different setting values with one row or column each in a map."""
 DASHES = ("solid", "dash", "dot", "dashdot", "longdash")
 LINES = len(DASHES)
-"""Combinations of other settings that have a line each."""
+"""Largest number of combinations of other settings with one line each."""
 STRIP = 8
-"""Points a word up to which there is no box."""
+"""Cases per text value up to which no box is drawn."""
 FILLED = 0.6
-"""Share of its cells that a map needs points in."""
+"""Fraction of the cells of a map that must contain cases."""
 
 
 def over_numbers(
     found: Findings, metric: Column, setting: Column, limit: Limit | None
 ) -> Figure | None:
-    """Plot a metric over a setting of numbers: points, medians, bands of 5 to 95 %.
+    """Plot a metric over a numeric setting: cases, medians, bands of 5 to 95 %.
 
-    Every combination of the other settings has a line of its own, up to `LINES`; if there are more,
-    there is none. A line has a gap where points form two clusters. None if there are no points.
-
-    Parameters
-    ----------
-    found : Findings
-    metric, setting : Column
-    limit : Limit or None
-        What the spec says of the metric.
+    Every combination of the other settings has a line, up to `LINES`; with more, no lines are
+    drawn. A line has a gap at cases that form two clusters. The limit is that of the metric in the
+    specification. Return None without cases.
     """
     known = np.flatnonzero(metric.finite & setting.finite)
     if not len(known):
@@ -82,7 +76,7 @@ def _dashed(limit: Limit | None) -> list[str]:
 def _lines(
     found: Findings, setting: Column, metric: Column, known: np.ndarray
 ) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return lines for all combinations of the other settings, and words for the caption."""
+    """Return lines for all combinations of the other settings, and caption texts."""
     others = [one for one in found.varied if one is not setting]
     parts = combinations(others, known, LINES)
     if parts is None:
@@ -130,7 +124,7 @@ def _band(found: Band, label: str, dash: str) -> list[dict[str, Any]]:
 def _dots(
     found: Findings, setting: Column, metric: Column, rows: np.ndarray
 ) -> list[dict[str, Any]]:
-    """Points, by outcome: the most frequent ones each in a colour."""
+    """Return the cases by outcome; the most frequent outcomes have a colour each."""
     outcome = found.columns.get(OUTCOME)
     codes = np.zeros(len(rows), int)
     names: Sequence[str] = ("points",)
@@ -168,16 +162,10 @@ def _at(column: Column, rows: np.ndarray) -> list[Any]:
 
 
 def over_words(found: Findings, metric: Column, setting: Column, limit: Limit | None) -> Figure:
-    """A metric by the words of a setting: boxes of many points, or the points themselves.
+    """Plot a metric by the values of a text setting, as boxes or single cases.
 
-    Points that form two clusters have no box, whose median would lie between the clusters.
-
-    Parameters
-    ----------
-    found : Findings
-    metric, setting : Column
-    limit : Limit or None
-        What the spec says of the metric.
+    Cases that form two clusters have no box, because its median would lie between the clusters. The
+    limit is that of the metric in the specification.
     """
     groups_of_it = boxes(setting, metric)
     layout = {"xaxis": axis(setting), "yaxis": axis(metric), "shapes": limit_lines(limit, "y")}
@@ -198,15 +186,10 @@ def over_words(found: Findings, metric: Column, setting: Column, limit: Limit | 
 
 
 def over_two(found: Findings, metric: Column, across: Column, up: Column) -> Figure | None:
-    """The median of a metric over two settings of numbers, as a map; None where it has gaps.
+    """Plot the median of a metric over two numeric settings as a map.
 
-    A cell whose points form two clusters is a gap. There is no map if a setting of words varies,
-    whose medians would mix.
-
-    Parameters
-    ----------
-    found : Findings
-    metric, across, up : Column
+    A cell whose cases form two clusters is a gap. Return None for a map with too many gaps, or if a
+    text setting varies, because medians would mix its values.
     """
     import pandas
 
@@ -247,7 +230,7 @@ def _in_clusters(values: Any, metric: Column) -> bool:
 
 
 def _cells(setting: Column, known: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of the cells of a map along a setting, and the cell of every known row."""
+    """Return map cell edges along a setting, and the cell of every known record."""
     assert setting.numbers is not None
     there, back = (np.log, np.exp) if setting.is_wide else (np.array, np.array)
     values, distinct = there(setting.numbers[known]), there(setting.distinct)
@@ -262,14 +245,7 @@ def _cells(setting: Column, known: np.ndarray, count: int) -> tuple[np.ndarray, 
 
 
 def yield_over(found: Findings, setting: Column) -> Figure | None:
-    """The share within the spec over a setting, with its interval; None for too few points.
-
-    Parameters
-    ----------
-    found : Findings
-    setting : Column
-        Of numbers.
-    """
+    """Plot the yield with its interval over a numeric setting; None for too few cases."""
     group = groups(setting)
     if group is None:
         return None

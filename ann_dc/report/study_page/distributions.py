@@ -1,4 +1,4 @@
-"""Figures of a metric by itself, beside what was predicted, and of curves over time."""
+"""Figures of metric distributions, predictions and trajectories."""
 
 from __future__ import annotations
 
@@ -27,19 +27,12 @@ from ann_dc.report.study_page.markup import percent
 
 BARS = 40
 SAMPLES = 300
-"""Of a curve, as drawn."""
+"""Number of drawn samples of a trajectory."""
 TIME, RESIDUALS = "time", "residuals"
 
 
 def distribution(metric: Column, limit: Limit | None) -> Figure:
-    """Histogram and empirical distribution of a metric.
-
-    Parameters
-    ----------
-    metric : Column
-    limit : Limit or None
-        What the spec says of it.
-    """
+    """Plot the histogram and empirical distribution of a metric, with its limit."""
     values = np.sort(metric.values)
     scaled = np.log10(values) if metric.is_wide else values
     bars = int(np.clip(np.sqrt(len(values)), 5, BARS))
@@ -72,7 +65,7 @@ def distribution(metric: Column, limit: Limit | None) -> Figure:
 
 
 def _bars(edges: np.ndarray, shares: np.ndarray) -> dict[str, Any]:
-    """The bars of a histogram as an outline: it is right on logarithmic axes too."""
+    """Return histogram bars as an outline, which is also correct on logarithmic axes."""
     x = np.repeat(edges, 2)
     y = np.concatenate([[0], np.repeat(shares, 2), [0]])
     return {
@@ -83,11 +76,9 @@ def _bars(edges: np.ndarray, shares: np.ndarray) -> dict[str, Any]:
 
 
 def predictions(found: Findings) -> list[tuple[Column, Column]]:
-    """Metrics with what was predicted of them, ``x`` with ``predicted_x``, where points have both.
+    """Return metrics with their predictions (``x`` with ``predicted_x``).
 
-    Parameters
-    ----------
-    found : Findings
+    Only pairs with values in common cases are returned.
     """
     names = {metric.name: metric for metric in found.metrics if metric.numbers is not None}
     return [
@@ -99,12 +90,7 @@ def predictions(found: Findings) -> list[tuple[Column, Column]]:
 
 
 def errors(measured: Column, predicted: Column) -> np.ndarray:
-    """|predicted / measured - 1| of the rows that have both.
-
-    Parameters
-    ----------
-    measured, predicted : Column
-    """
+    """Return |predicted / measured - 1| of the records that have both."""
     assert measured.numbers is not None
     assert predicted.numbers is not None
     both = measured.finite & predicted.finite & (measured.numbers != 0)
@@ -112,13 +98,7 @@ def errors(measured: Column, predicted: Column) -> np.ndarray:
 
 
 def beside(found: Findings, measured: Column, predicted: Column) -> Figure:
-    """What was predicted over what was measured, with the line where both agree.
-
-    Parameters
-    ----------
-    found : Findings
-    measured, predicted : Column
-    """
+    """Plot predictions over measurements, with the line of equality."""
     assert measured.numbers is not None
     assert predicted.numbers is not None
     known = np.flatnonzero(measured.finite & predicted.finite)
@@ -153,13 +133,7 @@ def beside(found: Findings, measured: Column, predicted: Column) -> Figure:
 
 
 class Curve(NamedTuple):
-    """What one point did over time.
-
-    Attributes
-    ----------
-    point : int
-    times, values : array (m,)
-    """
+    """Trajectory of one case; times and values have shape (m,)."""
 
     point: int
     times: np.ndarray
@@ -167,13 +141,10 @@ class Curve(NamedTuple):
 
 
 def over_time(kept: Mapping[int, Mapping[str, np.ndarray]]) -> list[Figure]:
-    """What points did over time, a figure a quantity: the residual, and all single values.
+    """Plot trajectories of cases, one figure per quantity: residual and scalars.
 
-    Parameters
-    ----------
-    kept : mapping of int to mapping of str to array (m,) or (m, k)
-        By point. Times are called ``time``, or ``x_time`` where they are those of ``x`` alone; of
-        residuals with columns the largest is drawn.
+    The arrays have shape (m,) or (m, k). Times are named ``time``, or ``x_time`` if they belong to
+    ``x`` alone. Of residuals with columns the largest is drawn.
     """
     curves: dict[str, list[Curve]] = {}
     for point, arrays in kept.items():

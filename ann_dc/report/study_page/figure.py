@@ -1,7 +1,7 @@
-"""One figure of the page: what plotly.js is told, and the words around it.
+"""Figure of the page: plotly.js data and captions.
 
-A figure is plain data. Names and words of a store are escaped on their way into it, because
-plotly reads a little HTML in every text.
+A figure is plain data. Names and texts of a store are escaped on input, because plotly interprets
+some HTML in every text.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from ann_dc.report.study_columns import Column
 BLUE, RED, GREEN, ORANGE, VIOLET, GREY = (
     "#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#777777",
 )  # fmt: skip
-"""Colours that differ for colour-blind eyes too (Okabe and Ito)."""
+"""Colours that remain distinct for colour-blind readers (Okabe and Ito)."""
 DRAWN = 2000
-"""Points of a figure that are drawn at most; what is counted and fitted has all of them."""
+"""Largest number of drawn cases; counts and fits use all cases."""
 HEIGHT = 360
 LONG = 30
-"""Letters of a title from which on the unit has a line of its own."""
+"""Title length in characters from which the unit has a separate line."""
 
 _AXIS = {
     "showline": True, "mirror": True, "linecolor": "#888", "ticks": "outside", "tickcolor": "#888",
@@ -47,12 +47,10 @@ class Figure:
 
     Attributes
     ----------
-    title : str
     says : str
-        What is drawn, and how many points.
+        Description of the content and number of cases.
     traces : list of dict
-        As plotly.js takes them.
-    layout : dict
+        Traces in the format of plotly.js.
     """
 
     title: str
@@ -61,17 +59,13 @@ class Figure:
     layout: dict[str, Any] = field(default_factory=dict)
 
     def content(self) -> dict[str, Any]:
-        """What plotly.js is told."""
+        """Return the input of plotly.js."""
         single = sum(trace.get("showlegend", True) for trace in self.traces) < 2
         return {"data": self.traces, "layout": {**_LAYOUT, "showlegend": not single, **self.layout}}
 
 
 def shown(text: object) -> str:
-    """A text as plotly.js is told it.
-
-    Parameters
-    ----------
-    text : object
+    """Return a text escaped for plotly.js.
 
     Examples
     --------
@@ -82,14 +76,7 @@ def shown(text: object) -> str:
 
 
 def axis(column: Column, **others: Any) -> dict[str, Any]:
-    """The axis of a column: linear or logarithmic, or of words.
-
-    Parameters
-    ----------
-    column : Column
-    **others : object
-        What plotly.js is told beside.
-    """
+    """Return the axis of a column (linear, logarithmic or text) with further options."""
     found = plain_axis(_title(column), **others)
     if column.numbers is None:
         return {**found, "type": "category"}
@@ -101,33 +88,21 @@ def axis(column: Column, **others: Any) -> dict[str, Any]:
 
 
 def _title(column: Column) -> str:
-    """Name and unit, on two lines where they are long."""
+    """Return name and unit, on two lines if they are long."""
     if len(column.label) <= LONG or not column.unit:
         return shown(column.label)
     return f"{shown(column.name)}<br>[{shown(column.unit)}]"
 
 
 def plain_axis(title: str, **others: Any) -> dict[str, Any]:
-    """An axis of something that is no column.
-
-    Parameters
-    ----------
-    title : str
-        As plotly.js takes it.
-    **others : object
-        What plotly.js is told beside.
-    """
+    """Return an axis that does not belong to a column; the title is plotly.js text."""
     return {**_AXIS, "title": {"text": title, "font": {"size": 12}}, **others}
 
 
 def drawn(rows: np.ndarray, *, keep: np.ndarray | None = None) -> np.ndarray:
-    """Rows to draw: all, or a few drawn at random but the same ones every time.
+    """Return the records to draw: all, or a reproducible random subset.
 
-    Parameters
-    ----------
-    rows : array (m,) of int
-    keep : array of int, optional
-        Those among them that are drawn in any case.
+    Records in `keep` are always drawn.
     """
     if len(rows) <= DRAWN:
         return rows
@@ -136,26 +111,13 @@ def drawn(rows: np.ndarray, *, keep: np.ndarray | None = None) -> np.ndarray:
 
 
 def listed(values: Any, digits: int = 5) -> list[Any]:
-    """Numbers as JSON takes them, short.
-
-    Parameters
-    ----------
-    values : array-like
-    digits : int
-    """
+    """Return numbers with few digits as JSON data."""
     found = [float(f"{value:.{digits}g}") for value in np.asarray(values, float)]
     return [value if np.isfinite(value) else None for value in found]
 
 
 def limit_lines(limit: Limit | None, across: str) -> list[dict[str, Any]]:
-    """Dashed lines where a spec has its ends.
-
-    Parameters
-    ----------
-    limit : Limit or None
-    across : str
-        The axis that has the metric, x or y.
-    """
+    """Return dashed lines at the limits of a metric; `across` is its axis, x or y."""
     other = "y" if across == "x" else "x"
     dashes = {"color": RED, "width": 1.5, "dash": "dash"}
     return [
@@ -168,24 +130,11 @@ def limit_lines(limit: Limit | None, across: str) -> list[dict[str, Any]]:
 
 
 def told(count: int, drawn_of_it: int, *more: str) -> str:
-    """What a caption says of points.
-
-    Parameters
-    ----------
-    count, drawn_of_it : int
-    *more : str
-        Further sentences.
-    """
+    """Return the caption text of the number of cases, with further sentences."""
     few = f", {drawn_of_it:,} of them drawn" if drawn_of_it < count else ""
     return ". ".join([f"{count:,} points{few}", *more]) + "."
 
 
 def limit_of(metric: Column, spec: Sequence[Limit]) -> Limit | None:
-    """The item of the spec that is about a metric.
-
-    Parameters
-    ----------
-    metric : Column
-    spec : sequence of Limit
-    """
+    """Return the limit of a metric in a specification."""
     return next((limit for limit in spec if limit.column is metric), None)

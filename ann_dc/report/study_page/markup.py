@@ -1,4 +1,4 @@
-"""HTML in pieces: whatever is no `Markup` yet is text, and is escaped where it comes in."""
+"""HTML fragments; any input that is not `Markup` is escaped as text."""
 
 from __future__ import annotations
 
@@ -7,27 +7,22 @@ from html import escape
 from typing import Any
 
 LONGEST = 400
-"""Letters of a value that are shown."""
+"""Largest number of characters shown of a value."""
 LISTED = 12
-"""Items of a list that are shown."""
+"""Largest number of items shown of a list."""
 
 
 class Markup(str):
-    """Text that is HTML already."""
+    """Text that is already HTML."""
 
     __slots__ = ()
 
 
 def element(tag: str, *content: object, **attributes: object) -> Markup:
-    """An element with its content.
+    """Return an element with its content.
 
-    Parameters
-    ----------
-    tag : str
-    *content : object
-        `Markup` as it is, None not at all, everything else as text.
-    **attributes : object
-        ``class_`` is class, ``data_x`` is data-x.
+    `Markup` is inserted unchanged, None is omitted, and everything else is text. The attribute
+    ``class_`` is written as class, ``data_x`` as data-x.
 
     Examples
     --------
@@ -42,13 +37,7 @@ def element(tag: str, *content: object, **attributes: object) -> Markup:
 
 
 def joined(content: Iterable[object]) -> Markup:
-    """Pieces one behind the other.
-
-    Parameters
-    ----------
-    content : iterable
-        As of `element`.
-    """
+    """Return the concatenation of fragments."""
     return Markup(
         "".join(
             piece if isinstance(piece, Markup) else escape(str(piece))
@@ -59,16 +48,7 @@ def joined(content: Iterable[object]) -> Markup:
 
 
 def table(head: Iterable[object], rows: Iterable[Iterable[object]], **attributes: object) -> Markup:
-    """A table; numbers stand on the right.
-
-    Parameters
-    ----------
-    head : iterable
-        Names of the columns.
-    rows : iterable of iterables
-    **attributes : object
-        Of the table.
-    """
+    """Return a table with right-aligned numbers; attributes apply to the table."""
     top = element("tr", *(element("th", name, scope="col") for name in head))
     body = [element("tr", *(_cell(cell) for cell in row)) for row in rows]
     inside = (element("thead", top), element("tbody", *body))
@@ -82,11 +62,7 @@ def _cell(content: object) -> Markup:
 
 
 def number(value: float) -> str:
-    """A number with sensible digits; nothing of nan.
-
-    Parameters
-    ----------
-    value : float
+    """Return a number with sensible digits; empty for nan.
 
     Examples
     --------
@@ -101,13 +77,7 @@ def number(value: float) -> str:
 
 
 def percent(share: float, digits: int = 1) -> str:
-    """A share in percent.
-
-    Parameters
-    ----------
-    share : float
-    digits : int
-        Behind the point.
+    """Return a fraction in percent, with `digits` decimals.
 
     Examples
     --------
@@ -118,14 +88,7 @@ def percent(share: float, digits: int = 1) -> str:
 
 
 def plain(value: Any, depth: int = 0) -> object:
-    """Plain data as text or as nested lists of names; what is long is cut short and says so.
-
-    Parameters
-    ----------
-    value : str, number, bool, None, list or mapping
-    depth : int
-        Of nesting so far.
-    """
+    """Return plain data as text or nested lists; long content is visibly truncated."""
     if isinstance(value, Mapping) and value and depth < 4:
         pairs = [(element("dt", key), element("dd", plain(v, depth + 1)))
                  for key, v in value.items()]  # fmt: skip

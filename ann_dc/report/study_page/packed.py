@@ -1,9 +1,9 @@
-"""A table packed for a page: a head in JSON and the columns as raw numbers, in gzip, in base64.
+"""Binary table of a page: JSON header and raw columns, compressed, as base64.
 
     length of the head (4 bytes) | head | padding to 8 bytes | columns, each padded to 8 bytes
 
-Everything is little-endian. A column of numbers has 8 bytes a row; one of words has the codes of
-its words, in 1, 2 or 4 bytes a row.
+All numbers are little-endian and the compression is gzip. A numeric column has 8 bytes per record.
+A text column has the codes of its values, in 1, 2 or 4 bytes per record.
 """
 
 from __future__ import annotations
@@ -19,18 +19,11 @@ import numpy as np
 from ann_dc.report.study_columns import Column
 
 ALIGNED = 8
-"""Bytes at whose multiples columns begin."""
+"""Alignment of columns in bytes."""
 
 
 def pack(columns: Iterable[Column], rows: int) -> str:
-    """The first rows of a table, as letters that stand anywhere in a page.
-
-    Parameters
-    ----------
-    columns : iterable of Column
-    rows : int
-        How many.
-    """
+    """Return the first `rows` records of a table as base64 text."""
     heads, blocks, offset = [], [], 0
     for column in columns:
         values = _values(column)[:rows]

@@ -1,9 +1,8 @@
-"""The page: one HTML file that works from a disk, loads nothing, and runs no script but its own.
+"""HTML page of a study: one local file without external requests or scripts.
 
-What comes from the store is text or data in it, never markup: texts are escaped where they become
-HTML, figures and table are data that scripts read. A policy in the page's head names the scripts
-that may run by their hashes, so that a word that got in all the same would be but a word, and
-forbids every request.
+Content of the store appears as text or data, never as markup. Texts are escaped when they become
+HTML; figures and the table are data that scripts read. A security policy in the page head lists the
+hashes of permitted scripts and forbids every request. Injected text is therefore never executed.
 """
 
 from __future__ import annotations
@@ -27,9 +26,9 @@ from ann_dc.report.study_page.packed import pack
 from ann_dc.study.store import Store
 
 LARGEST_TABLE = 200_000
-"""Rows that a page holds; statistics and figures have all of them."""
+"""Largest number of records in a page; statistics and figures use all records."""
 NAMED = 12
-"""Figures that are named where they are left out."""
+"""Largest number of omitted figures that are listed."""
 MENU = {
     "asked": "Asked", "summary": "Summary", "figures": "Figures", "points": "Points",
     "table": "Table", "versions": "Versions",
@@ -39,23 +38,10 @@ MENU = {
 def write_study_page(
     store: Store, path: str | os.PathLike[str], *, progress: Progress = silent
 ) -> None:
-    """Write the page of a study: one HTML file, to be opened from the disk.
+    """Write the HTML page of a finished or unfinished study into an existing folder.
 
-    Parameters
-    ----------
-    store : Store
-        Of a study, finished or not.
-    path : path-like
-        Of the file, in a folder that exists.
-    progress : callable
-        Told what is going on.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    PandasMissing, PlotlyMissing
-        If one of them is not installed.
+    Raises `OutputError` if the file cannot be written, and `PandasMissing` or `PlotlyMissing` if a
+    package is not installed.
     """
     _plotly()
     progress("reading the store")
@@ -64,23 +50,9 @@ def write_study_page(
 
 
 def page_of(found: Findings, *, progress: Progress = silent) -> str:
-    """The page of what a study found.
+    """Return the HTML page of a study; equal data give equal text.
 
-    Parameters
-    ----------
-    found : Findings
-    progress : callable
-        Told what is going on.
-
-    Returns
-    -------
-    str
-        HTML; the same for the same findings.
-
-    Raises
-    ------
-    PlotlyMissing
-        If plotly is not installed.
+    Raises `PlotlyMissing` if plotly is not installed.
     """
     library, version = _plotly()
     progress("drawing the figures")
@@ -106,7 +78,7 @@ def page_of(found: Findings, *, progress: Progress = silent) -> str:
 
 
 def _plotly() -> tuple[str, str]:
-    """The library that draws, and its version."""
+    """Return the source of plotly.js, and its version."""
     try:
         from plotly.offline import get_plotlyjs, get_plotlyjs_version
     except ImportError as error:
@@ -165,7 +137,7 @@ def _menu(content: dict[str, Markup]) -> Markup:
 
 
 def _data(name: str, text: str) -> Markup:
-    """Data for the scripts: no letter of it can end the element that it stands in."""
+    """Return data for scripts in an element that the data cannot terminate."""
     safe = text.replace("<", "\\u003c")
     return Markup(f'<script type="application/json" id="{name}">{safe}</script>\n')
 
@@ -196,7 +168,7 @@ def _document(
 
 
 def _within_element(script: str) -> str:
-    """A script as a browser reads it out of a page again, letter by letter."""
+    """Return a script exactly as a browser reads it from the page."""
     lines = script.replace("\r\n", "\n").replace("\r", "\n")
     return lines.replace("</script", "<\\/script").replace("<!--", "\\x3c!--")
 

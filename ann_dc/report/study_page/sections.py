@@ -1,4 +1,4 @@
-"""The sections of a page in words and tables: what was asked, came out, and stands out."""
+"""Sections of a page as text and tables: declaration, results and outliers."""
 
 from __future__ import annotations
 
@@ -18,36 +18,29 @@ from ann_dc.report.study_page.markup import Markup, element, joined, number, per
 from ann_dc.study.records import FAILED, LOST, TIMED_OUT, VERSIONS
 
 STANDING_OUT = 8
-"""Points that are listed as the slowest, or as the worst for a metric."""
+"""Number of cases listed as slowest, or as worst for a metric."""
 SHOWN = 6
-"""Settings that a list of points shows."""
+"""Number of settings in a list of cases."""
 WORST_FOR = 6
-"""Metrics that have a list of worst points."""
+"""Number of metrics with a list of worst cases."""
 PRINTED = 25
-"""Rows of the table that are printed."""
+"""Number of printed records of the table."""
 PRINTED_COLUMNS = 8
 
 
 def section(name: str, title: str, *content: object) -> Markup:
-    """A section with its heading; nothing at all where it has no content.
+    """Return a section with heading; empty without content.
 
-    Parameters
-    ----------
-    name : str
-        As the menu links to it.
-    title : str
-    *content : object
+    The menu links to `name`.
     """
     inside = joined(content)
     return element("section", element("h2", title), inside, id=name) if inside else Markup("")
 
 
 def asked(found: Findings) -> Markup:
-    """What was asked: subject, what was varied and what was fixed, metrics, spec, seed.
+    """Return the declaration: subject, settings, metrics, specification and seed.
 
-    Parameters
-    ----------
-    found : Findings
+    Varied and fixed settings are listed separately.
     """
     identity = found.identity
     rest = {
@@ -103,12 +96,7 @@ def _range(column: Column) -> tuple[object, ...]:
 
 
 def summary(found: Findings) -> Markup:
-    """What came out: outcomes by cause, yield, predictions, exponents.
-
-    Parameters
-    ----------
-    found : Findings
-    """
+    """Return the results: outcomes by cause, yield, predictions and exponents."""
     return joined([
         element("p", *_headline(found), class_="headline"),
         element("h3", "Outcomes by cause"),
@@ -138,7 +126,7 @@ def _headline(found: Findings) -> Iterator[object]:
 
 
 def _median(metric: Column) -> float:
-    """Return a median that occurs: two clusters have no point between them."""
+    """Return a median that occurs; two clusters have no case between them."""
     return float(np.quantile(metric.values, 0.5, method="inverted_cdf"))
 
 
@@ -225,12 +213,7 @@ def _exponents(found: Findings) -> Iterator[Markup]:
 
 
 def standing_out(found: Findings) -> Markup:
-    """The slowest points and the worst for each metric, with the command that repeats each.
-
-    Parameters
-    ----------
-    found : Findings
-    """
+    """Return the slowest and worst cases with the commands that repeat them."""
     parts: list[Markup] = []
     seconds = found.seconds
     rows = slowest(found, STANDING_OUT)
@@ -275,12 +258,7 @@ def _cell(column: Column, row: int) -> object:
 
 
 def printed(found: Findings) -> Markup:
-    """The first rows with the columns that matter, for paper.
-
-    Parameters
-    ----------
-    found : Findings
-    """
+    """Return the first records with the important columns, for printing."""
     outcome = [found.columns[name] for name in ("outcome",) if name in found.columns]
     room = PRINTED_COLUMNS - len(outcome)
     metrics = found.metrics[: room // 2]
@@ -296,13 +274,7 @@ def printed(found: Findings) -> Markup:
 
 
 def versions(found: Findings, written_by: str) -> Markup:
-    """What the points were run with, and what wrote the page.
-
-    Parameters
-    ----------
-    found : Findings
-    written_by : str
-    """
+    """Return the software versions of the cases and of the page."""
     column = found.columns.get(VERSIONS)
     rows: list[tuple[object, object]] = []
     if column is not None and column.codes is not None:

@@ -1,4 +1,4 @@
-"""Studies that come with the package: of any plant, problem or network, each with its question."""
+"""Library of studies for any plant, problem or network."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Basins of attraction: from where a frozen network comes to the best optimum, and where else."""
+"""Basins of attraction of a network with fixed gains: optima by initial state."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count, Index
 
 SPREADS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""Of random starts around the straight line; a neuron is near one."""
+"""Spreads of random initial guesses around the interpolated one; a neuron is near one."""
 ALIKE = 1e-3
-"""Costs that differ by less, relative, are those of one optimum."""
+"""Relative cost difference below which two optima count as equal."""
 
 
 class End(enum.Enum):
-    """Where a run ended; the value is how people say it."""
+    """Classification of the end of a run; the value is its description."""
 
     BEST = "best optimum met"
     OTHER = "another optimum"
@@ -41,24 +41,31 @@ def basin(
     samples: Count = 50,
     seed: Index = 0,
 ) -> Study:
-    """From which starts, and for which inputs, does a frozen network settle to an optimum?
+    """Declare a study of the initial guesses and inputs that settle to an optimum.
+
+    The network has fixed gains.
 
     Parameters
     ----------
     subject : str, OptimalControlProblem or Network
+        Plant name, problem or network.
     spreads : sequence of float
-        Standard deviations of what disturbs the start of every neuron, in network units.
+        Standard deviations of the disturbance of each neuron's initial value, in network units.
+        Default: 0.01 to 3.
     inputs : mapping of input to sequence of float, optional
-        A map: every combination of starts and targets, such as ``{"q_d.x": (3.0, 5.0, 7.0)}``.
+        Input values, such as ``{"q_d.x": (3.0, 5.0, 7.0)}``. Every combination of initial guesses
+        and targets is run.
     fixed : mapping of setting to Value, optional
+        Further settings, equal in all cases.
     samples : int
-        Random starts at every combination.
+        Random initial guesses at every combination. Default 50.
     seed : int
+        Seed of the samples. Default 0.
 
     Returns
     -------
     Study
-        `ends` says of its table where each run ended.
+        `ends` classifies each run of its table.
 
     Examples
     --------
@@ -80,19 +87,19 @@ def basin(
 
 @checked
 def ends(table: Table) -> list[End]:
-    """Where every run of a basin ended.
+    """Classify the end of every run of a basin study.
 
-    The best optimum is the certified one of least cost that was met for the same inputs, from
-    whatever start.
+    The best optimum is the certified one of least cost that any run with the same inputs reached.
 
     Parameters
     ----------
     table : Table
+        Result of a study from `basin`.
 
     Returns
     -------
     list of End
-        A run each, in the order of the table.
+        One per run, in the order of the table.
 
     Examples
     --------

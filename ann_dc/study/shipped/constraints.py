@@ -1,4 +1,4 @@
-"""What constraints cost in settling time: limits of a frozen network, tightened step by step."""
+"""Settling time under constraints that are tightened step by step, at fixed gains."""
 
 from __future__ import annotations
 
@@ -29,21 +29,23 @@ def tightened(
     samples: Count = 1,
     seed: Index = 0,
 ) -> Study:
-    """How does settling depend on the number of constraints that are active?
+    """Declare a study of settling against the number of active constraints.
 
-    Gains are those of the limits that the problem is declared with; limits are inputs, so that the
-    network stays the same.
+    The gains are those of the declared limits. The limits are inputs, so the network does not
+    change.
 
     Parameters
     ----------
     subject : str, OptimalControlProblem or Network
+        Plant name, problem or network.
     limits : mapping of input to sequence of float
-        Inputs that constraints are written with, and what they are set to: every combination.
+        Values of the inputs that occur in constraints. Every combination is run.
     ranges : mapping of input to (low, high), optional
-        Further inputs, such as targets, that are drawn.
+        Further inputs, such as targets, that are sampled.
     samples : int
-        Draws at every combination of limits; the same ones at each.
+        Samples at every combination of limits, equal for all. Default 1.
     seed : int
+        Seed of the samples. Default 0.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""What networks of printed equations settle to: each slip by itself, and all to the letter.
+"""Equilibria of networks with errata of the paper: one by one, and as printed.
 
-The question: which forms run away, which find the optimum all the same, and which come to rest at
-something else, so that only a certificate tells?
+The study separates forms that diverge, forms that still find the optimum, and forms that settle
+elsewhere. The last are detected only by a certificate.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from ann_dc.study.study import Study
 from ann_dc.study.yield_metrics import SETTLED
 
 FORMS = tuple(WORDS["design.form"])
-"""All: corrected, printed, S1 to S17."""
+"""Names of all forms: corrected, printed, S1 to S17."""
 MEASURED = ("settling_in_fastest", "objective", "control_error", "kkt_residual", "certified")
 SAME = 1e-5
-"""Share of the largest control by which controls that count as the same may differ."""
+"""Tolerance for equal controls, relative to the largest control."""
 
 
 class FormEnd(enum.Enum):
-    """What became of a form; the value says it in words."""
+    """Classification of a form; the value is its description."""
 
     OPTIMUM = "settles to the optimum, certified"
     CONTROLS = "settles to the right controls alone"
@@ -37,21 +37,25 @@ def settling_of_forms(
     forms: Sequence[str] = FORMS,
     kind: str = "pyramid",
 ) -> Study:
-    """A study of printed forms: corrected, printed, S1 to S17, with the gains of the corrected one.
+    """Declare a study of the forms corrected, printed and S1 to S17.
+
+    All forms use the gains of the corrected form.
 
     Parameters
     ----------
     subject : str or OptimalControlProblem
+        Plant name or problem.
     forms : sequence of str
-        Words of 'design.form'.
+        Values of 'design.form'. Default: all.
     kind : str
-        Metric of the design, a word of 'design.kind'. A neighbour grid is built for the corrected
-        equations, and some slips that rest otherwise run away with it.
+        Preconditioner kind, a value of 'design.kind'. Default "pyramid" (additive multilevel). A
+        resistive grid is designed for the corrected equations, and some errata that settle
+        otherwise diverge with it.
 
     Returns
     -------
     Study
-        Measured: settling, objective, error of the controls against the corrected network's, KKT
+        Metrics: settling, objective, error of the controls against the corrected network, KKT
         residual and certificate.
 
     Examples
@@ -69,12 +73,16 @@ def settling_of_forms(
 
 
 def end_of(row: Row) -> FormEnd:
-    """What became of a form.
+    """Classify the result of a form.
 
     Parameters
     ----------
     row : Row
-        Of `settling_of_forms`.
+        Record of `settling_of_forms`.
+
+    Returns
+    -------
+    FormEnd
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""How settling depends on rho and on each population's time constant, and where it ceases.
+"""Settling against rho and each population's time constant, with stability limits.
 
-The question: are the designed gains the best ones, how much does it cost to miss them, and does the
-spectrum know all that before a run?
+The study tests whether the designed gains are optimal, how much a deviation costs, and whether the
+spectrum predicts both before a run.
 """
 
 from __future__ import annotations
@@ -21,14 +21,17 @@ from ann_dc.study.study import Study
 from ann_dc.study.table import Table
 
 FACTORS = tuple(10 ** (k / 3) for k in range(-6, 7))
-"""On a gain: four decades."""
+"""Factors on a gain, over four decades."""
 TOLERANCE = 1e-6
-"""Of a run where the setting says nothing."""
+"""Default residual tolerance of a run."""
 BY_SPECTRUM = "settling_by_spectrum"
 
 
 def settling_by_spectrum(sample: Sample) -> float:
-    """ln(1 / tolerance) times radius / |abscissa| at the equilibrium near the designed point."""
+    """Return ln(1 / tolerance) times radius / |abscissa| at the designed equilibrium.
+
+    The equilibrium is that near the designed point.
+    """
     tolerance = float(sample.setting.get("run.tolerance", TOLERANCE))  # type: ignore[arg-type]
     return math.log(1 / tolerance) * sample.resting.ratio
 
@@ -46,11 +49,7 @@ MEASURED = (
 
 
 def gain_names(subject: str | OptimalControlProblem | Network) -> tuple[str, ...]:
-    """rho, and the time constant of every population of a network.
-
-    Parameters
-    ----------
-    subject : str, OptimalControlProblem or Network
+    """Return 'rho' and the time constant of every population of a network.
 
     Examples
     --------
@@ -68,27 +67,27 @@ def settling_against_gains(
     factors: Sequence[float] = FACTORS,
     gains: Sequence[str] | None = None,
 ) -> dict[str, Study]:
-    """A study for every gain, which is multiplied by factors while the others stay as designed.
+    """Declare one study per gain, which factors multiply while others stay fixed.
 
-    Times are in fastest time constants of each network, so that a gain which makes one neuron
-    faster than all hardware is charged for it.
+    Times are in fastest time constants (1 / spectral radius) of each network. A gain that makes one
+    neuron faster than the hardware therefore does not appear as an improvement.
 
     Parameters
     ----------
     subject : str, OptimalControlProblem or Network
-        A network keeps its metric, whatever ``kind`` says.
+        Plant name, problem or network. A network retains its preconditioner regardless of `kind`.
     kind : str
-        Metric of the design, a word of 'design.kind'.
+        Preconditioner kind, a value of 'design.kind'. Default "pyramid" (additive multilevel).
     factors : sequence of float
-        Positive, in ascending order.
+        Positive factors in ascending order. Default: 0.01 to 100.
     gains : sequence of str, optional
-        Which ones, `gain_names` by default.
+        Gains to vary. By default all of `gain_names`.
 
     Returns
     -------
     dict of str to Study
-        By the name of the gain. Measured: settling, the same by the spectrum, and the rate at which
-        the optimum attracts, negative where it repels.
+        Studies by gain. Metrics: settling, its prediction by the spectrum, and the decay rate at
+        the optimum, negative if it is unstable.
 
     Examples
     --------
@@ -110,20 +109,22 @@ def settling_against_gains(
 
 
 def boundaries(table: Table, gain: str) -> tuple[float, ...]:
-    """Factors on a gain at which the optimum begins or ceases to attract, by the spectrum.
+    """Return the factors on a gain at which the stability of the optimum changes.
 
-    Between two factors the rate is interpolated over the logarithm of the factor.
+    Stability is given by the spectrum. The decay rate is interpolated over the logarithm of the
+    factor.
 
     Parameters
     ----------
     table : Table
-        Of one study of `settling_against_gains`.
+        Result of one study of `settling_against_gains`.
     gain : str
+        Name of the gain.
 
     Returns
     -------
     tuple of float
-        Empty where the optimum attracts, or repels, throughout.
+        Empty if the optimum is stable, or unstable, for all factors.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""Which share of boards meets a spec, against the figures of the parts that they are made of.
+"""Yield of circuits against the datasheet values of their parts.
 
-A board is drawn, not run: the network that its circuit is says where the board settles, and the
-eigenvalues there whether it stays and how fast it came.
+Circuit instances are drawn but not simulated. The behavioural emulation gives the equilibrium, and
+its eigenvalues give stability and settling time.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ BOARD: dict[str, Value] = {
     "tolerance.offset": 1e-4,
     "tolerance.product_offset": 1e-4,
 }
-"""A board of op amps of 10 MHz with parts that are 0.1 % and 0.1 mV off."""
+"""Circuit with 10 MHz op amps and parts with errors of 0.1 % and 0.1 mV."""
 FIGURES: dict[str, Sequence[float]] = {
     "tolerance.resistor": (1e-3, 2e-3, 3e-3, 4e-3, 6e-3, 1e-2),
     "tolerance.gain": (1e-3, 3e-3, 6e-3, 1e-2, 2e-2, 4e-2),
@@ -36,9 +36,9 @@ FIGURES: dict[str, Sequence[float]] = {
     "circuit.gbw": (3e6, 6e6, 8e6, 9e6, 10e6, 20e6),
     "circuit.margin": (5.0, 6.0, 7.0, 9.0, 11.0, 12.0, 15.0),
 }
-"""What is varied of a board, one figure at a time."""
+"""Datasheet values and tolerances that are varied, one at a time."""
 SPEC: dict[str, float] = {"control_error": 0.02, "slowest_mode_seconds": 50e-6}
-"""Controls within 2 %, and there within 50 us."""
+"""Specification: controls within 2 %, settled within 50 us."""
 
 
 @checked
@@ -51,27 +51,29 @@ def yield_curves(
     samples: Count = 100,
     seed: Index = 0,
 ) -> dict[str, Study]:
-    """Which share of boards meets a spec, against each figure of their parts?
+    """Declare studies of the yield against each datasheet value and tolerance.
 
     Parameters
     ----------
     subject : str, OptimalControlProblem or Network
+        Plant name, problem or network.
     spec : mapping of metric to float or pair
-        Of a board that is good; its names are what is measured. A board whose settled point
-        repels is none.
+        Limits of a good circuit; its metrics are measured. A circuit with an unstable equilibrium
+        fails. Default: `SPEC`.
     figures : mapping of setting to sequence of float
-        What is varied, one study each: ``circuit.`` what all parts have in common, ``tolerance.``
-        the sizes of the errors that are drawn.
+        Varied values, one study each. ``circuit.`` values are common to all parts; ``tolerance.``
+        values are sizes of random errors. Default: `FIGURES`.
     board : mapping of setting to Value
-        What the other figures are meanwhile.
+        Values of the other settings. Default: `BOARD`.
     samples : int
-        Boards at every value; the same draws at all of them.
+        Circuit instances per value, with equal draws for all values. Default 100.
     seed : int
+        Seed of the samples. Default 0.
 
     Returns
     -------
     dict of str to Study
-        By the figure that is varied.
+        Studies by varied setting.
 
     Examples
     --------
@@ -102,20 +104,23 @@ def spot_check(
     samples: Count = 4,
     seed: Index = 0,
 ) -> Study:
-    """Do drawn boards do in ngspice what their emulation says?
+    """Declare a study that compares simulated samples in ngspice with their emulation.
 
     Parameters
     ----------
     subject : str, OptimalControlProblem or Network
+        Plant name, problem or network.
     board : mapping of setting to Value
+        Settings of the circuit. Default: `BOARD`.
     samples : int
-        Boards; with the same seed the first ones of `yield_curves`.
+        Circuit instances. With the same seed they are the first ones of `yield_curves`. Default 4.
     seed : int
+        Seed of the samples. Default 0.
 
     Returns
     -------
     Study
-        Every board twice: 'run.backend' is "emulation", then "spice".
+        Two cases per circuit instance: 'run.backend' is "emulation", then "spice".
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""How settling, and the computing behind it, depend on the number of stages.
+"""Settling time and computing time against the number of stages.
 
-The question: a longer row of cells, over the same time of the plant; does it take longer to settle,
-by which power of N, and what does a processor pay for it?
+The horizon has a constant duration, so a longer network has shorter stages. The study determines
+the power of N with which settling time and processor time grow.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from ann_dc.study.study import Study
 SIZES = (9, 18, 36, 72, 144, 288, 576, 1152)
 """Numbers of stages."""
 TRIALS = 3
-"""Runs of which the quickest counts."""
+"""Number of runs, of which the fastest counts."""
 
 
 def computing_time(sample: Sample) -> float:
-    """Processor time of an integration over the network time that it covers, least of three."""
+    """Return the processor time per network time of an integration, least of three."""
     backend, found = OdeBackend(verify=False), []
     for _ in range(TRIALS):
         began = time.process_time()
@@ -54,31 +54,32 @@ def settling_against_horizon(
     kind: str = "tree",
     rho: float | None = None,
 ) -> dict[int, Study]:
-    """A study of one point for every number of stages, over the same time of the plant.
+    """Declare a study of one case per number of stages, at constant duration.
 
     Parameters
     ----------
     subject : str or OptimalControlProblem
-        With a fixed step length.
+        Plant name or problem with a fixed step length.
     sizes : iterable of int
-        Numbers of stages N.
+        Numbers of stages N. Default: 9 to 1152, doubling.
     duration : float, optional
-        Of the horizon, in the plant's time; N times dt of the subject by default.
+        Duration of the horizon in the plant's time. By default N times dt of the subject.
     kind : str
-        Metric of the designs, a word of 'design.kind'.
+        Preconditioner kind, a value of 'design.kind'. Default "tree" (cyclic reduction).
     rho : float, optional
-        Of every network, the median over its duals as in `median_rho`; by default each design
-        chooses its own.
+        Penalty of every network, the median over its dual neurons as in `median_rho`. By default
+        each design chooses its rho.
 
     Returns
     -------
     dict of int to Study
-        By N. Measured: settling, the number of neurons, and `computing_time`.
+        Studies by N. Metrics: settling, the number of neurons, and `computing_time`.
 
     Raises
     ------
     StudyError
-        If the step length is a decision, or the problem declares its map, which has dt within.
+        If the step length is a decision variable, or the problem declares discrete dynamics, which
+        contain dt.
 
     Examples
     --------
@@ -112,11 +113,16 @@ def settling_against_horizon(
 
 
 def median_rho(network: Network) -> float:
-    """Penalty of a network: the median over all dual neurons of all stages, in network units.
+    """Return the median penalty over all dual neurons of all stages, in network units.
 
     Parameters
     ----------
     network : Network
+        Network with gains.
+
+    Returns
+    -------
+    float
 
     Examples
     --------

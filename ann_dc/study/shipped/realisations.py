@@ -1,4 +1,4 @@
-"""One network in every realisation: integrated, as a recurrence, and as a circuit."""
+"""Comparison of realisations of one network: ODE, recurrence and circuits."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ REALISATIONS: dict[str, dict[str, Value]] = {
     "op amps, emulated": {"run.backend": "emulation", "circuit.level": "macro"},
     "op amps, ngspice": {"run.backend": "spice", "circuit.level": "macro"},
 }
-"""Settings of every realisation."""
+"""Settings by realisation."""
 FIXED: dict[str, Value] = {"design.kind": "time-constants"}
-"""The metric that all of them can build."""
+"""Preconditioner that all realisations support."""
 METRICS = ("control_error", "control_settling_time", "seconds")
 
 
@@ -34,24 +34,27 @@ def realisations(
     samples: Count = 10,
     seed: Index = 0,
 ) -> dict[str, Study]:
-    """Do all realisations of a network settle to the same controls, in the same network time?
+    """Declare studies that compare settled controls and network time of realisations.
 
     Parameters
     ----------
     subject : str, OptimalControlProblem or Network
+        Plant name, problem or network.
     ranges : mapping of input to (low, high)
-        Inputs that are drawn; sample k has the same ones in every realisation.
+        Sampled inputs. Sample k has equal inputs in every realisation.
     chosen : mapping of str to mapping of setting to Value
-        Realisations by their names.
+        Settings by name of the realisation. Default: `REALISATIONS`.
     fixed : mapping of setting to Value
-        Settings that all of them share.
+        Settings common to all realisations. Default: `FIXED`.
     samples : int
+        Number of samples. Default 10.
     seed : int
+        Seed of the samples. Default 0.
 
     Returns
     -------
     dict of str to Study
-        By the name of the realisation; row k of each is the same sample.
+        Studies by realisation; record k of each is the same sample.
 
     Examples
     --------

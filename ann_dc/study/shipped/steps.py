@@ -1,7 +1,8 @@
-"""How many steps a recurrence takes, by the order of its updates and the length of its steps.
+"""Number of steps of a recurrence against update order and step length.
 
-The question: all neurons at once, duals after primals or stage by stage, with steps that adapt or
-with fixed ones: which settles in fewest steps, and up to which step does it settle at all?
+The orders are all neurons at once (Jacobi), primal-then-dual, and stage by stage (Gauss-Seidel).
+Steps are adaptive or fixed. The study determines the fewest steps and the largest step that
+settles.
 """
 
 from __future__ import annotations
@@ -16,19 +17,18 @@ from ann_dc.study.settings import ORDERS, subject_of
 from ann_dc.study.study import Study
 
 SHARES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1, 1.2, 1.35, 1.5)
-"""Fixed steps over the largest stable one."""
+"""Fixed steps relative to the largest stable step."""
 MEASURED = ("settling_steps", "settling_time")
 
 
 class Steps(NamedTuple):
-    """Studies of the same samples with both kinds of steps.
+    """Studies of the same samples with adaptive and with fixed steps.
 
     Attributes
     ----------
     limit : float
-        Largest stable step of the designed network, all neurons at once, by the spectrum at its
-        settled point: min 2a / (a^2 + b^2). Network time.
-    adaptive, fixed : Study
+        Largest stable Jacobi step of the designed network, min 2a / (a^2 + b^2) over the
+        eigenvalues -a +- ib at its equilibrium. Network time.
     """
 
     limit: float
@@ -45,31 +45,34 @@ def settling_against_steps(
     shares: Sequence[float] = SHARES,
     limit: int = 3000,
 ) -> Steps:
-    """Studies of update orders and steps, over the same random starts and targets.
+    """Declare studies of update orders and steps over the same initial guesses.
 
     Parameters
     ----------
     subject : str or OptimalControlProblem
+        Plant name or problem.
     over : mapping of str to pair
-        Ranges of what differs from sample to sample, as in ``{"input.q_d.x": (4, 6)}``.
+        Ranges of sampled settings, such as ``{"input.q_d.x": (4, 6)}``. Random initial guesses and
+        targets are equal in all studies.
     kind : str
-        Metric of the design, a word of 'design.kind'.
+        Preconditioner kind, a value of 'design.kind'. Default "pyramid" (additive multilevel).
     samples : int
+        Number of samples. Default 100.
     shares : sequence of float
-        Fixed steps over the largest stable one of the designed network.
+        Fixed steps relative to the largest stable step of the designed network. Default: `SHARES`.
     limit : int
-        Largest number of steps.
+        Largest number of steps. Default 3000.
 
     Returns
     -------
     Steps
-        Measured: steps and network time to settle; with adaptive steps, also the largest stable one
-        where the sample ended.
+        Metrics: steps and network time to settle. With adaptive steps also the largest stable step
+        at the final state.
 
     Raises
     ------
     StudyError
-        If the design settles nowhere.
+        If the design does not settle.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""One step of a network as torch computes it, for many samples at once."""
+"""One step of a network in torch, for many samples at once."""
 
 import lazy_loader
 

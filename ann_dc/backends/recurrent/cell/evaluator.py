@@ -1,7 +1,7 @@
-"""A network as torch evaluates it, held to the contract of all evaluators.
+"""Evaluation of one state in torch, with the interface of all evaluators.
 
-Runs work on a `Flow`, for many samples at once. This is the same flow for one state, so that the
-suite of all evaluators can say whether torch computes what NumPy and the compiled loops do.
+Runs use a `Flow` for many samples at once. This evaluator applies the same flow to one state, so
+that the common test suite can compare torch with NumPy and the compiled loops.
 """
 
 from __future__ import annotations
@@ -20,18 +20,10 @@ from ann_dc.network.network import Network
 
 @final
 class TorchEvaluator(Evaluator):
-    """Evaluator of one network.
+    """Evaluator of one network in torch.
 
-    Parameters
-    ----------
-    network : Network
-    dtype : torch.dtype
-        ``torch.float64`` or ``torch.float32``.
-
-    Raises
-    ------
-    NetworkError
-        If it is another type.
+    The type ``dtype`` is ``torch.float64`` or ``torch.float32``; `NetworkError` is raised for
+    another type.
 
     Examples
     --------
@@ -48,40 +40,43 @@ class TorchEvaluator(Evaluator):
         self._dtype = dtype
 
     def values(self, x: np.ndarray) -> np.ndarray:
-        """Values (nodes, N + 2) of every node."""
+        """Return the values (nodes, N + 2) of every node."""
         values = self.tape.values.copy()
         for row, node in enumerate(self.flow.nodes(self._state(x))):
             values[row, 1:-1] = node[:, 0]
         return values
 
     def drives(self, x: np.ndarray) -> np.ndarray:
-        """What arrives at every neuron, (neurons, N)."""
+        """Return the net input of every neuron, (neurons, N)."""
         return self.flow.read(self._state(x)).drives[:, :, 0].numpy()
 
     def rhs(self, x: np.ndarray) -> np.ndarray:
-        """dx/ds (n,), in network units."""
+        """Return dx/ds (n,) in network units."""
         state = self._state(x)
         moves = self.flow.move(self.flow.read(state).arriving, state)
         return self.flow.layout.pack(moves)[0].numpy()
 
     def move(self, drive: np.ndarray) -> np.ndarray:
-        """M drive, both (n,)."""
+        """Return M drive, both (n,)."""
         layout, vector = self.flow.layout, torch.as_tensor(np.array(drive), dtype=self._dtype)
         drives = layout.fill(vector[None], self.flow.inputs) * layout.live
         return layout.pack(layout.metric(self.flow.constants, drives))[0].numpy()
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
-        """Relative (constraint, stationarity) residuals."""
+        """Return the relative (constraint, stationarity) residuals."""
         state = self._state(x)
         constraint, stationarity = self.flow.residuals(state, self.flow.read(state).drives)
         return float(constraint), float(stationarity)
 
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
-        """Entries of d drive / dx (nnz,); zero at a rail."""
+        """Return the entries of d drive / dx (nnz,); zero at a saturation limit."""
         return self.flow.jacobian_entries(self._state(x))[:, 0].numpy()
 
     def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
-        """(block, stage) of the first function block outside its domain, or (-1, -1)."""
+        """Return (block, stage) of the first function block outside its domain.
+
+        The result is (-1, -1) if all function blocks are inside their domains.
+        """
         arguments = self.flow.read(self._state(x)).arguments
         guarded = self.flow.layout.tape.guarded
         signs = [torch.as_tensor(guard.signs[block])[:, None] for block, _, _ in guarded]

@@ -1,10 +1,10 @@
-"""Sums whose order is the same for every sample, whatever batch it is in.
+"""Sums with the same order of terms for every sample, whatever its batch.
 
-A BLAS product or a torch reduction adds up in an order that depends on how many columns there are,
-on where among them a sample stands, and on how it lies in memory: the last digit of a sample then
-depends on its company, and a run that is sensitive to it (a step taken back or not) settles
-elsewhere. Here only elementwise operations work along the samples, which are the last axis, so that
-a sample has the same bits alone and in any batch.
+A BLAS product or a torch reduction adds up in an order that depends on the number of columns, the
+position of a sample among them, and the memory layout. The last digit of a sample then depends on
+the batch composition, and a run that is sensitive to this digit (a step taken back or not) settles
+elsewhere. The functions here use only elementwise operations along the samples, which are the last
+axis. A sample therefore has the same bits alone and in any batch.
 """
 
 from __future__ import annotations
@@ -13,16 +13,9 @@ import torch
 
 
 def total(values: torch.Tensor) -> torch.Tensor:
-    """Sum over the first axis: the second half is added to the first until one row is left.
+    """Return the sum over the first axis, which must have at least one row.
 
-    Parameters
-    ----------
-    values : (rows, ...) tensor
-        At least one row.
-
-    Returns
-    -------
-    (...) tensor
+    The second half of the rows is added to the first until one row is left.
 
     Examples
     --------
@@ -39,13 +32,10 @@ def total(values: torch.Tensor) -> torch.Tensor:
 
 
 def applied(matrices: torch.Tensor, vectors: torch.Tensor) -> torch.Tensor:
-    """Matrices (..., a, b) times vectors (..., b, B), as (..., a, B): column after column.
+    """Return matrices (..., a, b) times vectors (..., b, B), as (..., a, B).
 
-    Parameters
-    ----------
-    matrices : (..., a, b) or (..., a, b, B) tensor
-        The same for all samples, or one a sample.
-    vectors : (..., b, B) tensor
+    The product is computed column after column. The matrices have shape (..., a, b) if all samples
+    use the same, or (..., a, b, B).
 
     Examples
     --------
@@ -64,13 +54,7 @@ def applied(matrices: torch.Tensor, vectors: torch.Tensor) -> torch.Tensor:
 
 
 def product(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
-    """Matrices (..., a, b, B) times matrices (..., b, c, B), as (..., a, c, B).
-
-    Parameters
-    ----------
-    first : (..., a, b, B) tensor
-    second : (..., b, c, B) tensor
-    """
+    """Return matrices (..., a, b, B) times matrices (..., b, c, B), as (..., a, c, B)."""
     columns, rows = first.unsqueeze(-2).unbind(-3), second.unsqueeze(-4).unbind(-3)
     result = columns[0] * rows[0]
     for column, row in zip(columns[1:], rows[1:]):
@@ -79,11 +63,9 @@ def product(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
 
 
 def inverted(matrices: torch.Tensor) -> torch.Tensor:
-    """Inverses of symmetric positive definite matrices (..., b, b, B), swept row by row.
+    """Return inverses of symmetric positive definite matrices (..., b, b, B).
 
-    Parameters
-    ----------
-    matrices : (..., b, b, B) tensor
+    The matrices are swept row by row.
 
     Examples
     --------
@@ -108,10 +90,10 @@ def inverted(matrices: torch.Tensor) -> torch.Tensor:
 
 
 class _SameEverywhere:
-    """Torch, with hyperbolic functions whose last digit does not depend on a place in a vector.
+    """Torch with hyperbolic functions that do not depend on the position in a vector.
 
-    Where a length is no multiple of a register's, torch computes its own sinh and cosh of the rest
-    by another formula.
+    If a length is not a multiple of a register's, torch computes sinh and cosh of the rest by
+    another formula, whose last digit differs.
     """
 
     def __getattr__(self, name: str):
@@ -127,4 +109,4 @@ class _SameEverywhere:
 
 
 LIBRARY = _SameEverywhere()
-"""The array library of function blocks: torch, but for what is not the same everywhere."""
+"""Array library of function blocks: torch, with position-independent replacements."""

@@ -1,7 +1,7 @@
-"""The flow of a network for given inputs: drives, moves, residuals, derivatives.
+"""Flow of a network for given inputs: drives, moves, residuals and derivatives.
 
-A `Flow` is the layout of a network with the constants of its cell layer read once and its inputs
-filled in; every update order and every loop works on one. States are tensors (P, N, B): neurons,
+A `Flow` combines the layout of a network, the constants of its cell layer, read once, and its
+inputs. Every update order and every loop works on a flow. States are tensors (P, N, B): neurons,
 stages, samples.
 """
 
@@ -21,38 +21,39 @@ from ann_dc.network.functions import FUNCTIONS
 
 
 class Reading(NamedTuple):
-    """What the blocks of a network say at a state."""
+    """Block arguments and drives of a network at a state."""
 
     arguments: list[torch.Tensor]
-    """What goes into each function block that has a limited domain, (N, B) or (N, 1)."""
+    """Arguments, (N, B) or (N, 1) each, of the function blocks with a limited domain."""
     drives: torch.Tensor
-    """(P, N, B): what arrives at the neurons; zero where one is pinned, absent or at its rail."""
+    """Net inputs (P, N, B) of the neurons; zero for a fixed, omitted or saturated neuron."""
     uncut: torch.Tensor | None = None
-    """(P, N, B): the drives, those of coupled neurons whatever their rails; None if no neuron with
-    rails is coupled by the metric."""
+    """Drives (P, N, B), those of coupled neurons without saturation; None if the metric couples no
+    neuron with saturation limits.
+    """
 
     @property
     def arriving(self) -> torch.Tensor:
-        """(P, N, B): the drives that the metric spreads."""
+        """Drives (P, N, B) to which the metric is applied."""
         return self.drives if self.uncut is None else self.uncut
 
 
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """dx/ds = M d(x) of a network for one batch of inputs.
+    """Flow dx/ds = M d(x) of a network for one batch of inputs.
 
     Attributes
     ----------
     layout : Layout
         Structure of the network.
     constants : Constants
-        Its numbers.
+        Numbers of the network.
     inputs : (I, N, B) or (I, N, 1) tensor
-        In the order of ``network.cell.inputs``.
+        Inputs in the order of ``network.cell.inputs``.
     first, last : int
-        The stages that are evaluated; all of them, except in a `window`.
+        Range of evaluated stages; all stages, except in a `window`.
     limits : CurrentLimits
-        Of the steps, for numbers as the layer has them.
+        Step limits for the numbers of the layer.
 
     Examples
     --------
@@ -73,13 +74,13 @@ class Flow:
     limits: CurrentLimits
 
     def select(self, samples: torch.Tensor) -> Flow:
-        """The same flow for some of its samples, by indices (b,) or booleans (B,)."""
+        """Return the flow of some of the samples, by indices (b,) or booleans (B,)."""
         if self.inputs.shape[-1] == 1:
             return self
         return replace(self, inputs=self.inputs[..., samples])
 
     def window(self, first: int, last: int) -> Flow:
-        """The flow of the stages ``first .. last - 1``, cut off from the others."""
+        """Return the flow of the stages ``first .. last - 1``, cut off from the others."""
         weights, rates, grids = self.constants
         part = Constants(weights[:, first:last], rates[:, first:last], grids)
         return replace(
@@ -87,7 +88,7 @@ class Flow:
         )
 
     def read(self, state: torch.Tensor) -> Reading:
-        """Blocks and drives at a state (P, N, B)."""
+        """Return block arguments and drives at a state (P, N, B)."""
         layout = self.layout
         arguments, drives = layout.read(self.constants.weights, self.inputs, state)
         drives = layout.gathered(drives) * layout.live[:, self.first : self.last]
@@ -99,17 +100,15 @@ class Flow:
         return Reading(arguments, cut, torch.where(layout.coupled, drives, cut))
 
     def nodes(self, state: torch.Tensor) -> list[torch.Tensor]:
-        """Values, (N, B) or (N, 1) each, of all nodes at a state (P, N, B)."""
+        """Return the values, (N, B) or (N, 1) each, of all nodes at a state (P, N, B)."""
         tape = self.layout.tape
         return tape.evaluate(self.constants.weights, self.inputs, state)[0]
 
     def move(self, arriving: torch.Tensor, state: torch.Tensor) -> torch.Tensor:
-        """Return dx/ds (P, N, B): the projection of M d on what the rails allow.
+        """Return dx/ds (P, N, B): the projection of M d on the admissible directions.
 
-        Parameters
-        ----------
-        arriving, state : (P, N, B) tensor
-            As `read` says it, and the state whose rails hold.
+        The drives ``arriving`` are those of `read`. The state determines which saturation limits
+        are active. Both have shape (P, N, B).
         """
         layout = self.layout
         moves = layout.metric(self.constants, arriving)
@@ -121,9 +120,10 @@ class Flow:
     def _projected(
         self, moves: torch.Tensor, arriving: torch.Tensor, state: torch.Tensor
     ) -> torch.Tensor:
-        """Moves while rails hold neurons, from those without rails: see `evaluation.clamps`.
+        """Return moves with saturated neurons, from the moves without.
 
-        All samples exchange neurons in the same rounds, those that have none wrong take no part.
+        See `evaluation.clamps`. All samples exchange neurons in the same rounds; samples without a
+        violation are not changed.
         """
         places, is_traced = self.layout.clamped, torch.compiler.is_compiling()
         x, rows = state.flatten(0, 1)[places], places // state.shape[1]
@@ -169,38 +169,36 @@ class Flow:
         return rules.pushes_out(state, push, self.layout.low, self.layout.high)
 
     def within_rails(self, state: torch.Tensor) -> torch.Tensor:
-        """The state with every neuron between its rails."""
+        """Return the state clipped to the saturation limits."""
         layout = self.layout
         return state.clamp(layout.low, layout.high) if layout.railed else state
 
     def resting(self, state: torch.Tensor) -> torch.Tensor:
-        """(B, n) booleans: which neurons stand at a rail with their drive cut off."""
+        """Return a mask (B, n) of neurons at a saturation limit whose drive is cut off."""
         layout, drives = self.layout, self.read(state).drives
         return layout.pack(rules.rests(state, drives, layout.low, layout.high))
 
     def residuals(self, state: torch.Tensor, drives: torch.Tensor) -> torch.Tensor:
-        """Relative (constraint, stationarity) residuals (2, B), see `rules.residuals`.
+        """Return the relative (constraint, stationarity) residuals (2, B).
 
-        Parameters
-        ----------
-        state, drives : (P, N, B) tensor
-            A state, and what `read` says of it.
+        The state and its drives from `read` have shape (P, N, B). For the definition see
+        `rules.residuals`.
         """
         return rules.residuals(torch, self.layout.roles, drives, state)
 
     def defined(
         self, arguments: list[torch.Tensor], signs: list[torch.Tensor]
     ) -> list[torch.Tensor]:
-        """Booleans, (N, B) or (N, 1) each: where the guarded function blocks are defined."""
+        """Return masks, (N, B) or (N, 1) each, of defined guarded function blocks."""
         return [
             rules.is_defined(argument, *FUNCTIONS[code].domain, sign)
             for (_, code, _), argument, sign in zip(self.layout.tape.guarded, arguments, signs)
         ]
 
     def outside(self, reading: Reading, signs: list[torch.Tensor]) -> torch.Tensor:
-        """(B,) booleans: whether a function block is outside its domain.
+        """Return a mask (B,) of samples with a function block outside its domain.
 
-        ``signs`` are those of `domain_signs` at the start: a reciprocal must stay on its side.
+        ``signs`` are those of `domain_signs` at the start: a reciprocal must not change its side.
         """
         outside = torch.zeros_like(reading.drives[0, 0], dtype=torch.bool)
         for inside in self.defined(reading.arguments, signs):
@@ -208,7 +206,7 @@ class Flow:
         return outside
 
     def domain_signs(self, reading: Reading) -> list[torch.Tensor]:
-        """Side of its pole on which each reciprocal's argument is; zero for other blocks."""
+        """Return each reciprocal's side of its pole; zero for other blocks."""
         return [
             side_of_pole(argument, torch)
             if FUNCTIONS[code].has_pole
@@ -217,7 +215,10 @@ class Flow:
         ]
 
     def jacobian_entries(self, state: torch.Tensor) -> torch.Tensor:
-        """Entries of d drive / dx (nnz, B), in the order of ``tape.entries``; zero at a rail."""
+        """Return the entries of d drive / dx (nnz, B), in the order of ``tape.entries``.
+
+        The entries are zero at a saturation limit.
+        """
         layout = self.layout
         slots = layout.tape.derivatives(self.constants.weights, self.inputs, state)
         rows, _, slot, stage = layout.entries.unbind(1)

@@ -1,7 +1,7 @@
-r"""The cell layer: one step of the network as a torch module.
+r"""Cell layer: one step of the network as a torch module.
 
-With M the metric and d what arrives at the neurons, one recurrent step is the
-forward Euler rule (16)-(17),
+With M the metric and d the net input of the neurons, one recurrent step is the forward Euler rule
+(16)-(17),
 
 .. math:: x^{(j+1)} = x^{(j)} + h\, M\, d(x^{(j)}) ,
 
@@ -36,28 +36,28 @@ from ann_dc.weights.hashes import frame_hash, wiring_hash
 class CellLayer(nn.Module):
     """One recurrent step of a network.
 
-    ``state_dict`` holds ``weight.<connection>``, ``tau.<neuron>``, ``start.<neuron>`` and
-    ``input.<input>``, each with one number a stage, ``coordinator.<level>``, and, where gains are
-    trainable, the logarithms of their factors: ``log_gain.tau.<neuron>``, ``log_gain.rho.<dual>``
-    and ``log_gain.coordinator.<level>``. Beside them are two hashes of the
-    network, as ``_extra_state``: numbers of another wiring, or in other units, are not taken.
+    ``state_dict`` contains ``weight.<connection>``, ``tau.<neuron>``, ``start.<neuron>`` and
+    ``input.<input>``, each with one number per stage, and ``coordinator.<level>``. If gains are
+    trainable, it also contains the logarithms of their factors: ``log_gain.tau.<neuron>``,
+    ``log_gain.rho.<dual>`` and ``log_gain.coordinator.<level>``. Two hashes of the network are
+    stored as ``_extra_state``: numbers of another wiring, or in other units, are rejected.
 
     Parameters
     ----------
     network : Network
-        What a step is taken of; units of the layer are the network's.
+        Network of the step; the layer uses its units.
     dtype : torch.dtype
-        ``torch.float64`` or ``torch.float32``.
+        Type of the numbers: ``torch.float64`` or ``torch.float32``.
     device : str or torch.device
-        Where the numbers are kept and steps are computed.
+        Device that stores the numbers and computes steps.
     trainable : bool
-        Make the gains trainable: every time constant, every rho and every level of coordinators
-        gets a factor exp(theta), positive whatever an optimiser does, with theta = 0 at first.
+        True to make the gains trainable: every time constant, every rho and every coordinator level
+        gets a factor exp(theta), positive for any theta, with theta = 0 initially.
 
     Raises
     ------
     NetworkError
-        If ``dtype`` or ``device`` is none that torch has here.
+        If torch does not have ``dtype`` or ``device``.
 
     Examples
     --------
@@ -115,19 +115,21 @@ class CellLayer(nn.Module):
         self.to(device)
 
     def get_extra_state(self) -> torch.Tensor:
-        """(2, 32) bytes, which a ``state_dict`` has beside the numbers: two hashes of the network.
+        """Return two hashes of the network for ``state_dict``, as (2, 32) bytes.
 
-        `wiring_hash`, and `frame_hash`, which counts units, rails and a stiffness too.
+        They are `wiring_hash` and `frame_hash`, which also covers units, saturation limits and a
+        stiffness.
         """
         hashes = wiring_hash(self.network), frame_hash(self.network)
         return torch.tensor([list(bytes.fromhex(digits)) for digits in hashes], dtype=torch.uint8)
 
     def set_extra_state(self, state: object) -> None:
-        """Refuse numbers of another network, before any of them is taken.
+        """Check the stored hashes before any number is loaded.
 
         Raises
         ------
         NetworkError
+            If the numbers belong to another network.
         """
         own = self.get_extra_state()
         if isinstance(state, torch.Tensor) and torch.equal(state.cpu(), own):
@@ -144,14 +146,15 @@ class CellLayer(nn.Module):
         )
 
     def compile_blocks(self) -> None:
-        """Let torch.compile fuse the blocks of a cell into a few loops.
+        """Fuse the blocks of a cell into a few loops with torch.compile.
 
-        Takes some 20 s once; worth it for many thousand samples, on a GPU above all.
+        Compilation takes some 20 s once. It pays off for many thousand samples, especially on a
+        GPU.
         """
         self.layout.compile_blocks()
 
     def constants(self) -> Constants:
-        """Weights, rates and coordinator gains, with the trained factors in them."""
+        """Return weights, rates and coordinator gains, including the trained factors."""
         weights, tau, grids = self.weight.rows, self.tau.rows, self.coordinator.rows
         if self.log_gain is not None:
             on_tau, on_rho, on_grids = self.log_gain.rows.exp().split(
@@ -168,12 +171,12 @@ class CellLayer(nn.Module):
 
     @checked
     def flow(self, inputs: Mapping[str, object] | None = None) -> Flow:
-        """The flow for given inputs; tensors that require a gradient keep it.
+        """Return the flow for given inputs; gradients of input tensors are preserved.
 
         Parameters
         ----------
         inputs : mapping of input name to number, (B,) or (B, N) array or tensor, optional
-            As in ``network.inputs``, from which the rest is taken.
+            Inputs that replace those of ``network.inputs``.
 
         Raises
         ------
@@ -183,16 +186,17 @@ class CellLayer(nn.Module):
         return self.flow_of(self.layout.scaled(self._inputs(inputs or {})))
 
     def flow_of(self, rows: torch.Tensor) -> Flow:
-        """The same for inputs as a tensor.
+        """Return the flow for inputs given as a tensor.
 
         Parameters
         ----------
         rows : (I, N, B) tensor
-            In network units, in the order of ``network.cell.inputs``.
+            Inputs in network units, in the order of ``network.cell.inputs``.
 
         Returns
         -------
         Flow
+            Flow for these inputs.
         """
         return Flow(self.layout, self.constants(), rows, 0, self.network.stages, self._limits)
 
@@ -212,20 +216,23 @@ class CellLayer(nn.Module):
         return torch.stack(rows)
 
     def fill(self, x: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
-        """`Layout.fill`: a state (P, N, B) from state vectors (B, n), for inputs (I, N, B)."""
+        """Return a state (P, N, B) from state vectors (B, n), for inputs (I, N, B).
+
+        See `Layout.fill`.
+        """
         return self.layout.fill(x, inputs)
 
     def pack(self, state: torch.Tensor) -> torch.Tensor:
-        """`Layout.pack`: state vectors (B, n) from a state (P, N, B)."""
+        """Return state vectors (B, n) from a state (P, N, B); see `Layout.pack`."""
         return self.layout.pack(state)
 
     def start_vector(self) -> torch.Tensor:
-        """(1, n): the initial values."""
+        """Return the initial values (1, n)."""
         return self.pack(self.start.rows[:, :, None])
 
     @checked
     def starts(self, inputs: Mapping[str, object] | None = None) -> torch.Tensor:
-        """(B, n): the initial values, with the ends of the chains moved to the inputs.
+        """Return the initial values (B, n), with chain ends adapted to the inputs.
 
         Raises
         ------
@@ -244,7 +251,7 @@ class CellLayer(nn.Module):
         return start
 
     def states_of(self, x: Any, samples: int) -> torch.Tensor:
-        """State vectors (B, n) from an (n,) or (B, n) array, for inputs of so many samples.
+        """Return state vectors (B, n) from an (n,) or (B, n) array for B samples.
 
         Raises
         ------
@@ -272,16 +279,16 @@ class CellLayer(nn.Module):
         *,
         step: float | torch.Tensor,
     ) -> torch.Tensor:
-        """State vectors (B, n) one step later; all neurons move at once.
+        """Return the state vectors (B, n) after one step of all neurons at once.
 
         Parameters
         ----------
         x : (n,) or (B, n) tensor
-            In network units.
+            State vectors in network units.
         inputs : mapping of input name to number, (B,) or (B, N) array, optional
-            As in ``network.inputs``, from which the rest is taken.
+            Inputs that replace those of ``network.inputs``.
         step : float or (B,) tensor
-            h, in units of network time.
+            Step length h in units of network time.
 
         Raises
         ------
@@ -294,7 +301,7 @@ class CellLayer(nn.Module):
         return self.pack(flow.within_rails(moved))
 
     def trained(self) -> Network:
-        """The network with everything that the layer holds: for the ODE, a circuit, a file.
+        """Return the network with the layer's numbers, for the ODE, a circuit or a file.
 
         Examples
         --------
@@ -312,7 +319,7 @@ class CellLayer(nn.Module):
 
 
 def as_arrays(values: Mapping[str, object]) -> dict[str, object]:
-    """The same values without tensors among them."""
+    """Return the values with tensors converted to arrays."""
     return {
         name: value.detach().cpu().numpy() if isinstance(value, torch.Tensor) else value
         for name, value in values.items()
@@ -320,12 +327,9 @@ def as_arrays(values: Mapping[str, object]) -> dict[str, object]:
 
 
 def check_device(device: str | torch.device) -> None:
-    """Refuse a ``device`` that torch does not have here.
+    """Raise `NetworkError` if torch does not have a device.
 
-    Raises
-    ------
-    NetworkError
-        Saying which one, and what to do.
+    The message names the device and a remedy.
     """
     try:
         kind = torch.device(device).type

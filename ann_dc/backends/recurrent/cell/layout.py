@@ -1,7 +1,8 @@
-"""What a step looks up: who is live, who plays which role, rails, places, domains, the metric.
+"""Layout of a step: live neurons, roles, limits, places, domains and metric.
 
-A state is a tensor (P, N, B): neurons, stages, samples. It holds pinned and absent neurons too, so
-that a row is a row for every sample; `Layout.pack` leaves them out, `Layout.fill` puts them back.
+A state is a tensor (P, N, B): neurons, stages, samples. It includes fixed and omitted neurons, so
+that every sample has the same rows. `Layout.pack` removes these neurons, and `Layout.fill` restores
+them.
 """
 
 from __future__ import annotations
@@ -25,52 +26,55 @@ from ann_dc.network.selection import clamped_rows
 
 
 class Layout(nn.Module):
-    """Structure of a network, as tensors; it has no numbers that could be trained.
+    """Structure of a network as tensors, without trainable numbers.
 
     Parameters
     ----------
     network : Network
+        Network that is described.
     dtype : torch.dtype
-        Of the tables that are no indices.
+        Type of the tables that are not indices.
 
     Attributes
     ----------
     tape : TorchTape
-        Its nodes, as integers.
+        Nodes of the network as integers.
     metric : PyramidLayer, EliminationLayer or TimeConstantsLayer
-        How drives become moves.
+        Preconditioner that turns drives into moves.
     railed : bool
-        Whether any neuron has rails.
+        True if any neuron has saturation limits.
     """
 
     live: torch.Tensor
-    """(P, N, 1): one where a neuron is live, else zero."""
+    """Factor (P, N, 1): one for a live neuron, else zero."""
     low: torch.Tensor
-    """(P, 1, 1): lower rails, in network units; minus infinity where there is none."""
+    """Lower saturation limits (P, 1, 1) in network units; minus infinity if there is none."""
     high: torch.Tensor
-    """(P, 1, 1): upper rails."""
+    """Upper saturation limits (P, 1, 1)."""
     coupled: torch.Tensor
-    """(P, 1, 1) booleans: whether the metric moves a neuron with the drives of others too."""
+    """Mask (P, 1, 1) of neurons that the metric also moves with the drives of others."""
     clamped: torch.Tensor
-    """(K,): places, in a flattened (P, N), of the neurons with rails that the metric couples."""
+    """Places (K,), in a flattened (P, N), of neurons with saturation limits that the metric
+    couples.
+    """
     places: torch.Tensor
-    """(n,): place of every component of a state vector in a flattened (P, N)."""
+    """Place (n,) of every component of a state vector in a flattened (P, N)."""
     pins: torch.Tensor
-    """(pins, 3): place, row of the input, stage."""
+    """Place, row of the input and stage of every fixed neuron, (pins, 3)."""
     input_scales: torch.Tensor
-    """(I, 2): factor and offset of every input."""
+    """Factor and offset (I, 2) of every input."""
     entries: torch.Tensor
-    """(nnz, 4): as on the tape."""
+    """Jacobian entries (nnz, 4) as on the tape."""
     shared: torch.Tensor
-    """Rows of the neurons that all cells share; a state has their value in every cell."""
+    """Rows of the neurons common to all cells; a state has their value in every cell."""
     duals: torch.Tensor
     """Rows of the neurons that are multipliers (mu, beta)."""
     primal: torch.Tensor
     """Rows of the neurons that minimise (q, u, t)."""
     positions: torch.Tensor
-    """Rows of those of a chain among them (q, t)."""
+    """Rows of the chain neurons among them (q, t)."""
     states: torch.Tensor
-    """Rows of the neurons of a network that is no optimiser."""
+    """Rows of the neurons of a network that is not an optimiser."""
 
     def __init__(self, network: Network, *, dtype: torch.dtype) -> None:
         super().__init__()
@@ -97,26 +101,29 @@ class Layout(nn.Module):
 
     @property
     def roles(self) -> RoleRows:
-        """Rows of the neurons that play a role."""
+        """Rows of the neurons by role."""
         return RoleRows(self.duals, self.primal, self.positions, self.states)
 
     def read(
         self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
     ) -> tuple[list[torch.Tensor], torch.Tensor]:
-        """`TorchTape.read`; `compile_blocks` puts a compiled one in its place."""
+        """Return `TorchTape.read`; replaced by a compiled version in `compile_blocks`."""
         return self._read(weights, inputs, state)
 
     def compile_blocks(self) -> None:
-        """Let torch.compile fuse the blocks of a cell into a few loops."""
+        """Fuse the blocks of a cell into a few loops with torch.compile."""
         self._read = torch.compile(self.tape.read, dynamic=True)
 
     def scaled(self, inputs: torch.Tensor) -> torch.Tensor:
-        """Inputs (I, N, B) in network units, from the user's values."""
+        """Return inputs (I, N, B) in network units, from the user's values."""
         factor, offset = self.input_scales.unbind(1)
         return (inputs - offset[:, None, None]) / factor[:, None, None]
 
     def fill(self, x: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
-        """State (P, N, B) from state vectors (B, n): pinned neurons at their inputs."""
+        """Return the state (P, N, B) of state vectors (B, n).
+
+        Fixed neurons are at their inputs.
+        """
         samples = x.shape[0]  # not len(x), which torch.export takes for a constant
         flat = x.new_zeros(self.live.numel(), samples).index_copy(0, self.places, x.T)
         if len(self.pins):
@@ -126,21 +133,21 @@ class Layout(nn.Module):
         return self.spread(flat.reshape(*self.live.shape[:2], samples))
 
     def spread(self, rows: torch.Tensor) -> torch.Tensor:
-        """Rows (P, N, B) in which every cell has what the last one has of shared neurons."""
+        """Return rows (P, N, B) with shared neurons equal to the last cell's everywhere."""
         if not len(self.shared):
             return rows
         last = rows[self.shared, -1:].expand(-1, rows.shape[1], -1)
         return rows.index_copy(0, self.shared, last)
 
     def gathered(self, drives: torch.Tensor) -> torch.Tensor:
-        """Drives (P, N, B) in which the last cell has the sum of what all send to shared ones."""
+        """Return drives (P, N, B) with the sum for shared neurons in the last cell."""
         if not len(self.shared):
             return drives
         total = drives[self.shared].sum(1, keepdim=True).expand(-1, drives.shape[1], -1)
         return drives.index_copy(0, self.shared, total)
 
     def pack(self, state: torch.Tensor) -> torch.Tensor:
-        """State vectors (B, n) of the live neurons, from a state (P, N, B)."""
+        """Return state vectors (B, n) of the live neurons, from a state (P, N, B)."""
         return state.flatten(0, 1)[self.places].T
 
 

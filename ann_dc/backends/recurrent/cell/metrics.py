@@ -1,12 +1,12 @@
-"""The metrics in torch: what a drive moves besides its own neuron.
+"""Preconditioners in torch: the effect of a drive on other neurons.
 
-A pyramid goes down to t and q and back up over the stage axis: the hats of the finest level are a
-matrix while it is small, every coarser level is halves of the one before. A stiffness is solved by
-elimination, level by level, whether it is built as a grid or as a tree. See
-`ann_dc.network.preconditioners`.
+A pyramid restricts drives of t and q to coarse grids over the stage axis and prolongs the result.
+The hats of the finest level are a matrix while it is small; every coarser level is halves of the
+finer one. A stiffness is solved by elimination, level by level, for a grid and a tree alike. See
+`ann_dc.network.metrics`.
 
-While neurons are held at rails (`ann_dc.evaluation`), every sample has a stiffness of its
-own, which is eliminated anew; under a pyramid, M among the held neurons is inverted.
+While neurons are saturated (`ann_dc.evaluation`), every sample has a separate stiffness, which is
+eliminated anew. Under a pyramid, M among the saturated neurons is inverted.
 """
 
 from __future__ import annotations
@@ -26,41 +26,33 @@ from ann_dc.network.preconditioners.stiffness import Stiffness
 
 
 class Constants(NamedTuple):
-    """Numbers of a network, with its trained gains in them; all in network units."""
+    """Numbers of a network with its trained gains, in network units."""
 
     weights: torch.Tensor
-    """(E, N, 1): weights of the connections, in the order of the tape."""
+    """Weights (E, N, 1) of the connections, in the order of the tape."""
     rates: torch.Tensor
-    """(P, N, 1): 1 / tau, zero where a neuron is pinned or absent."""
+    """Rates 1 / tau (P, N, 1), zero for a fixed or omitted neuron."""
     grids: torch.Tensor
-    """(G, C, C): gains of the coordinators, finest level first."""
+    """Gains (G, C, C) of the coordinators, finest level first."""
 
 
 class PyramidLayer(nn.Module):
-    """What the coordinators of a tape add to the moves of its chains.
-
-    Parameters
-    ----------
-    tape : Tape
-        Of a network with coordinators.
-    stages : int
-        N.
-    dtype : torch.dtype
+    """Contribution of the coordinators of a tape to the moves of its chains.
 
     Attributes
     ----------
     sizes : list of int
-        Points of every level, finest first.
+        Number of points of every level, finest first.
     chain : (2 N C,) tensor
         Places of q_0, t_0, q_1, ... in a flattened (P, N), the C components of each together.
     left : (2 N,) tensor
         Point of the finest level to the left of every position.
     share : (2 N, 1) tensor
-        Of the way to the point on its right.
+        Fraction of the distance to the point on its right.
     heard : (heard, points) tensor
-        The positions that every point of the finest level hears, any position where it hears fewer.
+        Positions restricted to every point of the finest level, padded with any position.
     weight : (heard, points, 1) tensor
-        How much of each.
+        Weights of these positions.
     """
 
     chain: torch.Tensor
@@ -87,7 +79,7 @@ class PyramidLayer(nn.Module):
             self.register_buffer(name, table, persistent=False)
 
     def forward(self, constants: Constants, drives: torch.Tensor) -> torch.Tensor:
-        """M d (P, N, B), for drives (P, N, B)."""
+        """Return M d (P, N, B), for drives (P, N, B)."""
         moves = drives * constants.rates
         samples = drives.shape[-1]
         chain = drives.flatten(0, 1)[self.chain].reshape(len(self.left), -1)
@@ -99,15 +91,10 @@ class PyramidLayer(nn.Module):
     def clamped(
         self, constants: Constants, drives: torch.Tensor, places: torch.Tensor, held: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Moves (P, N, B) and currents (K, B) while neurons at some places are held.
+        """Return moves (P, N, B) and currents (K, B) while some neurons are saturated.
 
-        Parameters
-        ----------
-        constants : Constants
-        drives : (P, N, B) tensor
-        places : (K,) tensor
-            In a flattened (P, N), of neurons with rails.
-        held : (K, B) tensor of bool
+        ``places`` (K,) are indices, in a flattened (P, N), of neurons with saturation limits.
+        ``held`` (K, B) marks the saturated neurons.
         """
         unit, marks = torch.eye(len(places)).to(drives), held.to(drives.dtype)
         units = drives.new_zeros(drives[..., 0].numel(), len(places)).index_copy(0, places, unit)
@@ -122,15 +109,15 @@ class PyramidLayer(nn.Module):
         return moves.reshape(drives.shape), currents
 
     def _down(self, chain: torch.Tensor) -> torch.Tensor:
-        """What the points of the finest level hear (points, C B) of a chain (2 N, C B)."""
+        """Return the restriction (points, C B) of a chain (2 N, C B) to the finest level."""
         return total(self.weight * chain[self.heard])
 
     def _up(self, move: torch.Tensor) -> torch.Tensor:
-        """The transpose of `_down`."""
+        """Apply the transpose of `_down`."""
         return (1 - self.share) * move[self.left] + self.share * move[self.left + 1]
 
     def _respond(self, grids: torch.Tensor, grid: torch.Tensor) -> torch.Tensor:
-        """Rates (points, C, B) of the coarse neurons of all levels, added up on the finest."""
+        """Return rates (points, C, B) of the coarse neurons, summed on the finest level."""
         rates = []
         for gain in grids.split(self.sizes):
             rates.append(applied(gain, grid))
@@ -142,7 +129,7 @@ class PyramidLayer(nn.Module):
 
 
 def _hats(tape: Tape, points: int) -> tuple[np.ndarray, np.ndarray]:
-    """(heard, points): which positions each point of the finest level hears, and how much."""
+    """Return positions and weights (heard, points) of each point of the finest level."""
     hats = np.zeros((points, len(tape.hats)))
     positions = np.arange(len(tape.hats))
     hats[tape.hats, positions] = 1 - tape.shares
@@ -167,28 +154,26 @@ def _refined(coarse: torch.Tensor) -> torch.Tensor:
 class EliminationLayer(nn.Module):
     """Moves of a network whose metric is the inverse of a stiffness.
 
-    A move holds some six tensors of the size of the primal neurons' state at a time, and in
-    reverse mode all of them: the drives of every level, what is solved of them, and both halves.
+    A move stores some six tensors of the size of the primal neurons' state at a time. In reverse
+    mode it stores all of them: the drives of every level, their solutions, and both halves.
 
     Parameters
     ----------
-    stiffness : Stiffness
     row : Row
-        Of the network.
-    dtype : torch.dtype
+        Row of the network.
     is_clamped : bool
-        True if neurons that it couples have rails.
+        True if coupled neurons have saturation limits.
 
     Attributes
     ----------
     places : (blocks b,) tensor
-        Where the neurons of every block are in a flattened (P, N); any place where there is none.
+        Places of the neurons of every block in a flattened (P, N); any place for a missing neuron.
     present : (blocks b, 1) tensor
-        One where there is a neuron, else zero.
+        One for an existing neuron, else zero.
     alone : (P, 1, 1) tensor
-        One where a neuron moves with its own drive alone, else zero.
+        One for a neuron that moves with its drive alone, else zero.
     own, following : (blocks, b, b, 1) tensors
-        S of every block, and between it and the next, if ``is_clamped``.
+        S of every block, and between the block and the next, if ``is_clamped``.
     """
 
     places: torch.Tensor
@@ -224,7 +209,7 @@ class EliminationLayer(nn.Module):
             self.register_buffer(name, table, persistent=False)
 
     def forward(self, constants: Constants, drives: torch.Tensor) -> torch.Tensor:
-        """M d (P, N, B), for drives (P, N, B)."""
+        """Return M d (P, N, B), for drives (P, N, B)."""
         root = self._root(constants)
         pushed = (drives.flatten(0, 1)[self.places] * root).unflatten(0, (-1, self.size))
         solved = self._solve(pushed, self._levels).flatten(0, 1) * root
@@ -233,7 +218,7 @@ class EliminationLayer(nn.Module):
     def clamped(
         self, constants: Constants, drives: torch.Tensor, places: torch.Tensor, held: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """As `PyramidLayer.clamped`."""
+        """Return moves and currents as `PyramidLayer.clamped` does."""
         root, of_block = self._root(constants), (-1, self.size)
         marks = torch.zeros_like(drives).flatten(0, 1)
         marks = marks.index_copy(0, places, held.to(drives.dtype))[self.places] * self.present
@@ -253,26 +238,26 @@ class EliminationLayer(nn.Module):
         return self._placed(constants, drives, solved.flatten(0, 1) * root), currents
 
     def _root(self, constants: Constants) -> torch.Tensor:
-        """T^{1/2} (blocks b, 1) of the neurons of every block; zero where there is none."""
+        """Return T^{1/2} (blocks b, 1) of the neurons of every block; zero if missing."""
         return torch.sqrt(constants.rates.flatten(0, 1)[self.places]) * self.present
 
     def _placed(
         self, constants: Constants, drives: torch.Tensor, solved: torch.Tensor
     ) -> torch.Tensor:
-        """Moves (P, N, B): what is solved (blocks b, B), and rates of the neurons beside."""
+        """Return moves (P, N, B) from the solution (blocks b, B) and uncoupled rates."""
         moves = drives * (constants.rates * self.alone)
         return moves.flatten(0, 1).index_add(0, self.places, solved).reshape(drives.shape)
 
     @property
     def _levels(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
-        """Tables of all levels, as `_stacked` has them."""
+        """Tables of all levels, in the form of `_stacked`."""
         numbers = range(self.depth)
         return [(getattr(self, f"down_{n}"), getattr(self, f"up_{n}")) for n in numbers]
 
     def _solve(
         self, rest: torch.Tensor, levels: list[tuple[torch.Tensor, torch.Tensor]]
     ) -> torch.Tensor:
-        """`Elimination.solve`, of drives (blocks, b, B)."""
+        """Solve for drives (blocks, b, B), as `Elimination.solve` does."""
         done = []
         for down, _ in levels:
             ready, rest = rest[0::2], rest[1::2]
@@ -297,14 +282,17 @@ class EliminationLayer(nn.Module):
         return solved
 
     def _parts(self, table: torch.Tensor, vectors: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        """The parts, (blocks, b, B) each, of a table's product with vectors (blocks, b, B)."""
+        """Return the parts of a table's product with vectors, all (blocks, b, B)."""
         return applied(table, vectors).unflatten(1, (-1, self.size)).unbind(1)
 
 
 def _eliminated(
     own: torch.Tensor, following: torch.Tensor
 ) -> list[tuple[torch.Tensor, torch.Tensor]]:
-    """`eliminate` for blocks (blocks, b, b, B): tables of all levels, as `_stacked` has them."""
+    """Return tables of all levels in the form of `_stacked`, as `eliminate` does.
+
+    The blocks have shape (blocks, b, b, B).
+    """
     levels, size = [], own.shape[1]
     while True:
         inverse, odd = inverted(own[0::2]), len(own) // 2
@@ -323,14 +311,16 @@ def _eliminated(
 
 
 def _padded(rows: torch.Tensor, before: int, after: int) -> torch.Tensor:
-    """The rows with so many rows of zeros on either side."""
+    """Return the rows with given numbers of zero rows on either side."""
     return pad(rows, (0,) * 2 * (rows.dim() - 1) + (before, after))
 
 
 def _stacked(level: Level) -> tuple[np.ndarray, np.ndarray]:
-    """A level's matrices one below the other: inverse, left, right; and the latter two transposed.
+    """Return a level's stacked matrices: inverse, left, right, two transposes.
 
-    One product with all of them is quicker than three; zeros stand where there is no neighbour.
+    The transposes are those of left and right.
+
+    One product with all of them is faster than three. Missing neighbours are zeros.
     """
     inverse, left, right = level.inverse, level.left, level.right
     on_left, on_right = np.zeros_like(inverse), np.zeros_like(inverse)
@@ -345,5 +335,5 @@ class TimeConstantsLayer(nn.Module):
     """Moves of a network with time constants alone."""
 
     def forward(self, constants: Constants, drives: torch.Tensor) -> torch.Tensor:
-        """M d (P, N, B), for drives (P, N, B)."""
+        """Return M d (P, N, B), for drives (P, N, B)."""
         return drives * constants.rates

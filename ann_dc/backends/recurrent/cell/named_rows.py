@@ -1,8 +1,8 @@
-"""Tensors whose rows have the network's own names in a ``state_dict``.
+"""Tensors whose rows have the network's names in a ``state_dict``.
 
-torch does not allow a dot in the name of a parameter, and a module attribute must not be called
-``forward`` or ``train``; a neuron may. So the rows are kept as one tensor, which is what a step
-wants anyway, and get their names when they are saved.
+Torch does not allow a dot in the name of a parameter, and a module attribute must not be called
+``forward`` or ``train``; a neuron may. The rows are therefore stored as one tensor, the form that a
+step needs, and receive their names when they are saved.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ class NamedRows(nn.Module):
     Parameters
     ----------
     names : sequence of str
-        May have dots.
+        Names of the pieces; dots are allowed.
     rows : (R, ...) tensor
-        Pieces stand one after the other along the first axis.
+        Pieces, one after the other along the first axis.
     sizes : sequence of int, optional
         Length of each piece; one row each by default.
     trainable : bool
-        Whether the tensor is a parameter or a buffer.
+        True for a parameter, False for a buffer.
 
     Examples
     --------
@@ -60,7 +60,7 @@ class NamedRows(nn.Module):
         return list(self._pieces)
 
     def __getitem__(self, name: str) -> torch.Tensor:
-        """The piece of that name."""
+        """Return the piece of that name."""
         piece = self.rows[self._pieces[name]]
         return piece[0] if self._single else piece
 

@@ -1,4 +1,4 @@
-"""How long a step may be: rates of a network at its start, with the gains that a layer has now."""
+"""Limits on the step length: rates of a network at its start, with current gains."""
 
 from __future__ import annotations
 
@@ -14,12 +14,7 @@ from ann_dc.network.network import Network
 
 
 class StepLimits:
-    """Of one network, at its start.
-
-    Parameters
-    ----------
-    network : Network
-    """
+    """Step limits of one network at its start."""
 
     def __init__(self, network: Network) -> None:
         self._network = network
@@ -31,18 +26,14 @@ class StepLimits:
 
     @cached_property
     def fastest_rate(self) -> float:
-        """Estimate of the fastest rate, by power iterations, in units of 1 / network time."""
+        """Estimate of the fastest rate by power iterations, in units of 1 / network time."""
         return fast_evaluator(self._network).fastest_rate(self._network.start_state)
 
 
 class CurrentLimits:
-    """Of a network whose gains are trained or loaded: computed anew where they are others.
+    """Step limits of a network with trained or loaded gains.
 
-    Parameters
-    ----------
-    network : Network
-    constants : Constants
-        Its own.
+    The limits are recomputed when the gains change. ``constants`` are those of the network.
     """
 
     def __init__(self, network: Network, constants: Constants) -> None:
@@ -51,13 +42,7 @@ class CurrentLimits:
         self._last = self._own
 
     def of(self, constants: Constants) -> StepLimits:
-        """The limits with these numbers.
-
-        Parameters
-        ----------
-        constants : Constants
-            Of all stages.
-        """
+        """Return the limits for constants of all stages."""
         now = _held(constants)
         for known, limits in (self._own, self._last):
             if all(map(torch.equal, known, now)):
@@ -68,5 +53,5 @@ class CurrentLimits:
 
 
 def _held(constants: Constants) -> Constants:
-    """A copy that stays as it is, on the CPU and in double precision."""
+    """Return an independent copy on the CPU in double precision."""
     return Constants(*(part.detach().to("cpu", torch.float64, copy=True) for part in constants))

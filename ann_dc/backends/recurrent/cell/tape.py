@@ -1,7 +1,8 @@
-"""The tape as torch evaluates it: one pass over the nodes, stage and batch as trailing axes.
+"""Evaluation of the tape in torch: one pass over the nodes.
 
-Every node is a tensor (N, B): N stages, B samples, so that a neighbour's value is a shifted slice
-and everything else is elementwise. Nothing is written in place: a step can be differentiated.
+Every node is a tensor (N, B) with N stages and B samples as trailing axes. A neighbour's value is a
+shifted slice, and everything else is elementwise. Nothing is written in place, so that a step can
+be differentiated.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ from ann_dc.network.network import Network
 
 
 class TorchTape(NamedTuple):
-    """What a tape says, as plain integers.
+    """Tape as plain integers.
 
     Nodes are counted as on the tape: P neurons, the inputs, the constant one, then the blocks.
     """
 
     neurons: int
-    """P."""
+    """Number of neurons, P."""
     blocks: list[list[int]]
     """Kind, node, then (first, last) connection, (a, b) or (function code, x) of every block."""
     drives: list[list[int]]
@@ -36,13 +37,13 @@ class TorchTape(NamedTuple):
     slots: list[list[int]]
     """Target slot, source slot, offset, kind and index of the factor of every operation."""
     left: dict[int, int]
-    """Input row that stage 0 reads where its left neighbour would be, by node."""
+    """Input row that stage 0 reads in place of its left neighbour, by node."""
     guarded: list[tuple[int, int, int]]
-    """(block, code, node of the argument) of every function block that is limited."""
+    """Tuples (block, code, node of the argument) of every function block with a limited domain."""
 
     @classmethod
     def of(cls, network: Network) -> TorchTape:
-        """The tape of a network."""
+        """Return the tape of a network."""
         tape, nodes = evaluator(network).tape, network.node_index
         inputs = {name: row for row, name in enumerate(network.cell.inputs)}
         return cls(
@@ -62,12 +63,9 @@ class TorchTape(NamedTuple):
     def read(
         self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
     ) -> tuple[list[torch.Tensor], torch.Tensor]:
-        """Arguments of the guarded blocks, and what arrives at every neuron (P, N, B).
+        """Return arguments of the guarded blocks and net inputs (P, N, B) of every neuron.
 
-        Parameters
-        ----------
-        weights, inputs, state
-            As for `evaluate`.
+        The arguments are those of `evaluate`.
         """
         rows, drives = self.evaluate(weights, inputs, state)
         return [rows[x] for _, _, x in self.guarded], drives
@@ -75,22 +73,18 @@ class TorchTape(NamedTuple):
     def evaluate(
         self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
     ) -> tuple[list[torch.Tensor], torch.Tensor]:
-        """Values of all nodes, and what arrives at every neuron (P, N, B).
+        """Return values of all nodes and net inputs (P, N, B) of every neuron.
+
+        The values are a list of (N, B) or (N, 1) tensors in the order of the nodes.
 
         Parameters
         ----------
         weights : (E, N, 1) tensor
-            Of the connections, in the order of the tape.
+            Weights of the connections, in the order of the tape.
         inputs : (I, N, B) or (I, N, 1) tensor
-            In the order of ``network.cell.inputs``.
+            Inputs in the order of ``network.cell.inputs``.
         state : (P, N, B) tensor
-            With pinned neurons at their inputs, absent ones at zero.
-
-        Returns
-        -------
-        values : list of (N, B) or (N, 1) tensor
-            In the order of the nodes.
-        drives : (P, N, B) tensor
+            State with fixed neurons at their inputs and omitted neurons at zero.
         """
         given = inputs.unbind(0) if len(inputs) else ()  # torch.export loads no unbind of nothing
         rows = [*state.unbind(0), *given, torch.ones_like(state[0, :, :1])]
@@ -108,12 +102,9 @@ class TorchTape(NamedTuple):
     def derivatives(
         self, weights: torch.Tensor, inputs: torch.Tensor, state: torch.Tensor
     ) -> list[torch.Tensor]:
-        """Every slot of the tape: d node / d neuron, each (N, B) or (N, 1).
+        """Return every slot of the tape: d node / d neuron, each (N, B) or (N, 1).
 
-        Parameters
-        ----------
-        weights, inputs, state
-            As for `evaluate`.
+        The arguments are those of `evaluate`.
         """
         rows, _ = self.evaluate(weights, inputs, state)
         one, none = torch.ones_like(state[0, :, :1]), torch.zeros_like(state[0, :, :1])
@@ -135,7 +126,7 @@ class TorchTape(NamedTuple):
 
     @property
     def reach(self) -> int:
-        """How many cells away a drive can look, at most."""
+        """Largest cell distance on which a drive depends."""
         nodes: dict[int, int] = defaultdict(int)
 
         def of(first: int, last: int) -> int:
@@ -151,7 +142,7 @@ class TorchTape(NamedTuple):
 
 
 class _Arriving:
-    """Sums what connections bring; a neighbour's row is shifted once, however many read it."""
+    """Sums of connection values; a neighbour's row is shifted once for all readers."""
 
     def __init__(self, tape: TorchTape, weights, inputs, rows: list[torch.Tensor]) -> None:
         self.tape, self.weights, self.inputs, self.rows = tape, weights, inputs, rows
@@ -178,15 +169,10 @@ class _Arriving:
 
 
 def shifted(row: torch.Tensor, offset: int, left: torch.Tensor | None = None) -> torch.Tensor:
-    """Row (N, B) of the cells at an offset: -1 the previous one, 1 the next; zero beyond the ends.
+    """Return the row (N, B) of the cells at an offset: -1 is the previous, 1 the next.
 
-    Parameters
-    ----------
-    row : (N, B) tensor
-    offset : int
-        Any number of cells.
-    left : (1, B) tensor, optional
-        What stands in the place of the cell before the first.
+    The offset is any number of cells. Values beyond the ends are zero; ``left`` (1, B) replaces the
+    cell before the first.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""From a cell layer back to a network, with everything that the layer has learnt."""
+"""Conversion of a cell layer to a network, with all trained numbers."""
 
 from __future__ import annotations
 
@@ -18,22 +18,12 @@ from ann_dc.network.preconditioners.multilevel import Pyramid
 def trained_network(
     network: Network, constants: Constants, *, tau: NamedRows, start: NamedRows, inputs: NamedRows
 ) -> Network:
-    """The network with other numbers.
+    """Return the network with other numbers and the same structure.
 
-    Parameters
-    ----------
-    network : Network
-    constants : Constants
-        Weights, rates and gains of the coordinators.
-    tau : NamedRows
-        Time constants of pinned and absent neurons, whose rate is zero.
-    start, inputs : NamedRows
-        Initial values of the neurons, and what the inputs are, each with one number a stage.
-
-    Returns
-    -------
-    Network
-        Of the same structure; a number that is the same at all stages becomes one number.
+    A number that is equal at all stages becomes one number. ``constants`` contains weights, rates
+    and coordinator gains. ``tau`` contains the time constants of fixed and omitted neurons, whose
+    rate is zero. ``start`` and ``inputs`` contain initial values and input values, each with one
+    number per stage.
     """
     return replace(
         with_constants(network, constants, tau.rows),
@@ -43,19 +33,10 @@ def trained_network(
 
 
 def with_constants(network: Network, constants: Constants, tau: torch.Tensor) -> Network:
-    """The network with other weights, rates and gains of its coordinators.
+    """Return the network with other weights, rates and coordinator gains.
 
-    Parameters
-    ----------
-    network : Network
-    constants : Constants
-    tau : (P, N) tensor
-        Time constants of pinned and absent neurons, whose rate is zero.
-
-    Returns
-    -------
-    Network
-        Of the same structure; a number that is the same at all stages becomes one number.
+    The structure is unchanged, and a number that is equal at all stages becomes one number. ``tau``
+    (P, N) contains the time constants of fixed and omitted neurons, whose rate is zero.
     """
     weights, rates, grids = (tensor.detach().cpu().double() for tensor in constants)
     edges = evaluator(network).edges
@@ -81,6 +62,6 @@ def _with_gains(metric: Metric, grids: torch.Tensor) -> Metric:
 
 
 def _plain(row: torch.Tensor) -> float | np.ndarray:
-    """A number where all stages have the same, else one a stage."""
+    """Return one number if it is equal at all stages, else one per stage."""
     values = row.detach().cpu().double().numpy()
     return float(values[0]) if (values == values[0]).all() else values.copy()

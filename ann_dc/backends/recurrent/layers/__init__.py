@@ -1,4 +1,4 @@
-"""Recurrent layers in torch: many steps, each sample until it has settled, differentiable."""
+"""Recurrent layers in torch: differentiable runs of samples until they settle."""
 
 import lazy_loader
 

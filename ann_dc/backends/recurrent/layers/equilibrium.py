@@ -1,12 +1,12 @@
-r"""The settled point as a function of the inputs: implicit differentiation.
+r"""Settled point as a function of the inputs: implicit differentiation.
 
 At a settled point the drives vanish, d(x, p) = 0, so dx/dp = -J^{-1} dd/dp with J = dd/dx. The
-metric cancels: gains move the way to the optimum, not the optimum. One Newton step that stays
-attached to the graph says both things at once,
+metric cancels: gains change the path to the optimum, not the optimum. One Newton step that remains
+attached to the graph gives value and derivative,
 
 .. math:: x = x^* - J^{-1}\, d(x^*, p) ,
 
-with x* and J cut off from it: its value is x*, its derivative the one above.
+with x* and J detached from the graph: its value is x*, and its derivative is the one above.
 
 References
 ----------
@@ -30,20 +30,10 @@ from ann_dc.network.network import Network
 
 
 def attached(flow: Flow, x: torch.Tensor) -> torch.Tensor:
-    """Settled states (B, n), connected to the inputs and the weights of ``flow``.
+    """Return settled states (B, n), connected to the inputs and weights of ``flow``.
 
-    First derivatives only.
-
-    Parameters
-    ----------
-    flow : Flow
-    x : (B, n) tensor
-        Settled state vectors, in network units.
-
-    Returns
-    -------
-    (B, n) tensor
-        The same numbers, up to one Newton step.
+    ``x`` contains settled state vectors (B, n) in network units. The result has equal values up to
+    one Newton step. Only first derivatives are supported.
 
     References
     ----------
@@ -55,17 +45,11 @@ def attached(flow: Flow, x: torch.Tensor) -> torch.Tensor:
 
 
 def solve_jacobian(flow: Flow, x: torch.Tensor, right: torch.Tensor) -> torch.Tensor:
-    """J^{-1} right (B, n) at states (B, n), differentiable in ``right``.
+    """Return J^{-1} right (B, n) at states (B, n), differentiable in ``right`` (B, n).
 
-    The factors are sparse and live on the CPU, one sample after the other: memory stays linear in
-    the neurons. Samples without a finite or regular J come back as nan.
-
-    Parameters
-    ----------
-    flow : Flow
-    x : (B, n) tensor
-        State vectors at which J = d drive / dx is taken.
-    right : (B, n) tensor
+    The states are state vectors at which J = d drive / dx is taken. The factors are sparse and
+    computed on the CPU, one sample after the other, so that memory is linear in the number of
+    neurons. Samples without a finite or regular J are returned as nan.
     """
     with torch.no_grad():
         state = flow.layout.fill(x, flow.inputs)
@@ -89,7 +73,7 @@ def _factors(network: Network, entries: np.ndarray, resting: np.ndarray) -> list
 
 
 class _Solve(torch.autograd.Function):
-    """x = J^{-1} b with fixed J, sample by sample; its adjoint is J^{-T}."""
+    """Solution x = J^{-1} b with fixed J, sample by sample; its adjoint is J^{-T}."""
 
     @staticmethod
     def forward(ctx, right, factors):

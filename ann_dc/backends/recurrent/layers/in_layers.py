@@ -1,4 +1,7 @@
-"""Recurrent runs in layers, one or many: with acceleration, on a GPU, for any wiring."""
+"""Recurrent runs in layers: with acceleration, on a GPU, and for any wiring.
+
+One or many runs are supported.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ OUTCOMES = {
     LEFT_DOMAIN: Outcome.LEFT_DOMAIN,
     STALLED: Outcome.STALLED,
 }
-"""Outcome of a sample; any other code means that the run was over first."""
+"""Outcome of a sample by code; any other code means that the run ended before."""
 
 
 def run_batch(
@@ -44,7 +47,7 @@ def run_batch(
     curves: int,
     progress: Progress,
 ) -> BatchRun:
-    """As `RecurrentBackend.run_batch`, looking every ``check`` steps."""
+    """Run a batch like `RecurrentBackend.run_batch`, checking every ``check`` steps."""
     network, keeper = layer.cell.network, _Keeper(curves)
     end = layer.settle(
         None if x is None else torch.as_tensor(x),
@@ -73,7 +76,7 @@ def run_batch(
 
 
 class _Keeper:
-    """Takes a batch down while it is settled; nothing of it where it is not asked."""
+    """Recorder of a batch while it settles; records nothing unless requested."""
 
     def __init__(self, most: int) -> None:
         self.most = most

@@ -1,8 +1,8 @@
-"""The recurrent layer: many steps of a network, each sample until it has settled.
+"""Recurrent layer: many steps of a network, for each sample until it has settled.
 
-A layer runs a batch in three ways: `RecurrentLayer.forward` unrolls a number of steps and can be
-differentiated through; `RecurrentLayer.settle` goes on until every sample has settled or is lost;
-`RecurrentLayer.equilibrium` is the settled point as a differentiable function of the inputs.
+A layer runs a batch in three ways. `RecurrentLayer.forward` unrolls a number of steps and is
+differentiable. `RecurrentLayer.settle` continues until every sample has settled or failed.
+`RecurrentLayer.equilibrium` returns the settled point as a differentiable function of the inputs.
 """
 
 from __future__ import annotations
@@ -26,30 +26,31 @@ from ann_dc.progress import Paced, Progress, Stopped, silent
 from ann_dc.validation.checked import checked
 
 LONGER = AdaptiveStep(share=0.9, first=0.3)
-"""With acceleration: combinations hold what steps alone do not."""
+"""Default step rule with acceleration: combinations of steps stabilise longer steps."""
 
 
 @checked
 class RecurrentLayer(nn.Module):
-    """A network as a recurrent layer.
+    """Network as a recurrent layer.
 
     Parameters
     ----------
     network : Network
-        Whose cell is repeated.
+        Network whose cell is repeated.
     order : Order
-        `SIMULTANEOUS`, `TWO_PHASE` or `STAGE_BY_STAGE`.
+        Update order: `SIMULTANEOUS`, `TWO_PHASE` or `STAGE_BY_STAGE`.
     step : StepRule
-        `AdaptiveStep` by default, longer with acceleration; or ``FixedStep(step=h)``.
+        Step rule: `AdaptiveStep` by default, with longer steps under acceleration, or
+        ``FixedStep(step=h)``.
     acceleration : Anderson or None
-        None: every step is the network's own.
+        Acceleration; None takes every step as the network gives it.
     dtype, device, trainable
-        See `CellLayer`.
+        Arguments of `CellLayer`.
 
     Raises
     ------
     NetworkError
-        If ``dtype`` or ``device`` is none that torch has here.
+        If torch does not have ``dtype`` or ``device``.
 
     Examples
     --------
@@ -90,18 +91,19 @@ class RecurrentLayer(nn.Module):
         *,
         steps: int,
     ) -> torch.Tensor:
-        """State vectors (B, n) after a number of steps, differentiable in all that goes in.
+        """Return state vectors (B, n) after a number of steps.
 
-        Acceleration is left out, and the lengths of the steps count as constants.
+        The result is differentiable in all arguments and weights. Acceleration is not applied, and
+        the step lengths count as constants.
 
         Parameters
         ----------
         x : (n,) or (B, n) tensor, optional
-            Where to start, in network units; `CellLayer.starts` by default.
+            Initial guess in network units; `CellLayer.starts` by default.
         inputs : mapping of input name to number, (B,) or (B, N) array or tensor, optional
-            As in ``network.inputs``, which are the default.
+            Inputs that replace those of ``network.inputs``.
         steps : int
-            All of which are kept for the derivative.
+            Number of steps; all are stored for the derivative.
 
         Raises
         ------
@@ -139,35 +141,38 @@ class RecurrentLayer(nn.Module):
         progress: Progress = silent,
         observe: Callable[[Loop, torch.Tensor, Ledger], None] | None = None,
     ) -> Settled:
-        """Run until every sample has settled, stalled, diverged or left a domain, or steps are up.
+        """Run until all samples have settled, stalled, diverged or left a domain.
 
-        A sample that is done leaves the batch: the others go on without it.
+        The run also ends when the steps are used up. A finished sample leaves the batch, and the
+        others continue without it.
 
         Parameters
         ----------
         x : (n,) or (B, n) tensor, optional
-            Where to start; `CellLayer.starts` by default.
+            Initial guess; `CellLayer.starts` by default.
         inputs : mapping of input name to number, (B,) or (B, N) array, optional
-            As in ``network.inputs``, from which the rest is taken.
+            Inputs that replace those of ``network.inputs``.
         settling : Settling, optional
-            By default a residual of 1e-6, confirmed by 0.005 of it; in float32 1e-4 and 0.5.
+            Definition of a settled sample; by default a residual of 1e-6, confirmed at 0.005 of it,
+            and in float32 1e-4 and 0.5.
         limit : int
             Largest number of steps.
         check : int
-            Steps between two looks at the residuals.
+            Number of steps between two checks of the residuals.
         progress : Progress
-            Told one line every half second.
+            Receiver of one progress line every half second.
         observe : callable, optional
-            Told the loop, the residuals (2, b) and the ledger at every look.
+            Function called with the loop, the residuals (2, b) and the ledger at every check.
 
         Returns
         -------
         Settled
+            Final states, codes, steps and residuals of all samples.
 
         Raises
         ------
         UnknownNameError, NetworkError
-            If an input does not exist, sizes do not agree, or ``check`` or ``limit`` is not
+            If an input does not exist, if sizes do not agree, or if ``check`` or ``limit`` is not
             positive.
         """
         require_positive(check=check, limit=limit)
@@ -199,23 +204,25 @@ class RecurrentLayer(nn.Module):
         x: torch.Tensor | None = None,
         **settle,
     ) -> torch.Tensor:
-        """Settled states (B, n), differentiable in the inputs by the implicit function theorem.
+        """Return settled states (B, n), differentiable by the implicit function theorem.
 
-        With d(x, p) = 0 at the settled point, dx/dp = -(dd/dx)^{-1} dd/dp: no step is unrolled and
-        nothing but the end is kept. Samples that did not settle come back as nan.
+        The states are differentiable in the inputs. With d(x, p) = 0 at the settled point, dx/dp =
+        -(dd/dx)^{-1} dd/dp: no step is unrolled, and only the final state is stored. Samples that
+        did not settle are returned as nan.
 
         Parameters
         ----------
         inputs : mapping of input name to number or tensor, (B,) or (B, N), optional
-            As in ``network.inputs``, from which the rest is taken.
+            Inputs that replace those of ``network.inputs``.
         x : (n,) or (B, n) tensor, optional
-            Where to start.
+            Initial guess.
         settle
             Further arguments of `settle`.
 
         Examples
         --------
-        How the first control depends on the target: 20 user units of control for one of x.
+        Derivative of the first control with respect to the target: 20 user units of control per
+        unit of x.
 
         >>> from ann_dc import design, plants
         >>> network = design(plants.double_integrator(N=5)).network

@@ -1,9 +1,8 @@
-"""Who has settled, who is lost, and with what: the book that is kept on a loop.
+"""Sample outcomes of a loop: settled, failed or running.
 
-A sample is closed when its residual has fallen to a small share of the tolerance, when it has
-diverged, when it has left the domain of a function block, or when its residual gets no smaller;
-what is entered then is what it ends with. Once half of a batch is closed, the loop goes on with the
-others alone.
+A sample is closed when its residual has fallen to a small fraction of the tolerance or no longer
+decreases. It is also closed when it has diverged or left the domain of a function block. Its final
+values are entered then. Once half of a batch is closed, the loop continues with the others alone.
 """
 
 from __future__ import annotations
@@ -17,30 +16,30 @@ from ann_dc.backends.settling import GROWTH, HEADWAY, Settling
 from ann_dc.backends.status import OVERFLOW
 
 RUNNING, SETTLED, DIVERGED, LEFT_DOMAIN, STALLED = 0, 1, 2, 3, 4
-"""How a sample stands; `RUNNING` at the end means: not settled."""
+"""Codes of a sample; `RUNNING` at the end means that the sample did not settle."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Settled:
-    """How B samples ended.
+    """Final values of B samples.
 
     Attributes
     ----------
     states : (B, n) tensor
-        State vectors, in network units.
+        State vectors in network units.
     codes : (B,) tensor
-        `SETTLED`, `DIVERGED`, `LEFT_DOMAIN`, `STALLED` or `RUNNING`.
+        Outcome code: `SETTLED`, `DIVERGED`, `LEFT_DOMAIN`, `STALLED` or `RUNNING`.
     steps : (B,) tensor
-        Steps done.
+        Number of steps.
     settling_steps : (B,) tensor
-        Steps after which the residual stayed below the tolerance, rounded up to the next look;
-        -1 where it did not settle.
+        Steps after which the residual stayed below the tolerance, rounded up to the next check; -1
+        if the sample did not settle.
     settling_times : (B,) tensor
-        Network time at that look; nan where it did not settle.
+        Network time at that check; nan if the sample did not settle.
     residuals : (2, B) tensor
         Relative constraint and stationarity residuals at the end.
     stopped : str
-        Why somebody ended the run before its end; empty where nobody did.
+        Reason for an interrupt of the run; empty if the run was not interrupted.
 
     Examples
     --------
@@ -61,23 +60,23 @@ class Settled:
 
     @property
     def settled(self) -> torch.Tensor:
-        """(B,) booleans: which samples settled."""
+        """Mask (B,) of the samples that settled."""
         return self.codes == SETTLED
 
 
 class Ledger:
-    """How every sample of a loop stands.
+    """Ledger of the samples of a loop.
 
     Parameters
     ----------
     loop : Loop
-        Before its first step.
+        Loop before its first step.
     settling : Settling
-        Tolerance and confirmation; its ``controls`` are not looked at.
+        Tolerance and confirmation; ``controls`` is ignored.
     check : int
-        Steps between two records.
+        Number of steps between two records.
     window : int
-        Steps in which the best residual has to become smaller.
+        Number of steps in which the best residual must decrease.
     """
 
     def __init__(self, loop: Loop, settling: Settling, check: int, window: int) -> None:
@@ -97,23 +96,14 @@ class Ledger:
 
     @property
     def open(self) -> torch.Tensor:
-        """(b,) booleans: which of the samples in the batch still run."""
+        """Mask (b,) of the running samples in the batch."""
         return self.codes[self.samples] == RUNNING
 
     def record(self, loop: Loop, residuals: torch.Tensor) -> bool:
-        """Enter the residuals, close the samples that are done.
+        """Enter the relative residuals (2, b) and close the finished samples.
 
-        Parameters
-        ----------
-        loop : Loop
-            Which goes on with those that run once half of its samples are closed.
-        residuals : (2, b) tensor
-            Relative constraint and stationarity residuals.
-
-        Returns
-        -------
-        bool
-            Whether any still run.
+        Once half of its samples are closed, the loop continues with the running samples only.
+        Returns True if any sample still runs.
         """
         rejected, worst, open_ = loop.proposal.rejected, residuals.amax(0), self.open
         self._enter_exits(loop, open_, worst >= self.settling.tolerance)
@@ -138,7 +128,7 @@ class Ledger:
         return len(left) > 0
 
     def _enter_exits(self, loop: Loop, open_: torch.Tensor, above: torch.Tensor) -> None:
-        """Which residuals (b,) are above the tolerance, and since when the others are not."""
+        """Mark residuals (b,) above the tolerance and store since when the others are not."""
         samples, above, below = self.samples, open_ & above, open_ & ~above
         since = self.below_since[samples]
         since = torch.where(below & since.isnan(), loop.time, since)
@@ -146,7 +136,7 @@ class Ledger:
         self.last_above[samples] = torch.where(above, loop.done, self.last_above[samples])
 
     def _codes(self, loop: Loop, worst: torch.Tensor) -> torch.Tensor:
-        """How the samples in the batch stand, by their larger residual (b,)."""
+        """Return the codes of the samples in the batch, by their larger residual (b,)."""
         size = loop.state.abs().amax((0, 1))
         settled = worst < self.settling.tolerance * self.settling.confirm
         codes = torch.where(settled, SETTLED, torch.where(worst.isfinite(), RUNNING, DIVERGED))
@@ -154,9 +144,9 @@ class Ledger:
         return torch.where(size < self.largest[self.samples], codes, DIVERGED)
 
     def _stalled(self, loop: Loop, worst: torch.Tensor) -> torch.Tensor:
-        """(b,) booleans: whose best residual is no smaller than that of the window before.
+        """Return a mask (b,) of samples whose best residual did not decrease in a window.
 
-        Whoever still grows is not stalled: it is on its way to divergence.
+        A sample that still grows is not stalled, since it is about to diverge.
         """
         best = torch.minimum(self.best[self.samples], worst.nan_to_num(torch.inf))
         self.best[self.samples] = best
@@ -178,13 +168,9 @@ class Ledger:
         self.residuals[:, samples] = residuals[:, which]
 
     def close(self, loop: Loop, stopped: str = "") -> Settled:
-        """Enter those that still run, and hand the ledger over.
+        """Enter the samples that still run and return the final values.
 
-        Parameters
-        ----------
-        loop : Loop
-        stopped : str
-            Why somebody ended the run before its end.
+        ``stopped`` is the reason for an interrupt of the run.
         """
         loop.take_back()
         residuals = loop.residuals()

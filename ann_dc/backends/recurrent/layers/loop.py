@@ -1,7 +1,7 @@
-"""A batch of samples on its way: where they are, what their next step is, and taking it.
+"""Batch of samples in progress: current states, next step, and its execution.
 
-The loop puts together an update order, a rule for the length of a step, and perhaps an
-acceleration. When to stop, and who has settled, is not its business (`ledger`).
+The loop combines an update order, a step rule and optionally an acceleration. End conditions and
+outcomes are handled by `ledger`.
 """
 
 from __future__ import annotations
@@ -23,29 +23,25 @@ from ann_dc.evaluation.reference import evaluator
 
 
 class Loop:
-    """A batch of B samples, step by step.
+    """Batch of B samples, advanced step by step.
 
     Parameters
     ----------
-    cell : CellLayer
     flow : Flow
-        Of the cell, for the inputs of the samples.
+        Flow of the cell for the inputs of the samples.
     state : (P, N, B) tensor
-        Where to start.
-    order : Order
-    step : StepRule
-    acceleration : Anderson or None
+        Initial state.
 
     Attributes
     ----------
     state : (P, N, B) tensor
-        Where the samples are now.
+        Current state.
     time : (B,) tensor
         Network time.
     strayed : (B,) booleans
-        Whose function blocks have left their domains at some step.
+        Mask of samples whose function blocks left their domains at some step.
     done : int
-        Steps done.
+        Number of steps.
     """
 
     def __init__(
@@ -72,7 +68,7 @@ class Loop:
 
     @property
     def proposal(self) -> Proposal:
-        """The next step, as the network says it."""
+        """Next step as the network alone gives it."""
         if self._proposal is None:
             step = self.step_state.step
             reading, move = move_of(self.order, self.flow, self.state, step)
@@ -87,7 +83,7 @@ class Loop:
         return self._proposal
 
     def advance(self) -> None:
-        """One step of every sample."""
+        """Take one step of every sample."""
         proposal = self.proposal
         move, energy = self.before
         along = total((proposal.reading.drives * move).detach().flatten(0, 1))
@@ -106,13 +102,13 @@ class Loop:
         self.done += 1
 
     def residuals(self) -> torch.Tensor:
-        """(2, B) relative constraint and stationarity residuals."""
+        """Return the relative constraint and stationarity residuals (2, B)."""
         return self.flow.residuals(self.state, self.proposal.reading.drives)
 
     def unsound(self, settled: torch.Tensor) -> torch.Tensor:
-        """(B,) booleans: which accelerated samples of those that settled rest at no minimum.
+        """Return a mask (B,) of settled accelerated samples that are not at a minimum.
 
-        Anderson acceleration finds any equilibrium, the flow alone would leave a saddle.
+        Anderson acceleration finds any equilibrium, whereas the flow alone would leave a saddle.
         """
         unsound = torch.zeros_like(settled)
         if self.memory is None:
@@ -129,7 +125,7 @@ class Loop:
         return unsound
 
     def start_again(self, samples: torch.Tensor) -> None:
-        """From the start, without acceleration; ``samples`` are (B,) booleans."""
+        """Restart the ``samples`` in a mask (B,) without acceleration."""
         state, step_state = self.first
         self.state = torch.where(samples, state, self.state)
         self.step_state = step_state.where(samples, self.step_state)
@@ -144,7 +140,7 @@ class Loop:
             self.state, self._proposal = before, None
 
     def keep(self, samples: torch.Tensor) -> None:
-        """Go on with these samples only; ``samples`` (b,) are indices."""
+        """Continue with the ``samples`` of the given indices (b,) only."""
         self.flow = self.flow.select(samples)
         self.state, self.time = self.state[..., samples], self.time[samples]
         self.strayed = self.strayed[samples]

@@ -1,17 +1,18 @@
-r"""Anderson acceleration with a safeguard: the recurrence remembers its last steps.
+r"""Anderson acceleration with a safeguard, using the last steps of the recurrence.
 
 From the differences of its last states, dX, and of its last moves, dF, the recurrence takes the
-combination that would have made the move m smallest,
+combination that would have minimised the move m,
 
 .. math::
     \gamma = \arg\min |m - dF\,\gamma|, \qquad
     x^{(j+1)} = x^{(j)} + h\,m - (dX + h\,dF)\,\gamma ,
 
-which on a linear flow is GMRES. It is a recurrent layer with more state. Off the linear regime it
-can do harm, so a step that raises the energy is taken back, and a step rule that has to cut h (its
-sign that nothing moves on) makes the recurrence forget and go on alone until the energy is halved.
-And it finds any equilibrium, a saddle too, at which the flow would not stay: whoever settles at one
-starts again without acceleration (`Loop.unsound`).
+which on a linear flow is GMRES. The result is a recurrent layer with more state. Outside the linear
+regime acceleration can do harm, so a step that raises the energy is taken back. If the step rule
+must cut h (its sign of missing progress), the memory is cleared and the recurrence continues
+without acceleration until the energy is halved. Acceleration finds any equilibrium, including a
+saddle, which the flow would leave. A sample that settles at a saddle restarts without acceleration
+(`Loop.unsound`).
 
 References
 ----------
@@ -31,49 +32,45 @@ from ann_dc.backends.recurrent.layers.proposal import Proposal
 from ann_dc.backends.recurrent.rules.acceleration import Anderson
 
 AT_ONCE = 1 << 16
-"""Numbers of the memory that are multiplied at once, about what a cache holds."""
+"""Number of memory values multiplied at once, about the size of a cache."""
 
 
 class Memory(NamedTuple):
-    """What the acceleration remembers: m differences of the (P, N) components of B samples.
+    """Memory of the acceleration: m differences of the (P, N) components of B samples.
 
-    Moves are weighted by 1 / sqrt(rate), the metric in which time constants are one. All is in
-    network units.
+    Moves are weighted by 1 / sqrt(rate), the metric in which time constants are one. All values are
+    in network units.
     """
 
     rule: Anderson
-    """By which it is used."""
+    """Parameters of the acceleration."""
     states: torch.Tensor
-    """dX (m, P, N, B); zero where nothing is remembered."""
+    """Differences dX (m, P, N, B); zero for an empty entry."""
     moves: torch.Tensor
-    """dF (m, P, N, B), weighted."""
+    """Differences dF (m, P, N, B), weighted."""
     gram: torch.Tensor
-    """dF' dF (m, m, B)."""
+    """Gram matrices dF' dF (m, m, B)."""
     last_state: torch.Tensor
-    """(P, N, B)."""
+    """Last state (P, N, B)."""
     last_move: torch.Tensor
-    """(P, N, B), weighted."""
+    """Last move (P, N, B), weighted."""
     known: torch.Tensor
-    """(B,): whether there is a last state."""
+    """Mask (B,) of samples that have a last state."""
     safe: torch.Tensor
-    """(B,): energy of the last state if an accelerated step left it, infinite otherwise."""
+    """Energy (B,) of the last state if an accelerated step left it, infinite otherwise."""
     resume: torch.Tensor
-    """(B,): energy below which acceleration goes on; infinite while it is on, zero for good."""
+    """Energy (B,) below which acceleration resumes; infinite while active, zero if ended for good.
+    """
     weight: torch.Tensor
-    """(P, N, 1), of the moves."""
+    """Weights (P, N, 1) of the moves."""
     slot: int
-    """Which of the m differences is the oldest."""
+    """Index of the oldest of the m differences."""
 
     @classmethod
     def of(cls, rule: Anderson, state: torch.Tensor, rates: torch.Tensor) -> Memory:
-        """Nothing remembered yet.
+        """Return an empty memory for a state (P, N, B) and rates (P, N, 1).
 
-        Parameters
-        ----------
-        rule : Anderson
-        state : (P, N, B) tensor
-        rates : (P, N, 1) tensor
-            1 / tau, zero where a neuron never moves.
+        The rates are 1 / tau, zero for a neuron that never moves.
         """
         no_energy = torch.full_like(state[0, 0], torch.inf)
         return cls(
@@ -91,7 +88,7 @@ class Memory(NamedTuple):
         )
 
     def select(self, samples: torch.Tensor) -> Memory:
-        """What is remembered of these samples (b,)."""
+        """Return the memory of these samples (b,)."""
         return self._replace(
             states=self.states[..., samples],
             moves=self.moves[..., samples],
@@ -104,7 +101,7 @@ class Memory(NamedTuple):
         )
 
     def ended(self, samples: torch.Tensor) -> Memory:
-        """Without acceleration from now on for ``samples``, (B,) booleans."""
+        """End the acceleration of ``samples``, a mask (B,), permanently."""
         return self._replace(
             known=self.known & ~samples,
             safe=torch.where(samples, torch.inf, self.safe),
@@ -112,31 +109,18 @@ class Memory(NamedTuple):
         )
 
     def rejects(self, energy: torch.Tensor) -> torch.Tensor:
-        """(B,) booleans: whether the last step has to be taken back.
+        """Return a mask (B,) of samples whose last step must be taken back.
 
-        Parameters
-        ----------
-        energy : (B,) tensor
-            Where the last step led; infinite outside a domain.
+        ``energy`` (B,) is the energy after the last step; infinite outside a domain.
         """
         return self.safe.isfinite() & (energy > self.rule.rise * self.safe)
 
     def next(self, proposal: Proposal, cut: torch.Tensor) -> tuple[Memory, torch.Tensor]:
-        """One accelerated step; works in place.
+        """Take one accelerated step in place; return the new memory and state (P, N, B).
 
-        Parameters
-        ----------
-        proposal : Proposal
-            Of the state that the step starts from.
-        cut : (B,) booleans
-            Whose h was cut: they forget, as those do whose last step is rejected.
-
-        Returns
-        -------
-        memory : Memory
-            What is remembered then.
-        state : (P, N, B) tensor
-            After the step.
+        The proposal belongs to the state from which the step starts. The mask ``cut`` (B,) marks
+        samples whose h was cut. The memory of these samples, and of those whose last step is
+        rejected, is cleared.
         """
         rejected, energy, h = proposal.rejected, proposal.energy, proposal.step
         x, m, w = proposal.state, proposal.move, self.weight
@@ -165,7 +149,7 @@ class Memory(NamedTuple):
 
 
 def _combination(rule: Anderson, gram: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
-    """gamma (m, B): the regularised least squares, from dF' dF and dF' m."""
+    """Return gamma (m, B) of the regularised least squares, from dF' dF and dF' m."""
     ridge = rule.regularisation * total(gram.diagonal().T)
     ridge = torch.where(ridge > 0, ridge, 1.0)
     eye = torch.eye(len(gram), dtype=gram.dtype, device=gram.device)
@@ -174,9 +158,10 @@ def _combination(rule: Anderson, gram: torch.Tensor, wanted: torch.Tensor) -> to
 
 
 def solved(matrices: torch.Tensor, right: torch.Tensor) -> torch.Tensor:
-    """A^{-1} b (m, B) for symmetric positive definite A (m, m, B) and b (m, B), by elimination.
+    """Return A^{-1} b (m, B) for symmetric positive definite A (m, m, B) and b (m, B).
 
-    A sample's bits do not depend on the batch, as LAPACK's may. Works in place on both.
+    The system is solved by elimination, in place on both. A sample's bits do not depend on the
+    batch, as those of LAPACK may.
     """
     order = range(len(right))
     for j in order:
@@ -199,9 +184,9 @@ def _remember(
     *,
     forget: torch.Tensor,
 ) -> torch.Tensor:
-    """Put the newest difference in the place of the oldest, where there was a last state.
+    """Replace the oldest difference by the newest if there was a last state.
 
-    Returns dF' m (m, B), which is found on the same way through the memory as dF' dF.
+    Returns dF' m (m, B), which is computed in the same pass through the memory as dF' dF.
     """
     slot, gone = memory.slot, forget.nonzero()[:, 0]
     memory.states[slot] = torch.where(known, x - memory.last_state, 0.0)
@@ -216,7 +201,7 @@ def _remember(
 
 
 def _products(differences: torch.Tensor, move: torch.Tensor) -> torch.Tensor:
-    """dF' m (m, B), of differences (m, P, N, B) and a move (P, N, B)."""
+    """Return dF' m (m, B) of differences (m, P, N, B) and a move (P, N, B)."""
     many = max(AT_ONCE // move.numel(), 1)
     return torch.cat(
         [total((part * move).flatten(1, 2).transpose(0, 1)) for part in differences.split(many)]

@@ -1,4 +1,4 @@
-"""The moves of the update orders on tensors: m(x, h), after which the state is x + h m."""
+"""Moves m(x, h) of the update orders on tensors; the next state is x + h m."""
 
 from __future__ import annotations
 
@@ -11,22 +11,10 @@ from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, STAGE_BY_STAGE,
 def move_of(
     order: Order, flow: Flow, state: torch.Tensor, step: torch.Tensor
 ) -> tuple[Reading, torch.Tensor]:
-    """What blocks say at a state, and the move m: the next state is state + step * m.
+    """Return the reading at a state and the move m (P, N, B).
 
-    Parameters
-    ----------
-    order : Order
-    flow : Flow
-    state : (P, N, B) tensor
-        In network units.
-    step : (B,) tensor
-        h, in units of network time.
-
-    Returns
-    -------
-    reading : Reading
-        At ``state`` itself.
-    move : (P, N, B) tensor
+    The next state is state + step * m. The state (P, N, B) is in network units, and ``step`` (B,)
+    is h in units of network time.
     """
     return _MOVES[order](flow, state, step)
 

@@ -1,7 +1,7 @@
-"""What a state proposes: the next step as the network alone would take it, before it is taken.
+"""Proposal of a state: the next step as the network alone would take it.
 
-The loop makes one at every state, the step rule looks at its energy, and the acceleration may put
-another step in its place.
+The loop makes a proposal at every state. The step rule reads its energy, and the acceleration may
+replace its step.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from ann_dc.backends.recurrent.cell.flow import Reading
 
 
 class Proposal(NamedTuple):
-    """What is known of B samples at a state before their next step."""
+    """Facts about B samples at a state before their next step."""
 
     state: torch.Tensor
-    """(P, N, B): where the samples are, in network units."""
+    """Current state (P, N, B) in network units."""
     step: torch.Tensor
-    """h (B,), in units of network time."""
+    """Step length h (B,) in units of network time."""
     reading: Reading
-    """What the blocks say at the state."""
+    """Block arguments and drives at the state."""
     move: torch.Tensor
-    """m (P, N, B), as the update order has it."""
+    """Move m (P, N, B) of the update order."""
     energy: torch.Tensor
-    """(B,): sqrt(sum |d m|), infinite outside a domain."""
+    """Energy (B,), sqrt(sum |d m|), infinite outside a domain."""
     rejected: torch.Tensor
-    """(B,): whether the acceleration takes back the step that led here."""
+    """Mask (B,) of samples whose last step is taken back by the acceleration."""
 
     @property
     def following(self) -> torch.Tensor:
-        """The state (P, N, B) after this step: x + h m."""
+        """State (P, N, B) after this step: x + h m."""
         return self.state + self.step * self.move

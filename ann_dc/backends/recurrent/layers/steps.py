@@ -1,6 +1,6 @@
-"""The lengths of steps on tensors, a sample each: how they begin, and how every step changes them.
+"""Step lengths on tensors, one per sample: initial values and updates.
 
-A step rule is numbers here (`StepLengths`); see `rules.steps` for what they mean.
+A step rule is represented by numbers (`StepLengths`); see `rules.steps` for their meaning.
 """
 
 from __future__ import annotations
@@ -17,38 +17,34 @@ from ann_dc.evaluation.reference import evaluator
 
 
 class StepState(NamedTuple):
-    """What is remembered of every sample's steps; each (B,)."""
+    """Step state of every sample; each field has shape (B,)."""
 
     step: torch.Tensor
-    """h, in units of network time."""
+    """Step length h in units of network time."""
     longest: torch.Tensor
     """Longest h."""
     best: torch.Tensor
     """Lowest energy since the last cut."""
     limited: torch.Tensor
-    """Whether the step was ever cut."""
+    """True if the step was ever cut."""
     age: torch.Tensor
-    """Steps into the window."""
+    """Number of steps into the window."""
     mark: torch.Tensor
-    """Lowest energy when the window began."""
+    """Lowest energy at the beginning of the window."""
     window: torch.Tensor
     """Length of the window."""
     turned: torch.Tensor
-    """Turn of the moves since the last full one: the sum of `turn_of`."""
+    """Turn of the moves since the last full turn: the sum of `turn_of`."""
     peak: torch.Tensor
-    """Highest energy since then."""
+    """Highest energy since the last full turn."""
     floor: torch.Tensor
     """Lowest of these peaks since the last cut."""
 
     @classmethod
     def of(cls, lengths: StepLengths, like: torch.Tensor) -> StepState:
-        """Before the first step.
+        """Return the state before the first step.
 
-        Parameters
-        ----------
-        lengths : StepLengths
-        like : (..., B) tensor
-            Says how many samples there are, of which type, and on which device.
+        ``like`` (..., B) determines the number of samples, the type and the device.
         """
 
         def full(value: float) -> torch.Tensor:
@@ -70,21 +66,11 @@ class StepState(NamedTuple):
     def next(
         self, lengths: StepLengths, energy: torch.Tensor, turn: torch.Tensor
     ) -> tuple[StepState, torch.Tensor]:
-        """After a step: longer after progress, shorter after a rise or an idle window.
+        """Return the state after a step and a mask (B,) of samples whose h was cut.
 
-        Parameters
-        ----------
-        lengths : StepLengths
-        energy : (B,) tensor
-            sqrt(sum |d m|) that the step read; infinite outside a domain.
-        turn : (B,) tensor
-            Since the step before, see `turn_of`.
-
-        Returns
-        -------
-        state : StepState
-        cut : (B,) booleans
-            Whose h was cut.
+        Steps are longer after progress, and shorter after a rise or an idle window. ``energy`` (B,)
+        is sqrt(sum |d m|) read by the step, infinite outside a domain. ``turn`` (B,) is the turn
+        since the step before, see `turn_of`.
         """
         age = self.age + 1
         over = age >= self.window
@@ -112,23 +98,19 @@ class StepState(NamedTuple):
         ), cut
 
     def select(self, samples: torch.Tensor) -> StepState:
-        """The state of these samples (b,)."""
+        """Return the state of these samples (b,)."""
         return StepState(*(part[samples] for part in self))
 
     def where(self, samples: torch.Tensor, other: StepState) -> StepState:
-        """This state for ``samples``, (B,) booleans, the other one for the rest."""
+        """Return this state for ``samples``, a mask (B,), and ``other`` for the rest."""
         return StepState(*(torch.where(samples, mine, its) for mine, its in zip(self, other)))
 
 
 def turn_of(along: torch.Tensor, energies: torch.Tensor) -> torch.Tensor:
     """Return sin(angle / 2) between two moves: 1 if opposite, 0 if unknown.
 
-    Parameters
-    ----------
-    along : (B,) tensor
-        sum d m, of the drives at a step and the moves of the step before.
-    energies : (B,) tensor
-        Product of the energies at both.
+    ``along`` (B,) is sum d m, of the drives at a step and the moves of the step before.
+    ``energies`` (B,) is the product of the energies at both.
 
     Examples
     --------
@@ -141,14 +123,9 @@ def turn_of(along: torch.Tensor, energies: torch.Tensor) -> torch.Tensor:
 
 
 def lengths_of(rule: StepRule, flow: Flow) -> StepLengths:
-    """A step rule as numbers for a flow.
+    """Return the numbers of a step rule for a flow.
 
-    Warns (`UserWarning`) of a fixed step above the stability limit at the network's start.
-
-    Parameters
-    ----------
-    rule : StepRule
-    flow : Flow
+    Warns (`UserWarning`) if a fixed step exceeds the stability limit at the network's start.
     """
     lengths = rule.lengths(float(dual_limit(flow)))
     if lengths.is_fixed:
@@ -159,19 +136,11 @@ def lengths_of(rule: StepRule, flow: Flow) -> StepLengths:
 
 
 def dual_limit(flow: Flow) -> torch.Tensor:
-    """min rho tau over the PI duals, and not more than two time constants of the fastest mode.
+    """Return min rho tau over PI duals, limited to two fastest time constants.
 
-    Beyond h = rho tau a dual integrates faster in a step than its proportional path damps. The
-    fastest mode is estimated at the network's start, once for the same gains.
-
-    Parameters
-    ----------
-    flow : Flow
-
-    Returns
-    -------
-    () tensor
-        In units of network time.
+    Above h = rho tau a dual integrates faster in a step than its proportional path damps. The
+    fastest mode is estimated at the network's start, once for unchanged gains. The result () is in
+    units of network time.
 
     Examples
     --------

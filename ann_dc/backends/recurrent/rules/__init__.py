@@ -1,4 +1,4 @@
-"""What a recurrent run is told, as plain data: update orders, step rules, acceleration."""
+"""Settings of a recurrent run: update orders, step rules and acceleration."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What Anderson acceleration is told; see `layers.memory` for what it does."""
+"""Parameters of Anderson acceleration; see `layers.memory` for the algorithm."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ class Anderson:
 
     Attributes
     ----------
-    memory : int
-        m, how many differences are kept.
-    rise : float
-        A step that raises the energy by more than this factor is taken back.
-    resume : float
-        After a cut of h, the share of the energy at which acceleration starts again.
-    regularisation : float
-        Of the least-squares problem, relative to the trace of dF' dF.
+    memory : int, default 20
+        Number m of stored differences.
+    rise : float, default 1.2
+        Factor on the energy above which a step is taken back.
+    resume : float, default 0.5
+        Fraction of the energy at which acceleration resumes after a cut of h.
+    regularisation : float, default 1e-10
+        Regularisation of the least-squares problem, relative to the trace of dF' dF.
 
     Raises
     ------
     NetworkError
-        If one of them is not a positive number.
+        If a field is not a positive number.
 
     Examples
     --------

@@ -1,8 +1,9 @@
-r"""In which order the neurons of a step move: all at once, duals after primals, stage by stage.
+"""Update orders of a step: simultaneous, duals after primals, stage by stage.
 
-Each order is a map x -> x + h m(x, h); the orders differ in m alone, so that step rules and
-acceleration work with every one of them. On tensors they are in `layers.moves`, in generated code
-in `backends.lanes.orders`.
+The orders correspond to Jacobi, primal-then-dual and Gauss-Seidel updates. Each order is a map x ->
+x + h m(x, h). The orders differ in m alone, so that step rules and acceleration work with all of
+them. They are implemented on tensors in `layers.moves`, and in generated code in
+`backends.lanes.orders`.
 """
 
 from __future__ import annotations
@@ -19,17 +20,17 @@ NAMES = "simultaneous", "two-phase", "stage by stage"
 @such_as("ann_dc.TWO_PHASE")
 @dataclass(frozen=True)
 class Order:
-    """An update order: which move m(x, h) leads from a state x to x + h m.
+    """Update order: the move m(x, h) that leads from a state x to x + h m.
 
     Attributes
     ----------
     name : str
-        As the command line has it.
+        Name of the order on the command line.
 
     Raises
     ------
     UnknownNameError
-        If it is none of the three that there are.
+        If the name is not one of the three orders.
 
     Examples
     --------
@@ -49,27 +50,24 @@ class Order:
 
 
 SIMULTANEOUS = Order("simultaneous")
-"""All neurons move at once: (16), (17) and forward Euler."""
+"""Simultaneous order: all neurons move at once, (16), (17) and forward Euler."""
 
 TWO_PHASE = Order("two-phase")
-"""Primal neurons in phase 1, dual neurons in phase 2 on the new residual. Equal to the simultaneous
-recurrence with rho + h/tau_dual, on duals that are one step late."""
+"""Two-phase order: primal neurons in phase 1, dual neurons in phase 2 on the new residual. Equal to
+the simultaneous recurrence with rho + h/tau_dual, on duals that are one step late.
+"""
 
 STAGE_BY_STAGE = Order("stage by stage")
-"""One cell serves the stages in turn and reads what was written before it (Gauss-Seidel) and
-moves with its own drive; the metric takes what was said during the sweep and answers at its end."""
+"""Stage-by-stage order (Gauss-Seidel): one cell serves the stages in turn, reads the values written
+before, and moves with its drive. The metric is applied at the end to the drives of the sweep.
+"""
 
 ORDERS = {order.name: order for order in (SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE)}
-"""Every order by its name, for the command line."""
+"""Orders by name, for the command line."""
 
 
 def check_order(order: Order, network: Network) -> None:
-    """Refuse to go stage by stage through a row whose cells share a neuron.
-
-    Raises
-    ------
-    NetworkError
-    """
+    """Raise `NetworkError` for stage-by-stage order with a neuron common to cells."""
     if order == STAGE_BY_STAGE and len(network.shared):
         name = network.cell.neurons[network.shared[0]].name
         raise NetworkError(

@@ -1,22 +1,22 @@
-r"""How long a step is: fixed, or as long as progress earns it.
+r"""Step rules: a fixed step length, or one that adapts to progress.
 
-No rule may look at the solution: a circuit does not have it. What a circuit has are the drives, and
-with them the energy e = sqrt(sum \|d m\|) over what arrives, d, and what moves, m.
+No rule may use the solution, since a circuit does not have it. A circuit has the drives, and with
+them the energy e = sqrt(sum \|d m\|) over net inputs d and moves m.
 
-A rule takes one constant from the network (and an estimate of its fastest rate at the start, which
-it does not exceed), and becomes the numbers by which every step is lengthened or cut. A constraint
-pair of primal and dual obeys s^2 + kappa s + eta kappa = 0 with eta = 1 / (rho tau) of its dual,
-whatever its kappa <= 1, and forward Euler keeps it stable for h < 1 / eta = rho tau: so the longest
-step of `AdaptiveStep` is a share of min rho tau. Strong curvature can ask for less. That is told by
-the energy: a step that doubles it, or a window without progress, cuts h; after that h grows only
-with the progress made, h ~ e^{-earned}, so that every excursion to the stability limit is paid for
-beforehand.
+A rule takes one constant from the network and an estimate of its fastest rate at the start, which
+it does not exceed. It defines the numbers by which every step is lengthened or cut. A constraint
+pair of primal and dual satisfies s^2 + kappa s + eta kappa = 0 for any kappa <= 1. Here eta = 1 /
+(rho tau) of the dual. Forward Euler is stable for h < 1 / eta = rho tau, so the longest step of
+`AdaptiveStep` is a fraction of min rho tau. Strong curvature can require shorter steps, which the
+energy shows. A step that doubles the energy, or a window without progress, cuts h. After that h
+grows only with the progress made, h ~ e^{-earned}, so that the progress made before compensates
+every excursion to the stability limit.
 
-The energy of an underdamped mode swings while the mode decays: with a frequency omega it may be
-omega times as high at one end of a swing as at the other. What falls from swing to swing are its
-peaks, one every half turn of the moves. So a rise is measured from the lowest peak of a turn. Where
-a step is too long for a real mode, moves alternate and a turn is two steps; for a complex pair it
-is half a swing.
+The energy of an underdamped mode oscillates while the mode decays: with a frequency omega it may be
+omega times as high at one end of an oscillation as at the other. The peaks decrease, one every half
+turn of the moves. A rise is therefore measured from the lowest peak of a turn. If a step is too
+long for a real mode, moves alternate and a turn is two steps; for a complex pair it is half an
+oscillation.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from ann_dc.validation.values import such_as
 
 @such_as("ann_dc.FixedStep(step=0.1)")
 class StepRule(ABC):
-    """A rule for h: the numbers that make the first step and every other, in code and in layers.
+    """Rule for h: numbers of the first and all further steps, in code and layers.
 
     Examples
     --------
-    Half as long as the adaptive steps, whatever the network:
+    Half as long as the adaptive steps, for any network:
 
     >>> import ann_dc
     >>> class Careful(StepRule):
@@ -50,18 +50,15 @@ class StepRule(ABC):
 
     @abstractmethod
     def lengths(self, limit: float) -> StepLengths:
-        """The numbers for a network.
+        """Return the numbers for a network.
 
-        Parameters
-        ----------
-        limit : float
-            min rho tau over the network's PI duals, and not more than two time constants of its
-            fastest mode, in units of network time.
+        ``limit`` is min rho tau over the network's PI duals, at most two time constants of its
+        fastest mode, in units of network time.
         """
 
 
 def above_limit(step: float, limit: float, network: Network) -> str:
-    """What is said of a step above the stability limit at a network's start."""
+    """Return the warning about a step above the stability limit at a network's start."""
     return (
         f"step {step:g} is above the stability limit {limit:.3g} of {network.title} at its start: "
         "fast neurons grow from step to step; take a shorter one"
@@ -71,20 +68,20 @@ def above_limit(step: float, limit: float, network: Network) -> str:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class FixedStep(StepRule):
-    """The same h at every step.
+    """Constant step length h.
 
-    A warning tells when h is above the stability limit at the network's start (see
-    `stability_limit`; at the solution it may be another).
+    A warning is issued if h exceeds the stability limit at the network's start (see
+    `stability_limit`; the limit at the solution may differ).
 
     Attributes
     ----------
     step : float
-        h, in units of network time.
+        Step length h in units of network time.
 
     Raises
     ------
     NetworkError
-        If it is not a positive number.
+        If ``step`` is not a positive number.
 
     Examples
     --------
@@ -108,43 +105,45 @@ class FixedStep(StepRule):
         require_positive(step=self.step)
 
     def lengths(self, limit: float) -> StepLengths:
-        """The same ones, whatever the limit."""
+        """Return the constant step, whatever the limit."""
         return StepLengths.always(self.step)
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class AdaptiveStep(StepRule):
-    """As long as progress earns it; needs no solution.
+    """Step rule that enlarges the step with progress; it does not need the solution.
 
     Attributes
     ----------
-    share : float
-        Longest step as a share of `dual_limit`: min rho tau over the duals.
-    first : float
-        First step, likewise.
-    growth : float
-        Factor a step until the first cut.
-    cut : float
-        Factor when the energy rises or a window brings nothing.
-    rise : float
-        Rise of the energy, over the lowest peak of a turn since the last cut, that causes a cut.
-    earned : float
-        After the first cut, h grows by this power of the progress made.
-    window : int
-        Steps after which progress is looked for; an idle window makes the next ones longer.
-    progress : float
-        A window is idle when its lowest energy is above this share of the one before.
-    least : float
-        Shortest step as a share of the longest: a flow that grows at this step diverges.
-    turn : float
-        Length of a turn: the sum of sin(angle / 2) between successive moves, pi/2 for half a turn
-        in many steps, 1 for a step that the next one takes back.
+    share : float, default 0.6
+        Longest step as a fraction of `dual_limit`: min rho tau over the duals.
+    first : float, default 0.15
+        First step as a fraction of `dual_limit`.
+    growth : float, default 1.03
+        Factor per step until the first cut.
+    cut : float, default 0.6
+        Factor if the energy rises or a window brings no progress.
+    rise : float, default 2.0
+        Rise of the energy that causes a cut, relative to the lowest peak of a turn since the last
+        cut.
+    earned : float, default 0.05
+        Power of the progress by which h grows after the first cut.
+    window : int, default 200
+        Number of steps after which progress is checked; an idle window lengthens the next ones.
+    progress : float, default 0.9
+        Fraction of the lowest energy at the start of a window; the window is idle if its lowest
+        energy exceeds this fraction.
+    least : float, default 1e-3
+        Shortest step as a fraction of the longest; a flow that grows at this step diverges.
+    turn : float, default 2.0
+        Length of a turn: the sum of sin(angle / 2) between successive moves. It is pi/2 for half a
+        turn in many steps, and 1 for a step that the next one takes back.
 
     Raises
     ------
     NetworkError
-        If one of them is not a positive number.
+        If a field is not a positive number.
 
     Examples
     --------
@@ -173,7 +172,7 @@ class AdaptiveStep(StepRule):
         require_positive(**vars(self))
 
     def lengths(self, limit: float) -> StepLengths:
-        """With a short step first, so that the start may be rough."""
+        """Return step lengths with a short first step, since the start may be rough."""
         return StepLengths(
             first=self.first * limit,
             longest=self.share * limit,

@@ -1,4 +1,4 @@
-"""The SPICE text of a circuit: nodes, values and cards of a cell, and the deck."""
+"""SPICE text of a circuit: nodes, values and cards of a cell, and the deck."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The text of one cell: cards with the cell's own node names, and the values they refer to."""
+"""Text of one cell: cards with cell-internal node names, and their values."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from collections import Counter
 from collections.abc import Mapping
 
 LINE = 100
-"""Longest line; longer ones are continued."""
+"""Longest line; longer lines are continued."""
 
 
 class CellText:
-    """Cards of one cell, with its nodes seen from inside, and the values that cards refer to.
+    r"""Cards of one cell with internal node names, and the values used by the cards.
 
     Parameters
     ----------
     stage : int
-        Which cell, from 0: names of its own nodes lose this number, those of its neighbours become
-        ``prev__`` and ``next__``, with a number where they are further away.
+        Index of the cell, from 0. Names of its nodes lose this number. Those of its neighbours
+        become ``prev__`` and ``next__``, with a number if they are further away.
 
     Attributes
     ----------
@@ -26,15 +26,15 @@ class CellText:
     values : dict of str to float
         Parameters of the cell.
     ports : dict of str to str
-        Names inside, by top-level nodes.
+        Internal names by top-level nodes.
     kinds : Counter of str
-        How many cards of each kind there are.
+        Number of cards of each kind.
 
     Examples
     --------
     >>> cell = CellText(3)
     >>> cell.card("R_1", ("q_x__3", "q_x__2"), "res", {"r": cell.value("r_1", 1e4)})
-    >>> print("\\n".join(cell.subcircuit("cell_0")).rstrip())
+    >>> print("\n".join(cell.subcircuit("cell_0")).rstrip())
     .subckt cell_0 q_x prev__q_x params: r_1=10000
     R_1 q_x prev__q_x res r={r_1}
     .ends cell_0
@@ -48,11 +48,11 @@ class CellText:
         self.kinds: Counter[str] = Counter()
 
     def comment(self, text: str) -> None:
-        """A line for the reader."""
+        """Add a comment line."""
         self.lines.append(f"* {commented(text)}")
 
     def value(self, name: str, given: float) -> str:
-        """A parameter of the cell, and how a card refers to it."""
+        """Add a parameter of the cell and return the card's reference to it."""
         assert name not in self.values, f"two parameters of a cell are called {name}"
         self.values[name] = given
         return f"{{{name}}}"
@@ -66,19 +66,11 @@ class CellText:
         *,
         counts_as: str | None = None,
     ) -> None:
-        """One element.
+        """Add one element of the given kind (subcircuit or model).
 
-        Parameters
-        ----------
-        name : str
-        nodes : tuple of str
-            By their top-level names, ``@`` before those of the cell alone.
-        kind : str
-            Subcircuit or model.
-        given : mapping of str to str
-            Parameters, as text.
-        counts_as : str, optional
-            Its row in the table of parts; its kind where nothing is given.
+        The nodes have top-level names, with ``@`` before those internal to the cell. ``given``
+        contains the parameters as text. ``counts_as`` is the row in the table of parts; by default
+        the kind.
         """
         inside = " ".join(self._inside(node) for node in nodes)
         parameters = "".join(f" {key}={text}" for key, text in given.items())
@@ -105,17 +97,17 @@ class CellText:
 
     @property
     def shape(self) -> tuple:
-        """What two cells must share to be instances of one subcircuit."""
+        """Data that two cells must have in common to be instances of one subcircuit."""
         return tuple(self.lines), tuple(self.values), tuple(self.ports.values())
 
     def subcircuit(self, name: str) -> list[str]:
-        """The definition, with this cell's values as defaults."""
+        """Return the definition, with this cell's values as defaults."""
         given = " ".join(f"{key}={number(value)}" for key, value in self.values.items())
         head = f".subckt {name} {' '.join(self.ports.values())} params: {given}"
         return [wrapped(head), *self.lines, f".ends {name}", ""]
 
     def instance(self, card: str, name: str, first: CellText) -> str:
-        """This cell as an instance of a definition made from ``first``."""
+        """Return this cell as an instance of a definition made from ``first``."""
         other = [
             f"{key}={number(value)}"
             for key, value in self.values.items()
@@ -125,17 +117,17 @@ class CellText:
 
 
 def commented(text: str) -> str:
-    """Text that cannot end a comment."""
+    """Return text that cannot end a comment."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def number(value: float) -> str:
-    """A number as a netlist has it, with nine digits."""
+    """Return a number in netlist format, with nine digits."""
     return f"{value:.9g}"
 
 
 def wrapped(line: str) -> str:
-    """The line, continued with ``+`` where it is long."""
+    """Return the line, continued with ``+`` if it is long."""
     rows, row = [], ""
     for word in line.split(" "):
         if row and len(row) + 1 + len(word) > LINE:

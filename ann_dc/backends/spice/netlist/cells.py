@@ -1,10 +1,9 @@
-"""The cards of one cell: every part of it, written by what its technology is.
+"""Cards of switched capacitors: one branch per weight, and the op amp.
 
-Cards of switched capacitors: a branch a weight, into an op amp with the unit capacitor across.
-
-Where a resistor R into a capacitor C would bring h T / (R C) in a period of h network time, a
-branch of that share of the unit capacitor does. The proportional path of a PI cell is a static
-capacitor. Adders are those of op amps: they have nothing to hold.
+The op amp has the unit capacitor across it. A resistor R into a capacitor C would contribute h T /
+(R C) in a period of h network time. A branch with this fraction of the unit capacitor replaces the
+resistor. The proportional path of a PI cell is a static capacitor. Adders are those of op amps,
+since they have no state.
 """
 
 from __future__ import annotations
@@ -39,14 +38,9 @@ from ann_dc.hardware.schematic.elements import (
 def switched_capacitors(
     nodes: Nodes, values: Values, text: CellText, part: Amplifier, built: SwitchedCapacitors
 ) -> None:
-    """Branches into a summing node, and the op amp that holds what they bring.
+    """Write branches into a summing node and the op amp that integrates them.
 
-    Parameters
-    ----------
-    nodes, values, text, part
-        As `op_amp` takes them.
-    built : SwitchedCapacitors
-        Clock and step.
+    The first arguments are those of `op_amp`; ``built`` gives clock and step.
     """
     if isinstance(part, Adder):
         op_amp(nodes, values, text, part)
@@ -89,7 +83,7 @@ def _branches(
 
 
 def _start(circuit: Circuit, part: Integrator | PICell, stage: int) -> float:
-    """Volts across the unit capacitor at the start: of a PI cell, those of its whole output."""
+    """Return the start voltage of the unit capacitor; for a PI cell, the full output."""
     if not isinstance(part, PICell):
         return float(circuit.presets[part.name][stage])
     network = circuit.schematic.network
@@ -99,17 +93,10 @@ def _start(circuit: Circuit, part: Integrator | PICell, stage: int) -> float:
 
 
 def cell_of(nodes: Nodes, values: Values, level: Level, stage: int) -> CellText:
-    """Cards and values of one cell.
+    """Return the cards and values of one cell, by its index from 0.
 
-    Parameters
-    ----------
-    nodes : Nodes
-        Of the circuit; takes note of the constant sources that the cell reads.
-    values : Values
-        Of its parts, with their deviations.
-    level : Level
-    stage : int
-        Which cell, from 0.
+    ``nodes`` records the constant sources that the cell reads. ``values`` contains the part values
+    with their deviations.
     """
     text, schematic = CellText(stage), nodes.schematic
     for part in schematic.parts:
@@ -183,7 +170,7 @@ def _generator(nodes: Nodes, values: Values, level: Level, text: CellText, part:
 
 MULTIPLIER_ERRORS = (Quantity.GAIN, Quantity.OFFSET_X, Quantity.OFFSET_Y, Quantity.OFFSET_Z)
 GENERATOR_ERRORS = (Quantity.GAIN, Quantity.OFFSET_Y)
-"""Errors that the library's cells have, called as the parameters' names begin."""
+"""Errors supported by the library's cells, named by the prefixes of the parameters."""
 
 
 def _errors(

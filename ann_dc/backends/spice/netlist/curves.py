@@ -1,14 +1,14 @@
-r"""A fitted function generator as one subcircuit of cells of ``circuits/``.
+r"""Fitted function generator as one subcircuit of cells of ``circuits/``.
 
 .. math:: v_{out} = (1 + ge)\, f(u) / s_y + oy, \qquad u = s_x v_x ,
 
-in which no behavioural source stands in for the function. A polynomial is a cascade of multipliers
-(`ann_dc.hardware.parts.generator_curves`). A quotient is an op amp with a multiplier in its
-feedback: with V the amplitude of the input, it makes
+without a behavioural source in place of the function. A polynomial is a cascade of multipliers
+(`ann_dc.hardware.generators`). A quotient is an op amp with a multiplier in its feedback: with V
+the amplitude of the input, it computes
 
 .. math:: |v_x| v_y / V = \pm\frac{1}{|s_x s_y| V}, \qquad v_y = \frac{1}{s_x s_y v_x} .
 
-A chain of chords is a precision rectifier a breakpoint, and an amplifier that sums them.
+A chain of chords is one precision rectifier per breakpoint, and an amplifier that sums them.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from ann_dc.hardware.schematic.elements import Generator
 from ann_dc.hardware.schematic.schematic import Schematic
 
 LEAD = 50e-15
-"""Farads across a divider's op amp, for the pole of its inputs."""
+"""Capacitance in farads across a divider's op amp, for the pole of its inputs."""
 
 INSIDE = {
     "mul4q": (1, 0, 0),
@@ -47,22 +47,13 @@ INSIDE = {
 """Multipliers, op amps and resistors in a cell."""
 
 CURVE_CELLS = {Polynomial: (), Breakpoints: ("breakpoint", "inv", "sum")}
-"""Files of ``circuits/cells`` that the generators of a recipe need."""
+"""Files of ``circuits/cells`` required by the generators of a recipe."""
 
 
 def check_functions(schematic: Schematic, library: Iterable[str]) -> None:
-    """Raise an error if the library lacks the subcircuit of a function generator.
+    """Raise `NetworkError` if the library lacks a function generator's subcircuit.
 
-    Parameters
-    ----------
-    schematic : Schematic
-    library : iterable of str
-        Texts of its files.
-
-    Raises
-    ------
-    NetworkError
-        The message names the function block.
+    ``library`` contains the texts of its files. The message names the function block.
     """
     built = {name for text in library for name in re.findall(r"(?m)^\.subckt func_(\w+)", text)}
     for part in schematic.parts:
@@ -75,14 +66,14 @@ def check_functions(schematic: Schematic, library: Iterable[str]) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Subcircuit:
-    """A function generator: its text and its parts.
+    """Function generator with its text and its parts.
 
     Attributes
     ----------
     text : str
-        From ``.subckt`` to ``.ends``.
+        Text from ``.subckt`` to ``.ends``.
     multipliers, op_amps, resistors : int
-        How many of each it takes.
+        Number of parts of each kind.
     """
 
     text: str
@@ -94,19 +85,9 @@ class Subcircuit:
 def subcircuit_of(name: str, curve: Curve, sx: float, sy: float) -> Subcircuit:
     """Write a generator, v(out) = (1 + ge) f(u) / sy + oy with u = sx v(x).
 
-    Parameters
-    ----------
-    name : str
-        Of the subcircuit, ``.subckt <name> x out params: ge=0 oy=0``.
-    curve : Curve
-        What is generated, as fitted.
-    sx, sy : float
-        Units of u per volt of the input, of f(u) per volt of the output; of any sign.
-
-    Raises
-    ------
-    NetworkError
-        If a unit is zero, or not finite.
+    The subcircuit is ``.subckt <name> x out params: ge=0 oy=0``. The curve is the fitted function.
+    The scales ``sx`` and ``sy`` are units of u per volt of the input and units of f(u) per volt of
+    the output, of any sign. Raises `NetworkError` if a scale is zero or not finite.
 
     Examples
     --------
@@ -135,7 +116,7 @@ def subcircuit_of(name: str, curve: Curve, sx: float, sy: float) -> Subcircuit:
 
 
 def _cascade(curve: FittedPolynomial, sx: float, sy: float) -> list[str]:
-    """Cards of a polynomial: its sources and its multipliers."""
+    """Return the cards of a polynomial: its sources and its multipliers."""
     cascade = cascade_of(curve, sx, sy)
     cards = [f"V{node} {node} 0 {volts:.9g}" for node, volts in cascade.sources.items()]
     for step in cascade.steps:
@@ -144,7 +125,7 @@ def _cascade(curve: FittedPolynomial, sx: float, sy: float) -> list[str]:
 
 
 def _product(step: Step, V: float) -> list[str]:
-    """Cards of a multiplier; the last one drives the output, with the generator's errors."""
+    """Return the cards of a multiplier; the last drives the output, with the errors."""
     out, constant, gain = step.node, f"{step.constant:.9g}", f"{abs(step.gain):.9g}"
     if out == OUTPUT:
         constant, gain = f"{{{constant}*(1+ge)+oy}}", f"(1+ge)*{gain}"
@@ -154,7 +135,7 @@ def _product(step: Step, V: float) -> list[str]:
 
 
 def _divider(curve: FittedQuotient, sx: float, sy: float) -> list[str]:
-    """Cards of an op amp whose output, times the size of the input, is constant."""
+    """Return the cards of an op amp whose output times the input size is constant."""
     low, high = curve.stretch.low, curve.stretch.high
     V = max(abs(low), abs(high)) / abs(sx)
     size = ("x", "0") if low * sx > 0 else ("0", "x")
@@ -172,13 +153,13 @@ def _divider(curve: FittedQuotient, sx: float, sy: float) -> list[str]:
 
 
 def _in_volts(curve: FittedChords, sx: float, sy: float) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of the chords at the input, in rising order, and the values there at the output."""
+    """Return input voltages of the chord ends, rising, and output voltages there."""
     order = np.argsort(curve.ends / sx)
     return (curve.ends / sx)[order], (curve.values / sy)[order]
 
 
 def _rectifiers(v: np.ndarray, y: np.ndarray) -> list[str]:
-    """Cards of a chain of chords, from volts in rising order to volts."""
+    """Return the cards of a chain of chords, from rising input volts to volts."""
     slopes, V = np.diff(y) / np.diff(v), float(np.abs(v).max())
     bends, places = np.diff(slopes), v[1:-1]
     left = np.minimum(bends, 0.0)  # of those that are active left of their breakpoint

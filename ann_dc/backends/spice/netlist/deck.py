@@ -1,6 +1,7 @@
-"""A netlist from a circuit: one cell subcircuit, N instances, a parameter for every part.
+"""Netlist of a circuit: one cell subcircuit, N instances, one parameter per part.
 
-A deck is a record of sections; its text is their concatenation. Same input, same bytes.
+A deck is a record of sections; its text is their concatenation. The same input gives the same
+bytes.
 """
 
 from __future__ import annotations
@@ -48,26 +49,26 @@ Lines = tuple[str, ...]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Deck:
-    """A netlist in sections, and where to find every node of the network in its results.
+    """Netlist in sections, with the node names of the network in its results.
 
     Attributes
     ----------
     head, models, cells, row, inputs, noise : tuple of str
-        Lines: comments; parameters, models and cells of the library; the subcircuits of this
-        network's cells; their instances and negative copies; constant sources, reset and clock;
-        noise sources.
+        Lines: comments; parameters, models and cells of the library; subcircuits of this network's
+        cells; their instances and negative copies; constant sources, reset and clock; noise
+        sources.
     library : dict of str to str
         Files of ``circuits`` that are among the models, by their names there.
     options : str
-        Of the simulator.
+        Options of the simulator.
     signals : dict of (node name, stage) to str
-        Top-level node of every part; pinned and absent ones are left out.
+        Top-level node of every part, without fixed and omitted neurons.
     timing : Timing
         Reset, end and steps, in seconds.
     parts : dict of str to int
-        What it takes to build.
+        Number of components by kind.
     cut : str
-        Why its run may end before it settles, in a clause; empty where nothing is known to.
+        Clause on why the run may end before it settles; empty if no reason is known.
 
     Examples
     --------
@@ -97,12 +98,12 @@ class Deck:
 
     @property
     def end(self) -> float:
-        """Seconds at which the run ends."""
+        """End of the run in seconds."""
         return self.timing.end
 
     @property
     def analysis(self) -> Lines:
-        """Options, what is saved, and the transient."""
+        """Options, saved variables and transient analysis."""
         step, end = number(self.timing.step), number(self.timing.end)
         saved = " ".join(f"v({node})" for node in self.signals.values())
         return (
@@ -113,7 +114,7 @@ class Deck:
 
     @cached_property
     def text(self) -> str:
-        """The whole netlist."""
+        """Complete netlist."""
         lines = [
             *self.head,
             *((f"* {self.cut}",) if self.cut else ()),
@@ -140,33 +141,23 @@ def deck_of(
     simulation: Simulation | None = None,
     mismatch: int | None = None,
 ) -> Deck:
-    """Write the netlist of a circuit.
+    """Write the netlist of a circuit; the same input gives the same bytes.
+
+    Raises `UnknownNameError` if a deviation names no parameter, and `NetworkError` if the level's
+    cells do not have such an error.
 
     Parameters
     ----------
-    circuit : Circuit
     level : Level
-        What it is built of, and where it stands.
+        Parts and operating conditions.
     duration : float
-        In units of network time.
+        Duration in units of network time.
     deviations : mapping of parameter name to (N,) array, optional
-        Which part is off by how much; see `ann_dc.hardware.circuit.deviations`.
+        Errors of parts; see `ann_dc.hardware.circuit.deviations`.
     simulation : Simulation, optional
-        That of the level where none is given.
+        Simulation settings; by default those of the level.
     mismatch : int, optional
-        Seed of the errors of a foundry's transistors; none without.
-
-    Returns
-    -------
-    Deck
-        Same input, same bytes.
-
-    Raises
-    ------
-    UnknownNameError
-        If a deviation names no parameter.
-    NetworkError
-        If the level's cells have no such error.
+        Seed of the errors of a foundry's transistors; by default no errors.
     """
     off = _deviations(circuit, level, deviations) if deviations else {}
     nodes, values = Nodes(circuit), Values(circuit=circuit, deviations=off)
@@ -224,7 +215,7 @@ def _head(nodes: Nodes, level: Level) -> Lines:
 
 
 def _in_user_units(nodes: Nodes, name: str, sign: int) -> str:
-    """What a node's voltage stands for, as a formula."""
+    """Return a formula for the quantity that a node's voltage represents."""
     neurons = nodes.network.neuron_index
     scale = nodes.network.neuron(name).scale if name in neurons else IDENTITY
     per_volt = sign * scale.factor * nodes.scaling.unit[name] / nodes.scaling.full_scale
@@ -239,7 +230,7 @@ CELLS = {
     OtaC: ("ota", "ota_diff", "ota_node", "ota_pi", "ota_sum"),
     SwitchedCapacitors: ("sc_integ", "sum", "sc_branch", "sc_static", "clk2"),
 }
-"""Files of ``circuits/cells`` that a technology is built of."""
+"""Files of ``circuits/cells`` of which a technology is built."""
 
 MODELS = {
     OpAmps: ("opamp", "mul4q", "func"),
@@ -251,7 +242,7 @@ MODELS = {
 
 
 def _library(level: Level, schematic: Schematic) -> dict[str, str]:
-    """Models and cells of the library: decks hold them, and need no other file."""
+    """Return models and cells of the library, since decks include no other file."""
     folder, built, extra = circuits_path(), type(level.technology), level.functions
     parts = schematic.parts
     diodes = ["pi_diode"] if schematic.diode_neurons else []
@@ -277,7 +268,7 @@ def _library(level: Level, schematic: Schematic) -> dict[str, str]:
 
 
 def _curves(nodes: Nodes, level: Level) -> tuple[Lines, int]:
-    """One subcircuit for each function generator that is made of parts, and the multipliers."""
+    """Return a subcircuit per function generator built of parts, and the multipliers."""
     lines: list[str] = []
     inner = 0
     if level.functions is not None:
@@ -294,7 +285,7 @@ def _curves(nodes: Nodes, level: Level) -> tuple[Lines, int]:
 
 
 def _instances(cells: list[CellText]) -> tuple[Lines, Lines]:
-    """Subcircuits of the cells that differ, and a card for every cell."""
+    """Return subcircuits of the distinct cells, and a card for every cell."""
     groups: dict[tuple, list[CellText]] = {}
     for cell in cells:
         groups.setdefault(cell.shape, []).append(cell)
@@ -308,7 +299,7 @@ def _instances(cells: list[CellText]) -> tuple[Lines, Lines]:
 
 
 def _copies(nodes: Nodes, level: Level, used: list[str]) -> Lines:
-    """Negative outputs of parts that have none of their own, in a differential circuit."""
+    """Return cards of missing negative outputs of parts in a differential circuit."""
     if not level.technology.differential:
         return ()
     both = isinstance(level.technology, DifferentialPairs)

@@ -1,11 +1,9 @@
-"""Cards of op amps with resistors: single-ended and differential ones, and the nodes of a grid.
+"""Cards of op amps with resistors (single-ended, differential) and of grid nodes.
 
-Nodes of a grid come in pairs, v and -v. A resistor between two pairs is drawn twice, straight or
-across, in the cell of one of them; what is missing to the conductance of a node goes to ground.
-Where it is too much already, a negative resistance lies across the pair: to ground it would let
-both nodes run away together.
-
-Cards of transconductors: one a weight, or one for two weights that only differ in sign.
+Nodes of a grid are pairs, v and -v. A resistor between two pairs is drawn twice, straight or
+crossed, in the cell of one of them. The missing conductance of a node goes to ground. If the
+conductance is already too large, a negative resistance is connected across the pair; a negative
+resistance to ground would let both nodes drift together.
 """
 
 from __future__ import annotations
@@ -28,25 +26,17 @@ from ann_dc.hardware.schematic.elements import (
 from ann_dc.hardware.schematic.metric_wiring import OWN
 
 KINDS = {Integrator: "integ", PICell: "pi_cell", Adder: "sum"}
-"""The library's cell of every part; ``_fd`` after it for a differential one."""
+"""Library cell of every part; with suffix ``_fd`` for a differential part."""
 
 CLAMPS = "clamp_low", "clamp_high"
-"""The library's rails of an integrator."""
+"""Library clamps of an integrator."""
 
 
 def op_amp(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> None:
-    """Resistors into a summing node, and the op amp with its feedback.
+    """Write resistors into a summing node, and the op amp with its feedback.
 
-    Parameters
-    ----------
-    nodes : Nodes
-        Of the circuit.
-    values : Values
-        Of its parts, with their deviations.
-    text : CellText
-        The cell; cards are added to it.
-    part : Amplifier
-        The part that they make up.
+    ``values`` contains the part values with their deviations. The cards are added to ``text``, the
+    cell, and make up ``part``.
     """
     alias, out = nodes.alias[part.name], nodes.own(part.name, text.stage)
     summing = nodes.summing(part.name)
@@ -61,12 +51,9 @@ def op_amp(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> Non
 
 
 def input_resistors(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> None:
-    """Resistors into a part's summing node, from what it reads in a cell.
+    """Write resistors into a part's summing node from its sources in a cell.
 
-    Parameters
-    ----------
-    nodes, values, text, part
-        As `op_amp` takes them.
+    The arguments are those of `op_amp`.
     """
     for resistor in values.resistors(nodes, part, text.stage):
         value = text.value(resistor.name, resistor.ohms)
@@ -77,7 +64,7 @@ def input_resistors(nodes: Nodes, values: Values, text: CellText, part: Amplifie
 def _clamps(
     values: Values, text: CellText, part: Integrator, alias: str, ends: tuple[str, str], c: str
 ) -> str:
-    """The rails of an integrator; what they leave of its capacitor."""
+    """Write the clamps of an integrator; return the remainder of its capacitor."""
     built = [
         (name, kind, offset, volts)
         for name, kind, offset, volts in zip(
@@ -93,12 +80,9 @@ def _clamps(
 
 
 def differential_pair(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> None:
-    """Each resistor twice, the second one from the other sign to the other summing node.
+    """Write each resistor twice, the second from the other sign to the other node.
 
-    Parameters
-    ----------
-    nodes, values, text, part
-        As `op_amp` takes them.
+    The arguments are those of `op_amp`.
     """
     alias, out = nodes.alias[part.name], nodes.own(part.name, text.stage)
     grounds = f"@sp__{alias}", f"@sn__{alias}"
@@ -113,14 +97,20 @@ def differential_pair(nodes: Nodes, values: Values, text: CellText, part: Amplif
 
 
 def resettable(part: Amplifier, ends: tuple[str, ...]) -> tuple[str, ...]:
-    """Nodes of an amplifier's cell: with the reset, unless it is an adder and holds nothing."""
+    """Return the nodes of an amplifier's cell, with reset unless it is an adder.
+
+    An adder has no state.
+    """
     return ends if isinstance(part, Adder) else (*ends, "rst")
 
 
 def feedback(
     values: Values, text: CellText, part: Amplifier, alias: str, *, offset: bool = True
 ) -> dict[str, str]:
-    """Parameters of an amplifier's cell: feedback resistor, capacitor, preset, offset."""
+    """Return parameters of an amplifier's cell: resistor, capacitor, preset, offset.
+
+    Resistor and capacitor are those of the feedback.
+    """
     name, circuit = part.name, values.circuit
     given: dict[str, str] = {}
     if name in circuit.feedback:
@@ -135,7 +125,7 @@ def feedback(
 
 
 def inverter(nodes: Nodes, values: Values, text: CellText, name: str) -> None:
-    """The other sign of a part's output."""
+    """Write the other sign of a part's output."""
     alias, own = nodes.alias[name], nodes.own(name, text.stage)
     errors = {
         "r": number(values.circuit.inverter),
@@ -146,14 +136,9 @@ def inverter(nodes: Nodes, values: Values, text: CellText, name: str) -> None:
 
 
 def grid_node(nodes: Nodes, values: Values, text: CellText, part: GridNode) -> None:
-    """A pair of nodes, the resistors that it begins, and the follower.
+    """Write a pair of nodes, the resistors that begin there, and the follower.
 
-    Parameters
-    ----------
-    nodes, values, text
-        As `op_amp` takes them.
-    part : GridNode
-        The part that they make up.
+    The arguments are those of `op_amp`; the cards make up ``part``.
     """
     circuit, alias, stage = nodes.circuit, nodes.alias[part.name], text.stage
     here = _pair(nodes, part.name, stage)
@@ -185,13 +170,13 @@ def grid_node(nodes: Nodes, values: Values, text: CellText, part: GridNode) -> N
 
 
 def _pair(nodes: Nodes, name: str, stage: int) -> tuple[str, str]:
-    """Top-level nodes of v and -v, with the sign of the part's output first."""
+    """Return the top-level nodes of v and -v, that of the part's output sign first."""
     plain = f"grid_{nodes.alias[name]}__{stage}"
     return plain, plain + NEGATIVE
 
 
 def _ends(nodes: Nodes, part: GridNode, wire: Wire, stage: int) -> tuple[str, str]:
-    """Where the two resistors of a wire lead to: from the node of v, and from that of -v."""
+    """Return the ends of the two resistors of a wire: from v and from -v."""
     polarity = nodes.schematic.polarity
     sign = 1 if wire.weight[stage] > 0 else -1
     if wire.source.startswith(OWN):
@@ -210,16 +195,10 @@ OTA_KINDS = {Integrator: "ota_node", PICell: "ota_pi", Adder: "ota_sum"}
 def transconductors(
     nodes: Nodes, values: Values, text: CellText, part: Amplifier, built: OtaC, a0: float
 ) -> None:
-    """Transconductors into the part's own node, and what loads it.
+    """Write the transconductors into the part's node, and its load.
 
-    Parameters
-    ----------
-    nodes, values, text, part
-        As `op_amp` takes them.
-    built : OtaC
-        How linear they are.
-    a0 : float
-        Voltage gain of one into its own output resistance; infinite without one.
+    The first arguments are those of `op_amp`. ``built`` gives the linearity. ``a0`` is the voltage
+    gain of a transconductor into its output resistance; infinite without such a resistance.
     """
     alias, out = nodes.alias[part.name], nodes.own(part.name, text.stage)
     weights = [

@@ -1,6 +1,6 @@
-"""When what happens in a run, and how ngspice is to run it: reset, the end, options, patience.
+"""Timing and simulation settings of a run: reset, end, options, time limit.
 
-A level says what is built; how that is simulated follows from it, and is no part of it.
+A level defines the circuit. The simulation settings follow from the level but are not part of it.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import such_as
 
 ACCURATE = "method=trap reltol=1e-4 abstol=1e-12 vntol=1e-7 pivrel=1e-9"
-"""Options of a run that proves stability: a damped method would hide ringing."""
+"""Options of a run that proves stability; a damped method would hide ringing."""
 
 
 @checked
 @such_as("ann_dc.backends.spice.netlist.Simulation()")
 @dataclass(frozen=True, kw_only=True)
 class Simulation:
-    """How ngspice runs a circuit.
+    """Settings for running a circuit in ngspice.
 
     Attributes
     ----------
     options : str
-        Of its ``.options`` card.
+        Text of the ``.options`` card.
     points : int
-        Steps that a continuous run takes at least: its duration over the largest step.
+        Smallest number of steps of a continuous run: its duration over the largest step.
     patience : float
-        Seconds that a run may take.
+        Time limit of a run in seconds.
 
     Raises
     ------
@@ -57,21 +57,23 @@ class Simulation:
 
 
 CONTINUOUS = Simulation()
-"""Of circuits in continuous time."""
+"""Settings for circuits in continuous time."""
 
 CLOCKED = Simulation(
     options="method=gear reltol=1e-3 abstol=1e-12 vntol=1e-7",
     patience=1800.0,
 )
-"""Of circuits with a clock, whose steps its edges set."""
+"""Settings for circuits with a clock, whose edges determine the steps."""
 
 
 FOUNDRY = Simulation(patience=3600.0)
-"""Of circuits of a foundry's transistors: minutes where op amps as macro models take a second."""
+"""Settings for circuits of a foundry's transistors, which take minutes instead of the second that
+op-amp macro models take.
+"""
 
 
 def simulation_for(level: Level) -> Simulation:
-    """What the circuits of a level are simulated with unless something else is asked for."""
+    """Return the default simulation settings for the circuits of a level."""
     if level.technology.clocked:
         return CLOCKED
     return FOUNDRY if level.models == PACKAGE else CONTINUOUS
@@ -83,18 +85,18 @@ RELEASE = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Timing:
-    """When reset ends, when the run ends, and where to look.
+    """Times of reset, end and samples of a run.
 
     Attributes
     ----------
     release, end : float
-        In seconds.
+        Ends of the reset and of the run in seconds.
     step : float
         Largest step of the simulator in seconds.
     unit : float
         Seconds per unit of network time.
     samples : (T,) array or None
-        Seconds at which a clocked circuit is read, once a period; None reads every time step.
+        Seconds at which a clocked circuit is read, once per period; None reads every time step.
     """
 
     release: float
@@ -105,12 +107,9 @@ class Timing:
 
 
 def reset_card(release: float) -> str:
-    """The source of the reset signal: 5 V closed, 0 V open; switches open at half of it.
+    """Return the source of the reset signal: 5 V closed, 0 V open.
 
-    Parameters
-    ----------
-    release : float
-        Seconds at which they open.
+    The switches open at half of 5 V, at ``release`` in seconds.
 
     Examples
     --------
@@ -121,20 +120,12 @@ def reset_card(release: float) -> str:
 
 
 def timing_of(built: Technology, time_scale: float, duration: float, points: int) -> Timing:
-    """When what happens, for a run of ``duration`` network time.
+    """Return the timing of a run of ``duration`` network time.
 
-    A continuous circuit is reset for a thousandth of a unit of network time. In a clocked one reset
-    opens in the first sampling phase, and the state is read at the end of each period.
-
-    Parameters
-    ----------
-    built : Technology
-    time_scale : float
-        Seconds per unit of network time; a clocked circuit takes its own from clock and step.
-    duration : float
-        In units of network time.
-    points : int
-        Steps that a continuous run takes at least.
+    A continuous circuit is reset for a thousandth of a unit of network time. In a clocked circuit
+    the reset opens in the first sampling phase, and the state is read at the end of each period.
+    ``time_scale`` gives seconds per unit of network time; a clocked circuit derives it from clock
+    and step. ``points`` is the smallest number of steps of a continuous run.
     """
     if isinstance(built, SwitchedCapacitors):
         period = 1 / built.clock
@@ -153,7 +144,7 @@ def timing_of(built: Technology, time_scale: float, duration: float, points: int
 
 
 def control_cards(built: Technology, timing: Timing) -> list[str]:
-    """Reset switches that open at ``timing.release``, and the clock of a clocked circuit."""
+    """Return reset switches that open at ``timing.release``, and the clock, if any."""
     reset = reset_card(timing.release)
     if not isinstance(built, SwitchedCapacitors):
         return [reset]

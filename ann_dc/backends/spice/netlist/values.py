@@ -1,11 +1,9 @@
-"""Values of a circuit's parts as a cell has them: nominal ones, off by their deviations.
+"""Nodes of a netlist: names, values and signs.
 
-Nodes of a netlist: which one carries a value, with which sign.
-
-Top-level nodes are ``<part>__<stage>``, the inverted output of a part ``<part>__<stage>__n``; that
-of a part which stands once for the row is ``<part>__bus``, a line to every cell. Names of nodes are
-lower-case letters, digits and single underscores, unique whatever the case in the network; the
-double underscore is ours.
+Top-level nodes are ``<part>__<stage>``, and the inverted output of a part is
+``<part>__<stage>__n``. A part that exists once for the row has ``<part>__bus``, a line to every
+cell. Node names are lower-case letters, digits and single underscores, unique regardless of case in
+the network. The double underscore is reserved.
 """
 
 from __future__ import annotations
@@ -21,24 +19,24 @@ from ann_dc.hardware.schematic.elements import Amplifier, Wire
 from ann_dc.network.cell import ONE
 
 NEGATIVE = "__n"
-"""Ends the name of a node that carries the negative."""
+"""Suffix of the name of a node that carries the negative."""
 
 BUS = "__bus"
-"""Ends the name of a line to every cell."""
+"""Suffix of the name of a line to every cell."""
 
 SOURCE = "src__"
-"""Starts the name of a constant source's node."""
+"""Prefix of the name of a constant source's node."""
 
 
 class Nodes:
-    """Names the nodes of one circuit, and remembers which constant sources were asked for.
+    """Node names of one circuit, with a record of the constant sources in use.
 
     Attributes
     ----------
     circuit : Circuit
-        Whose nodes they are.
+        Circuit of the nodes.
     alias : mapping of part name to str
-        Names that a netlist can carry.
+        Names that are valid in a netlist.
     sources : dict of node to float
         Volts of every constant source that a card reads.
     """
@@ -50,7 +48,7 @@ class Nodes:
         self.sources: dict[str, float] = {}
 
     def node(self, name: str, stage: int, sign: int) -> str:
-        """Top-level node that carries ``sign`` times a part's, a pin's or an input's value."""
+        """Return the top-level node of ``sign`` times the value of a part, pin or input."""
         name = self.schematic.carrier(name)
         if name in self.network.cell.inputs or name == ONE:
             value = 1.0 if name == ONE else self._given(name, stage)
@@ -65,31 +63,34 @@ class Nodes:
         return plain if self.schematic.polarity[name] == sign else self.opposite(plain)
 
     def own(self, name: str, stage: int) -> str:
-        """The node that is a part's own output."""
+        """Return the node that is a part's direct output."""
         return self.node(name, stage, self.schematic.polarity[name])
 
     def summing(self, name: str) -> str:
-        """The virtual ground of a part: a node of its cell, or a line to all that send to it."""
+        """Return a part's virtual ground: a node of its cell, or a line to its senders."""
         plain = f"s__{self.alias[name]}"
         return plain + BUS if self.schematic.collects(name) else "@" + plain
 
     def opposite(self, node: str) -> str:
-        """The node with the negative of another one's voltage."""
+        """Return the node with the negative of another node's voltage."""
         other = node.removesuffix(NEGATIVE) if node.endswith(NEGATIVE) else node + NEGATIVE
         if node.startswith(SOURCE):
             self.sources[other] = -self.sources[node]
         return other
 
     def plain(self, node: str) -> str:
-        """A node, or the one that it is the negative of."""
+        """Return a node, or for a negative node its positive counterpart."""
         return self.opposite(node) if node.endswith(NEGATIVE) else node
 
     def sign(self, node: str) -> int:
-        """-1 for the negative of another node, else 1."""
+        """Return -1 for the negative of another node, else 1."""
         return -1 if node.endswith(NEGATIVE) else 1
 
     def reading(self, part: Amplifier, wire: Wire, stage: int) -> str:
-        """Node whose current has the sign that an inverting part needs; ``0`` for no source."""
+        """Return the node whose current has the sign needed by an inverting part.
+
+        The node is ``0`` without a source.
+        """
         sign = int(self.schematic.reading(part, wire)[stage])
         where = stage + wire.offset
         if sign == 0:
@@ -113,18 +114,18 @@ class Nodes:
 
 @dataclass(frozen=True, kw_only=True)
 class Resistor:
-    """A resistor into a part's summing node.
+    """Resistor into a part's summing node.
 
     Attributes
     ----------
     name : str
-        Of its parameter.
+        Name of its parameter.
     label : str
-        What cards and values that stand for it have in common: the part's alias and the wire.
+        Common part of the names of its cards and values: the part's alias and the wire.
     source : str
-        Node that it comes from.
+        Node at the source end.
     ohms : float
-        With its deviation.
+        Resistance including the deviation.
     """
 
     name: str
@@ -135,30 +136,29 @@ class Resistor:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Values:
-    """A circuit's values with the deviations of its parts.
+    """Values of a circuit with the deviations of its parts.
 
     Attributes
     ----------
-    circuit : Circuit
     deviations : mapping of parameter name to (N,) array
-        Shares of resistors, capacitors and gains; volts of offsets.
+        Relative errors of resistors, capacitors and gains; offsets in volts.
     """
 
     circuit: Circuit
     deviations: Mapping[str, np.ndarray]
 
     def parameter(self, text: CellText, part: str, quantity: Quantity, nominal: float = 0.0) -> str:
-        """A parameter of the cell, and how a card refers to it; errors are nominally zero."""
+        """Add a cell parameter and return the card's reference; errors are nominally zero."""
         name = self.circuit.parameter_name(part, quantity)
         return text.value(name, self._off(name, text.stage, nominal))
 
     def feedback(self, part: str, stage: int) -> float:
-        """Ohms of a part's feedback resistor."""
+        """Return the feedback resistance of a part in ohms."""
         name = self.circuit.parameter_name(part, Quantity.FEEDBACK)
         return self._off(name, stage, self.circuit.feedback[part])
 
     def resistors(self, nodes: Nodes, part: Amplifier, stage: int) -> Iterator[Resistor]:
-        """Every resistor into a part's summing node that has a source."""
+        """Yield every resistor into a part's summing node that has a source."""
         for position, wire in enumerate(part.wires):
             ohms = self.circuit.resistors[part.name][position, stage]
             source = nodes.reading(part, wire, stage)

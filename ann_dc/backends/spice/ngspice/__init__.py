@@ -1,4 +1,7 @@
-"""ngspice: a deck goes in, a table comes out, or a reason; this room knows no network."""
+"""Interface to ngspice: a deck is run and returns a table or an error.
+
+The package does not depend on networks.
+"""
 
 import lazy_loader
 

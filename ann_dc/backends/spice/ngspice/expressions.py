@@ -1,4 +1,4 @@
-"""Numbers of a netlist: ``10k``, ``{r*(1+e)}``, as SPICE reads them."""
+"""Numbers of a netlist in SPICE notation: ``10k``, ``{r*(1+e)}``."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ SUFFIXES = {
     "p": 1e-12,
     "f": 1e-15,
 }
-"""What a letter behind a number stands for."""
+"""Factors of the suffixes of a number."""
 
 NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?"
 PLAIN = re.compile(rf"([+-]?{NUMBER})(meg|[tgkmunpf])?[a-z]*")
 SUFFIXED = re.compile(rf"(?<![\w.])({NUMBER})(meg|[tgkmunpf])(?!\w)")
 LONGEST = 2000
-"""Letters of an expression."""
+"""Largest number of characters of an expression."""
 
 OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add,
@@ -50,23 +50,11 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 def value_of(text: str, known: Mapping[str, float]) -> float:
-    """The number that a word of a card is.
+    """Return the value of a number or expression on a card.
 
-    Parameters
-    ----------
-    text : str
-        In lower case: a number with a letter behind it, or an expression in braces.
-    known : mapping of str to float
-        Parameters that an expression can name.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    FileFormatError
-        If it is neither, or names what is not known.
+    The text is in lower case: a number with an optional suffix, or an expression in braces.
+    ``known`` contains the parameters that an expression can name. Raises `FileFormatError` if the
+    text is neither, or names an unknown parameter.
 
     Examples
     --------

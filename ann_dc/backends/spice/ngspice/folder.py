@@ -1,4 +1,4 @@
-"""The folder of one run of ngspice: removed afterwards, kept as evidence when the run fails."""
+"""Folder of one ngspice run: removed afterwards, retained if the run fails."""
 
 from __future__ import annotations
 
@@ -19,15 +19,18 @@ DECK, RAW, LOG = "deck.cir", "out.raw", "ngspice.log"
 LOG_LINES = 15
 LOG_BYTES = 2**16
 ACCOUNTING = re.compile(r"(Total|Maximum|Current|Shared|Text|Stack|Library|DRAM)\b.* = ")
-"""Lines that ngspice closes every run with, and that tell nothing about it."""
+"""Pattern of the accounting lines with which ngspice ends every run."""
 
 FULL = 2**16
-"""Free bytes below which a disk is full."""
+"""Free bytes below which a disk counts as full."""
 
 
 @contextlib.contextmanager
 def run_folder(keep: Path | None) -> Iterator[Path]:
-    """A new folder; it stays if the run fails, and the error then says where it is and why."""
+    """Yield a new folder, which is retained if the run fails.
+
+    The error message then contains its path and the cause.
+    """
     with writing(keep or "the folder of temporary files"):
         home = make_folder(keep).absolute() if keep else None
         folder = Path(tempfile.mkdtemp(prefix="ann_dc-ngspice-", dir=home))
@@ -49,7 +52,7 @@ def run_folder(keep: Path | None) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def writing(where: object) -> Iterator[None]:
-    """What goes wrong when something is written there is told as an `OutputError`."""
+    """Raise an `OutputError` for any failure to write at the given place."""
     try:
         yield
     except OutputError:
@@ -81,7 +84,10 @@ def _evidence(folder: Path) -> str:
 
 
 def _last_lines(log: Path) -> list[str]:
-    """The end of a log as a terminal shows it, without blank lines, accounting and currents."""
+    """Return the end of a log as a terminal shows it.
+
+    Blank lines, accounting and currents are omitted.
+    """
     try:
         with log.open("rb") as stream:
             stream.seek(max(0, stream.seek(0, os.SEEK_END) - LOG_BYTES))

@@ -1,4 +1,4 @@
-"""Whether a run of ngspice counts: by its exit code and its raw file, never by what it printed."""
+"""Validity of an ngspice run, judged by exit code and raw file, not by output."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ann_dc.errors import (
 )
 
 END_SHARE = 1e-6
-"""Share of its end by which a transient may miss it."""
+"""Fraction of its end time by which a transient may miss it."""
 
 UNSTABLE = (
     "often the circuit is unstable, or a step became too small: look at the eigenvalues first, "
@@ -29,27 +29,15 @@ UNSTABLE = (
 
 
 def checked_outcome(folder: Path, code: int | None, timeout: float) -> list[Raw]:
-    """The plots of a run that ended by itself, and with exit code 0.
+    """Return the plots of a run that ended by itself with exit code 0.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-    code : int or None
-        Exit code, negative for a signal; None if the time was not enough.
-    timeout : float
-        Seconds that the run had.
+    The code is negative for a signal, and None if the time limit of ``timeout`` seconds was
+    exceeded. Raises:
 
-    Raises
-    ------
-    SpiceTimeoutError
-        If the time was not enough.
-    SpiceCrashError
-        If it was killed, or its exit code is another.
-    EndedEarlyError
-        If an analysis was given up.
-    RawFileError
-        If there is no answer, or one that cannot be read.
+    - `SpiceTimeoutError` if the time limit was exceeded;
+    - `SpiceCrashError` if the run was killed or the exit code is not 0;
+    - `EndedEarlyError` if an analysis was aborted;
+    - `RawFileError` if the answer is missing or not readable.
     """
     if code is None:
         raise SpiceTimeoutError(
@@ -96,18 +84,9 @@ def _killed(number: int) -> str:
 
 
 def check_end(plots: list[Raw], end_time: float | None) -> None:
-    """Every transient has to reach its end.
+    """Raise `EndedEarlyError` if a transient did not reach its end, or is missing.
 
-    Parameters
-    ----------
-    plots : list of Raw
-    end_time : float or None
-        Seconds; None asks for nothing.
-
-    Raises
-    ------
-    EndedEarlyError
-        If one ended before, or there is none.
+    The end time is in seconds; None disables the check.
     """
     if end_time is None:
         return
@@ -125,12 +104,9 @@ def check_end(plots: list[Raw], end_time: float | None) -> None:
 
 
 def check_finite(plots: list[Raw]) -> None:
-    """Every number has to be one.
+    """Raise `NotFiniteError` if a value is infinite or not a number.
 
-    Raises
-    ------
-    NotFiniteError
-        If one is infinite or not a number; it says which variable, and where.
+    The message names the variable and the place.
     """
     for raw in plots:
         wrong = ~np.isfinite(raw.values)

@@ -1,4 +1,4 @@
-"""ngspice as processes: found, started apart from the user's session, ended with their children."""
+"""Processes of ngspice: search, start in a separate session, and termination."""
 
 from __future__ import annotations
 
@@ -21,19 +21,16 @@ from ann_dc.backends.spice.ngspice.raw import MAX_BYTES
 from ann_dc.errors import NgspiceMissing, SpiceCrashError
 
 VARIABLE = "ANN_DC_NGSPICE"
-"""Environment variable that names the ngspice to run."""
+"""Environment variable with the path of the ngspice executable."""
 
 NOT_STARTED = (126, 127)
-"""Exit codes with which setpriv says that it could not start a program."""
+"""Exit codes of setpriv if it could not start a program."""
 
 
 def find_ngspice() -> Path:
-    """Return the ngspice to run: what ``ANN_DC_NGSPICE`` names, or else the one on the path.
+    """Return the ngspice executable from ``ANN_DC_NGSPICE``, or from the path.
 
-    Raises
-    ------
-    NgspiceMissing
-        If there is none; the message says how to install it.
+    Raises `NgspiceMissing` if there is none; the message contains installation instructions.
 
     Examples
     --------
@@ -57,12 +54,9 @@ def find_ngspice() -> Path:
 
 
 def version() -> str:
-    """Return the version of ngspice (``39``), or ``unknown`` if it does not tell.
+    """Return the version of ngspice (``39``), or ``unknown`` if it is not reported.
 
-    Raises
-    ------
-    NgspiceMissing
-        If there is none.
+    Raises `NgspiceMissing` if ngspice is not found.
 
     Examples
     --------
@@ -81,13 +75,7 @@ def version() -> str:
 
 
 class Processes:
-    """The processes of one ngspice, to be ended together.
-
-    Parameters
-    ----------
-    program : Path
-        The ngspice that they run.
-    """
+    """Processes of one ngspice executable, terminated together."""
 
     def __init__(self, program: Path) -> None:
         self._program, self._tied = str(program), _tied_to_us()
@@ -104,35 +92,19 @@ class Processes:
         self.end()
 
     def end(self) -> None:
-        """End those that run, and start no more."""
+        """Terminate the running processes and start no more."""
         with self._lock:
             self._over = True
             for process in self._live:
                 _kill(process)
 
     def run(self, folder: Path, timeout: float) -> int | None:
-        """Run the deck of a folder.
+        """Run the deck of a folder and return the exit code, negative for a signal.
 
-        Parameters
-        ----------
-        folder : Path
-            With the deck; raw file and log are written there.
-        timeout : float
-            Seconds that it may take.
-
-        Returns
-        -------
-        int or None
-            The exit code (negative for a signal), or None if the time was not enough.
-
-        Raises
-        ------
-        CancelledError
-            If `end` was called meanwhile, or before.
-        SpiceCrashError
-            If the program cannot be started.
-        OutputError
-            If the log cannot be written.
+        Returns None if the time limit of ``timeout`` seconds was exceeded. The raw file and the log
+        are written to the folder. Raises `CancelledError` if `end` was called before or during the
+        run, `SpiceCrashError` if the program cannot be started, and `OutputError` if the log cannot
+        be written.
         """
         process = self._start(folder)
         try:
@@ -178,7 +150,7 @@ class Processes:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """An interrupt waits until a process that has been started is known, and can be ended."""
+    """Delay an interrupt until a started process is registered and can be terminated."""
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):
         yield
@@ -194,22 +166,25 @@ def _interrupts_held() -> Iterator[None]:
 
 
 def _tied_to_us() -> list[str]:
-    """What starts a process that dies with its parent, where the system has it (util-linux).
+    """Return the command prefix for a process that dies with its parent (util-linux).
 
-    A Python that is killed cannot end its children, and a circuit that rings runs for hours.
+    A killed Python cannot terminate its children, and a ringing circuit runs for hours.
     """
     setpriv = shutil.which("setpriv") if sys.platform == "linux" else None
     return [setpriv, "--pdeathsig", "KILL", "--"] if setpriv else []
 
 
 def _environment() -> dict[str, str]:
-    """The user's, without what makes ngspice write text or read other start files."""
+    """Return the user's environment without variables that change ngspice's files.
+
+    These make ngspice write text or read other start files.
+    """
     changed = ("SPICE_ASCIIRAWFILE", "SPICE_SCRIPTS")
     return {key: value for key, value in os.environ.items() if key not in changed}
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
-    """End a process that runs, with its children."""
+    """Terminate a running process with its children."""
     if process.poll() is None:
         with contextlib.suppress(ProcessLookupError):
             if hasattr(os, "killpg"):
@@ -220,7 +195,7 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 
 def _limit_files(process: subprocess.Popen[bytes]) -> None:
-    """A circuit that rings for ever must not fill the disk."""
+    """Limit the file size, since a circuit that rings forever must not fill the disk."""
     if sys.platform == "linux":
         import resource
 

@@ -1,8 +1,8 @@
-"""What ngspice answers: a raw file, a table of voltages and currents for every analysis.
+"""Raw files of ngspice: a table of voltages and currents for every analysis.
 
-A header in text names the variables and counts the points; after ``Binary:`` or ``Values:`` the
-numbers follow, point by point. None of it is believed: a run may have been cut off anywhere, and
-an analysis that was given up leaves ``No. Points: 0`` before its data.
+A text header names the variables and counts the points; the numbers follow point by point after
+``Binary:`` or ``Values:``. The reader validates everything: a run may have been cut off anywhere,
+and an aborted analysis leaves ``No. Points: 0`` before its data.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ NEXT_PLOT = b"\nTitle:"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Raw:
-    """One analysis of a circuit.
+    """Results of one analysis of a circuit.
 
     Attributes
     ----------
     title : str
-        The deck's first line, in lower case from some versions.
+        First line of the deck; in lower case from some versions.
     plot : str
-        The analysis in ngspice's words (``Transient Analysis``).
+        Name of the analysis in ngspice (``Transient Analysis``).
     names : tuple of str
         Variables in lower case: ``time``, ``frequency``, ``v(node)``, ``i(v1)``.
     values : (T, n) array
@@ -50,7 +50,7 @@ class Raw:
     Raises
     ------
     RawFileError
-        If ``values`` has not one column a name.
+        If ``values`` does not have one column per name.
 
     Examples
     --------
@@ -80,12 +80,9 @@ class Raw:
         return {name: i for i, name in reversed([*enumerate(self.names)])}
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A variable (T,); a bare node name is its voltage, and case does not matter.
+        """Return a variable (T,), case-insensitive; a bare node name is its voltage.
 
-        Raises
-        ------
-        UnknownNameError
-            If there is no such variable.
+        Raises `UnknownNameError` if the variable does not exist.
         """
         key = str(name).lower()
         column = self._column.get(key, self._column.get(f"v({key})"))
@@ -95,40 +92,27 @@ class Raw:
 
     @property
     def time(self) -> np.ndarray:
-        """(T,) times of a transient, in seconds."""
+        """Times (T,) of a transient in seconds."""
         return self["time"]
 
     @property
     def frequency(self) -> np.ndarray:
-        """(T,) frequencies of ``.ac`` or ``.noise``, in hertz."""
+        """Frequencies (T,) of ``.ac`` or ``.noise`` in hertz."""
         return np.real(self["frequency"])
 
 
 def read_raw(source: str | os.PathLike[str] | bytes) -> list[Raw]:
-    """Read every plot of a raw file, binary or text, real or complex.
+    r"""Read every plot of a raw file, binary or text, real or complex.
 
-    Parameters
-    ----------
-    source : path-like or bytes
-        The file, or what is in it.
-
-    Returns
-    -------
-    list of Raw
-        One an analysis, in their order.
-
-    Raises
-    ------
-    RawFileError
-        If it is missing, empty, cut off, larger than `MAX_BYTES`, or not what its header says.
-    EndedEarlyError
-        If an analysis was given up before its end.
+    The source is a path or the content of a file. The plots are in the order of the analyses.
+    Raises `RawFileError` if the file is missing, empty, cut off, larger than `MAX_BYTES`, or does
+    not match its header. Raises `EndedEarlyError` if an analysis was aborted.
 
     Examples
     --------
     >>> text = (
-    ...     b"Title: divider\\nPlotname: Operating Point\\nFlags: real\\nNo. Variables: 1\\n"
-    ...     b"No. Points: 1\\nVariables:\\n\\t0\\tv(x)\\tvoltage\\nValues:\\n0\\t0.5\\n"
+    ...     b"Title: divider\nPlotname: Operating Point\nFlags: real\nNo. Variables: 1\n"
+    ...     b"No. Points: 1\nVariables:\n\t0\tv(x)\tvoltage\nValues:\n0\t0.5\n"
     ... )
     >>> read_raw(text)[0]["x"]
     array([0.5])
@@ -182,7 +166,7 @@ class _Header:
 
     @property
     def row(self) -> int:
-        """Bytes of a point."""
+        """Number of bytes of a point."""
         return len(self.names) * (16 if self.complex else 8)
 
     def mismatch(self, needed: int, there: int, unit: str) -> RawFileError:
@@ -193,7 +177,7 @@ class _Header:
 
 
 def _header(content: bytes, start: int) -> tuple[_Header, int]:
-    """A plot's header, and where its data begin."""
+    """Return a plot's header and the position of its data."""
     if not content.startswith(b"Title:", start):
         raise RawFileError(
             f"a plot begins with {content[start : start + 20]!r} instead of 'Title:'; "
@@ -213,14 +197,14 @@ def _header(content: bytes, start: int) -> tuple[_Header, int]:
 
 
 def _lines(content: bytes, start: int) -> Iterator[tuple[str, int]]:
-    """The text lines from a place on, each with the place after it."""
+    """Yield the text lines from a position on, each with the position after it."""
     while (end := content.find(b"\n", start)) >= 0:
         yield content[start:end].decode("utf-8", "replace").rstrip("\r"), end + 1
         start = end + 1
 
 
 def _variable(line: str) -> str:
-    """A variable's name, from its number, name, kind and attributes."""
+    """Return a variable's name from its number, name, kind and attributes."""
     words = line.split()
     if len(words) < 2:
         raise RawFileError(f"a variable is declared as {line[:60]!r}, without a name")
@@ -259,7 +243,7 @@ def _count(fields: dict[str, str], key: str) -> int:
 
 
 def _given_up(header: _Header, content: bytes, start: int) -> SpiceError:
-    """Why a plot counts no points: ngspice writes the count last."""
+    """Return the error for a plot without points: ngspice writes the count last."""
     rows = (len(content) - start) // header.row
     if not rows or content.startswith(NEXT_PLOT[1:], start):
         return RawFileError(f"plot {header.plot!r} has no points")
@@ -270,7 +254,7 @@ def _given_up(header: _Header, content: bytes, start: int) -> SpiceError:
 
 
 def _numbers(header: _Header, content: bytes, start: int) -> tuple[np.ndarray, int]:
-    """Binary values (T, n), and the place after them."""
+    """Return binary values (T, n) and the position after them."""
     needed, there = header.points * header.row, len(content) - start
     if needed > there:
         raise header.mismatch(needed, there, "bytes")
@@ -280,7 +264,10 @@ def _numbers(header: _Header, content: bytes, start: int) -> tuple[np.ndarray, i
 
 
 def _text(header: _Header, content: bytes, start: int) -> tuple[np.ndarray, int]:
-    """Text values (T, n), every point after its number, and the place after them."""
+    """Return text values (T, n) and the position after them.
+
+    Each point follows its number.
+    """
     end = content.find(NEXT_PLOT, start)
     words = content[start : end if end >= 0 else len(content)].split()
     needed = header.numbers + header.points

@@ -1,8 +1,9 @@
-"""ngspice, one process a run: a deck goes in, a table of voltages comes out, or a reason.
+"""Runner of ngspice with one process per run: a deck returns voltages or an error.
 
-A process cannot leak into the next run, can be killed, and stays the same over versions. A run is
-judged by its exit code and its raw file only (there, whole, finite, long enough), since what
-ngspice prints changes from version to version; the end of that is shown to the user as it is.
+A process cannot affect the next run, can be killed, and does not depend on the version. A run is
+judged only by its exit code and its raw file, which must exist and be complete, finite and long
+enough. The output of ngspice changes from version to version; its end is shown to the user
+unchanged.
 """
 
 from __future__ import annotations
@@ -31,29 +32,29 @@ FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+-]{0,99}")
 NO_FILES: Mapping[str, str] = MappingProxyType({})
 
 AHEAD = 8
-"""Decks a worker may run ahead of one that is slow."""
+"""Number of decks by which a worker may be ahead of a slow one."""
 
 Result = Raw | SpiceError | OutputError
-"""What comes back for one deck of many."""
+"""Result of one deck of many."""
 
 
 @checked
 @such_as("ann_dc.backends.spice.ngspice.Ngspice()")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ngspice:
-    """Runs decks, each in a process and a folder of its own.
+    r"""Runner of decks, each in a separate process and folder.
 
     Attributes
     ----------
     timeout : float
-        Seconds a run may take.
+        Time limit of a run in seconds.
     keep : Path or None
-        Folder in which the decks and logs of failed runs are kept; None for the folder of
-        temporary files. What a run that succeeds leaves is removed.
+        Folder for decks and logs of failed runs; None for the folder of temporary files. Files of
+        successful runs are removed.
     progress : Progress
-        A line after every deck of many (``3 of 20 decks``).
+        Receiver of a line after every deck of many (``3 of 20 decks``).
     workers : int or None
-        Processes at a time; None for one a processor.
+        Number of simultaneous processes; None for one per processor.
 
     Raises
     ------
@@ -62,7 +63,7 @@ class Ngspice:
 
     Examples
     --------
-    >>> deck = "divider\\nV1 in 0 1\\nR1 in x 1k\\nR2 x 0 1k\\n.op\\n.end\\n"
+    >>> deck = "divider\nV1 in 0 1\nR1 in x 1k\nR2 x 0 1k\n.op\n.end\n"
     >>> Ngspice().run(deck)["x"]  # doctest: +SKIP
     array([0.5])
     """
@@ -85,39 +86,20 @@ class Ngspice:
     ) -> Raw:
         """Run a deck of one analysis.
 
-        Parameters
-        ----------
-        deck : str
-            The whole netlist; its first line is the title.
-        end_time : float or None
-            Seconds that the transient has to reach.
-        files : mapping of str to str
-            Text of the files that the deck includes, by their names.
-
-        Returns
-        -------
-        Raw
-
-        Raises
-        ------
-        NgspiceMissing
-            If there is no ngspice.
-        SpiceError
-            If the run fails, or takes too long; its kind says how.
-        OutputError
-            If the deck cannot be written, or the disk is full.
+        The deck is the complete netlist; its first line is the title. The transient must reach
+        ``end_time`` in seconds, if given. ``files`` maps the names of included files to their text.
+        Raises `NgspiceMissing` if ngspice is not found, and a subclass of `SpiceError` if the run
+        fails or takes too long. Raises `OutputError` if the deck cannot be written or the disk is
+        full.
         """
         return _only(self.plots(deck, end_time=end_time, files=files))
 
     def plots(
         self, deck: str, *, end_time: float | None = None, files: Mapping[str, str] = NO_FILES
     ) -> list[Raw]:
-        """Run a deck of several analyses (``.noise`` counts as two); otherwise as `run`.
+        """Run a deck of several analyses and return one `Raw` for each.
 
-        Returns
-        -------
-        list of Raw
-            One an analysis.
+        ``.noise`` counts as two analyses. Everything else is as for `run`.
         """
         with Processes(find_ngspice()) as processes:
             return self._plots(processes, deck, end_time, files)
@@ -130,23 +112,10 @@ class Ngspice:
         end_time: float | None = None,
         files: Mapping[str, str] = NO_FILES,
     ) -> list[Result]:
-        """Run decks side by side; a deck that fails gives its error, and the others their answer.
+        """Run decks in parallel and return their results in the order of the decks.
 
-        Parameters
-        ----------
-        decks : iterable of str
-        end_time, files
-            As for `run`, the same for all.
-
-        Returns
-        -------
-        list of Raw, SpiceError or OutputError
-            In the order of the decks.
-
-        Raises
-        ------
-        NgspiceMissing
-            If there is no ngspice.
+        A failing deck gives its error without affecting the others. ``end_time`` and ``files`` are
+        those of `run` for all decks. Raises `NgspiceMissing` if ngspice is not found.
         """
         known = decks if isinstance(decks, Sized) else [*decks]
         return [*self.stream(known, end_time=end_time, files=files)]
@@ -158,22 +127,12 @@ class Ngspice:
         end_time: float | None = None,
         files: Mapping[str, str] = NO_FILES,
     ) -> Iterator[Result]:
-        """As `run_many`, one result after the other, for more than fit into memory.
+        """Yield the results of `run_many` one by one, for more decks than fit into memory.
 
-        Nothing starts before the first result is asked for, decks are taken as they are needed,
-        and what runs is ended when the iterator is closed.
-
-        Yields
-        ------
-        Raw, SpiceError or OutputError
-            In the order of the decks.
-
-        Raises
-        ------
-        SpiceInputError
-            If ``decks`` is one text.
-        NgspiceMissing
-            If there is no ngspice.
+        Results are in the order of the decks. Nothing starts before the first result is requested,
+        decks are consumed on demand, and running processes are terminated when the iterator is
+        closed. Raises `SpiceInputError` if ``decks`` is a single text, and `NgspiceMissing` if
+        ngspice is not found.
         """
         if isinstance(decks, str):
             raise SpiceInputError("decks: expected several, got one text; call `run` for one deck")
@@ -220,7 +179,7 @@ def _only(plots: list[Raw]) -> Raw:
 
 
 def _contents(deck: str, files: Mapping[str, str]) -> dict[str, bytes]:
-    """Names and bytes of the files of a run, none of which can lie elsewhere."""
+    """Return names and bytes of the files of a run, all inside its folder."""
     for name in files:
         if not FILE_NAME.fullmatch(name) or name.lower() in (DECK, RAW, LOG):
             raise SpiceInputError(
@@ -235,7 +194,7 @@ def _contents(deck: str, files: Mapping[str, str]) -> dict[str, bytes]:
 
 @contextlib.contextmanager
 def _pool(workers: int, processes: Processes) -> Iterator[ThreadPoolExecutor]:
-    """Threads that wait for processes; none is left waiting when something else goes wrong."""
+    """Yield a pool of threads that wait for processes, and release all on any error."""
     pool = ThreadPoolExecutor(workers, thread_name_prefix="ngspice")
     try:
         yield pool
@@ -245,7 +204,7 @@ def _pool(workers: int, processes: Processes) -> Iterator[ThreadPoolExecutor]:
 
 
 def _in_order(futures: Iterable[Future[Result]], ahead: int) -> Iterator[Result]:
-    """Results in the order of their futures, of which only so many exist ahead."""
+    """Yield results in the order of their futures, with a limited number ahead."""
     waiting: deque[Future[Result]] = deque()
     for future in futures:
         waiting.append(future)

