@@ -45,7 +45,7 @@ from .gain_design import apply_gains as apply_gains
 from .gain_design import hand_gains as hand_gains
 from .network import Network as Network
 from .scale import Scale as Scale
-from .network.preconditioners import Kind as Kind
+from .network.preconditioners import PreconditionerKind as PreconditionerKind
 from .solution import Solution as Solution
 
 # analyse

@@ -17,7 +17,7 @@ from ann_dc.analysis.slowness import LIMIT, SHOWN, Cause, Mode, Slowness, slowne
 from ann_dc.errors import DesignError
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.trial_run import Candidate
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.si_prefixes import counted
 from ann_dc.solution.solution import Solution
 from ann_dc.validation.checked import checked
@@ -86,8 +86,8 @@ class Diagnosis:
     ----------
     title : str
         Title of the network.
-    kind : Kind
-        Kind of its preconditioner.
+    kind : PreconditionerKind
+        PreconditionerKind of its preconditioner.
     components : tuple of str
         State component of every entry of ``slowness.rows``.
     remedies : tuple of Remedy
@@ -104,7 +104,7 @@ class Diagnosis:
     """
 
     title: str
-    kind: Kind
+    kind: PreconditionerKind
     components: tuple[str, ...]
     slowness: Slowness
     remedies: tuple[Remedy, ...]
@@ -128,7 +128,7 @@ class Diagnosis:
                 f"curvature: {along}"
             )
         return (
-            f"the metric does not follow {_listed(slowest.leading[:SHOWN])}: "
+            f"the preconditioner does not follow {_listed(slowest.leading[:SHOWN])}: "
             f"{100 * slowest.dual_share:.0f} % of the energy is in multipliers"
         )
 
@@ -145,12 +145,12 @@ class Diagnosis:
                 f"{best.change}, {best.gain:.2g} times faster nearby, but passed over: from the "
                 f"start it {best.outcome}"
             )
-        metric = "another metric"
-        if self.kind in (Kind.GRID, Kind.TREE):
-            metric = "less of the path term (a stiffer start)"
+        preconditioner = "another preconditioner"
+        if self.kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION):
+            preconditioner = "less of the path term (a stiffer start)"
         if found.ratio < HELPS * found.exact_ratio():
-            return f"{metric} with {found.needed:.3g} times the penalties; neither of them alone"
-        return f"{metric}; more penalty then takes the rest"
+            return f"{preconditioner} with {found.needed:.3g} times the penalties; not alone"
+        return f"{preconditioner}; more penalty then takes the rest"
 
     def _row_of(self, mode: Mode) -> RowShadow:
         """Return the constraint whose multiplier has the largest part of a mode's energy."""
@@ -238,7 +238,7 @@ def analyse(source: Design | Solution) -> Diagnosis:
     found = slowness_of(network, design.state)
     return Diagnosis(
         title=network.title,
-        kind=network.metric.kind,
+        kind=network.preconditioner.kind,
         components=tuple(network.neuron(row.neuron).component or row.neuron for row in found.rows),
         slowness=found,
         remedies=(*_compared(design, found.ratio), *_exact(found)),
@@ -252,7 +252,7 @@ def _compared(design: Design, ratio: float) -> Iterator[Remedy]:
         change = _change(design, candidate)
         if change and (change not in best or candidate.ratio < best[change].ratio):
             best[change] = candidate
-    order = [*_WITHIN, *(kind.value for kind in Kind)]
+    order = [*_WITHIN, *(kind.value for kind in PreconditionerKind)]
     for change in sorted(best, key=order.index):
         other = best[change]
         yield Remedy(
@@ -283,9 +283,9 @@ def _change(design: Design, candidate: Candidate) -> str:
 
 def _exact(found: Slowness) -> Iterator[Remedy]:
     """Yield the exact preconditioner with the present and with the required penalties."""
-    changes = {"exact metric, these penalties": 1.0}
+    changes = {"exact preconditioner, these penalties": 1.0}
     if found.exact_ratio() > LIMIT:
-        changes[f"exact metric, {found.needed:.3g} times the penalties"] = found.needed
+        changes[f"exact preconditioner, {found.needed:.3g} times the penalties"] = found.needed
     for change, factor in changes.items():
         other = found.exact_ratio(factor)
         yield Remedy(change=change, ratio=other, gain=found.ratio / other, compared=False)

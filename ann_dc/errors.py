@@ -34,7 +34,7 @@ class WorldError(AnnDcError, ValueError):
 
 
 class StudyError(AnnDcError, ValueError):
-    """Raised if a study requests a setting or metric that is not available."""
+    """Raised if a study requests a setting or preconditioner that is not available."""
 
 
 class StoreError(AnnDcError, OSError):

@@ -26,7 +26,7 @@ from ann_dc.gain_design.knowledge import NOTHING
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import ALL_KINDS, Kind
+from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
 from ann_dc.optimality.existence import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.initial_guess import Start
@@ -51,7 +51,7 @@ def solve(
     form: Form = CORRECTED,
     start: Start | None = None,
     gains: Gains | Design | None = None,
-    kinds: Annotated[Iterable[Kind], NotEmpty()] | None = None,
+    kinds: Annotated[Iterable[PreconditionerKind], NotEmpty()] | None = None,
     backend: Backend | None = None,
     limit: Positive | None = None,
     progress: Progress = silent,
@@ -70,7 +70,7 @@ def solve(
     gains : Gains or Design, optional
         Manual gains (`hand_gains`), or a `design` with another gain rule or a refinement. Default:
         designed gains.
-    kinds : iterable of Kind, optional
+    kinds : iterable of PreconditionerKind, optional
         Preconditioner kinds from which the design chooses. Default: those that suit the backend.
     backend : Backend, optional
         Default: `OdeBackend`; `RecurrentBackend` for recurrent steps.
@@ -198,7 +198,7 @@ def design(
     source: OptimalControlProblem | Network,
     *,
     over: None = None,
-    kinds: Iterable[Kind] = ...,
+    kinds: Iterable[PreconditionerKind] = ...,
     recipe: Recipe | None = ...,
     refine: Objective | None = ...,
     limit: int = ...,
@@ -211,7 +211,7 @@ def design(
     source: OptimalControlProblem,
     *,
     over: Over,
-    kinds: Iterable[Kind] = ...,
+    kinds: Iterable[PreconditionerKind] = ...,
     progress: Progress = ...,
 ) -> FamilyDesign: ...
 
@@ -221,7 +221,7 @@ def design(
     source: OptimalControlProblem | Network,
     *,
     over: Annotated[Over, Own()] | None = None,
-    kinds: Iterable[Kind] = ALL_KINDS,
+    kinds: Iterable[PreconditionerKind] = ALL_KINDS,
     recipe: Recipe | None = None,
     refine: Objective | None = None,
     limit: Count = LONGEST_RUN,
@@ -237,7 +237,7 @@ def design(
         Operating range of the network: ranges such as {"q_d.x": (3, 7)}, a list of samples, or a
         function that draws samples (`family_of`). It requires a problem and gain rules that the
         function compares itself.
-    kinds : iterable of Kind
+    kinds : iterable of PreconditionerKind
         Preconditioner kinds from which to choose. Default: all.
     recipe : Recipe, optional
         Gain rule that fixes the closed-form factors and the preconditioner kind. Default: the best

@@ -96,7 +96,9 @@ def main(out: Path | None = None, names: tuple[str, ...] = tuple(MEANING)) -> di
     """Run the chosen forms; return the table, the figures of S3, and the paths of the pictures."""
     problem = ann_dc.plants.car()
     print("designing the corrected network ...", flush=True)
-    designed = ann_dc.design(ann_dc.synthesize(problem), kinds=[ann_dc.Kind.PYRAMID])
+    designed = ann_dc.design(
+        ann_dc.synthesize(problem), kinds=[ann_dc.PreconditionerKind.MULTILEVEL]
+    )
     reference = measure("corrected", problem, designed.network)
     optimum = reference.run.trajectory.final
     rows = {"corrected": reference}

@@ -4,7 +4,8 @@ Question: how fast does the network settle, when does it stop settling, and can 
 Answer:   the spectrum at the solution knows. It predicts the settling time, ln(1e6) times radius /
           |abscissa| in fastest time constants, and where the abscissa turns positive: too little
           rho, or duals too slow without coordinators, and the optimum repels. Without coordinators
-          settling grows with N; with a pyramid of them it does not. (Other metrics: demo 11.)
+          settling grows with N; with a pyramid of them it does not. (Other preconditioners: demo
+          11.)
 Figure:   out/demos/04_settling_and_stability.png: measured dots on predicted lines.
 """
 

@@ -39,7 +39,9 @@ COLOURS = {
 def runs_of(problem) -> tuple[dict[str, TwoLevelRun], dict]:
     """Every coordinator on the same start, and what is known before."""
     equations = ann_dc.decompose(problem, ann_dc.switch("S14"))  # q_0 a neuron: all cells alike
-    design = ann_dc.design(ann_dc.synthesize(equations), kinds=[ann_dc.Kind.PYRAMID])
+    design = ann_dc.design(
+        ann_dc.synthesize(equations), kinds=[ann_dc.PreconditionerKind.MULTILEVEL]
+    )
     network, settled = design.network, design.state
     plain = ann_dc.synthesize(equations, rho=0.0)
     gains = ann_dc.UpperMap(network=network, settled=settled).best()
@@ -61,13 +63,13 @@ def runs_of(problem) -> tuple[dict[str, TwoLevelRun], dict]:
     for share in (0.01, 0.05, 0.2):
         moved = {f"q_0.{s}": a + share * d for s, a, d in zip(problem.states, problem.q_0, line)}
         warm[share] = int(newton.run(settled, moved).outer_iterations[0])
-    whole = ann_dc.design(problem, kinds=[ann_dc.Kind.PYRAMID]).network
+    whole = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.MULTILEVEL]).network
     known = {
         "predicted": gains.predicted(),
         "hypothesis": ann_dc.theorem_IV_2(network, settled),
         "warm": warm,
         "jacobian_entries": len(evaluator(network).tape.entries),
-        "coarse_neurons": whole.metric.wires(whole.row).nodes,
+        "coarse_neurons": whole.preconditioner.wires(whole.row).nodes,
     }
     return runs, known
 

@@ -1,13 +1,15 @@
-"""How far from the limit? Every kind of metric on six plants, and what each costs in wires.
+"""How far from the limit? Every kind of preconditioner on six plants, and what each costs in wires.
 
-Question: a metric decides how the drives of all neurons become their moves. It cannot change where
+Question: a preconditioner decides how the drives of all neurons become their moves. It cannot
+change where
           the network settles; how much sooner does it settle, and for how many wires?
-Answer:   the metric that knows the problem exactly gives a ratio radius / |abscissa| of 2. Time
+Answer:   the preconditioner that knows the problem exactly gives a ratio radius / |abscissa| of 2.
+Time
           constants alone cost no wire and miss that by a factor of 12 to 170. A pyramid of coarse
           coordinators, 60 to 130 wires a cell, comes within 3.5 to 15; a neighbour grid within
           2.2, with 10 to 30 resistors a cell, none longer than to the next cell: 30 to 60 fastest
-          time constants from the straight line. A feed-forward tree is the same metric without a
-          loop that has to settle, for 40 to 190 wires. All find the same optimum.
+          time constants from the straight line. A feed-forward tree is the same preconditioner
+          without a loop that has to settle, for 40 to 190 wires. All find the same optimum.
 Figure:   out/demos/11_how_far_from_the_limit.png: settling and wires of every kind and plant;
           out/demos/11_spectra.png: the spectra of car and pendulum, their slow ends on the right.
 """
@@ -20,31 +22,31 @@ from pathlib import Path
 import numpy as np
 
 import ann_dc
-from ann_dc import Kind, plotting
-from ann_dc.network.preconditioners import Grid, Tree, Wires
+from ann_dc import PreconditionerKind, plotting
+from ann_dc.network.preconditioners import CyclicReduction, ResistiveGrid, Wires
 
 LIMIT = 2.0
-"""Ratio with the metric that knows the problem exactly: every slow mode at Re s = -1/2."""
+"""Ratio with the preconditioner that knows the problem exactly: every slow mode at Re s = -1/2."""
 PLANTS = ("car", "unicycle", "van_der_pol", "cstr", "pendulum", "two_link_arm")
 SPECTRA = ("car", "pendulum")
 """Plants whose spectra are drawn."""
 MARKS = {
-    Kind.TIME_CONSTANTS: (plotting.GREY, "s"),
-    Kind.PYRAMID: (plotting.BLUE, "^"),
-    Kind.COUPLED_PYRAMID: (plotting.SKY, "v"),
-    Kind.GRID: (plotting.VERMILION, "o"),
-    Kind.TREE: (plotting.GREEN, "D"),
+    PreconditionerKind.DIAGONAL: (plotting.GREY, "s"),
+    PreconditionerKind.MULTILEVEL: (plotting.BLUE, "^"),
+    PreconditionerKind.COUPLED_MULTILEVEL: (plotting.SKY, "v"),
+    PreconditionerKind.RESISTIVE_GRID: (plotting.VERMILION, "o"),
+    PreconditionerKind.CYCLIC_REDUCTION: (plotting.GREEN, "D"),
 }
 """Colour and marker of every kind."""
-BESIDE = {Kind.PYRAMID: -0.1, Kind.COUPLED_PYRAMID: 0.1}
+BESIDE = {PreconditionerKind.MULTILEVEL: -0.1, PreconditionerKind.COUPLED_MULTILEVEL: 0.1}
 """Kinds with the same wires are drawn beside each other."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Row:
-    """One kind of metric on one plant."""
+    """One kind of preconditioner on one plant."""
 
-    kind: Kind
+    kind: PreconditionerKind
     solution: ann_dc.Solution
     wires: Wires
 
@@ -66,25 +68,33 @@ class Row:
 
 
 def rows_of(problem: ann_dc.OptimalControlProblem) -> list[Row]:
-    """Every kind of metric, each designed as if it were the only one that can be built."""
-    rows = [row_of(problem, kind) for kind in Kind if kind is not Kind.TREE]
-    grid = next(row for row in rows if row.kind is Kind.GRID)
+    """Every kind of preconditioner, each designed as if it were the only one that can be built."""
+    rows = [
+        row_of(problem, kind)
+        for kind in PreconditionerKind
+        if kind is not PreconditionerKind.CYCLIC_REDUCTION
+    ]
+    grid = next(row for row in rows if row.kind is PreconditionerKind.RESISTIVE_GRID)
     return [*rows, as_tree(grid)]
 
 
-def row_of(problem: ann_dc.OptimalControlProblem, kind: Kind) -> Row:
-    """Design with one kind of metric, run, certify."""
+def row_of(problem: ann_dc.OptimalControlProblem, kind: PreconditionerKind) -> Row:
+    """Design with one kind of preconditioner, run, certify."""
     solution = ann_dc.solve(problem, kinds=[kind], backend=ann_dc.OdeBackend(verify=False))
     network = solution.network
-    return Row(kind=kind, solution=solution, wires=network.metric.wires(network.row))
+    return Row(kind=kind, solution=solution, wires=network.preconditioner.wires(network.row))
 
 
 def as_tree(grid: Row) -> Row:
-    """The metric of a grid as hats that follow the plant: the same moves, other wires."""
-    network, metric = grid.solution.network, grid.solution.network.metric
-    assert isinstance(metric, Grid)
-    tree = Tree(own=metric.own, following=metric.following)
-    return Row(kind=Kind.TREE, solution=grid.solution, wires=tree.wires(network.row))
+    """The preconditioner of a grid as hats that follow the plant: the same moves, other wires."""
+    network, preconditioner = grid.solution.network, grid.solution.network.preconditioner
+    assert isinstance(preconditioner, ResistiveGrid)
+    tree = CyclicReduction(own=preconditioner.own, following=preconditioner.following)
+    return Row(
+        kind=PreconditionerKind.CYCLIC_REDUCTION,
+        solution=grid.solution,
+        wires=tree.wires(network.row),
+    )
 
 
 def main(out: Path | None = None, names: tuple[str, ...] = PLANTS) -> dict:
@@ -130,7 +140,7 @@ def costs(table: dict[str, list[Row]]):
             place = number + BESIDE.get(row.kind, 0.0)
             style = {"color": colour, "marker": marker, "ms": 7, "mec": "white", "ls": "none"}
             label = row.kind.value if number == 0 else None
-            if row.kind is not Kind.TREE:  # it settles as its grid does
+            if row.kind is not PreconditionerKind.CYCLIC_REDUCTION:  # it settles as its grid does
                 settling.plot(row.settling, place, **style)
             wires.plot(row.per_cell, place, **style, label=label)
     least = LIMIT * np.log(1e6)
@@ -155,7 +165,7 @@ def costs(table: dict[str, list[Row]]):
         fontsize=8,
     )  # fmt: skip
     figure.suptitle(
-        "How soon every kind of metric settles, and what it costs; a tree settles as its grid does",
+        "How soon every preconditioner settles, and what it costs; a tree settles as its grid does",
         x=0.02, ha="left", fontsize=10,
     )  # fmt: skip
     return figure
@@ -169,7 +179,9 @@ def said(rows: list[Row]) -> str:
 def spectra(table: dict[str, list[Row]]):
     """Every eigenvalue over the radius: how fast to the left, how slow to the right."""
     shown = [name for name in SPECTRA if name in table] or list(table)[:1]
-    drawn = [row.kind for row in table[shown[0]] if row.kind is not Kind.TREE]
+    drawn = [
+        row.kind for row in table[shown[0]] if row.kind is not PreconditionerKind.CYCLIC_REDUCTION
+    ]
     figure = plotting.new_figure(11.0, 0.8 + 2.4 * len(shown))
     panels = figure.subplots(len(shown), len(drawn), sharex=True, sharey=True, squeeze=False)
     for name, line in zip(shown, panels):

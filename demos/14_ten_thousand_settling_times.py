@@ -1,7 +1,7 @@
 """Ten thousand networks in continuous time: how settling times are spread, in seconds of computing.
 
 Question: a settling time belongs to one start and one target. How is it spread over all that the
-          robot may meet, and what does a faster metric change about the slowest of them?
+          robot may meet, and what does a faster preconditioner change about the slowest of them?
 Answer:   10 000 cars with random starts, headings and targets are integrated one by one in all but
           time: a lane of the processor's vectors each, with steps of their own, in generated code.
           A neighbour grid settles the median car in a third of what the pyramid takes, in fastest
@@ -20,7 +20,10 @@ import ann_dc
 from ann_dc import plotting
 
 CARS = 10_000
-KINDS = {ann_dc.Kind.PYRAMID: plotting.BLUE, ann_dc.Kind.GRID: plotting.VERMILION}
+KINDS = {
+    ann_dc.PreconditionerKind.MULTILEVEL: plotting.BLUE,
+    ann_dc.PreconditionerKind.RESISTIVE_GRID: plotting.VERMILION,
+}
 
 
 def random_inputs(count: int) -> dict[str, np.ndarray]:
@@ -32,7 +35,7 @@ def random_inputs(count: int) -> dict[str, np.ndarray]:
 
 
 def main(out: Path | None = None, cars: int = CARS) -> dict:
-    """Settle them with two kinds of metric; return the batches and the path of the picture."""
+    """Settle them with two preconditioners; return the batches and the path of the picture."""
     problem, batches, times, rates = ann_dc.plants.car(), {}, {}, {}
     inputs = random_inputs(cars)
     for kind in KINDS:
@@ -66,7 +69,10 @@ def picture(problem, batches, times):
     left.set_ylim(0, 1.2 * left.get_ylim()[1])  # room for the legend
     left.set_title("to a relative KKT residual of 1e-6", fontsize=9)
     left.legend(frameon=False, fontsize=8)
-    grid, settling = batches[ann_dc.Kind.GRID], times[ann_dc.Kind.GRID]
+    grid, settling = (
+        batches[ann_dc.PreconditionerKind.RESISTIVE_GRID],
+        times[ann_dc.PreconditionerKind.RESISTIVE_GRID],
+    )
     x, y = (grid.inputs[f"q_d.{name}"][:, 0] for name in ("x", "y"))
     tiles = right.hexbin(x, y, settling, gridsize=25, reduce_C_function=np.median, cmap="viridis")
     right.plot(5, 5, "o", color=plotting.VERMILION, ms=6, label="designed for")

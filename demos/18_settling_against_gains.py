@@ -2,7 +2,8 @@
 
 Question: how good are the designed gains, what does it cost to miss one by a factor, and does the
           spectrum know all that before a run?
-Answer:   on all eighteen curves (rho and five populations, three kinds of metric, thirteen factors
+Answer:   on all eighteen curves (rho and five populations, three kinds of preconditioner, thirteen
+factors
           each) the designed value settles soonest: 51 fastest time constants with a neighbour grid,
           153 with a pyramid, 347 with time constants alone. What a miss costs differs. States or
           targets twice as slow as designed take the grid nine to eleven times as long and the
@@ -29,11 +30,11 @@ from ann_dc.study import Table
 from ann_dc.study.shipped import FACTORS, boundaries, settling_against_gains
 
 KINDS = {
-    "grid": ("neighbour grid", plotting.GREEN, "v"),
-    "pyramid": ("pyramid", plotting.BLUE, "o"),
-    "time-constants": ("time constants alone", plotting.VERMILION, "s"),
+    "resistive-grid": ("neighbour grid", plotting.GREEN, "v"),
+    "multilevel": ("multilevel", plotting.BLUE, "o"),
+    "diagonal": ("time constants alone", plotting.VERMILION, "s"),
 }
-"""Kinds of metric: words, colour and marker."""
+"""Kinds of preconditioner: words, colour and marker."""
 NAMES = {
     "rho": "penalty rho",
     "tau.q": "time constants of q (states)",
@@ -54,7 +55,9 @@ def main(
     gains: Sequence[str] | None = None,
     workers: int | None = None,
 ) -> dict:
-    """Run a study for every kind of metric and gain; return tables, boundaries, and the picture."""
+    """Run a study for every kind of preconditioner and gain; return tables, boundaries, and the
+    picture.
+    """
     tables: dict[str, dict[str, Table]] = {}
     found: dict[str, dict[str, tuple[float, ...]]] = {}
     for kind in kinds:
@@ -119,7 +122,7 @@ def picture(subject: str, tables: dict, found: dict):
 
 
 def panel(axes, table: Table, gain: str, kind: str) -> None:
-    """One gain with one kind of metric."""
+    """One gain with one kind of preconditioner."""
     words, colour, mark = KINDS[kind]
     factors, times = table[f"gains.{gain}"], table["settling_in_fastest"]
     axes.plot(

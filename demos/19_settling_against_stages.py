@@ -29,21 +29,22 @@ from ann_dc.study import Exponent, exponent_of
 from ann_dc.study.shipped import SIZES, median_rho, settling_against_horizon
 
 KINDS = {
-    "tree": ("feed-forward tree", plotting.GREEN, "v"),
-    "pyramid": ("pyramid", plotting.BLUE, "o"),
-    "time-constants": ("time constants alone", plotting.VERMILION, "s"),
+    "cyclic-reduction": ("feed-forward tree", plotting.GREEN, "v"),
+    "multilevel": ("multilevel", plotting.BLUE, "o"),
+    "diagonal": ("time constants alone", plotting.VERMILION, "s"),
     "kept": ("time constants alone, rho as for N = 9", plotting.PURPLE, "D"),
 }
-"""Kinds of metric, and one whose penalty is not designed for N: words, colour and marker."""
+"""Kinds of preconditioner, and one whose penalty is not designed for N: words, colour and marker.
+"""
 PLANTS = {"car": "-", "double_integrator": "--"}
 """Plants, and how their lines are drawn."""
 STAGES = {
-    ("car", "tree"): SIZES,
-    ("car", "pyramid"): SIZES,
-    ("car", "time-constants"): (9, 12, 18, 24, 36, 48, 72),
-    ("double_integrator", "tree"): (9, 18, 36, 72, 144, 288, 576),
-    ("double_integrator", "pyramid"): (9, 18, 36, 72, 144, 288, 576),
-    ("double_integrator", "time-constants"): (9, 18, 36, 72, 144),
+    ("car", "cyclic-reduction"): SIZES,
+    ("car", "multilevel"): SIZES,
+    ("car", "diagonal"): (9, 12, 18, 24, 36, 48, 72),
+    ("double_integrator", "cyclic-reduction"): (9, 18, 36, 72, 144, 288, 576),
+    ("double_integrator", "multilevel"): (9, 18, 36, 72, 144, 288, 576),
+    ("double_integrator", "diagonal"): (9, 18, 36, 72, 144),
     ("double_integrator", "kept"): (9, 12, 18, 24, 36),
 }
 """Numbers of stages."""
@@ -52,7 +53,7 @@ LARGE = 36
 
 
 class Series(NamedTuple):
-    """One plant with one kind of metric, over N; nan where it did not settle.
+    """One plant with one kind of preconditioner, over N; nan where it did not settle.
 
     Attributes
     ----------
@@ -71,11 +72,11 @@ class Series(NamedTuple):
 
 
 def series(plant: str, kind: str, sizes: Sequence[int]) -> Series:
-    """Run the studies of one plant with one kind of metric."""
+    """Run the studies of one plant with one kind of preconditioner."""
     studies = settling_against_horizon(
         plant,
         sizes=sizes,
-        kind="time-constants" if kind == "kept" else kind,
+        kind="diagonal" if kind == "kept" else kind,
         rho=rho_of_nine(plant) if kind == "kept" else None,
     )
     tables = [study.run(workers=0) for study in studies.values()]
@@ -96,14 +97,14 @@ def rho_of_nine(plant: str) -> float:
     """Penalty that the design of nine stages chooses, with time constants alone."""
     problem = ann_dc.plants.get(plant)()
     nine = dataclasses.replace(problem.with_horizon(9), dt=problem.horizon * problem.dt / 9)
-    return median_rho(ann_dc.design(nine, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network)
+    return median_rho(ann_dc.design(nine, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network)
 
 
 def main(
     out: Path | None = None,
     stages: Mapping[tuple[str, str], Sequence[int]] = STAGES,
 ) -> dict:
-    """Run every plant with every kind of metric; return the series, and the picture's path."""
+    """Run every plant with every preconditioner; return the series and the path of the picture."""
     found = {(p, kind): series(p, kind, sizes) for (p, kind), sizes in stages.items()}
     figures = []
     if out is not None:

@@ -37,7 +37,7 @@ CARS = {
     "input.q_d.y": (4.0, 6.0),
 }
 """Starts within half a metre, headings within 0.2 rad, targets between 4 and 6 m."""
-KINDS = {"pyramid": "pyramid", "grid": "neighbour grid"}
+KINDS = {"multilevel": "multilevel", "resistive-grid": "neighbour grid"}
 ORDERS = {
     "simultaneous": ("all at once", plotting.BLUE),
     "two-phase": ("duals after primals", plotting.ORANGE),

@@ -53,7 +53,8 @@ def main(
     for name, study in studies.items():
         tables[name] = study.run(workers=workers)
         error, time = (
-            tables[name][metric] for metric in ("control_error", "control_settling_time")
+            tables[name][preconditioner]
+            for preconditioner in ("control_error", "control_settling_time")
         )
         print(f"{name:22} {tables[name].outcomes}  error at most {np.nanmax(error):.1e}, "
               f"settled in {np.nanmin(time):.1f} to {np.nanmax(time):.1f}")  # fmt: skip

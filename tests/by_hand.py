@@ -6,7 +6,7 @@ import sympy as sp
 
 from ann_dc.gain_design.procedure import design
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solver import synthesize
 
@@ -47,4 +47,4 @@ BY_HAND = {plant.__name__: plant for plant in (river, fishing, rocket)}
 @cache
 def wired_by_hand(name: str) -> Network:
     """With time constants alone."""
-    return design(synthesize(BY_HAND[name]()), kinds=(Kind.TIME_CONSTANTS,)).network
+    return design(synthesize(BY_HAND[name]()), kinds=(PreconditionerKind.DIAGONAL,)).network

@@ -11,12 +11,18 @@ from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.cell import Limiter
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
-COUPLED = (Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE)
+COUPLED = (
+    PreconditionerKind.MULTILEVEL,
+    PreconditionerKind.COUPLED_MULTILEVEL,
+    PreconditionerKind.RESISTIVE_GRID,
+    PreconditionerKind.CYCLIC_REDUCTION,
+)
 
 OF_RUNS = tuple(
-    pytest.param(kind, marks=() if kind is Kind.GRID else pytest.mark.slow) for kind in COUPLED
+    pytest.param(kind, marks=() if kind is PreconditionerKind.RESISTIVE_GRID else pytest.mark.slow)
+    for kind in COUPLED
 )
 """The same for tests of whole runs, which take seconds; `make slow` runs three of them."""
 
@@ -58,9 +64,9 @@ def resting_at_rails(name: str, population: str) -> tuple[float, np.ndarray]:
 
 
 @cache
-def run_with_changes(metric: Kind) -> tuple[Network, np.ndarray, int]:
+def run_with_changes(preconditioner: PreconditionerKind) -> tuple[Network, np.ndarray, int]:
     """Euler steps of the NumPy evaluator, pushed now and then; how often its held set changes."""
-    network = railed(wired_with("car", metric), 0.35, "u", "q")
+    network = railed(wired_with("car", preconditioner), 0.35, "u", "q")
     low, high = rails_of(network)
     own, rng = evaluator(network), np.random.default_rng(4)
     x, states, changes, before = network.start_state.clip(low, high), [], 0, None

@@ -10,7 +10,7 @@ from ann_dc.decomposition.form import switch
 from ann_dc.evaluation.populations import neuron_values
 from ann_dc.gain_design.procedure import Design, design
 from ann_dc.network.network import COORDINATION, Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solution.solution import certificate_of
@@ -28,7 +28,7 @@ CAR = plants.car()
 @cache
 def closed_chain(problem: OptimalControlProblem) -> Design:
     """Closing B: q_0 is a neuron. The penalty that suits a grid makes the upper level slow."""
-    return design(synthesize(decompose(problem, NEURON)), kinds=[Kind.PYRAMID])
+    return design(synthesize(decompose(problem, NEURON)), kinds=[PreconditionerKind.MULTILEVEL])
 
 
 @cache

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 from problems import SUITE
-from random_metrics import STIFFNESSES, with_stiffness
+from random_preconditioners import STIFFNESSES, with_stiffness
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.decomposition.equations import decompose
@@ -14,9 +14,9 @@ from ann_dc.gain_design.gain_rule import Recipe, closed_form
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.procedure import Design, design
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
-from ann_dc.network.preconditioners.diagonal import TimeConstants
-from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.base import PreconditionerKind
+from ann_dc.network.preconditioners.diagonal import Diagonal
+from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.solver import synthesize
 
 
@@ -41,12 +41,14 @@ def coordinated(name: str) -> Network:
 
 
 @cache
-def wired_with(name: str, kind: Kind) -> Network:
-    """The same with a metric of any kind: from its start, with the time constants that belong."""
+def wired_with(name: str, kind: PreconditionerKind) -> Network:
+    """The same with a preconditioner of any kind: from its start, with the time constants that
+    belong.
+    """
     if kind in STIFFNESSES:
         return with_stiffness(small(name), kind)
-    if kind is Kind.TIME_CONSTANTS:
-        return replace(coordinated(name), metric=TimeConstants())
+    if kind is PreconditionerKind.DIAGONAL:
+        return replace(coordinated(name), preconditioner=Diagonal())
     network = small(name)
     linear = Linearisation(network).at(network.start_state)
     return apply_gains(network, closed_form(linear, Recipe(kind=kind)))
@@ -65,7 +67,11 @@ def near_start(network: Network, seed: int, count: int | None = None) -> np.ndar
 def slower(network: Network, c: float) -> Network:
     """The same network with every time constant c times as long."""
     neurons = tuple(replace(n, tau=np.asarray(n.tau) * c) for n in network.cell.neurons)
-    metric = network.metric
-    if isinstance(metric, Pyramid):
-        metric = replace(metric, gains=tuple(gain / c for gain in metric.gains))
-    return replace(network, cell=replace(network.cell, neurons=neurons), metric=metric)
+    preconditioner = network.preconditioner
+    if isinstance(preconditioner, Multilevel):
+        preconditioner = replace(
+            preconditioner, gains=tuple(gain / c for gain in preconditioner.gains)
+        )
+    return replace(
+        network, cell=replace(network.cell, neurons=neurons), preconditioner=preconditioner
+    )

@@ -37,10 +37,12 @@ PROBLEMS = {
 
 
 @cache
-def walked(name: str, kind: ann_dc.Kind | None = None) -> tuple[Network, ReferenceVector]:
+def walked(
+    name: str, kind: ann_dc.PreconditionerKind | None = None
+) -> tuple[Network, ReferenceVector]:
     problem = PROBLEMS[name]()
-    # integers hold rails one by one: no metric may couple them
-    kinds = [ann_dc.Kind.PYRAMID] if problem.bounds else ALL_KINDS
+    # integers hold rails one by one: no preconditioner may couple them
+    kinds = [ann_dc.PreconditionerKind.MULTILEVEL] if problem.bounds else ALL_KINDS
     network = ann_dc.design(problem, kinds=kinds if kind is None else [kind]).network
     return network, reference_vector(network)
 

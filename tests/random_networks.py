@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
-from random_metrics import random_metric
+from random_preconditioners import random_preconditioner
 
 from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Role, Sum
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 NEURONS = ("q.a", "t.a", "q.b", "t.b", "u", "mu", "s")
 ROLES = (*[Role.PRIMAL] * 5, Role.DUAL, Role.STATE)
@@ -17,7 +17,7 @@ SHARED = "e"
 INPUTS = ("c", "d")
 
 
-def random_network(seed: int, kind: Kind = Kind.TIME_CONSTANTS) -> Network:
+def random_network(seed: int, kind: PreconditionerKind = PreconditionerKind.DIAGONAL) -> Network:
     """A network with every kind of block, template, end, rail and neuron, by chance."""
     rng = np.random.default_rng(seed)
     stages = int(rng.integers(1, 7))
@@ -49,7 +49,7 @@ def random_network(seed: int, kind: Kind = Kind.TIME_CONSTANTS) -> Network:
         start={name: rng.uniform(-0.5, 0.5, stages) for name in NEURONS} | {SHARED: 0.3},
         title=f"random {seed}",
     )
-    return replace(network, metric=random_metric(kind, network.row, rng))
+    return replace(network, preconditioner=random_preconditioner(kind, network.row, rng))
 
 
 def far_wired(seed: int) -> Network:

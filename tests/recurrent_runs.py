@@ -27,7 +27,7 @@ def wire(source: str, target: str, weight=1.0, template=Template.SELF) -> Connec
 
 @cache
 def suited(name: str) -> Design:
-    """A problem of the suite, with a metric that suits the simultaneous order."""
+    """A problem of the suite, with a preconditioner that suits the simultaneous order."""
     return design(synthesize(SUITE[name].problem), kinds=KINDS)
 
 

@@ -24,7 +24,7 @@ RUNS = {
     "--form": ["corrected", "printed", "S3", "S14", "S16", "S99"],
     "--start": ["line", "zero", "random", "nowhere"],
     "--seed": ["0", "7", "-1", "x"],
-    "--kinds": ["pyramid", "grid,tree", "time-constants", "all", ""],
+    "--kinds": ["multilevel", "resistive-grid,cyclic-reduction", "diagonal", "all", ""],
     "--limit": ["200", "50", "0", "-3", "nan"],
     "--time-limit": ["5", "0.01", "0", "-1", "x"],
     "--json": FILES,
@@ -37,7 +37,7 @@ RUNS = {
 }
 DESIGN = {
     "--start": ["line", "zero", "nowhere"],
-    "--kinds": ["pyramid", "grid,tree", "time-constants", "all", ""],
+    "--kinds": ["multilevel", "resistive-grid,cyclic-reduction", "diagonal", "all", ""],
     "--why": [None],
     "--out": ["designed", "folder", "no\0name"],
 }
@@ -48,7 +48,7 @@ CIRCUIT = {
     "--margin": ["10", "0", "nan"],
     "--full-scale": ["1", "0", "-2", "1e9"],
     "--resistors": ["exact", "E24", "E7"],
-    "--metric": ["time-constants", "pyramid", "mesh"],
+    "--metric": ["diagonal", "multilevel", "mesh"],
     "--budget": ["3", "-1"],
     "--samples": ["2", "-1"],
     "--deck": FILES,

@@ -100,12 +100,12 @@ def problem():
 
 @cache
 def design():
-    return ann_dc.design(problem(), kinds=[ann_dc.Kind.TIME_CONSTANTS])
+    return ann_dc.design(problem(), kinds=[ann_dc.PreconditionerKind.DIAGONAL])
 
 
 @cache
 def solution():
-    return ann_dc.solve(problem(), kinds=[ann_dc.Kind.TIME_CONSTANTS])
+    return ann_dc.solve(problem(), kinds=[ann_dc.PreconditionerKind.DIAGONAL])
 
 
 @cache
@@ -200,7 +200,7 @@ def study():
 class Spy:
     """A backend that must not be asked to run."""
 
-    kinds = (ann_dc.Kind.TIME_CONSTANTS,)
+    kinds = (ann_dc.PreconditionerKind.DIAGONAL,)
 
     def run(self, network):
         return solution().run
@@ -300,7 +300,7 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "load_solution": lambda: {"folder": "saved"},
     "load_study": lambda: {"path": "study.toml"},
     "load_problem": lambda: {"path": "problem.toml"},
-    "multistart": lambda: {"starts": 2, "kinds": [ann_dc.Kind.TIME_CONSTANTS]},
+    "multistart": lambda: {"starts": 2, "kinds": [ann_dc.PreconditionerKind.DIAGONAL]},
     "pareto": lambda: {"problem": competing(), "points": 1},
     "plants.get": lambda: {"name": "car"},
     "plotting.circuit": lambda: {"run": circuit_run()},
@@ -318,7 +318,7 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "random_start": lambda: {"rng": 0},
     "save": lambda: {"path": "network.npz"},
     "solve": lambda: {"backend": Spy(), "gains": design().gains},
-    "design": lambda: {"kinds": [ann_dc.Kind.TIME_CONSTANTS]},
+    "design": lambda: {"kinds": [ann_dc.PreconditionerKind.DIAGONAL]},
     "switch": lambda: {"name": "S3"},
     "two_level.Gradient": lambda: {"lambda_t": 0.1, "lambda_beta": 0.1},
     "two_level.OracleBackend": lambda: {"gain": oracle()},

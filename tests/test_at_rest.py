@@ -11,9 +11,9 @@ from other_units import Units, written_in
 from simulator import needs_ngspice
 
 from ann_dc import (
-    Kind,
     OdeBackend,
     OptimalControlProblem,
+    PreconditionerKind,
     RecurrentBackend,
     SpiceBackend,
     design,
@@ -59,7 +59,7 @@ def problem(other: bool = False) -> OptimalControlProblem:
 
 @cache
 def network(other: bool = False) -> Network:
-    return design(problem(other), kinds=[Kind.TIME_CONSTANTS]).network
+    return design(problem(other), kinds=[PreconditionerKind.DIAGONAL]).network
 
 
 def started(share: float, other: bool = False) -> Network:

@@ -38,7 +38,9 @@ def test_the_frozen_network_settles_at_an_optimum(name):
 @pytest.mark.parametrize("name", QUICK)
 def test_backends_agree(name):
     """Continuous time, recurrent steps, and SciPy's integrator."""
-    network = ann_dc.design(CONSTRAINED[name].problem, kinds=[ann_dc.Kind.PYRAMID]).network
+    network = ann_dc.design(
+        CONSTRAINED[name].problem, kinds=[ann_dc.PreconditionerKind.MULTILEVEL]
+    ).network
     backends = (
         ann_dc.OdeBackend(verify=False),
         ann_dc.OdeBackend(verify=False, method=ann_dc.ode.RK45),

@@ -16,9 +16,9 @@ from simulator import needs_ngspice
 from small_pdk import needs_pdk
 
 from ann_dc import (
-    Kind,
     OdeBackend,
     OptimalControlProblem,
+    PreconditionerKind,
     Soft,
     SpiceBackend,
     design,
@@ -59,7 +59,7 @@ ACTIVE = 2e-3
 @cache
 def network_of(name):
     build = SMALL[name] if name in SMALL else CONSTRAINED[name].build
-    return design(build(), kinds=[Kind.TIME_CONSTANTS]).network
+    return design(build(), kinds=[PreconditionerKind.DIAGONAL]).network
 
 
 @cache
@@ -131,7 +131,7 @@ def test_op_amps_settle_where_their_emulation_says(name, share, sooner):
 )
 def test_controls_at_rails_are_where_their_clamps_hold_them(problem, level, seed):
     """Beside them by the clamps' own offsets; what the op amp itself is off by, rails stop."""
-    network = design(problem(), kinds=[Kind.TIME_CONSTANTS]).network
+    network = design(problem(), kinds=[PreconditionerKind.DIAGONAL]).network
     backend = SpiceBackend(level=level, seed=seed)
     circuit, probe = backend.prepare(network)
     off = backend.deviations(circuit)
@@ -156,11 +156,19 @@ def test_controls_at_rails_are_where_their_clamps_hold_them(problem, level, seed
 
 
 BOARDS = {
-    "rang": (two_tanks, Kind.PYRAMID, "ad8065_ad835"),
-    "rang at 31 MHz": (SMALL["limited control"], Kind.PYRAMID, "opa828_ad734"),
-    "rang, large": (CONSTRAINED["dint_u"].build, Kind.PYRAMID, "opa828_ad734"),
-    "rests beside rails": (CONSTRAINED["dint_u"].build, Kind.PYRAMID, "tl072_ad633"),
-    "passes rails": (CONSTRAINED["car_steer"].build, Kind.TIME_CONSTANTS, "zero_drift_trimmed"),
+    "rang": (two_tanks, PreconditionerKind.MULTILEVEL, "ad8065_ad835"),
+    "rang at 31 MHz": (SMALL["limited control"], PreconditionerKind.MULTILEVEL, "opa828_ad734"),
+    "rang, large": (CONSTRAINED["dint_u"].build, PreconditionerKind.MULTILEVEL, "opa828_ad734"),
+    "rests beside rails": (
+        CONSTRAINED["dint_u"].build,
+        PreconditionerKind.MULTILEVEL,
+        "tl072_ad633",
+    ),
+    "passes rails": (
+        CONSTRAINED["car_steer"].build,
+        PreconditionerKind.DIAGONAL,
+        "zero_drift_trimmed",
+    ),
 }
 
 
@@ -185,7 +193,11 @@ def test_a_board_with_rails_is_as_it_is_emulated(name):
 @pytest.mark.slow
 @needs_ngspice
 @pytest.mark.parametrize(
-    "kind", [Kind.TIME_CONSTANTS, pytest.param(Kind.PYRAMID, marks=pytest.mark.slow)]
+    "kind",
+    [
+        PreconditionerKind.DIAGONAL,
+        pytest.param(PreconditionerKind.MULTILEVEL, marks=pytest.mark.slow),
+    ],
 )
 def test_clamps_that_conduct_come_to_rest(kind):
     """Of a tank that is filled until its pump ends at its lower bound; steps shook the diodes."""
@@ -201,11 +213,11 @@ def test_clamps_that_conduct_come_to_rest(kind):
     assert run.settling_time() == pytest.approx(found.settling_time, rel=0.01)
 
 
-def test_a_network_that_does_not_settle_is_told_of_a_metric_that_may():
+def test_a_network_that_does_not_settle_is_told_of_a_preconditioner_that_may():
     problem = two_tanks().with_horizon(12)
-    network = design(problem, kinds=[Kind.TIME_CONSTANTS]).network
+    network = design(problem, kinds=[PreconditionerKind.DIAGONAL]).network
     network = network.with_start(synthesize(problem).start_state)  # the design found presets
-    with pytest.raises(NetworkError, match=r"has to settle to be scaled; .*--metric pyramid"):
+    with pytest.raises(NetworkError, match=r"has to settle to be scaled; .*--metric multilevel"):
         SpiceBackend().prepare(network)
 
 
@@ -221,7 +233,7 @@ def test_a_network_that_does_not_settle_is_told_of_a_metric_that_may():
 )
 def test_rows_that_do_not_press_push_nothing(level):
     """A diode neuron that is off has 10 kohm to ground, where base currents of multipliers show."""
-    network = design(past_disc(), kinds=[Kind.TIME_CONSTANTS]).network
+    network = design(past_disc(), kinds=[PreconditionerKind.DIAGONAL]).network
     run = SpiceBackend(level=level).run(network)
     found = predict(run.circuit, level, run.probe)
     assert run.settled()
@@ -235,7 +247,7 @@ SPEEDS = {
     "compliant": lambda: (
         design(
             integrator(N=8, dt=0.25, bounds={v: (None, 0.6)}, soft=Soft(compliance=0.05)),
-            kinds=[Kind.TIME_CONSTANTS],
+            kinds=[PreconditionerKind.DIAGONAL],
         ).network
     ),
 }
@@ -304,14 +316,16 @@ def coupled(name, kind):
 @pytest.mark.parametrize(
     ("name", "kind", "course"),
     [
-        ("limited control", Kind.GRID, 0.04),
-        ("scalar", Kind.GRID, 0.05),
-        pytest.param("cart", Kind.GRID, 0.05, marks=pytest.mark.slow),
-        pytest.param("bioreactor", Kind.GRID, 0.05, marks=pytest.mark.slow),
-        pytest.param("limited control", Kind.TREE, 0.04, marks=pytest.mark.slow),
-        pytest.param("tank_level", Kind.GRID, 0.03, marks=pytest.mark.slow),
-        pytest.param("car_steer", Kind.GRID, 0.08, marks=pytest.mark.slow),
-        pytest.param("lander", Kind.GRID, 0.08, marks=pytest.mark.slow),
+        ("limited control", PreconditionerKind.RESISTIVE_GRID, 0.04),
+        ("scalar", PreconditionerKind.RESISTIVE_GRID, 0.05),
+        pytest.param("cart", PreconditionerKind.RESISTIVE_GRID, 0.05, marks=pytest.mark.slow),
+        pytest.param("bioreactor", PreconditionerKind.RESISTIVE_GRID, 0.05, marks=pytest.mark.slow),
+        pytest.param(
+            "limited control", PreconditionerKind.CYCLIC_REDUCTION, 0.04, marks=pytest.mark.slow
+        ),
+        pytest.param("tank_level", PreconditionerKind.RESISTIVE_GRID, 0.03, marks=pytest.mark.slow),
+        pytest.param("car_steer", PreconditionerKind.RESISTIVE_GRID, 0.08, marks=pytest.mark.slow),
+        pytest.param("lander", PreconditionerKind.RESISTIVE_GRID, 0.08, marks=pytest.mark.slow),
     ],
 )
 def test_rails_of_coupled_neurons_hold_circuits_as_they_are_emulated(name, kind, course):
@@ -335,7 +349,7 @@ def test_rails_of_coupled_neurons_hold_circuits_as_they_are_emulated(name, kind,
 def test_states_follow_the_projection_as_closely_as_they_follow_clamps():
     """At a margin of 60, rows are up to 1.9 % off and clamps 1.5 %; at 10, 4.9 % and 8.8 %."""
     problem = integrator(N=4, dt=0.5, bounds={a: (-1.1, 1.1)})
-    for kind in (Kind.TIME_CONSTANTS, Kind.GRID):
+    for kind in (PreconditionerKind.DIAGONAL, PreconditionerKind.RESISTIVE_GRID):
         network = design(problem, kinds=[kind]).network
         run = SpiceBackend(level=MACRO, margin=60.0).run(network)
         ideal = OdeBackend(method=ode.DOP853, verify=False).run(network).trajectory
@@ -346,7 +360,7 @@ def test_states_follow_the_projection_as_closely_as_they_follow_clamps():
 @pytest.mark.slow
 def test_fitted_intervals_of_rows_are_taken_with_the_network_that_has_rails():
     """Rows that stand in the place of rails have intervals, too."""
-    network = coupled("limited control", Kind.GRID)
+    network = coupled("limited control", PreconditionerKind.RESISTIVE_GRID)
     backend = fitted(SpiceBackend(level=MACRO), network)
     assert "zeta_high.u.a" in backend.intervals
     circuit, probe = backend.prepare(network)
@@ -387,7 +401,9 @@ def test_rails_beyond_one_volt_are_refused():
 
 
 def test_a_rail_beyond_full_scale_is_not_built():
-    network = design(integrator(N=6, dt=0.3, bounds={a: (-50, 1.5)}), kinds=[Kind.TIME_CONSTANTS])
+    network = design(
+        integrator(N=6, dt=0.3, bounds={a: (-50, 1.5)}), kinds=[PreconditionerKind.DIAGONAL]
+    )
     circuit, probe = SpiceBackend().prepare(network.network)
     text = SpiceBackend().deck(circuit, probe, {}).text
     built = [c for c in ("clamp_low", "clamp_high") if f" {c} " in text.partition("---- cells")[2]]
@@ -419,7 +435,7 @@ def test_the_bill_has_the_parts_of_clamps_and_diodes():
 
 def test_a_little_capacitance_at_its_ground_hardly_changes_the_noise_of_a_diode_neuron():
     """The same resistors: what they bring goes by way of another node."""
-    network = design(SMALL["limited speed"](), kinds=[Kind.TIME_CONSTANTS]).network
+    network = design(SMALL["limited speed"](), kinds=[PreconditionerKind.DIAGONAL]).network
     heard = []
     for farads in (0.0, 1e-13):
         level = levels.macro(parasitics=Parasitics(stray_capacitance=farads))

@@ -186,10 +186,16 @@ def test_how_far_from_the_limit(tmp_path):
     assert_drawn(result, 2)
     for rows in result["table"].values():
         found = {row.kind: row for row in rows}
-        assert set(found) == set(ann_dc.Kind)
+        assert set(found) == set(ann_dc.PreconditionerKind)
         assert all(row.solution.certified for row in rows)
-        alone, grid = found[ann_dc.Kind.TIME_CONSTANTS], found[ann_dc.Kind.GRID]
-        pyramid, tree = found[ann_dc.Kind.PYRAMID], found[ann_dc.Kind.TREE]
+        alone, grid = (
+            found[ann_dc.PreconditionerKind.DIAGONAL],
+            found[ann_dc.PreconditionerKind.RESISTIVE_GRID],
+        )
+        pyramid, tree = (
+            found[ann_dc.PreconditionerKind.MULTILEVEL],
+            found[ann_dc.PreconditionerKind.CYCLIC_REDUCTION],
+        )
         assert 2 < grid.ratio < pyramid.ratio < alone.ratio
         assert grid.settling < min(60, pyramid.settling) < alone.settling
         assert 0 == alone.per_cell < grid.per_cell < pyramid.per_cell < tree.per_cell
@@ -285,14 +291,14 @@ def test_minimax(tmp_path):
 def test_settling_against_gains(tmp_path):
     result = demo("18_settling_against_gains").main(
         tmp_path,
-        kinds=("time-constants",),
+        kinds=("diagonal",),
         factors=(0.02, 0.1, 1.0, 2.15),
         gains=("rho",),
         workers=0,
     )
     assert_drawn(result, 1)
-    table = result["tables"]["time-constants"]["rho"]
-    (edge,) = result["boundaries"]["time-constants"]["rho"]
+    table = result["tables"]["diagonal"]["rho"]
+    (edge,) = result["boundaries"]["diagonal"]["rho"]
     assert edge == pytest.approx(0.03, rel=0.1)
     assert (table["outcome"] == "settled").tolist() == [False, True, True, True]
     assert (table["resting_decay_rate"] > 0).tolist() == [False, True, True, True]
@@ -304,7 +310,7 @@ def test_settling_against_gains(tmp_path):
 
 @pytest.mark.slow
 def test_settling_against_stages(tmp_path):
-    kinds = ("tree", "time-constants", "kept")
+    kinds = ("cyclic-reduction", "diagonal", "kept")
     stages = {("double_integrator", kind): (9, 12, 18) for kind in kinds}
     result = demo("19_settling_against_stages").main(tmp_path, stages=stages)
     assert_drawn(result, 1)
@@ -335,10 +341,10 @@ def test_where_slips_settle(tmp_path):
 @pytest.mark.slow
 def test_orders_and_steps(tmp_path):
     result = demo("21_orders_and_steps").main(
-        tmp_path, samples=16, shares=(0.5, 0.7, 1.05), kinds=("pyramid", "grid")
+        tmp_path, samples=16, shares=(0.5, 0.7, 1.05), kinds=("multilevel", "resistive-grid")
     )
     assert_drawn(result, 1)
-    pyramid, grid = (result["found"][kind] for kind in ("pyramid", "grid"))
+    pyramid, grid = (result["found"][kind] for kind in ("multilevel", "resistive-grid"))
     for order, one in pyramid.items():
         assert one.settled[0] == 1.0, order
         assert one.settled[2] == 0.0, order
@@ -347,7 +353,7 @@ def test_orders_and_steps(tmp_path):
     assert pyramid["two-phase"].settled[1] < 0.2  # the limit is none of this order
     assert grid["two-phase"].settled[2] > 0.9
     assert grid["simultaneous"].adaptive > 4 * grid["two-phase"].adaptive
-    stable = np.mean(result["limits"]["grid"] > 1.05)
+    stable = np.mean(result["limits"]["resistive-grid"] > 1.05)
     assert grid["simultaneous"].settled[2] == pytest.approx(stable, abs=0.15)
 
 

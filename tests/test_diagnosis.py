@@ -12,7 +12,7 @@ from ann_dc.analysis.spectra import Spectrum
 from ann_dc.diagnosis import HELPS, Diagnosis, Remedy, analyse
 from ann_dc.errors import DesignError
 from ann_dc.gain_design.gains import hand_gains
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 NAMES = ("car", "pendulum", "cstr", "double_integrator", "planar_quadrotor")
 
@@ -36,7 +36,7 @@ def test_it_fits_on_a_page(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_remedies_are_candidates_or_the_exact_metric(name):
+def test_remedies_are_candidates_or_the_exact_preconditioner(name):
     found, ratios = diagnosis(name), {c.ratio for c in designed(name).candidates}
     assert found.slowness.ratio == designed(name).spectrum.ratio
     compared = [remedy for remedy in found.remedies if remedy.compared]
@@ -93,7 +93,7 @@ def test_reasons_name_the_row():
     assert f"{9 * row.penalty:.3g} along the mode, penalty {row.penalty:.3g}" in weak
     assert f"on the row {component} is low for the curvature" in reason(dual_share=0.5, shadow=-9.0)
     assert slowest.leading[0] in reason(dual_share=0.0)
-    assert reason(dual_share=0.0).startswith("the metric does not follow ")
+    assert reason(dual_share=0.0).startswith("the preconditioner does not follow ")
 
 
 def test_nothing_helps_near_the_limit():
@@ -110,9 +110,11 @@ def test_advice_is_what_gains_most():
     assert better.helps
     assert not worse.helps
     assert replace(found, remedies=(better, worse, *exact)).advice.startswith("more penalty, 3 ")
-    other = replace(found, remedies=(worse, *exact), kind=Kind.PYRAMID)
-    assert other.advice.startswith("another metric")
-    assert replace(other, kind=Kind.GRID).advice.startswith("less of the path term")
+    other = replace(found, remedies=(worse, *exact), kind=PreconditionerKind.MULTILEVEL)
+    assert other.advice.startswith("another preconditioner")
+    assert replace(other, kind=PreconditionerKind.RESISTIVE_GRID).advice.startswith(
+        "less of the path term"
+    )
 
 
 @pytest.mark.parametrize(
@@ -121,31 +123,39 @@ def test_advice_is_what_gains_most():
 )
 def test_what_was_passed_over_has_an_outcome(settling, outcome):
     found = with_ratio(diagnosis("car"), 30.0)
-    better = Remedy(change="neighbour grid", ratio=3.0, gain=10.0, compared=True, settling=settling)
+    better = Remedy(change="resistive grid", ratio=3.0, gain=10.0, compared=True, settling=settling)
     assert f"from the start it {outcome}" in replace(found, remedies=(better,)).advice
 
 
-def test_advice_tells_where_penalty_and_metric_are_needed_together():
+def test_advice_tells_where_penalty_and_preconditioner_are_needed_together():
     found = diagnosis("car")
     low = replace(found.slowness, lowest=-3.0, highest=6.0)
     assert low.exact_ratio() == float("inf")
     remedies = (Remedy(change="more penalty", ratio=60.0, gain=0.5, compared=True),)
-    told = with_ratio(replace(found, slowness=low, remedies=remedies, kind=Kind.PYRAMID), 30.0)
-    assert told.advice == "another metric with 6 times the penalties; neither of them alone"
+    told = with_ratio(
+        replace(found, slowness=low, remedies=remedies, kind=PreconditionerKind.MULTILEVEL), 30.0
+    )
+    assert told.advice == "another preconditioner with 6 times the penalties; neither of them alone"
     high = replace(told.slowness, lowest=0.0)
     assert HELPS * high.exact_ratio() < 30.0
-    assert replace(told, slowness=high).advice == "another metric; more penalty then takes the rest"
+    assert (
+        replace(told, slowness=high).advice
+        == "another preconditioner; more penalty then takes the rest"
+    )
 
 
 def test_a_solution_is_analysed_by_its_design():
     problem = ann_dc.plants.double_integrator(N=5)
-    solution = ann_dc.solve(problem, kinds=[Kind.PYRAMID])
+    solution = ann_dc.solve(problem, kinds=[PreconditionerKind.MULTILEVEL])
     found = ann_dc.analyse(solution)
     assert solution.design is not None
     assert str(found) == str(ann_dc.analyse(solution.design))
     slowest = found.slowness.modes[0]
-    assert slowest.cause in (Cause.REACH, Cause.METRIC)
-    told = {Cause.REACH: "is weakly reachable", Cause.METRIC: "the metric does not follow"}
+    assert slowest.cause in (Cause.REACH, Cause.PRECONDITIONER)
+    told = {
+        Cause.REACH: "is weakly reachable",
+        Cause.PRECONDITIONER: "the preconditioner does not follow",
+    }
     assert told[slowest.cause] in found.reason
 
 

@@ -1,9 +1,9 @@
-"""The limit: with the exact metric and penalty the ratio is 2, for every problem."""
+"""The limit: with the exact preconditioner and penalty the ratio is 2, for every problem."""
 
 import numpy as np
 import pytest
 from designs import designed
-from exact_metric import exact_metric, is_dual
+from exact_preconditioner import exact_preconditioner, is_dual
 from problems import SUITE
 
 from ann_dc.analysis.spectra import spectrum
@@ -18,13 +18,13 @@ LONG = (
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in SUITE]
 )
-def test_the_exact_metric_has_ratio_two(name):
+def test_the_exact_preconditioner_has_ratio_two(name):
     """M = (H + w A'A)^{-1}, w = max(2 rho*, max Q), K = w/2: s = -1 or Re s = -1/2, |s| <= 1.
 
     Where w = max Q two of them meet, and rounding moves a double eigenvalue by its square root: at
     N = 72 a change of the state by 1e-15 moves the ratio between 2.00001 and 2.0016.
     """
-    exact = exact_metric(designed(name).network, designed(name).state)
+    exact = exact_preconditioner(designed(name).network, designed(name).state)
     shadow = np.linalg.eigvalsh(exact.saddle.shadow)
     w = max(-2 * shadow[0], shadow[-1])
     network = exact.with_gains(np.where(is_dual(exact.network), w, 0.0), eta=0.5)

@@ -142,7 +142,7 @@ def test_what_objectives_exclude_is_refused_by_name():
     with pytest.raises(FormError, match="effort, error"):
         ann_dc.solve(problem, form=ann_dc.PRINTED)
     with pytest.raises(DesignError, match="kinds: a grid or a tree"):
-        ann_dc.design(problem, kinds=[ann_dc.Kind.GRID])
+        ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.RESISTIVE_GRID])
     with pytest.raises(ProblemError, match="objectives: cart has effort, error"):
         ipopt_point(problem)
     network = ann_dc.synthesize(problem)

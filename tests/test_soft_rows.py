@@ -135,7 +135,7 @@ def test_what_is_no_optimum_is_not_certified(kind):
 @pytest.mark.parametrize("name", QUICK)
 def test_backends_agree(name, tmp_path):
     """Continuous time in generated code and in SciPy, recurrent steps, and a saved network."""
-    network = ann_dc.design(SOFT[name](), kinds=[ann_dc.Kind.PYRAMID]).network
+    network = ann_dc.design(SOFT[name](), kinds=[ann_dc.PreconditionerKind.MULTILEVEL]).network
     ann_dc.save(network, tmp_path / "soft.npz")
     runs = [
         ann_dc.OdeBackend(verify=False).run(network),
@@ -153,7 +153,9 @@ def test_backends_agree(name, tmp_path):
 
 def test_many_samples_at_once_are_each_as_if_alone():
     """Targets that break the row more and more, in lanes and in layers."""
-    network = ann_dc.design(SOFT["price and compliance"](), kinds=[ann_dc.Kind.PYRAMID]).network
+    network = ann_dc.design(
+        SOFT["price and compliance"](), kinds=[ann_dc.PreconditionerKind.MULTILEVEL]
+    ).network
     targets = {"q_d.x": np.linspace(0.8, 1.2, 5)}
     runs = [backend.run_batch(network, targets) for backend in (
         ann_dc.OdeBackend(verify=False), ann_dc.RecurrentBackend(),
@@ -226,7 +228,7 @@ def test_what_is_slow_but_feasible_is_not_said_to_contradict_itself():
 @pytest.mark.parametrize("level", [ann_dc.levels.BEHAVIOURAL, ann_dc.levels.macro()])
 def test_soft_rows_as_circuits(soft, level):
     problem = integrator(N=8, dt=0.25, bounds={v: (None, 0.6)}, soft=soft)
-    network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     run = ann_dc.SpiceBackend(level=level).run(network)
     assert run.settled()
     fused = run.circuit.schematic.count(PICell) - len(network.cell.duals) * network.stages

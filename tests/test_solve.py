@@ -15,7 +15,7 @@ from ann_dc.backends.status import Outcome
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import DesignError, FormError, ProblemError, SynthesisError, UnknownNameError
 from ann_dc.gain_design.gains import hand_gains
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.initial_guess import line_start, random_start, zero_start
@@ -192,7 +192,9 @@ def test_a_free_end_means_no_control():
 def test_without_the_control_jacobian_nothing_is_solved():
     """S3, Fig. 4: the constraint residual stays, a multiplier grows."""
     backend = OdeBackend(verify=False, limit=2000.0)
-    run = solve(plants.car(), form=SWITCHES["S3"], kinds=[Kind.PYRAMID], backend=backend)
+    run = solve(
+        plants.car(), form=SWITCHES["S3"], kinds=[PreconditionerKind.MULTILEVEL], backend=backend
+    )
     assert run.status.outcome is Outcome.NOT_SETTLED
     assert run.kkt_residual > 1e-3
     half = len(run.trajectory.time) // 2
@@ -211,8 +213,8 @@ def test_gains_by_hand():
 
 def test_a_recipe():
     problem = plants.double_integrator(N=6)
-    answer = solve(problem, kinds=[Kind.TIME_CONSTANTS], backend=QUICK)
-    assert answer.network.metric.kind is Kind.TIME_CONSTANTS
+    answer = solve(problem, kinds=[PreconditionerKind.DIAGONAL], backend=QUICK)
+    assert answer.network.preconditioner.kind is PreconditionerKind.DIAGONAL
     assert_optimum(answer, ipopt(problem))
 
 

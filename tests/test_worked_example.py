@@ -15,7 +15,7 @@ from ann_dc.evaluation.populations import neuron_values
 from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.gain_design.procedure import design
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.problem.initial_guess import Start
 from ann_dc.solver import synthesize
@@ -99,7 +99,9 @@ def test_two_gains_solve_two_stages_of_a_linear_plant():
     """From rest over a distance s: a_0 = s / dt^2, and a_1 takes it all back."""
     distance = 0.02
     problem = plants.double_integrator(N=2, q_d=(distance, 0.0))
-    found = design(synthesize(decompose(problem, switch("S14"))), kinds=[Kind.PYRAMID])
+    found = design(
+        synthesize(decompose(problem, switch("S14"))), kinds=[PreconditionerKind.MULTILEVEL]
+    )
     gains = UpperMap(network=found.network, settled=found.state).best()
     upper = Gradient(lambda_t=gains.lambda_t, lambda_beta=gains.lambda_beta)
     run = TwoLevels(found.network, upper=upper).run(tolerance=1e-9)

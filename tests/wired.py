@@ -9,7 +9,7 @@ from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.solver import synthesize
 
 
@@ -17,7 +17,7 @@ from ann_dc.solver import synthesize
 def neighbour_wired(name: str, horizon: int | None = None) -> Network:
     problem = SUITE[name].problem
     problem = problem.with_horizon(horizon) if horizon else problem
-    return design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
+    return design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
 
 
 @cache

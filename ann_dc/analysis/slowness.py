@@ -5,9 +5,9 @@ A mode e^{st} of the flow at a settled point has a primal part z and a dual part
 .. math::
     -\mathrm{Re}\, s = \frac{z^* H z + z^* A^T W A z}{z^* M^{-1} z + d^* K^{-1} d} ,
 
-curvature and penalty divided by the energy of the mode in the metric M^{-1}. In an oscillatory
-mode, both parts have half of the energy. With the *exact* preconditioner M = (H + A'WA)^{-1} and K
-= eta W every mode is s = -1 or
+curvature and penalty divided by the energy of the mode in the preconditioner M^{-1}. In an
+oscillatory mode, both parts have half of the energy. With the *exact* preconditioner M = (H +
+A'WA)^{-1} and K = eta W every mode is s = -1 or
 
 .. math:: s^2 + s + \eta \kappa = 0, \qquad \kappa = \frac{1}{1 + q/w} ,
 
@@ -59,7 +59,9 @@ class Cause(enum.Enum):
 
     REACH = "weakly reachable rows: the multipliers answer a push with more than the penalty"
     CURVATURE = "the penalty is low for the curvature of the constraints"
-    METRIC = "the metric does not follow: neurons that should move together move one by one"
+    PRECONDITIONER = (
+        "the preconditioner does not follow: neurons that should move together move one by one"
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,7 +134,7 @@ class Mode:
                 return Cause.REACH
             if self.shadow < -0.5:
                 return Cause.CURVATURE
-        return Cause.METRIC
+        return Cause.PRECONDITIONER
 
     @property
     def pattern(self) -> str:
@@ -268,7 +270,7 @@ class _Modes:
     @cached_property
     def _unmove(self) -> Callable[[np.ndarray], np.ndarray]:
         """Operator v -> M^{-1} v."""
-        return self.network.metric.inverse(self.network.row)
+        return self.network.preconditioner.inverse(self.network.row)
 
     def mode(self, s: complex, v: np.ndarray) -> Mode:
         saddle = self.saddle

@@ -34,7 +34,7 @@ import scipy.sparse.linalg
 
 from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind, Metric, Row
+from ann_dc.network.preconditioners.base import Preconditioner, PreconditionerKind, Row
 from ann_dc.progress import Paced, Progress, silent
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count, State
@@ -67,7 +67,7 @@ SLOWEST, RIGHTMOST = 12, 6
 
 def spectrum_ends(
     evaluator: FastEvaluator,
-    metric: Metric,
+    preconditioner: Preconditioner,
     row: Row,
     drive_jacobian: Any,
     free: np.ndarray,
@@ -78,8 +78,8 @@ def spectrum_ends(
     The matrix is restricted to the free neurons: `free` (n,) excludes saturated ones. The slowest
     are the rightmost eigenvalues, and also the smallest if iterations do not find all. With a
     diagonal preconditioner they are those near the imaginary axis. The unit is 1 / network time.
-    `metric` is the preconditioner of the evaluator's tape, and `row` has its rates. `progress`
-    receives occasional lines.
+    `preconditioner` is the preconditioner of the evaluator's tape, and `row` has its rates.
+    `progress` receives occasional lines.
 
     References
     ----------
@@ -87,8 +87,8 @@ def spectrum_ends(
     """
     flow = _flow(evaluator, drive_jacobian, free, progress)
     fastest = _eigenvalues(flow, "LM", ncv=BASIS // 2)
-    if metric.kind is Kind.TIME_CONSTANTS:
-        smallest = _smallest(metric, row, drive_jacobian, free)
+    if preconditioner.kind is PreconditionerKind.DIAGONAL:
+        smallest = _smallest(preconditioner, row, drive_jacobian, free)
         fast = float(np.abs(fastest).max(initial=0.0))
         slow = float(np.abs(smallest).max(initial=0.0)) or CLOSE * fast
         swinging = _swinging(row, drive_jacobian, free, (slow, fast), progress)
@@ -98,19 +98,26 @@ def spectrum_ends(
         slowest = _eigenvalues(flow, "LR", residual, ncv=BASIS, maxiter=RESTARTS)
         if len(slowest) == ENDS:
             return np.concatenate([fastest, slowest])
-    return np.concatenate([fastest, slowest, _smallest(metric, row, drive_jacobian, free)])
+    return np.concatenate([fastest, slowest, _smallest(preconditioner, row, drive_jacobian, free)])
 
 
 def slow_modes(
-    evaluator: FastEvaluator, metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray
+    evaluator: FastEvaluator,
+    preconditioner: Preconditioner,
+    row: Row,
+    drive_jacobian: Any,
+    free: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the smallest and rightmost eigenpairs of M ``drive_jacobian``.
 
-    `metric` is the preconditioner of the evaluator's tape, and `row` has its rates. `free` (n,)
-    excludes saturated neurons. Returns the eigenvalues (c,) in units of 1 / network time, without
-    duplicates, and the vectors (free neurons, c). Raises RuntimeError if the Jacobian is singular.
+    `preconditioner` is the preconditioner of the evaluator's tape, and `row` has its rates. `free`
+    (n,) excludes saturated neurons. Returns the eigenvalues (c,) in units of 1 / network time,
+    without duplicates, and the vectors (free neurons, c). Raises RuntimeError if the Jacobian is
+    singular.
     """
-    slow, slow_vectors = _eigenpairs(_inverse(metric, row, drive_jacobian, free), "LM", SLOWEST)
+    slow, slow_vectors = _eigenpairs(
+        _inverse(preconditioner, row, drive_jacobian, free), "LM", SLOWEST
+    )
     flow = _flow(evaluator, drive_jacobian, free)
     right, right_vectors = _eigenpairs(flow, "LR", RIGHTMOST, ncv=80, maxiter=40)
     slow = 1 / slow
@@ -135,14 +142,16 @@ def _flow(
     return _operator(free, product)
 
 
-def _inverse(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) -> Any:
+def _inverse(
+    preconditioner: Preconditioner, row: Row, drive_jacobian: Any, free: np.ndarray
+) -> Any:
     """Return the operator v -> (M ``drive_jacobian``)^{-1} v.
 
     The inverse of M among the free neurons is the corresponding part of M^{-1}. Raises RuntimeError
     if the Jacobian is exactly singular.
     """
     factors = scipy.sparse.linalg.splu(drive_jacobian[free][:, free].tocsc())
-    unspread = metric.inverse(row)
+    unspread = preconditioner.inverse(row)
     return _operator(free, lambda v: factors.solve(unspread(_padded(v, free))[free]))
 
 
@@ -157,9 +166,11 @@ def _padded(v: np.ndarray, free: np.ndarray) -> np.ndarray:
     return whole
 
 
-def _smallest(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) -> np.ndarray:
+def _smallest(
+    preconditioner: Preconditioner, row: Row, drive_jacobian: Any, free: np.ndarray
+) -> np.ndarray:
     try:
-        inverse = _inverse(metric, row, drive_jacobian, free)
+        inverse = _inverse(preconditioner, row, drive_jacobian, free)
     except RuntimeError:  # the point is not isolated
         return np.zeros(1)
     return 1 / _eigenvalues(inverse, "LM", count=SMALLEST, ncv=BASIS // 2)
@@ -329,12 +340,14 @@ def spectrum(
     (True, True)
     """
     evaluator = fast_evaluator(network)
-    return spectrum_of(evaluator, network.metric, network.row, x, dense=dense, progress=progress)
+    return spectrum_of(
+        evaluator, network.preconditioner, network.row, x, dense=dense, progress=progress
+    )
 
 
 def spectrum_of(
     evaluator: FastEvaluator,
-    metric: Metric,
+    preconditioner: Preconditioner,
     row: Row,
     x: np.ndarray,
     *,
@@ -343,8 +356,8 @@ def spectrum_of(
 ) -> Spectrum:
     """Compute the spectrum for a tape with trial gains; definition in `spectrum`.
 
-    `metric` is the preconditioner of the evaluator's tape, and `row` has its rates. `x` is (n,);
-    `dense` is `DENSE_LIMIT` by default. If the network has no spectrum (overflow or singular
+    `preconditioner` is the preconditioner of the evaluator's tape, and `row` has its rates. `x` is
+    (n,); `dense` is `DENSE_LIMIT` by default. If the network has no spectrum (overflow or singular
     matrix), the result contains one nan eigenvalue.
     """
     drive_jacobian = evaluator.drive_jacobian(x)
@@ -354,7 +367,7 @@ def spectrum_of(
     free = evaluator.free(x)
     if len(x) <= (DENSE_LIMIT if dense is None else dense):
         try:
-            flow = dense_flow(metric, row, drive_jacobian, free)
+            flow = dense_flow(preconditioner, row, drive_jacobian, free)
         except np.linalg.LinAlgError:  # of a stiffness that is singular to rounding
             return unknown
         if not np.isfinite(flow).all():
@@ -362,7 +375,7 @@ def spectrum_of(
         eigenvalues = scipy.linalg.eigvals(flow, check_finite=False)
         return Spectrum(eigenvalues=np.asarray(eigenvalues))
     try:
-        ends = spectrum_ends(evaluator, metric, row, drive_jacobian, free, progress)
+        ends = spectrum_ends(evaluator, preconditioner, row, drive_jacobian, free, progress)
     except (RuntimeError, np.linalg.LinAlgError):  # SuperLU's and ARPACK's word for singular
         return unknown
     return Spectrum(eigenvalues=ends)
@@ -381,10 +394,12 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
     drive_jacobian = evaluator.drive_jacobian(x)
     free = evaluator.free(x)
     if network.size <= DENSE_LIMIT:
-        flow: Any = dense_flow(network.metric, network.row, drive_jacobian, free)
+        flow: Any = dense_flow(network.preconditioner, network.row, drive_jacobian, free)
         values, found = np.linalg.eig(flow)
     else:
-        values, found = slow_modes(evaluator, network.metric, network.row, drive_jacobian, free)
+        values, found = slow_modes(
+            evaluator, network.preconditioner, network.row, drive_jacobian, free
+        )
     vectors = np.zeros((network.size, len(values)), complex)
     vectors[free] = found
     chosen: list[int] = []
@@ -395,9 +410,11 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
     return values[chosen].astype(complex), vectors[:, chosen]
 
 
-def dense_flow(metric: Metric, row: Row, drive_jacobian: Any, free: np.ndarray) -> np.ndarray:
+def dense_flow(
+    preconditioner: Preconditioner, row: Row, drive_jacobian: Any, free: np.ndarray
+) -> np.ndarray:
     """Return the preconditioner times ``drive_jacobian`` among the free neurons."""
-    return metric.among(row, ~free)(drive_jacobian.toarray().T).T[np.ix_(free, free)]
+    return preconditioner.among(row, ~free)(drive_jacobian.toarray().T).T[np.ix_(free, free)]
 
 
 @checked

@@ -45,7 +45,7 @@ from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import ALL_KINDS, Kind
+from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
 from ann_dc.progress import Paced, Progress, Stopped, silent
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count, Index, Positive
@@ -88,7 +88,7 @@ class OdeBackend:
     --------
     >>> import ann_dc
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> run = ann_dc.OdeBackend(method=ann_dc.ode.DOP853, verify=False).run(network)
     >>> run.status.settled
     True
@@ -107,7 +107,7 @@ class OdeBackend:
     progress: Progress = silent
 
     @property
-    def kinds(self) -> tuple[Kind, ...]:
+    def kinds(self) -> tuple[PreconditionerKind, ...]:
         """Set of all preconditioner kinds, since the equations can be integrated with any."""
         return ALL_KINDS
 

@@ -10,7 +10,7 @@ import numpy as np
 from ann_dc.backends.status import Status
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Deadline
 from ann_dc.validation.values import such_as
 
@@ -84,7 +84,7 @@ class Backend(Protocol):
     """
 
     @property
-    def kinds(self) -> tuple[Kind, ...]:
+    def kinds(self) -> tuple[PreconditionerKind, ...]:
         """Preconditioner kinds among which a design for this backend chooses by default."""
         ...
 

@@ -11,7 +11,7 @@
    holding current, not by its net input. No derivative leads past a limit. The result depends on
    the state alone, whatever an evaluator caches. `move` is M d without limits.
 5. Derivatives of the flow (`fastest_rate`, spectra) hold the saturated neurons: M among the others
-   (`Metric.clamp`) times the rows of `drive_jacobian`.
+   (`Preconditioner.clamp`) times the rows of `drive_jacobian`.
 6. Derivatives are exact and come from the same list of nodes as the values.
 7. A domain is open. The argument of a reciprocal stays on the initial side of the pole.
 
@@ -74,10 +74,10 @@ class Evaluator(ABC):
         """Return `move` with the masked neurons (n,) held.
 
         The callable maps net inputs (n,) to derivatives (n,) with the preconditioner among the
-        other neurons (`Metric.among`). Held neurons that the preconditioner does not couple make no
-        difference.
+        other neurons (`Preconditioner.among`). Held neurons that the preconditioner does not couple
+        make no difference.
         """
-        return self.network.metric.among(self.network.row, held)
+        return self.network.preconditioner.among(self.network.row, held)
 
     @abstractmethod
     def residuals(self, x: np.ndarray) -> tuple[float, float]:

@@ -100,7 +100,7 @@ class InterpretedEvaluator(Evaluator):
     def move(self, drive: np.ndarray) -> np.ndarray:
         """Multiply net inputs (n,) by M."""
         out = np.empty(len(drive))
-        loops.apply_metric(self.tape, self.work, drive, out)
+        loops.apply_preconditioner(self.tape, self.work, drive, out)
         return out
 
     def clamped(self, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:

@@ -24,8 +24,8 @@ from ann_dc.evaluation.formulas import (
     slope_at,
     value_at,
 )
-from ann_dc.evaluation.metric_arrays import clear, move
 from ann_dc.evaluation.pivots import is_railed, stands_at_rail
+from ann_dc.evaluation.preconditioner_arrays import clear, move
 from ann_dc.evaluation.rules import FLOOR, LOST, OVERFLOW, RAN, SETTLED, SMALLEST_POSITION
 from ann_dc.evaluation.tape import (
     BY_VALUE,
@@ -318,7 +318,7 @@ def recur(tape, work, x, step, bounds, count, tolerance):
 
 
 @compiled
-def apply_metric(tape, work, drive, out):
+def apply_preconditioner(tape, work, drive, out):
     """Compute ``out = M drive``, both (n,)."""
     drives, moves = work.drives, work.moves
     clear(drives)

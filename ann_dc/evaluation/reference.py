@@ -143,28 +143,28 @@ class ReferenceEvaluator(Evaluator):
     def rhs(self, x: np.ndarray) -> np.ndarray:
         """Return dx/ds (..., n), the projection of M times the net inputs on the limits."""
         x = _state(x)
-        metric, row, pack = self.network.metric, self.network.row, self.network.pack
+        preconditioner, row, pack = self.network.preconditioner, self.network.row, self.network.pack
         arriving, outward = self._arriving(x)
         drives = pack(np.where(outward & ~self._coupled, 0, arriving))
-        moves = metric.moves(row, drives)
+        moves = preconditioner.moves(row, drives)
         low, high = self.tape.limits[self.tape.places[:, 0]].T
         coupled = pack(np.broadcast_to(self._coupled, row.rates.shape))
         at_rail = coupled & ((np.real(x) <= low) | (np.real(x) >= high))
         for sample in map(tuple, np.argwhere(at_rail.any(axis=-1))):
             state, drive = np.real(x[sample]), drives[sample]
             moves[sample] = projected(
-                lambda held: metric.clamp(row, held), drive, state, low, high, coupled
+                lambda held: preconditioner.clamp(row, held), drive, state, low, high, coupled
             )
         return moves
 
     @cached_property
     def _coupled(self) -> np.ndarray:
         """Mask (P, 1) of neurons that also move with the net inputs of other neurons."""
-        return self.network.metric.reach(self.network.row)[:, None]
+        return self.network.preconditioner.reach(self.network.row)[:, None]
 
     def move(self, drive: np.ndarray) -> np.ndarray:
         """Multiply net inputs (..., n), real or complex, by M."""
-        return self.network.metric.moves(self.network.row, _state(drive))
+        return self.network.preconditioner.moves(self.network.row, _state(drive))
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
         """Return the relative (constraint, stationarity) residuals."""
@@ -206,15 +206,15 @@ class ReferenceEvaluator(Evaluator):
         return np.where(resting[self.tape.entries[:, 0]], 0, entries)
 
     @cached_property
-    def metric(self) -> Any:
+    def preconditioner(self) -> Any:
         """Preconditioner M of dx/ds = M d, sparse (n, n), symmetric positive definite."""
-        return self.network.metric.factors(self.network.row).matrix()
+        return self.network.preconditioner.factors(self.network.row).matrix()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Return the dense Jacobian (n, n) of `rhs` with saturated neurons held.
 
-        The Jacobian is the preconditioner restricted to the free neurons (`Metric.clamp`) times the
-        block-tridiagonal drive Jacobian.
+        The Jacobian is the preconditioner restricted to the free neurons (`Preconditioner.clamp`)
+        times the block-tridiagonal drive Jacobian.
         """
         x = _state(x)
         columns = self.drive_jacobian(x).toarray().T

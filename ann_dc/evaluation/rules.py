@@ -207,7 +207,7 @@ def projected(
     Parameters
     ----------
     clamp : callable
-        Returns the clamp of a mask (n,) of held neurons; see `Metric.clamp`.
+        Returns the clamp of a mask (n,) of held neurons; see `Preconditioner.clamp`.
     drive : (n,) array
         Net inputs, uncut at limits for coupled neurons. Complex net inputs are judged by their real
         parts.
@@ -225,8 +225,9 @@ def projected(
     --------
     A neuron at its lower limit is pushed outward, but the other neuron pulls it off:
 
-    >>> from ann_dc.network.metrics import Grid, Row
-    >>> grid = Grid(own=np.array([[[1.0, -0.5], [-0.5, 1.0]]]), following=np.zeros((0, 2, 2)))
+    >>> from ann_dc.network.preconditioners import ResistiveGrid, Row
+    >>> own = np.array([[[1.0, -0.5], [-0.5, 1.0]]])
+    >>> grid = ResistiveGrid(own=own, following=np.zeros((0, 2, 2)))
     >>> row = Row(rates=np.ones((2, 1)), primal=np.arange(2), chains=np.zeros((0, 2), int))
     >>> low, high, coupled = np.zeros(2), np.full(2, np.inf), np.ones(2, bool)
     >>> clamp = lambda held: grid.clamp(row, held)

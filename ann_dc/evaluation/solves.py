@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.evaluation.formulas import inner
-from ann_dc.evaluation.metric_arrays import coordinate
+from ann_dc.evaluation.preconditioner_arrays import coordinate
 from ann_dc.evaluation.tape import Tape
 
 FREE, HELD, UNKNOWN = 0.0, 1.0, 2.0
@@ -156,7 +156,7 @@ def _solve_band(couplings, hold, currents):
             currents[p, k] = _row_of_band(stiff, i, y) - hold.drives[p, k]
 
 
-# ---- any other metric ----------------------------------------------------------------------------
+# ---- any other preconditioner --------------------------------------------------------------------
 
 
 @inner

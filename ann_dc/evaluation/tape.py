@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.evaluation.metric_arrays import metric_arrays
+from ann_dc.evaluation.preconditioner_arrays import preconditioner_arrays
 from ann_dc.network.cell import ONE, Connection, Product, Role, Sum
 from ann_dc.network.functions import CODE
 from ann_dc.network.network import Network
@@ -84,7 +84,7 @@ class Tape(NamedTuple):
     chains: np.ndarray
     """Rows of the (q, t) neurons under a pyramid (C, 2); empty without a pyramid."""
     grids: np.ndarray
-    """Pyramid gains (grid points of all levels, C, C), finest level first."""
+    """Multilevel gains (grid points of all levels, C, C), finest level first."""
     grid_starts: np.ndarray
     """First row of each level in ``grids`` (levels + 1,)."""
     hats: np.ndarray
@@ -156,7 +156,7 @@ def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
         slots=_integers(slots.operations, 5),
         slot_start=slots.start(),
         entries=_entries(slots.drives, network),
-        **metric_arrays(network.metric, network.row),
+        **preconditioner_arrays(network.preconditioner, network.row),
     )
     return tape, {edge.name: row for row, edge in enumerate(edges)}
 

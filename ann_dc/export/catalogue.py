@@ -35,20 +35,20 @@ FORMATS: dict[str, Format] = {
         write=csv_files,
         check=csv_check,
         carries="every synapse with the names of its ends, every bias",
-        loses="time constants, limits, metric",
+        loses="time constants, limits, preconditioner",
     ),
     "onnx": Format(
         title="a step, and the loop to settling, for machine-learning runtimes",
         write=onnx_files,
         check=onnx_check,
-        carries="dynamics, metric, rails, domains, residual; any batch",
+        carries="dynamics, preconditioner, rails, domains, residual; any batch",
         loses="adaptive steps, acceleration, the rule that ends what stalls",
     ),
     "torch_program": Format(
         title="a step as a program of torch.export",
         write=torch_program_files,
         check=torch_program_check,
-        carries="dynamics, metric, rails; any batch",
+        carries="dynamics, preconditioner, rails; any batch",
         loses="the loop to settling",
     ),
     "nir": Format(

@@ -170,7 +170,7 @@ def _of_wiring(network: Network) -> dict[str, str]:
         "cell": f"{counted(len(cell.neurons), 'neurons')}, {counted(len(cell.blocks), 'blocks')}, "
         f"{counted(len(cell.connections), 'connections')}",
         "inputs": ", ".join(cell.inputs) or "none",
-        "metric": network.metric.kind.value,
+        "preconditioner": network.preconditioner.kind.value,
         "wiring": short(wiring_hash(network)),
         "content": short(content_hash(network)),
     }

@@ -34,12 +34,12 @@ for level in range(m["levels"]):  # pyramid: M += H S H' over the chains q_0, t_
     H = np.maximum(0, 1 - abs(p * (len(S) - 1) - np.arange(len(S))))
     z = [at[[names.index(n) for n in chain]].T.ravel() for chain in m["chains"]]
     for i, j in np.ndindex(S.shape[1:]): M[np.ix_(z[i], z[j])] += H * S[:, i, j] @ H.T
-if "metric" in m:  # grid or tree: M = T^(1/2) S^-1 T^(1/2) over the live primal neurons
+if "preconditioner" in m:  # grid or tree: M = T^(1/2) S^-1 T^(1/2) over the live primal neurons
     z = at[[n["role"] == "primal" for n in m["neurons"]]].T.ravel()
     S, k, used = np.zeros((N, len(z) // N) * 2), np.arange(N), live.ravel()[z]
-    S[k[:-1], :, k[1:]] = a[m["metric"] + "/following"]
+    S[k[:-1], :, k[1:]] = a[m["preconditioner"] + "/following"]
     S += S.transpose(2, 3, 0, 1)
-    S[k, :, k] = a[m["metric"] + "/own"]
+    S[k, :, k] = a[m["preconditioner"] + "/own"]
     z, S = z[used], np.linalg.inv(S.reshape(len(z), -1)[np.ix_(used, used)])
     M[np.ix_(z, z)] = S * np.sqrt(np.outer(rates.ravel()[z], rates.ravel()[z]))
 def state(x):  # (P, N) with pins and shared neurons filled in

@@ -58,7 +58,7 @@ bias (nirtorch 2.6 does not). Time is the network's, that of the time constants 
     "conductances": f"""\
 weight = (g_plus_S - g_minus_S) * divisor / scale, in siemens; 0 S is a place that is left open.
 'conductances.json' has the scale of every column and the divisors. What is no weight, blocks and
-metric, is in 'network.npz'.
+preconditioner, is in 'network.npz'.
 
 {_NAMES}""",
     "capacitors": f"""\

@@ -35,7 +35,7 @@ from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.scheduled_run import first_run
 from ann_dc.gain_design.trial_run import ELSEWHERE, Pace, distance
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import ALL_KINDS, Kind
+from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
 from ann_dc.optimality.existence import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
@@ -279,7 +279,7 @@ def design_family(
     problem: OptimalControlProblem,
     over: Annotated[Over, Own()],
     *,
-    kinds: Iterable[Kind] = ALL_KINDS,
+    kinds: Iterable[PreconditionerKind] = ALL_KINDS,
     held_out: int = HELD_OUT,
     seed: int = 0,
     progress: Progress = silent,
@@ -292,7 +292,7 @@ def design_family(
         Problem whose inputs count as one sample; they set the scales of the network.
     over : Over
         Operating range; see `family_of`.
-    kinds : iterable of Kind
+    kinds : iterable of PreconditionerKind
         Preconditioner kinds to choose from. Default: all.
     held_out : int
         Number of inputs in the validation. Default 1000.
@@ -380,14 +380,17 @@ def _winner(
     points: list[SettledPoint],
     boost: float,
     networks: list[Network],
-    kinds: tuple[Kind, ...],
+    kinds: tuple[PreconditionerKind, ...],
     progress: Progress,
 ) -> Runner:
     """Return the best candidate; kinds are tried fastest first until `GOAL` is met."""
     best: Runner | None = None
     with np.errstate(all="ignore"):
         for kind in (kind for kind in RECIPES if kind in kinds):
-            if kind is Kind.TREE and Kind.GRID in kinds:  # the same metric
+            if (
+                kind is PreconditionerKind.CYCLIC_REDUCTION
+                and PreconditionerKind.RESISTIVE_GRID in kinds
+            ):  # the same preconditioner
                 continue
             runners = entered(points, kind, boost)
             if runners:
@@ -398,6 +401,6 @@ def _winner(
     if best is None:
         raise DesignError(
             "over: no network holds the settled points of these ranges at once; narrow them, or "
-            "allow other kinds of metric"
+            "allow other kinds of preconditioner"
         )
     return best

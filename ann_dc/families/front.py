@@ -27,7 +27,7 @@ from ann_dc.errors import ProblemError
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.gain_design import procedure
 from ann_dc.gain_design.procedure import Design
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.certificate import Certificate
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.initial_guess import line_start
@@ -43,7 +43,11 @@ REGULAR = 0.02
 of
 each objective on the straight line.
 """
-KINDS = (Kind.COUPLED_PYRAMID, Kind.PYRAMID, Kind.TIME_CONSTANTS)
+KINDS = (
+    PreconditionerKind.COUPLED_MULTILEVEL,
+    PreconditionerKind.MULTILEVEL,
+    PreconditionerKind.DIAGONAL,
+)
 """Preconditioner kinds supported by a network with objectives."""
 
 
@@ -123,7 +127,7 @@ def pareto(
     problem: OptimalControlProblem,
     points: Annotated[int | Sequence | np.ndarray, Own()] = 21,
     *,
-    kinds: Annotated[Sequence[Kind], NotEmpty()] = KINDS,
+    kinds: Annotated[Sequence[PreconditionerKind], NotEmpty()] = KINDS,
     progress: Progress = silent,
 ) -> Front:
     """Compute the Pareto front with one network and a batch of weights.
@@ -137,7 +141,7 @@ def pareto(
     points : int or (B, p) array
         Number of evenly distributed directions, or the positive weights, one row per point. Default
         21.
-    kinds : sequence of Kind
+    kinds : sequence of PreconditionerKind
         Preconditioner kinds from which designs choose. Default: `KINDS`.
     progress : Progress
         Receives one line per step. Default: silent.

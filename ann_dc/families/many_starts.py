@@ -24,7 +24,7 @@ from ann_dc.gain_design import procedure
 from ann_dc.gain_design.knowledge import NOTHING
 from ann_dc.gain_design.procedure import Design
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.existence import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.initial_guess import Start
@@ -37,7 +37,7 @@ from ann_dc.synthesis.synthesis import synthesize
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import NotEmpty, Own
 
-NEAR_ONE_OPTIMUM = (Kind.GRID, Kind.TREE)
+NEAR_ONE_OPTIMUM = (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
 """Preconditioner kinds derived from the optimum of the design, at which few others are stable."""
 
 
@@ -183,7 +183,7 @@ def multistart(
     starts: Annotated[int | Sequence[Start], Own()] = 64,
     *,
     seed: Annotated[int, Own()] = 0,
-    kinds: Annotated[Iterable[Kind], NotEmpty()] | None = None,
+    kinds: Annotated[Iterable[PreconditionerKind], NotEmpty()] | None = None,
     backend: RecurrentBackend | None = None,
     progress: Progress = silent,
 ) -> Multistart:
@@ -198,7 +198,7 @@ def multistart(
         from the first. Default 64.
     seed : int
         Seed of the generated guesses. Default 0.
-    kinds : iterable of Kind, optional
+    kinds : iterable of PreconditionerKind, optional
         Preconditioner kinds from which the design chooses. Default: those that suit the backend,
         without those derived from one optimum (`NEAR_ONE_OPTIMUM`).
     backend : RecurrentBackend, optional

@@ -20,7 +20,7 @@ from ann_dc.gain_design.gains import Gains, tape_with
 from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.trial_run import SETTLING, Pace, gains_of, run_with_constants, spectrum_with
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Progress
 
 ROUNDS = ((16, 12), (64, 6), (256, 3), (1024, 1))
@@ -74,7 +74,12 @@ class Runner:
     def __str__(self) -> str:
         recipe, factor = self.recipe, self.recipe.penalty / RECIPES[self.recipe.kind].penalty
         rows = "rows by reach" if recipe.by_reach else f"rows of {recipe.sweeps} sweeps"
-        path = f", path {recipe.path:g}" if recipe.kind in (Kind.GRID, Kind.TREE) else ""
+        path = (
+            f", path {recipe.path:g}"
+            if recipe.kind
+            in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
+            else ""
+        )
         off = "all settled points" if self.shared else "one settled point"
         return (
             f"{recipe.kind.value} from {off}, {rows}{path}, penalty x {factor * self.boost:g}, "
@@ -82,7 +87,7 @@ class Runner:
         )
 
 
-def entered(points: Sequence[SettledPoint], kind: Kind, boost: float) -> list[Runner]:
+def entered(points: Sequence[SettledPoint], kind: PreconditionerKind, boost: float) -> list[Runner]:
     """Return the candidates of one preconditioner kind.
 
     The first of `points` is that of the problem itself. `boost` is the factor on closed-form
@@ -91,12 +96,16 @@ def entered(points: Sequence[SettledPoint], kind: Kind, boost: float) -> list[Ru
     """
     runners = []
     for recipe in _recipes(kind):
-        factor = 1.0 if kind in (Kind.GRID, Kind.TREE) else boost
+        factor = (
+            1.0
+            if kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
+            else boost
+        )
         for off in (points, points[:1]) if len(points) > 1 else (points,):
             try:
                 gains = gains_of(off, recipe, factor)
                 found = [spectrum_with(settled, gains) for settled in _spread(points)]
-            except AnnDcError:  # no such metric here: another recipe may have one
+            except AnnDcError:  # no such preconditioner here: another recipe may have one
                 continue
             if all(np.isfinite(spectrum.ratio) for spectrum in found):
                 shared, pace = off is points, Pace.of(*found)
@@ -112,9 +121,9 @@ def _spread(points: Sequence[SettledPoint]) -> Sequence[SettledPoint]:
     return [points[i] for i in chosen]
 
 
-def _recipes(kind: Kind) -> Iterable[Recipe]:
+def _recipes(kind: PreconditionerKind) -> Iterable[Recipe]:
     own = RECIPES[kind]
-    if kind in (Kind.GRID, Kind.TREE):
+    if kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION):
         for sweeps in SWEEPS:
             for path, penalty, dual in ON_THE_WAY:
                 yield replace(

@@ -17,4 +17,4 @@ from .loop_gains import LoopGain as LoopGain, loop_gains as loop_gains
 from .model_level import Group as Group, Rung as Rung, rungs as rungs
 from .noise_run import settled_noise as settled_noise
 from .prediction import predict as predict, prediction_of as prediction_of
-from .wire_requirements import metric_demand as metric_demand
+from .wire_requirements import preconditioner_demand as preconditioner_demand

@@ -27,7 +27,7 @@ from ann_dc.fidelity.error_budget import Item, budget, sensitivity
 from ann_dc.fidelity.loop_gains import LoopGain, loop_gains, why_no_loops
 from ann_dc.fidelity.noise_run import control_noise, noisy
 from ann_dc.fidelity.prediction import Prediction, Unpredicted, prediction_of
-from ann_dc.fidelity.wire_requirements import MetricDemand, metric_demand
+from ann_dc.fidelity.wire_requirements import PreconditionerDemand, preconditioner_demand
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, draw, snapped
@@ -35,7 +35,7 @@ from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Progress, silent
 from ann_dc.validation.checked import checked
 
@@ -87,7 +87,7 @@ def predicted_errors(
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> errors = predicted_errors(circuit, level, probe, seeds=range(3))
@@ -153,7 +153,7 @@ def sample_decks(
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> first, second = sample_decks(circuit, level, probe, seeds=(1, 2))
@@ -200,7 +200,7 @@ def measured_errors(
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> seeds = range(20)
@@ -261,7 +261,7 @@ class CircuitStudy:
         Error budget, worst first; empty if not requested.
     samples : (S,) array
         Predicted control errors of circuits drawn from the tolerances of the level.
-    demand : MetricDemand or None
+    demand : PreconditionerDemand or None
         Wire requirements of the preconditioner; None without wires.
     undemanded : str
         Reason if the wire requirements are unknown although the preconditioner has wires.
@@ -283,7 +283,7 @@ class CircuitStudy:
     size: str
     items: tuple[Item, ...]
     samples: np.ndarray
-    demand: MetricDemand | None = None
+    demand: PreconditionerDemand | None = None
     undemanded: str = ""
     loops: tuple[LoopGain, ...] = ()
     unlooped: str = ""
@@ -373,7 +373,7 @@ def study_circuit(
     >>> import ann_dc
     >>> from ann_dc.fidelity import study_circuit
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> ideal = study_circuit(network, ann_dc.SpiceBackend(), simulated=False)
     >>> ideal.cost.parts
     {'op amps': 57, 'resistors': 146, 'capacitors': 39}
@@ -404,7 +404,7 @@ def study_circuit(
     deck = backend.deck(circuit, probe, deviations)
     run = _run(backend, built, deck) if simulated else None
     prediction, unpredicted = (None, found) if isinstance(found, Unpredicted) else (found, None)
-    backend.progress("demand of the metric")
+    backend.progress("demand of the preconditioner")
     demand, undemanded = _demand(circuit.schematic.network, probe.final)
     return CircuitStudy(
         circuit=circuit,
@@ -442,14 +442,14 @@ def _snapping(circuit: Circuit, off: Deviations) -> dict[str, float]:
     return found
 
 
-def _demand(network: Network, x: np.ndarray) -> tuple[MetricDemand | None, str]:
+def _demand(network: Network, x: np.ndarray) -> tuple[PreconditionerDemand | None, str]:
     """Return the wire requirements of the preconditioner, or the reason if unknown."""
-    if network.metric.kind is Kind.TIME_CONSTANTS:
+    if network.preconditioner.kind is PreconditionerKind.DIAGONAL:
         return None, ""
     if network.size > DENSE_LIMIT:
         return None, f"with {network.size} neurons, above {DENSE_LIMIT}, all modes take too long"
     try:
-        return metric_demand(network, x), ""
+        return preconditioner_demand(network, x), ""
     except NetworkError as error:
         return None, str(error)
 

@@ -32,7 +32,7 @@ from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.reference_solvers import SolverTiming
 from ann_dc.progress import Progress, silent
 from ann_dc.validation.checked import checked
@@ -149,7 +149,7 @@ def climb(
     >>> import ann_dc
     >>> from ann_dc.fidelity import climb
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> first = next(climb(network))
     >>> first.name, first.group.value, first.error < 1e-6
     ('ODE', 'computed digitally', True)
@@ -249,7 +249,10 @@ class Ladder:
         )
         done = Measured(name=rung.name, group=rung.group, level=rung.level)
         try:
-            if network.metric.kind is not Kind.TIME_CONSTANTS and rung.level.emulated:
+            if (
+                network.preconditioner.kind is not PreconditionerKind.DIAGONAL
+                and rung.level.emulated
+            ):
                 backend = replace(backend, intervals=fitting_intervals(backend, network))
             circuit, probe = backend.prepare(network)
             deviations = backend.deviations(circuit)

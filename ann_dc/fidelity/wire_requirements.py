@@ -1,7 +1,7 @@
 r"""Wire requirements of a preconditioner: bandwidth and matching.
 
 Let every wire W of the preconditioner have a relative error, and every node a lag tau. The variable
-z = z_0 + M D of the network (`ann_dc.hardware.schematic.metric_wiring`) then satisfies
+z = z_0 + M D of the network (`ann_dc.hardware.schematic.preconditioner_wiring`) then satisfies
 
 .. math:: D' = d(z), \qquad \tau\, v' = W v + (D, c) - v .
 
@@ -21,7 +21,7 @@ from scipy import sparse
 
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.schematic.metric_wiring import MetricWiring, wiring_of
+from ann_dc.hardware.schematic.preconditioner_wiring import PreconditionerWiring, wiring_of
 from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import State
@@ -34,7 +34,7 @@ LARGEST, SMALLEST = 1.0, 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
-class MetricDemand:
+class PreconditionerDemand:
     """Requirements for the wires of a preconditioner.
 
     Attributes
@@ -68,7 +68,9 @@ class MetricDemand:
 
 
 @checked
-def metric_demand(network: Network, x: State, *, draws: int = 5) -> MetricDemand | None:
+def preconditioner_demand(
+    network: Network, x: State, *, draws: int = 5
+) -> PreconditionerDemand | None:
     """Compute the largest lag and the largest errors of preconditioner wires.
 
     `x` (n,) is a settled state; `draws` is the number of error sets. The result is None for a
@@ -79,10 +81,10 @@ def metric_demand(network: Network, x: State, *, draws: int = 5) -> MetricDemand
     --------
     >>> import ann_dc
     >>> from ann_dc.analysis import equilibrium
-    >>> from ann_dc.network.metrics import Kind
+    >>> from ann_dc.network.preconditioners import PreconditionerKind
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[Kind.PYRAMID]).network
-    >>> found = metric_demand(network, equilibrium(network, network.start_state))
+    >>> network = ann_dc.design(problem, kinds=[PreconditionerKind.MULTILEVEL]).network
+    >>> found = preconditioner_demand(network, equilibrium(network, network.start_state))
     >>> 1e-3 < found.lag < 1, 1e-2 < found.error < 1
     (True, True)
     """
@@ -95,7 +97,7 @@ def metric_demand(network: Network, x: State, *, draws: int = 5) -> MetricDemand
     errors = rng.standard_normal((draws, parts))[:, part]
     ideal = np.linalg.eigvals(flow.with_weights(wiring.weights.data))
     if not ideal.real.max() < 0:
-        raise NetworkError("metric_demand: the settled point does not attract; see analyse")
+        raise NetworkError("preconditioner_demand: the settled point does not attract; see analyse")
     allowed, radius = ideal.real.max() / WORSE, np.abs(ideal).max()
 
     def endures(error: float) -> bool:
@@ -105,15 +107,15 @@ def metric_demand(network: Network, x: State, *, draws: int = 5) -> MetricDemand
     def follows(lag: float) -> bool:
         return np.linalg.eigvals(flow.with_lag(lag / radius)).real.max() <= allowed
 
-    return MetricDemand(
-        kind=network.metric.kind.value,
+    return PreconditionerDemand(
+        kind=network.preconditioner.kind.value,
         lag=_largest(follows),
         error=_largest(endures),
         draws=draws,
     )
 
 
-def _resistors(wiring: MetricWiring) -> tuple[int, np.ndarray]:
+def _resistors(wiring: PreconditionerWiring) -> tuple[int, np.ndarray]:
     """Return the number of parts and the part of each weight; grid nodes use one part."""
     weights = wiring.weights.tocsr()
     if not wiring.passive:
@@ -140,7 +142,7 @@ def _largest(holds: Callable[[float], bool]) -> float:
 class _LinearFlow:
     """Linear flow at a settled point, including the nodes of a preconditioner."""
 
-    def __init__(self, network: Network, x: np.ndarray, wiring: MetricWiring) -> None:
+    def __init__(self, network: Network, x: np.ndarray, wiring: PreconditionerWiring) -> None:
         self.wiring = wiring
         self.drives = evaluator(network).drive_jacobian(x).toarray()
         rates = network.row.state_rates
@@ -157,9 +159,9 @@ class _LinearFlow:
         """Return the Jacobian (n, n) with other wire weights and no lag: d(z)/ds = M d."""
         pattern = self._pattern
         weights = sparse.csr_array((data, pattern.indices, pattern.indptr), shape=pattern.shape)
-        metric = replace(self.wiring, weights=weights).metric
+        preconditioner = replace(self.wiring, weights=weights).preconditioner
         jacobian = np.empty_like(self.drives)
-        jacobian[self.moved] = metric @ self.drives[self.moved]
+        jacobian[self.moved] = preconditioner @ self.drives[self.moved]
         jacobian[self.others] = self.rates[:, None] * self.drives[self.others]
         return jacobian
 
@@ -168,7 +170,7 @@ class _LinearFlow:
         wiring, own = self.wiring, self.wiring.own
         nodes = np.setdiff1d(np.arange(len(wiring.nodes)), own)
         others, width = len(self.others), len(self.others) + len(own) + len(nodes)
-        state = np.concatenate([own, nodes])  # of the metric
+        state = np.concatenate([own, nodes])  # of the preconditioner
         jacobian = np.zeros((width, width))
         reads = np.concatenate([np.arange(others), others + _places(state, wiring.moved)])
         columns = np.concatenate([self.others, self.moved])

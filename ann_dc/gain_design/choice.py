@@ -36,10 +36,10 @@ from ann_dc.gain_design.trial_run import (
     rehearse,
     rehearsed,
 )
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Progress, Stopped
 
-# ---- which network wins: kinds of metric in turn, at the settled point of the first run or anoth
+# ---- which network wins: kinds in turn, at the settled point of the first run or anoth
 
 SLOW = 600.0
 """Settling time, in fastest time constants, above which another settled point is searched for."""
@@ -79,7 +79,7 @@ class Choice:
     settled point.
     """
 
-    kinds: tuple[Kind, ...]
+    kinds: tuple[PreconditionerKind, ...]
     recipe: Recipe | None
     first: FirstRun
     progress: Progress
@@ -119,7 +119,7 @@ class Choice:
             found = self._rehearsed(settled, (*found, *self._compared(settled, kind)))
             if found and found[0].settling < np.inf and found[0].ratio < NEAR_LIMIT:
                 break
-        if not found:  # the only kind that is allowed has no metric here: let it say why
+        if not found:  # the only kind that is allowed has no preconditioner here: let it say why
             return (candidate_of(settled, self.recipe or RECIPES[self.kinds[0]], 1.0),)
         return found
 
@@ -147,8 +147,8 @@ class Choice:
 
     def _at_once(self, settled: SettledPoint) -> Candidate:
         recipe = recipe_of_first_run(self.recipe)
-        if recipe.kind not in self.kinds and Kind.TIME_CONSTANTS in self.kinds:
-            recipe = RECIPES[Kind.TIME_CONSTANTS]
+        if recipe.kind not in self.kinds and PreconditionerKind.DIAGONAL in self.kinds:
+            recipe = RECIPES[PreconditionerKind.DIAGONAL]
         try:
             return candidate_of(settled, recipe, self.first.boost)
         except DesignError as error:
@@ -157,16 +157,28 @@ class Choice:
                 "states and controls are near 1"
             ) from error
 
-    def _useful(self) -> tuple[Kind, ...]:
-        """Return the kinds to compare: `GRID` replaces `TREE`; both require an optimum."""
+    def _useful(self) -> tuple[PreconditionerKind, ...]:
+        """Return the kinds to compare: `RESISTIVE_GRID` replaces `CYCLIC_REDUCTION`; both require
+        an
+        optimum.
+        """
         kinds = self.kinds
-        if Kind.GRID in kinds:
-            kinds = tuple(kind for kind in kinds if kind is not Kind.TREE)
-        others = tuple(kind for kind in kinds if kind not in (Kind.GRID, Kind.TREE))
-        return kinds if self.first.settled else others or (Kind.PYRAMID,)
+        if PreconditionerKind.RESISTIVE_GRID in kinds:
+            kinds = tuple(kind for kind in kinds if kind is not PreconditionerKind.CYCLIC_REDUCTION)
+        others = tuple(
+            kind
+            for kind in kinds
+            if kind not in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
+        )
+        return kinds if self.first.settled else others or (PreconditionerKind.MULTILEVEL,)
 
     def _compared(
-        self, settled: SettledPoint, kind: Kind, *, penalty: float = 1.0, is_brief: bool = False
+        self,
+        settled: SettledPoint,
+        kind: PreconditionerKind,
+        *,
+        penalty: float = 1.0,
+        is_brief: bool = False,
     ) -> tuple[Candidate, ...]:
         fixed = self.recipe if self.recipe is not None and self.recipe.kind is kind else None
         return compare(
@@ -202,12 +214,16 @@ class Choice:
     def _rehearsals(
         self,
         settled: SettledPoint,
-        recipes: Callable[[Kind], tuple[Recipe, ...]],
+        recipes: Callable[[PreconditionerKind], tuple[Recipe, ...]],
         patience: Patience = PATIENT,
     ) -> list[Candidate]:
         """Run trials of closed-form networks of all useful kinds."""
         rehearsals = []
-        for kind in (kind for kind in self._useful() if kind not in (Kind.GRID, Kind.TREE)):
+        for kind in (
+            kind
+            for kind in self._useful()
+            if kind not in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
+        ):
             for recipe in recipes(kind):
                 candidate = candidate_of(settled, recipe, self.first.boost)
                 if np.isfinite(candidate.ratio):
@@ -319,7 +335,7 @@ def anew(candidates: Iterable[Candidate]) -> list[Candidate]:
     return [replace(candidate, settling=float("nan"), stray=None) for candidate in candidates]
 
 
-def stiffer(kind: Kind) -> tuple[Recipe, ...]:
+def stiffer(kind: PreconditionerKind) -> tuple[Recipe, ...]:
     """Return gain rules of a kind with larger penalties."""
     own = RECIPES[kind]
     return tuple(replace(own, penalty=factor * own.penalty) for factor in STIFFER)
@@ -330,12 +346,12 @@ def stiffer(kind: Kind) -> tuple[Recipe, ...]:
 SOON = 600.0
 """Settling time, in fastest time constants, below which the comparison ends."""
 
-GRIDS = (Kind.GRID, Kind.TREE), (1.0, 10.0, 100.0)
+GRIDS = (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION), (1.0, 10.0, 100.0)
 
 ROUNDS = (
     (GRIDS[0], GRIDS[1][:1]),
     (GRIDS[0], GRIDS[1][1:]),
-    ((Kind.COUPLED_PYRAMID, Kind.PYRAMID), (1.0,)),
+    ((PreconditionerKind.COUPLED_MULTILEVEL, PreconditionerKind.MULTILEVEL), (1.0,)),
 )
 """Kinds and penalty factors compared together, in turn, without the slower diagonal kind, whose
 spectra take longest.
@@ -383,14 +399,19 @@ class FoundChoice(Choice):
         )
         return there, (*found, *others), start
 
-    def _useful(self) -> tuple[Kind, ...]:
+    def _useful(self) -> tuple[PreconditionerKind, ...]:
         """Return the kinds of `Choice` without the diagonal kind if there are faster ones."""
         kinds = super()._useful()
-        return tuple(kind for kind in kinds if kind is not Kind.TIME_CONSTANTS) or kinds
+        return tuple(kind for kind in kinds if kind is not PreconditionerKind.DIAGONAL) or kinds
 
     def _with_patience(self, settled: SettledPoint, seen: tuple[Candidate, ...]) -> Frozen:
         """Return grids after longer trials or stiffer multilevel rules, or from the path."""
-        grids = tuple(c for c in seen if c.kind in (Kind.GRID, Kind.TREE) and c.ratio < np.inf)
+        grids = tuple(
+            c
+            for c in seen
+            if c.kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
+            and c.ratio < np.inf
+        )
         if grids:
             best = self._from_afar(settled, grids, LONGER)
         else:
@@ -409,7 +430,10 @@ class FoundChoice(Choice):
         return settled, seen, ""
 
     def _of(
-        self, settled: SettledPoint, kinds: tuple[Kind, ...], penalties: tuple[float, ...]
+        self,
+        settled: SettledPoint,
+        kinds: tuple[PreconditionerKind, ...],
+        penalties: tuple[float, ...],
     ) -> tuple[Candidate, ...]:
         """Return candidates of the given kinds that are useful."""
         own = [kind for kind in self._useful() if kind in kinds]

@@ -24,7 +24,7 @@ import numpy as np
 from scipy import sparse
 
 from ann_dc.analysis.linearisation import Linearisation, MeanLinearisation
-from ann_dc.network.preconditioners.multilevel import Pyramid, hat_positions
+from ann_dc.network.preconditioners.multilevel import Multilevel, hat_positions
 
 # ---- weights of inequality rows, from the time constants that cost and equalities alone would gi
 
@@ -74,7 +74,7 @@ def pyramid(
     gamma: float,
     *,
     coupled: bool = False,
-) -> Pyramid | None:
+) -> Multilevel | None:
     """Return the multilevel preconditioner at the state of a linearisation.
 
     `rho` (P,) is the penalty of every dual neuron's constraint, `gamma` the fraction of the Jacobi
@@ -94,7 +94,7 @@ def pyramid(
         alive = np.ones(len(G), bool)
         alive[[0, -1]] = live[0].any(), live[-1].any()
         gains.append(np.where(alive[:, None, None], gamma * _inverse(G, alive, coupled), 0.0))
-    return Pyramid(gains=tuple(gains))
+    return Multilevel(gains=tuple(gains))
 
 
 def _inverse(G: np.ndarray, alive: np.ndarray, coupled: bool) -> np.ndarray:

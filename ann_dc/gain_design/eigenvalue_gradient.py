@@ -22,8 +22,8 @@ import scipy.linalg
 
 from ann_dc.analysis.objectives import SETTLING_TIME, Objective
 from ann_dc.analysis.saddle import Saddle
-from ann_dc.network.preconditioners.base import Metric, Row
-from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.base import Preconditioner, Row
+from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
 STEPS_TRIED = np.geomspace(0.25, 8.0, 16)
@@ -78,42 +78,46 @@ class _Between(DenseMetric):
         return (symmetric * self.matrix(rates, nodes)).sum(axis=1), np.zeros(len(nodes))
 
 
-def dense_metric(metric: Metric, row: Row, primal: np.ndarray) -> DenseMetric:
+def dense_preconditioner(
+    preconditioner: Preconditioner, row: Row, primal: np.ndarray
+) -> DenseMetric:
     """Return a preconditioner as a function of its gains.
 
     `primal` (z,) are indices of the state vector. The nodes of a multilevel preconditioner are its
     coarse neurons in the order of their wires; other kinds have none.
     """
-    if isinstance(metric, Stiffness):
-        return _Between(np.linalg.inv(metric.matrix(row)[primal][:, primal].toarray()))
-    hats = metric.wires(row).weights[primal].toarray()
-    if not isinstance(metric, Pyramid):
+    if isinstance(preconditioner, Stiffness):
+        return _Between(np.linalg.inv(preconditioner.matrix(row)[primal][:, primal].toarray()))
+    hats = preconditioner.wires(row).weights[primal].toarray()
+    if not isinstance(preconditioner, Multilevel):
         return _Added(hats, np.zeros((0, 0)))
-    S = np.asarray(scipy.linalg.block_diag(*(S for gain in metric.gains for S in gain)))
+    S = np.asarray(scipy.linalg.block_diag(*(S for gain in preconditioner.gains for S in gain)))
     active = np.abs(S).sum(axis=1) > 0
     return _Added(hats, S[np.ix_(active, active)])
 
 
-def coarse_neurons(metric: Metric) -> list[tuple[int, int, int]]:
+def coarse_neurons(preconditioner: Preconditioner) -> list[tuple[int, int, int]]:
     """Return (level, point, chain) of every coarse neuron, in the order of the wires."""
-    if not isinstance(metric, Pyramid):
+    if not isinstance(preconditioner, Multilevel):
         return []
     return [
         (level, int(point), int(chain))
-        for level, gain in enumerate(metric.gains)
+        for level, gain in enumerate(preconditioner.gains)
         for point, chain in np.argwhere(np.abs(gain).sum(axis=-1) > 0)
     ]
 
 
-def scaled_metric(metric: Metric, factors: np.ndarray) -> Metric:
+def scaled_preconditioner(preconditioner: Preconditioner, factors: np.ndarray) -> Preconditioner:
     """Return D S D for multilevel gains S; D^2 are the factors (m,) of coarse neurons."""
-    if not isinstance(metric, Pyramid):
-        return metric
-    roots = [np.ones(gain.shape[:2]) for gain in metric.gains]
-    for (level, point, chain), factor in zip(coarse_neurons(metric), factors):
+    if not isinstance(preconditioner, Multilevel):
+        return preconditioner
+    roots = [np.ones(gain.shape[:2]) for gain in preconditioner.gains]
+    for (level, point, chain), factor in zip(coarse_neurons(preconditioner), factors):
         roots[level][point, chain] = np.sqrt(factor)
-    scaled = (root[:, :, None] * S * root[:, None, :] for root, S in zip(roots, metric.gains))
-    return replace(metric, gains=tuple(scaled))
+    scaled = (
+        root[:, :, None] * S * root[:, None, :] for root, S in zip(roots, preconditioner.gains)
+    )
+    return replace(preconditioner, gains=tuple(scaled))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,11 +126,12 @@ class DenseFlow:
 
     A vector of gains is (T, K, W, nodes, h): rates of the z primal and d dual neurons, penalties
     (d,) of the constraints, factors on the m nodes of the preconditioner, and the step. `saddle`
-    contains H and A at the settled point; `metric` is M as a function of T and of the nodes.
+    contains H and A at the settled point; `preconditioner` is M as a function of T and of the
+    nodes.
     """
 
     saddle: Saddle
-    metric: DenseMetric
+    preconditioner: DenseMetric
 
     @cached_property
     def H(self) -> np.ndarray:
@@ -148,7 +153,7 @@ class DenseFlow:
         T, K, W, nodes, (h,) = self.split(gains)
         if objective.dual_late:
             W = W + h * K
-        M, A = self.metric.matrix(T, nodes), self.A
+        M, A = self.preconditioner.matrix(T, nodes), self.A
         stiffness = self.H + (A.T * W) @ A
         corner = np.zeros((len(A), len(A)))
         return np.block([[-M @ stiffness, -M @ A.T], [K[:, None] * A, corner]])
@@ -186,10 +191,10 @@ class DenseFlow:
         """Return derivatives by the logarithms of the gains, from those by J."""
         T, K, W, nodes, (h,) = self.split(gains)
         A, z, late = self.A, len(T), float(objective.dual_late)
-        M = self.metric.matrix(T, nodes)
+        M = self.preconditioner.matrix(T, nodes)
         stiffness = self.H + (A.T * (W + late * h * K)) @ A
         zz, zd, dz = by_J[:z, :z], by_J[:z, z:], by_J[z:, :z]
-        by_T, by_nodes = self.metric.slope(-(zz @ stiffness + zd @ A), T, nodes)
+        by_T, by_nodes = self.preconditioner.slope(-(zz @ stiffness + zd @ A), T, nodes)
         by_W = -((A @ M @ zz) * A).sum(axis=1)
         by_K = (dz * A).sum(axis=1) + late * h * by_W
         by_h = late * h * (K @ by_W)

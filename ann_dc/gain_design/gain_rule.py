@@ -47,8 +47,8 @@ from ann_dc.errors import DesignError, UnknownNameError, require_positive
 from ann_dc.gain_design.coarse_gains import diode_weights, pressed_weights, pyramid
 from ann_dc.gain_design.gains import Gains
 from ann_dc.gain_design.objective_gains import with_objectives
-from ann_dc.network.preconditioners.base import Kind
-from ann_dc.network.preconditioners.diagonal import TimeConstants
+from ann_dc.network.preconditioners.base import PreconditionerKind
+from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Own, such_as
 
@@ -140,7 +140,7 @@ class Recipe:
         f of q, u and t.
     coarse : float
         gamma of a multilevel preconditioner.
-    kind : Kind
+    kind : PreconditionerKind
         Preconditioner kind: diagonal or multilevel here, resistive grid or cyclic reduction in
         `grid_gains`.
     sweeps : int
@@ -167,9 +167,9 @@ class Recipe:
     --------
     >>> from ann_dc import design, plants
     >>> problem = plants.double_integrator(N=5)
-    >>> designed = design(problem, recipe=Recipe(penalty=2.0, kind=Kind.TIME_CONSTANTS))
-    >>> designed.settled, designed.gains.metric.kind.name
-    (True, 'TIME_CONSTANTS')
+    >>> designed = design(problem, recipe=Recipe(penalty=2.0, kind=PreconditionerKind.DIAGONAL))
+    >>> designed.settled, designed.gains.preconditioner.kind.name
+    (True, 'DIAGONAL')
     """
 
     penalty: float = 1.0
@@ -179,7 +179,7 @@ class Recipe:
     control: float = 1.2
     target: float = 1.2
     coarse: float = 0.5
-    kind: Kind = Kind.PYRAMID
+    kind: PreconditionerKind = PreconditionerKind.MULTILEVEL
     sweeps: Annotated[int, Own()] = 0
     by_reach: bool = False
     path: float = 0.3
@@ -211,17 +211,23 @@ WITHOUT_COORDINATORS = Recipe(
     dual_coupling=1.3,
     control=1.0,
     target=1.2,
-    kind=Kind.TIME_CONSTANTS,
+    kind=PreconditionerKind.DIAGONAL,
 )
 """Gain rule of the diagonal preconditioner (neighbour wiring only)."""
 
 
 RECIPES = {
-    Kind.GRID: replace(WITH_COORDINATORS, kind=Kind.GRID, dual=1.0, dual_coupling=1.0),
-    Kind.TREE: replace(WITH_COORDINATORS, kind=Kind.TREE, dual=1.0, dual_coupling=1.0),
-    Kind.COUPLED_PYRAMID: replace(WITH_COORDINATORS, kind=Kind.COUPLED_PYRAMID),
-    Kind.PYRAMID: WITH_COORDINATORS,
-    Kind.TIME_CONSTANTS: WITHOUT_COORDINATORS,
+    PreconditionerKind.RESISTIVE_GRID: replace(
+        WITH_COORDINATORS, kind=PreconditionerKind.RESISTIVE_GRID, dual=1.0, dual_coupling=1.0
+    ),
+    PreconditionerKind.CYCLIC_REDUCTION: replace(
+        WITH_COORDINATORS, kind=PreconditionerKind.CYCLIC_REDUCTION, dual=1.0, dual_coupling=1.0
+    ),
+    PreconditionerKind.COUPLED_MULTILEVEL: replace(
+        WITH_COORDINATORS, kind=PreconditionerKind.COUPLED_MULTILEVEL
+    ),
+    PreconditionerKind.MULTILEVEL: WITH_COORDINATORS,
+    PreconditionerKind.DIAGONAL: WITHOUT_COORDINATORS,
 }
 """Initial gain rules of the preconditioner kinds, fastest kind first."""
 
@@ -240,7 +246,10 @@ def recipe_of_first_run(recipe: Recipe | None) -> Recipe:
 
     `recipe` is the rule fixed by the caller, or None.
     """
-    if recipe is None or recipe.kind in (Kind.GRID, Kind.TREE):
+    if recipe is None or recipe.kind in (
+        PreconditionerKind.RESISTIVE_GRID,
+        PreconditionerKind.CYCLIC_REDUCTION,
+    ):
         return WITH_COORDINATORS
     return recipe
 
@@ -308,8 +317,8 @@ def closed_form(
     >>> network = synthesize(plants.double_integrator(N=5))
     >>> linear = Linearisation(network).at(network.start_state)
     >>> gains = closed_form(linear, WITHOUT_COORDINATORS)
-    >>> bool((gains.rate > 0).all()), gains.metric.kind.name
-    (True, 'TIME_CONSTANTS')
+    >>> bool((gains.rate > 0).all()), gains.preconditioner.kind.name
+    (True, 'DIAGONAL')
     """
     network = linear.network
     rho = recipe.penalty * base_penalty(linear) * boost * weights_of_rows(linear, recipe)
@@ -324,18 +333,18 @@ def closed_form(
     rate = np.where(linear.primal, factor / felt, factor * rho)
     rate[network.shared] = 1.0
     coarse = None
-    if recipe.kind in (Kind.PYRAMID, Kind.COUPLED_PYRAMID):
-        coupled = recipe.kind is Kind.COUPLED_PYRAMID
+    if recipe.kind in (PreconditionerKind.MULTILEVEL, PreconditionerKind.COUPLED_MULTILEVEL):
+        coupled = recipe.kind is PreconditionerKind.COUPLED_MULTILEVEL
         coarse = pyramid(linear, rho, recipe.coarse, coupled=coupled)
     gains = Gains(
         rho=rho,
         rate=np.repeat(rate[:, None], network.stages, axis=1),
-        metric=coarse or TimeConstants(),
+        preconditioner=coarse or Diagonal(),
     )
     return with_objectives(linear, gains, recipe.dual, recipe.away)
 
 
-def steadier(kind: Kind) -> tuple[Recipe, ...]:
+def steadier(kind: PreconditionerKind) -> tuple[Recipe, ...]:
     """Return gain rules that settle from more initial guesses, but later.
 
     `kind` must have a closed form: diagonal or multilevel.

@@ -14,12 +14,12 @@ from typing import Annotated
 import numpy as np
 
 from ann_dc.errors import DesignError, UnknownNameError
-from ann_dc.evaluation.metric_arrays import metric_arrays
+from ann_dc.evaluation.preconditioner_arrays import preconditioner_arrays
 from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.evaluation.tape import Tape
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Metric, Row
-from ann_dc.network.preconditioners.diagonal import TimeConstants
+from ann_dc.network.preconditioners.base import Preconditioner, Row
+from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import FloatOrNan, OrNan, Shape, such_as
 
@@ -37,7 +37,7 @@ class Gains:
         neurons per cell.
     rate : (P, N) array
         1 / tau of every neuron at every stage, in units of 1 / network time.
-    metric : Metric
+    preconditioner : Metric
         Preconditioner; diagonal by default.
 
     Examples
@@ -54,7 +54,7 @@ class Gains:
 
     rho: Annotated[np.ndarray, Shape("P"), OrNan()]
     rate: Annotated[np.ndarray, Shape("P", "N"), OrNan()]
-    metric: Metric = field(default_factory=TimeConstants)
+    preconditioner: Preconditioner = field(default_factory=Diagonal)
 
 
 @checked
@@ -124,7 +124,7 @@ def hand_gains(
 def tape_with(network: Network, gains: Gains) -> Tape:
     """Return a tape of the network with these gains."""
     tape, row = tape_with_penalty(network, gains.rho), row_with(network, gains)
-    return tape._replace(rates=row.rates, **metric_arrays(gains.metric, row))
+    return tape._replace(rates=row.rates, **preconditioner_arrays(gains.preconditioner, row))
 
 
 def row_with(network: Network, gains: Gains) -> Row:
@@ -189,7 +189,7 @@ def apply_gains(network: Network, gains: Gains) -> Network:
     return replace(
         network,
         cell=replace(network.cell, neurons=neurons, connections=connections),
-        metric=gains.metric,
+        preconditioner=gains.preconditioner,
     )
 
 

@@ -32,9 +32,9 @@ from ann_dc.evaluation.tape import STATE, Tape
 from ann_dc.gain_design.gain_rule import WITH_COORDINATORS, Recipe, closed_form, weights_of_rows
 from ann_dc.gain_design.gains import Gains, tape_with
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
-from ann_dc.network.preconditioners.cyclic_reduction import Tree
-from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.base import PreconditionerKind
+from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
+from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
 ABOVE_THRESHOLD = 1.3
@@ -190,7 +190,7 @@ def grid_gains_of(
     rate = np.broadcast_to((eta * rho)[:, None], network.live.shape).copy()
     place = network.places[points[0].primal]
     rate[place[:, 0], place[:, 1]] = 1 / diagonal
-    return Gains(rho=rho, rate=np.where(rate > 0, rate, 1.0), metric=stiffness)
+    return Gains(rho=rho, rate=np.where(rate > 0, rate, 1.0), preconditioner=stiffness)
 
 
 def _felt(settled: SettledPoint, rho: np.ndarray, path: float) -> Any:
@@ -239,7 +239,7 @@ def _shadow_range(points: Sequence[SettledPoint], weights: np.ndarray) -> tuple[
     return min(low for low, _ in found), max(high for _, high in found)
 
 
-def _check(network: Network, kind: Kind) -> None:
+def _check(network: Network, kind: PreconditionerKind) -> None:
     """Raise `DesignError` if a network has neurons that H and A do not contain."""
     tape = fast_evaluator(network).tape
     if (tape.roles == STATE).any() or network.cell.objectives:
@@ -249,12 +249,15 @@ def _check(network: Network, kind: Kind) -> None:
         )
 
 
-def stiffness_of(network: Network, G: Any, kind: Kind = Kind.GRID) -> tuple[np.ndarray, Stiffness]:
+def stiffness_of(
+    network: Network, G: Any, kind: PreconditionerKind = PreconditionerKind.RESISTIVE_GRID
+) -> tuple[np.ndarray, Stiffness]:
     """Return a stiffness between neighbours as a preconditioner.
 
     G (z, z) is sparse and symmetric positive definite over the primal neurons, in the order of the
-    state vector; `kind` is `Kind.GRID` or `Kind.TREE`. Returns the diagonal (z,) of G, the time
-    constants of the primal neurons, and a `Grid` or `Tree` of G with a unit diagonal. Raises
+    state vector; `kind` is `PreconditionerKind.RESISTIVE_GRID` or
+    `PreconditionerKind.CYCLIC_REDUCTION`. Returns the diagonal (z,) of G, the time constants of the
+    primal neurons, and a `ResistiveGrid` or `CyclicReduction` of G with a unit diagonal. Raises
     `DesignError` if a diagonal entry is not positive, or G couples cells that are not neighbours.
     """
     diagonal = G.diagonal()
@@ -277,5 +280,5 @@ def stiffness_of(network: Network, G: Any, kind: Kind = Kind.GRID) -> tuple[np.n
     own[stage[i[within]], neuron[i[within]], neuron[j[within]]] = values[within]
     following[stage[i[ahead]], neuron[i[ahead]], neuron[j[ahead]]] = values[ahead]
     own = 0.5 * (own + own.transpose(0, 2, 1))
-    record = Tree if kind is Kind.TREE else Grid
+    record = CyclicReduction if kind is PreconditionerKind.CYCLIC_REDUCTION else ResistiveGrid
     return diagonal, record(own=own, following=following)

@@ -43,7 +43,7 @@ def with_objectives(
     felt = 0.0
     for member in linear.members:
         slopes = member.objective_slopes()
-        moves = gains.metric.apply(row, slopes)
+        moves = gains.preconditioner.apply(row, slopes)
         answers = np.tensordot(slopes, moves, axes=((1, 2), (1, 2)))
         bent = (away * member.cost_curvature()) ** 2 * row.rates
         if np.isfinite(answers).all():

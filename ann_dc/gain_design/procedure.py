@@ -35,7 +35,7 @@ from ann_dc.gain_design.rule_presets import presets_of
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
 from ann_dc.gain_design.trial_run import Candidate
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import ALL_KINDS, Kind
+from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
 from ann_dc.progress import Progress, Stopped, silent
 from ann_dc.timing import phase
 from ann_dc.validation.checked import checked
@@ -177,7 +177,7 @@ def _ending(first: FirstRun) -> str:
 def design(
     network: Network,
     *,
-    kinds: Annotated[Iterable[Kind], Own()] = ALL_KINDS,
+    kinds: Annotated[Iterable[PreconditionerKind], Own()] = ALL_KINDS,
     recipe: Recipe | None = None,
     refine: Objective | None = None,
     limit: int = LONGEST_RUN,
@@ -194,7 +194,7 @@ def design(
     ----------
     network : Network
         Network with proportional-integral multiplier neurons (PI duals).
-    kinds : iterable of Kind
+    kinds : iterable of PreconditionerKind
         Allowed preconditioner kinds; all by default. If the first run does not settle, a multilevel
         preconditioner replaces a grid or a tree.
     recipe : Recipe, optional
@@ -216,8 +216,8 @@ def design(
     --------
     >>> from ann_dc import plants, synthesize
     >>> network = synthesize(plants.double_integrator(N=5))
-    >>> design(network, kinds=[Kind.PYRAMID]).best.kind
-    <Kind.PYRAMID: 'pyramid of coarse coordinators'>
+    >>> design(network, kinds=[PreconditionerKind.MULTILEVEL]).best.kind
+    <PreconditionerKind.MULTILEVEL: 'multilevel'>
     """
     if not network.cell.duals:
         raise DesignError(
@@ -261,28 +261,33 @@ def _compared(
     return freeze.best(settled, limit)
 
 
-def _allowed(kinds: Iterable[Kind]) -> tuple[Kind, ...]:
-    if isinstance(kinds, Kind):
+def _allowed(kinds: Iterable[PreconditionerKind]) -> tuple[PreconditionerKind, ...]:
+    if isinstance(kinds, PreconditionerKind):
         raise DesignError(f"kinds: expected several, got {kinds}; write [{kinds}]")
     given = tuple(kinds)
-    strange = [kind for kind in given if not isinstance(kind, Kind)]
+    strange = [kind for kind in given if not isinstance(kind, PreconditionerKind)]
     if strange or not given:
         raise DesignError(
-            f"kinds: expected some of {', '.join(f'Kind.{kind.name}' for kind in Kind)}, got "
-            f"{given!r}"
+            f"kinds: expected some of {', '.join(map(str, PreconditionerKind))}, got {given!r}"
         )
     return tuple(kind for kind in RECIPES if kind in given)
 
 
-def _wirable(network: Network, kinds: tuple[Kind, ...]) -> tuple[Kind, ...]:
+def _wirable(
+    network: Network, kinds: tuple[PreconditionerKind, ...]
+) -> tuple[PreconditionerKind, ...]:
     """Return the kinds that a network can have: objectives act beyond every stiffness."""
     if not network.cell.objectives:
         return kinds
-    found = tuple(kind for kind in kinds if kind not in (Kind.GRID, Kind.TREE))
+    found = tuple(
+        kind
+        for kind in kinds
+        if kind not in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
+    )
     if not found:
         raise DesignError(
             "kinds: a grid or a tree couples neighbours, and objectives act on the whole row; "
-            "allow Kind.PYRAMID or Kind.TIME_CONSTANTS"
+            "allow PreconditionerKind.MULTILEVEL or PreconditionerKind.DIAGONAL"
         )
     return found
 

@@ -24,14 +24,14 @@ from ann_dc.gain_design.eigenvalue_gradient import (
     STEPS_TRIED,
     DenseFlow,
     coarse_neurons,
-    dense_metric,
-    scaled_metric,
+    dense_preconditioner,
+    scaled_preconditioner,
 )
 from ann_dc.gain_design.gains import Gains
 from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.trial_run import Candidate, rehearse, spectrum_with
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Metric
+from ann_dc.network.preconditioners.base import Preconditioner
 from ann_dc.progress import Paced, Progress, silent
 from ann_dc.timing import phase
 
@@ -144,10 +144,13 @@ class Variation:
         """Return the variation allowed by ``freedom`` at a settled state (n,)."""
         saddle = saddle_of(network, state)
         row = replace(network.row, rates=np.where(network.live, given.rate, 0.0))
-        flow = DenseFlow(saddle=saddle, metric=dense_metric(given.metric, row, saddle.primal))
+        flow = DenseFlow(
+            saddle=saddle,
+            preconditioner=dense_preconditioner(given.preconditioner, row, saddle.primal),
+        )
         neuron, stage = network.places.T
         rates = given.rate[neuron, stage]
-        nodes = np.ones(len(coarse_neurons(given.metric)))
+        nodes = np.ones(len(coarse_neurons(given.preconditioner)))
         gains = np.concatenate(
             [rates[saddle.primal], rates[saddle.dual], given.rho[neuron[saddle.dual]], nodes, [1.0]]
         )
@@ -159,7 +162,7 @@ class Variation:
             flow=flow,
             objective=objective,
             gains=gains,
-            share=_share(network, flow, given.metric, freedom, objective),
+            share=_share(network, flow, given.preconditioner, freedom, objective),
         )
 
     def at(self, x: np.ndarray) -> np.ndarray:
@@ -187,7 +190,7 @@ class Variation:
         return Gains(
             rho=rho * factor,
             rate=self.given.rate * rate,
-            metric=scaled_metric(self.given.metric, nodes),
+            preconditioner=scaled_preconditioner(self.given.preconditioner, nodes),
         )
 
 
@@ -221,7 +224,11 @@ def best_step(network: Network, state: np.ndarray, gains: Gains, objective: Obje
 
 
 def _share(
-    network: Network, flow: DenseFlow, metric: Metric, freedom: Freedom, objective: Objective
+    network: Network,
+    flow: DenseFlow,
+    preconditioner: Preconditioner,
+    freedom: Freedom,
+    objective: Objective,
 ) -> np.ndarray:
     """Return the coefficients (g, v) of the variables in every gain."""
     neurons = network.cell.neurons
@@ -239,7 +246,7 @@ def _share(
     by_component = freedom is Freedom.RECIPE
     rate = [("rate", rates[freedom](*place)) for place in (*primal, *dual)]
     penalty = [("penalty", neurons[i].component if by_component else i) for i, _ in dual]
-    node = [("node", nodes[freedom](*place)) for place in coarse_neurons(metric)]
+    node = [("node", nodes[freedom](*place)) for place in coarse_neurons(preconditioner)]
     first = _indicator([*rate, *penalty, *node, ("step",)])
     # a dual rate follows its penalty
     z, d = len(primal), len(dual)

@@ -32,7 +32,7 @@ from ann_dc.evaluation.rules import RAN, SETTLED, SMALLEST_POSITION
 from ann_dc.gain_design.gain_rule import RECIPES, SWEEPS, Recipe, closed_form, weights_of_rows
 from ann_dc.gain_design.gains import Gains, check_gains, row_with
 from ann_dc.gain_design.grid_gains import SettledPoint, grid_gains_of
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Paced, Progress, Stopped, silent
 from ann_dc.timing import phase
 
@@ -87,9 +87,9 @@ class Candidate:
     stray: np.ndarray | None = None
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> PreconditionerKind:
         """Preconditioner kind; diagonal if the cell array is too short for multilevel."""
-        return self.gains.metric.kind
+        return self.gains.preconditioner.kind
 
     @property
     def ratio(self) -> float:
@@ -105,7 +105,11 @@ class Candidate:
     def __str__(self) -> str:
         start = "rows by reach" if self.recipe.by_reach else "equal rows"
         rows = f"rows of {self.recipe.sweeps} sweeps" if self.recipe.sweeps else start
-        path = f", path {self.recipe.path:g}" if self.kind in (Kind.GRID, Kind.TREE) else ""
+        path = (
+            f", path {self.recipe.path:g}"
+            if self.kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
+            else ""
+        )
         if self.recipe.inequality != 1:
             rows += f", inequalities x {self.recipe.inequality:g}"
         return f"{self.kind.value}, {rows}{path}, penalty x {self.boost:g}: ratio {self.ratio:.3g}"
@@ -122,7 +126,7 @@ def gains_of(points: Sequence[SettledPoint], recipe: Recipe, boost: float) -> Ga
     else:
         linear = MeanLinearisation([settled.linear for settled in points])
         weights = weights_of_rows(linear, recipe)
-    if recipe.kind not in (Kind.GRID, Kind.TREE):
+    if recipe.kind not in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION):
         return closed_form(linear, recipe, boost)
     return grid_gains_of(points, weights, recipe, boost)
 
@@ -152,7 +156,7 @@ def spectrum_with(settled: SettledPoint, gains: Gains, progress: Progress = sile
     check_gains(network, gains)
     trial = settled.trial(gains)
     row, state = row_with(network, gains), settled.state
-    found = spectrum_of(trial, gains.metric, row, state, progress=progress)
+    found = spectrum_of(trial, gains.preconditioner, row, state, progress=progress)
     moving = (
         found.moving()
     )  # the others are multipliers of dependent rows, if primal neurons are not
@@ -161,7 +165,7 @@ def spectrum_with(settled: SettledPoint, gains: Gains, progress: Progress = sile
 
 def compare(
     settled: SettledPoint,
-    kind: Kind,
+    kind: PreconditionerKind,
     boost: float,
     progress: Progress = silent,
     *,
@@ -193,7 +197,7 @@ def compare(
     own = replace(RECIPES[kind], penalty=penalty * RECIPES[kind].penalty)
     rows = [recipe] if recipe else [replace(own, sweeps=sweeps) for sweeps in SWEEPS]
     long = settled.network.stages > LONG_ROW
-    if kind in (Kind.GRID, Kind.TREE):
+    if kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION):
         paths = [recipe.path] if recipe else list(PATHS)
         if long:
             damped = max(paths)  # it settles from the most starts
@@ -242,7 +246,7 @@ class _Tried:
     """Candidates of one kind at a settled point, in order of evaluation."""
 
     settled: SettledPoint
-    kind: Kind
+    kind: PreconditionerKind
     progress: Progress
     take: Callable[[Candidate], None]
     candidates: list[Candidate] = field(default_factory=list)

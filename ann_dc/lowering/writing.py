@@ -10,7 +10,7 @@ import numpy as np
 from ann_dc.errors import ExportError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import PRODUCT as TAPE_PRODUCT, SUM as TAPE_SUM
-from ann_dc.lowering.metric_sums import add_pyramid, replace_by_stiffness
+from ann_dc.lowering.preconditioner_sums import add_pyramid, replace_by_stiffness
 from ann_dc.lowering.program import (
     DRIVE,
     FUNCTION,
@@ -52,10 +52,10 @@ def check_rails(network: Network, parts: str) -> None:
     coupled = [network.cell.neurons[row].name for row in clamped_rows(network)]
     if coupled:
         raise ExportError(
-            f"{network.title}: its {network.metric.kind.value} couples neurons with rails "
+            f"{network.title}: its {network.preconditioner.kind.value} couples neurons with rails "
             f"({', '.join(coupled)}), which {parts} hold one by one; design it with "
-            "kinds=[Kind.TIME_CONSTANTS] (--kinds time-constants), or take "
-            "dataclasses.replace(network, metric=TimeConstants())"
+            "kinds=[PreconditionerKind.DIAGONAL] (--kinds diagonal), or take "
+            "dataclasses.replace(network, preconditioner=Diagonal())"
         )
 
 

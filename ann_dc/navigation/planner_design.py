@@ -34,7 +34,7 @@ from ann_dc.navigation.network_planner import NetworkPlanner
 from ann_dc.navigation.planner import Plan, Situation
 from ann_dc.navigation.scenario import World, random_world
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.robot import Robot
 from ann_dc.problem.robot_planning import Planning, planning_problem
 from ann_dc.problem.soft import Soft
@@ -153,7 +153,9 @@ def planner_for(
     """
     robot = planning.robot
     network = synthesize(decompose(planning.problem))
-    first = design(_on_a_straight(planning, network), kinds=[Kind.PYRAMID], progress=progress)
+    first = design(
+        _on_a_straight(planning, network), kinds=[PreconditionerKind.MULTILEVEL], progress=progress
+    )
     planner = NetworkPlanner(planning=planning, network=first.network, radius=first.spectrum.radius)
     if worlds is None:
         worlds = [random_world(FIRST_SEED + i, robot=robot) for i in range(WORLDS)]

@@ -24,7 +24,7 @@ from ann_dc.families.family import Sample
 from ann_dc.families.family_design import design_family
 from ann_dc.navigation.planner import Plan, Situation
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.robot import Robot
 from ann_dc.problem.robot_planning import leg_problem
 from ann_dc.progress import Progress, silent
@@ -117,7 +117,12 @@ def design_waypoint_planner(
         return [_leg_inputs(robot, stages, *_drawn(robot, draws)) for _ in range(count)]
 
     designed = design_family(
-        problem, legs, kinds=[Kind.PYRAMID], held_out=TRIED, seed=seed, progress=progress
+        problem,
+        legs,
+        kinds=[PreconditionerKind.MULTILEVEL],
+        held_out=TRIED,
+        seed=seed,
+        progress=progress,
     )
     return WaypointPlanner(
         robot=robot,

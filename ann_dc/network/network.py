@@ -32,8 +32,8 @@ from ann_dc.network.cell import (
     warn_outside,
 )
 from ann_dc.network.ends import Absent, Pin
-from ann_dc.network.preconditioners.base import Kind, Metric, Row, Wires
-from ann_dc.network.preconditioners.diagonal import TimeConstants
+from ann_dc.network.preconditioners.base import Preconditioner, PreconditionerKind, Row, Wires
+from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.scale import Scale
 from ann_dc.si_prefixes import counted
 from ann_dc.validation.checked import checked
@@ -42,7 +42,9 @@ from ann_dc.validation.values import OrNan, Shape, such_as
 # ---- what a network is wired of, as a table of text: in one cell, and in all of them
 
 
-def listing(title: str, cell: Cell, live: np.ndarray, wires: Wires, kind: Kind) -> str:
+def listing(
+    title: str, cell: Cell, live: np.ndarray, wires: Wires, kind: PreconditionerKind
+) -> str:
     """Return a text with the numbers of neurons, blocks, connections and wires.
 
     ``live`` (neurons, N) is True for neurons that are neither fixed nor omitted. Wires and kind are
@@ -56,8 +58,12 @@ def listing(title: str, cell: Cell, live: np.ndarray, wires: Wires, kind: Kind) 
         ("function blocks", cell.count(Function), cell.count(Function) * stages),
         ("summing blocks", cell.count(Sum), cell.count(Sum) * stages),
         ("connections", len(cell.connections), len(cell.connections) * stages),
-        ("nodes of the metric", "-", f"{wires.nodes}, of the {kind.value}"),
-        ("wires of the metric", f"{wires.per_cell(stages):.0f}", f"{wires.count}{each_way}"),
+        ("nodes of the preconditioner", "-", f"{wires.nodes}, of the {kind.value}"),
+        (
+            "wires of the preconditioner",
+            f"{wires.per_cell(stages):.0f}",
+            f"{wires.count}{each_way}",
+        ),
     ]
     shared = sum(neuron.shared for neuron in cell.neurons)
     if shared:
@@ -73,7 +79,7 @@ def listing(title: str, cell: Cell, live: np.ndarray, wires: Wires, kind: Kind) 
     return "\n".join([head, *table, *([f"  functions: {used}"] if used else [])])
 
 
-# ---- the network: one cell, N of them in a row, their ends, their inputs, their metric
+# ---- the network: one cell, N of them in a row, their ends, their inputs, their preconditioner
 
 OwnState: TypeAlias = Annotated[np.ndarray, Shape("self.size")]
 States: TypeAlias = Annotated[np.ndarray, Shape("...", "self.size"), OrNan()]
@@ -105,7 +111,7 @@ class Network(Record):
         Inputs that PREVIOUS connections of cell 0 read; zero by default.
     start : mapping of neuron name to float or (N,) array
         Initial states in network units, zero by default.
-    metric : Metric
+    preconditioner : Metric
         Preconditioner M of dx/ds = M d(x); diagonal (time constants only) by default.
     title : str
         Title of the network.
@@ -142,7 +148,7 @@ class Network(Record):
     absent: tuple[Absent, ...] = ()
     left: Mapping[str, str] = field(default_factory=dict)
     start: Mapping[str, float | np.ndarray] = field(default_factory=dict)
-    metric: Metric = field(default_factory=TimeConstants)
+    preconditioner: Preconditioner = field(default_factory=Diagonal)
     title: str = "network"
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -393,5 +399,5 @@ class Network(Record):
     # ---- summary -----------------------------------------------------------------------------
 
     def __str__(self) -> str:
-        wires = self.metric.wires(self.row)
-        return listing(self.title, self.cell, self.live, wires, self.metric.kind)
+        wires = self.preconditioner.wires(self.row)
+        return listing(self.title, self.cell, self.live, wires, self.preconditioner.kind)

@@ -16,7 +16,7 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import PRINTED, switch
 from ann_dc.gain_design.gains import hand_gains
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.initial_guess import Start
 from ann_dc.problem.plants import car
 from ann_dc.progress import Progress, silent
@@ -73,7 +73,7 @@ def demonstrations(optimum: Solution, progress: Progress = silent) -> Iterator[P
     yield PaperRun(label="printed D=1", solution=printed)
     for label, form in {"printed, designed gains": PRINTED, "without dB/dq": switch("S3")}.items():
         progress(label)
-        found = solve(problem, form=form, kinds=[Kind.PYRAMID], backend=brief)
+        found = solve(problem, form=form, kinds=[PreconditionerKind.MULTILEVEL], backend=brief)
         yield PaperRun(label=label, solution=found)
     progress("plain D=1")
     gains = hand_gains(synthesize(decompose(problem)))

@@ -18,7 +18,7 @@ from ann_dc.evaluation.populations import neuron_values
 from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.gain_design.procedure import Design, design
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.plants import car
 from ann_dc.progress import Progress, silent
@@ -166,7 +166,7 @@ def iterations(
     problem = problem or car()
     progress("two levels: designing")
     equations = decompose(problem, switch("S14"))
-    designed = design(synthesize(equations), kinds=[Kind.PYRAMID])
+    designed = design(synthesize(equations), kinds=[PreconditionerKind.MULTILEVEL])
     network, settled = designed.network, polished(designed)
     two, one = best_gradient(network, settled)[0], one_gain(network, settled)
     line = network.start_state

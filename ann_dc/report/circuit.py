@@ -85,7 +85,7 @@ class CircuitReport:
             "level": f"{level.name}{self._parts()}{self._drawn_with()}",
             **self._conditions(),
             "parts": parts + (power if cost.power > 0 else ""),
-            **self._metric(),
+            **self._preconditioner(),
             "values": self._values(),
             "a volt is": self._a_volt(),
             "scaling": f"{scaling.full_scale:g} V full scale, "
@@ -124,14 +124,14 @@ class CircuitReport:
             f"{process}{still}"
         }
 
-    def _metric(self) -> dict[str, object]:
+    def _preconditioner(self) -> dict[str, object]:
         """Return the wire requirements of the preconditioner, or why they are unknown.
 
         The row is omitted for preconditioners without wires.
         """
         if self.found.undemanded:
-            return {"metric": f"no demand on its wires is told: {self.found.undemanded}"}
-        return {} if self.found.demand is None else {"metric": self.found.demand}
+            return {"preconditioner": f"no demand on its wires is told: {self.found.undemanded}"}
+        return {} if self.found.demand is None else {"preconditioner": self.found.demand}
 
     def _values(self) -> str:
         """Return the ranges of resistors and capacitors."""
@@ -271,7 +271,7 @@ class CircuitReport:
             "full_scale": found.circuit.scaling.full_scale,
             "seconds_per_unit": found.deck.timing.unit,
             "margin": found.circuit.scaling.margin,
-            "metric": found.circuit.schematic.network.metric.kind.name.lower(),
+            "preconditioner": found.circuit.schematic.network.preconditioner.kind.name.lower(),
             "demand": None if found.demand is None else asdict(found.demand),
             "undemanded": found.undemanded,
             **self._measured(),

@@ -25,7 +25,9 @@ SHOWN = 12
 
 def candidate_table(design: Design) -> Table:
     """Return a table of the compared candidates, fastest first; the best is marked."""
-    shown = table("metric", "rho", "ratio", "from the start (fastest time constants)", dense=True)
+    shown = table(
+        "preconditioner", "rho", "ratio", "from the start (fastest time constants)", dense=True
+    )
     for candidate in design.candidates[:SHOWN]:
         frozen = " (frozen)" if candidate is design.best else ""
         shown.add_row(
@@ -83,12 +85,12 @@ def design_dict(design: Design) -> dict[str, Any]:
         "radius": design.spectrum.radius,
         "abscissa": design.spectrum.abscissa,
         "ratio": design.spectrum.ratio,
-        "metric": design.gains.metric.kind.value,
+        "preconditioner": design.gains.preconditioner.kind.value,
         "rho": dict(zip(names, design.gains.rho.tolist())),
         "rate": dict(zip(names, design.gains.rate.tolist())),
         "candidates": [
             {
-                "metric": candidate.recipe.kind.value,
+                "preconditioner": candidate.recipe.kind.value,
                 "rho": _penalties(design, candidate).tolist(),
                 "ratio": candidate.ratio,
                 "settling": candidate.settling,
@@ -165,7 +167,7 @@ def family_dict(designed: FamilyDesign) -> dict[str, Any]:
     return {
         "network": designed.network.title,
         "ranges": {name: list(ends) for name, ends in designed.family.ranges.items()},
-        "metric": designed.winner.recipe.kind.value,
+        "preconditioner": designed.winner.recipe.kind.value,
         "points": designed.points,
         "rho": dict(zip(names, designed.gains.rho.tolist())),
         "rate": dict(zip(names, designed.gains.rate.tolist())),

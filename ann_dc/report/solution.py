@@ -93,7 +93,7 @@ def _recurrence(backend: Backend | None) -> str | None:
 
 
 def _gains(solution: Solution) -> dict[str, str]:
-    design, metric = solution.design, solution.network.metric
+    design, preconditioner = solution.design, solution.network.preconditioner
     if design is None:
         return {}
     index = design.network.neuron_index
@@ -105,7 +105,7 @@ def _gains(solution: Solution) -> dict[str, str]:
     )
     return {
         "rho": f"{rho} ({origin})",
-        "metric": metric.kind.value,
+        "preconditioner": preconditioner.kind.value,
     }
 
 

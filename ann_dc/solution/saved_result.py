@@ -51,11 +51,11 @@ from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.scheduled_run import FirstRun
 from ann_dc.gain_design.trial_run import Candidate
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Metric
-from ann_dc.network.preconditioners.cyclic_reduction import Tree
-from ann_dc.network.preconditioners.diagonal import TimeConstants
-from ann_dc.network.preconditioners.multilevel import Pyramid
-from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.base import Preconditioner
+from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
+from ann_dc.network.preconditioners.diagonal import Diagonal
+from ann_dc.network.preconditioners.multilevel import Multilevel
+from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 from ann_dc.weights.entries import Entries
 from ann_dc.weights.manifest import Table, read_manifest
 from ann_dc.weights.network_file import MAX_BYTES, packed, unpacked
@@ -64,7 +64,7 @@ from ann_dc.weights.npz import BROKEN, NpzEntries, packed_entries
 SHAPES: dict[type, dict[str, str]] = {
     Trajectory: {"time": "T", "states": "T n", "residual_time": "R", "residuals": "R 2"},
     Gains: {"rho": "P", "rate": "P N"},
-    Pyramid: {"gains": "* C C"},
+    Multilevel: {"gains": "* C C"},
     Spectrum: {"eigenvalues": "*"},
     FirstRun: {"state": "n"},
     Candidate: {"stray": "n"},
@@ -108,8 +108,8 @@ class Reader:
             return _plain(hint, given, place)
         if issubclass(hint, Enum):
             return _choice(hint.__members__, given, place)
-        if hint is Metric:
-            return self._metric(given, place)
+        if hint is Preconditioner:
+            return self._preconditioner(given, place)
         return self.record(hint, given, place)
 
     def _composed(self, hint: Any, given: Any, place: str) -> Any:
@@ -144,14 +144,14 @@ class Reader:
         self._check_shapes(kind, values, place)
         return kind(**values)
 
-    def _metric(self, given: Any, place: str) -> Any:
+    def _preconditioner(self, given: Any, place: str) -> Any:
         table = dict(_checked(dict, given, place))
-        kind = _choice(METRICS, table.pop("type", None), f"{place}/type")
-        metric = self.record(kind, table, place)
+        kind = _choice(PRECONDITIONERS, table.pop("type", None), f"{place}/type")
+        preconditioner = self.record(kind, table, place)
         if self.network is not None:
             with np.errstate(over="ignore"):  # of rates, where a time constant is next to nothing
-                metric.check(self.network.row)
-        return metric
+                preconditioner.check(self.network.row)
+        return preconditioner
 
     def _array(self, given: Any, place: str) -> np.ndarray:
         """Return an array of any shape; the record that contains it checks the shape."""
@@ -348,8 +348,8 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-METRICS: dict[str, type[Metric]] = {
-    kind.__name__: kind for kind in (TimeConstants, Pyramid, Grid, Tree)
+PRECONDITIONERS: dict[str, type[Preconditioner]] = {
+    kind.__name__: kind for kind in (Diagonal, Multilevel, ResistiveGrid, CyclicReduction)
 }
 """Preconditioner classes by their name in a table."""
 
@@ -403,7 +403,7 @@ class Writer:
     def _record(self, record: Any, place: str) -> dict[str, Any]:
         given = ((f, getattr(record, f.name)) for f in fields(record))
         values = {f.name: v for f, v in given if v is not None or WHERE_GIVEN not in f.metadata}
-        kind = {"type": type(record).__name__} if isinstance(record, Metric) else {}
+        kind = {"type": type(record).__name__} if isinstance(record, Preconditioner) else {}
         return kind | {
             name: self.value(value, f"{place}/{name}")
             for name, value in values.items()

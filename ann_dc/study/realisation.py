@@ -37,8 +37,8 @@ from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.saturation import with_rails
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import ALL_KINDS, Kind
-from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
+from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solver import design, synthesize
 from ann_dc.study.model_levels import level_of
@@ -92,12 +92,10 @@ def with_gains(network: Network, factors: Mapping[str, float]) -> Network:
         if not 0 < float(factor) < float("inf"):
             raise StudyError(f"gains.{name}: a factor is a positive number, got {factor!r}")
     if "coarse" in factors:
-        if not isinstance(network.metric, Pyramid):
-            raise StudyError(
-                "gains.coarse: the metric has no coarse coordinators; set design.kind to pyramid"
-            )
-        gains = tuple(factors["coarse"] * grid for grid in network.metric.gains)
-        network = replace(network, metric=replace(network.metric, gains=gains))
+        if not isinstance(network.preconditioner, Multilevel):
+            raise StudyError("gains.coarse: no coarse levels; set design.kind to multilevel")
+        gains = tuple(factors["coarse"] * grid for grid in network.preconditioner.gains)
+        network = replace(network, preconditioner=replace(network.preconditioner, gains=gains))
     cell, factor_of = network.cell, dict(factors)
     paths = {
         dual.path: factor_of.get("rho", 1.0) * factor_of.get(f"rho.{dual.neuron}", 1.0)
@@ -174,7 +172,7 @@ MOST_KEPT = 16
 """Largest number of cached problems, designs, circuits and references, each, per process."""
 EXACT = OdeBackend(settling=Settling(tolerance=1e-9), verify=False)
 """Backend of the reference runs."""
-BUILDABLE = (Kind.TIME_CONSTANTS,)
+BUILDABLE = (PreconditionerKind.DIAGONAL,)
 """Default preconditioner for circuits; every op amp can realise it."""
 Made = TypeVar("Made")
 
@@ -261,7 +259,10 @@ class Realisation:
         return self._kept("form", given, lambda: self._in_form(problem, given, kinds))
 
     def _in_form(
-        self, problem: OptimalControlProblem, given: Mapping[str, Any], kinds: tuple[Kind, ...]
+        self,
+        problem: OptimalControlProblem,
+        given: Mapping[str, Any],
+        kinds: tuple[PreconditionerKind, ...],
     ) -> Designed:
         """Return the network of a problem; a form with errata uses the corrected gains."""
         form = FORMS[str(given.get("design.form", "corrected"))]
@@ -333,7 +334,7 @@ def _found(
     problem: OptimalControlProblem,
     form: Form,
     factors: dict[str, Value],
-    kinds: tuple[Kind, ...],
+    kinds: tuple[PreconditionerKind, ...],
 ) -> Design:
     """Return the design of a problem in a designable form.
 
@@ -349,7 +350,7 @@ def _found(
     return found
 
 
-def _recipe(kinds: tuple[Kind, ...], given: Mapping[str, Value]) -> Recipe | None:
+def _recipe(kinds: tuple[PreconditionerKind, ...], given: Mapping[str, Value]) -> Recipe | None:
     """Return a gain rule with the given factors; None without factors."""
     if not given:
         return None
@@ -359,5 +360,5 @@ def _recipe(kinds: tuple[Kind, ...], given: Mapping[str, Value]) -> Recipe | Non
             f"{', '.join(KINDS)}"
         )
     kind = next(iter(kinds))
-    base = WITHOUT_COORDINATORS if kind is Kind.TIME_CONSTANTS else Recipe()
+    base = WITHOUT_COORDINATORS if kind is PreconditionerKind.DIAGONAL else Recipe()
     return replace(base, kind=kind, **given)

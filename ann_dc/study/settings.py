@@ -28,7 +28,7 @@ from ann_dc.gain_design.gain_rule import Recipe
 from ann_dc.hardware.parts.datasheet import Datasheet, Kind as PartKind, Tolerances
 from ann_dc.hardware.parts.e_series import SERIES
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.serialisation import WrittenProblem, declared, written
@@ -189,7 +189,7 @@ def _digest(network: Network) -> str:
     return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
-KINDS = {kind.name.lower().replace("_", "-"): kind for kind in Kind}
+KINDS = {kind.name.lower().replace("_", "-"): kind for kind in PreconditionerKind}
 """Preconditioner kinds by name."""
 STARTS = ("line", "zero", "random")
 BACKENDS = ("ode", "recurrent", "emulation", "spice")

@@ -21,7 +21,7 @@ from ann_dc.decomposition.form import Form
 from ann_dc.evaluation.populations import kkt_point, neuron_values
 from ann_dc.gain_design.procedure import Design, design
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.certificate import Certificate, certify
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
@@ -307,8 +307,10 @@ def coordinate(
     check_problem(problem)
     settling = settling or Settling()
     equations = decompose(problem, Form(start_is_neuron=True))
-    # neither level has a metric, and the penalty that suits a grid makes the upper level slow
-    designed = design(synthesize(equations), kinds=[Kind.PYRAMID], progress=progress)
+    # neither level has a preconditioner; the penalty of a grid makes the upper level slow
+    designed = design(
+        synthesize(equations), kinds=[PreconditionerKind.MULTILEVEL], progress=progress
+    )
     if not designed.settled:
         return Undesigned(problem=problem, steps=designed.first.steps)
     network, settled = designed.network, polished(designed)

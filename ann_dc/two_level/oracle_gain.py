@@ -20,7 +20,7 @@ from ann_dc.backends.run import Backend, Run
 from ann_dc.errors import FormError, NetworkError, require_positive
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.network.network import COORDINATION, Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.two_level.lyapunov import Lyapunov, lyapunov_of
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Shape
@@ -119,7 +119,7 @@ class OracleBackend:
     ode: OdeBackend = field(default_factory=OdeBackend)
 
     @property
-    def kinds(self) -> tuple[Kind, ...]:
+    def kinds(self) -> tuple[PreconditionerKind, ...]:
         """Preconditioner kinds of the ODE backend."""
         return self.ode.kinds
 

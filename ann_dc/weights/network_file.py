@@ -21,7 +21,7 @@ file and in the uint8 entry ``manifest`` of an ``.npz`` file.
 
 The manifest has names and wiring without numbers: ``neurons``, ``inputs``, ``blocks``,
 ``connections``, ``duals``, ``diodes``, ``objectives``, ``chains``, ``pins``, ``absent``, ``left``,
-``start``. ``stages`` is N, and ``levels`` and ``metric`` specify the coarse levels or the
+``start``. ``stages`` is N, and ``levels`` and ``preconditioner`` specify the coarse levels or the
 stiffness. ``about`` has the equation and the formula of M, and ``tensors`` has the meaning, unit
 and axes of every array.
 

@@ -22,9 +22,9 @@ from ann_dc.network.cell import (
 from ann_dc.network.duals import DiodeDual, ObjectiveDual, PIDual
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Metric
-from ann_dc.network.preconditioners.diagonal import TimeConstants
-from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.base import Preconditioner
+from ann_dc.network.preconditioners.diagonal import Diagonal
+from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.network.preconditioners.stiffness import Stiffness
 from ann_dc.scale import Scale
 from ann_dc.weights.entries import Entries
@@ -39,7 +39,7 @@ MAX_STAGES = 1_000_000
 
 KEYS = (
     "format schema title stages neurons inputs blocks connections duals chains pins absent left "
-    "start levels metric shifted ranged diodes objectives"
+    "start levels preconditioner shifted ranged diodes objectives"
 )
 SEAL = "about hashes tensors"
 """Manifest keys required from schema 2 on."""
@@ -71,13 +71,13 @@ def network_of(manifest: str, entries: Entries) -> Network:
         absent=table.records("absent", Absent),
         left={target: Table("manifest.left", left).get(target, str) for target in left},
         start={name: entries.array(f"start/{name}", (stages,)) for name in table.names("start")},
-        metric=_metric(table, entries, cell, stages),
+        preconditioner=_preconditioner(table, entries, cell, stages),
         title=table.get("title", str),
         ranges=_ranges(table, entries, cell),
     )
-    if isinstance(network.metric, Stiffness):
+    if isinstance(network.preconditioner, Stiffness):
         with np.errstate(over="ignore"):  # of rates, where a time constant is next to nothing
-            network.metric.check(network.row)
+            network.preconditioner.check(network.row)
     entries.finish()
     if is_sealed:
         check_hashes(table, entries.taken)
@@ -173,18 +173,18 @@ def _pair(chain) -> tuple[str, str]:
     return chain[0], chain[1]
 
 
-def _metric(table: Table, entries: Entries, cell: Cell, stages: int) -> Metric:
-    if table.has("metric"):
+def _preconditioner(table: Table, entries: Entries, cell: Cell, stages: int) -> Preconditioner:
+    if table.has("preconditioner"):
         return _stiffness(table, entries, cell, stages)
     levels, chains = table.whole("levels", 0, 64), len(cell.chains)
     shape = (None, chains, chains)
     gains = tuple(entries.array(f"gain/{level}", shape) for level in range(levels))
-    return Pyramid(gains=gains) if gains else TimeConstants()
+    return Multilevel(gains=gains) if gains else Diagonal()
 
 
-def _stiffness(table: Table, entries: Entries, cell: Cell, stages: int) -> Metric:
+def _stiffness(table: Table, entries: Entries, cell: Cell, stages: int) -> Preconditioner:
     table.whole("levels", 0, 0)
-    kind, name = table.choice("metric", STIFFNESSES), table.get("metric", str)
+    kind, name = table.choice("preconditioner", STIFFNESSES), table.get("preconditioner", str)
     m = sum(neuron.role is Role.PRIMAL for neuron in cell.neurons)
     return kind(
         own=entries.array(f"{name}/own", (stages, m, m)),

@@ -12,10 +12,10 @@ import numpy as np
 
 from ann_dc.network.cell import Connection, Template
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind, Metric
-from ann_dc.network.preconditioners.cyclic_reduction import Tree
-from ann_dc.network.preconditioners.multilevel import Pyramid
-from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.base import Preconditioner, PreconditionerKind
+from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
+from ann_dc.network.preconditioners.multilevel import Multilevel
+from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 from ann_dc.network.preconditioners.stiffness import Stiffness
 from ann_dc.network.selection import clamped_rows
 from ann_dc.scale import Scale
@@ -40,7 +40,9 @@ ABOUT = (
     "compute multipliers too, and `duals`, `diodes` and `objectives` name them only: m = mu + rho c"
     " of a PI dual with residual c, m = max(0, z + w g) of a diode neuron z of a row g <= 0. "
 )
-"""Network equation as manifest text, with a placeholder for saturation; `METRICS` appends M."""
+"""Network equation as manifest text, with a placeholder for saturation; `PRECONDITIONERS` appends
+M.
+"""
 
 CUT = "d is 0 where x <= low and d < 0, or x >= high and d > 0; then M d likewise"
 PROJECTED = (
@@ -67,12 +69,12 @@ _STIFFNESS = (
     "is its block within stage k, `{0}/following`[k] that of stage k (rows) and stage k + 1 "
     "(columns), all others are 0; rows and columns of neurons that are not live are left out."
 )
-METRICS: dict[Kind, str] = {
-    Kind.TIME_CONSTANTS: "M = diag(1 / tau).",
-    Kind.PYRAMID: _PYRAMID,
-    Kind.COUPLED_PYRAMID: _PYRAMID,
-    Kind.GRID: _STIFFNESS.format("grid"),
-    Kind.TREE: _STIFFNESS.format("tree"),
+PRECONDITIONERS: dict[PreconditionerKind, str] = {
+    PreconditionerKind.DIAGONAL: "M = diag(1 / tau).",
+    PreconditionerKind.MULTILEVEL: _PYRAMID,
+    PreconditionerKind.COUPLED_MULTILEVEL: _PYRAMID,
+    PreconditionerKind.RESISTIVE_GRID: _STIFFNESS.format("grid"),
+    PreconditionerKind.CYCLIC_REDUCTION: _STIFFNESS.format("tree"),
 }
 """Manifest text on M for every preconditioner kind."""
 
@@ -101,19 +103,19 @@ WORDS: dict[str, tuple[str, str, str]] = {
 """Description, unit and axes of an array, by the first part of its name (stiffness: second part).
 """
 
-STIFFNESSES: dict[str, type[Stiffness]] = {"grid": Grid, "tree": Tree}
+STIFFNESSES: dict[str, type[Stiffness]] = {"grid": ResistiveGrid, "tree": CyclicReduction}
 """Class of each stiffness, by its name in the manifest."""
 
 
 def about(network: Network) -> str:
     """Return the network equation as text, for readers that have only the file."""
     rails = PROJECTED if len(clamped_rows(network)) else CUT
-    return ABOUT.format(rails=rails) + METRICS[network.metric.kind]
+    return ABOUT.format(rails=rails) + PRECONDITIONERS[network.preconditioner.kind]
 
 
 def manifest_of(network: Network) -> dict:
     """Return the names and wiring of a network as a JSON table, without numbers."""
-    cell, metric = network.cell, network.metric
+    cell, preconditioner = network.cell, network.preconditioner
     table = {
         "format": FORMAT,
         "schema": SCHEMA,
@@ -135,7 +137,7 @@ def manifest_of(network: Network) -> dict:
         "absent": [asdict(absent) for absent in network.absent],
         "left": dict(sorted(network.left.items())),
         "start": sorted(network.start),
-        "levels": len(metric.gains) if isinstance(metric, Pyramid) else 0,
+        "levels": len(preconditioner.gains) if isinstance(preconditioner, Multilevel) else 0,
     }
     if is_shifted(network):
         table["shifted"] = 1
@@ -146,7 +148,9 @@ def manifest_of(network: Network) -> dict:
     if cell.objectives:
         table["objectives"] = [asdict(objective) for objective in cell.objectives]
     # a pyramid and time constants are told by the levels, as the first files had it
-    return table | ({"metric": _name(metric)} if isinstance(metric, Stiffness) else {})
+    return table | (
+        {"preconditioner": _name(preconditioner)} if isinstance(preconditioner, Stiffness) else {}
+    )
 
 
 def arrays_of(network: Network) -> dict[str, object]:
@@ -167,7 +171,7 @@ def arrays_of(network: Network) -> dict[str, object]:
     if network.ranges:
         open_ends = (-np.inf, np.inf)
         arrays["range"] = [network.ranges.get(name, open_ends) for name in cell.inputs]
-    return arrays | _metric_arrays(network.metric)
+    return arrays | _preconditioner_arrays(network.preconditioner)
 
 
 def words_of(network: Network, arrays: Mapping[str, object]) -> dict[str, dict]:
@@ -201,18 +205,18 @@ def _template(connection: Connection) -> str | int:
     return Template(connection.template).name.lower()
 
 
-def _metric_arrays(metric: Metric) -> dict[str, object]:
-    if isinstance(metric, Pyramid):
-        return {f"gain/{level}": gain for level, gain in enumerate(metric.gains)}
-    if isinstance(metric, Stiffness):
-        name = _name(metric)
-        return {f"{name}/own": metric.own, f"{name}/following": metric.following}
+def _preconditioner_arrays(preconditioner: Preconditioner) -> dict[str, object]:
+    if isinstance(preconditioner, Multilevel):
+        return {f"gain/{level}": gain for level, gain in enumerate(preconditioner.gains)}
+    if isinstance(preconditioner, Stiffness):
+        name = _name(preconditioner)
+        return {f"{name}/own": preconditioner.own, f"{name}/following": preconditioner.following}
     return {}
 
 
-def _name(metric: Metric) -> str:
+def _name(preconditioner: Preconditioner) -> str:
     """Return the name of a stiffness in the manifest and in its array names."""
-    return next(name for name, kind in STIFFNESSES.items() if isinstance(metric, kind))
+    return next(name for name, kind in STIFFNESSES.items() if isinstance(preconditioner, kind))
 
 
 def _one_or_each(value, network: Network) -> np.ndarray:

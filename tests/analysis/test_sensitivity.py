@@ -362,7 +362,7 @@ def test_parts_move_the_emulation_as_their_slopes_say(name, every):
 @cache
 def prepared(name: str):
     network = design(
-        synthesize(SUITE[name].problem), kinds=[preconditioners.Kind.TIME_CONSTANTS]
+        synthesize(SUITE[name].problem), kinds=[preconditioners.PreconditionerKind.DIAGONAL]
     ).network
     return SpiceBackend(level=LEVEL).prepare(network)
 

@@ -1,4 +1,6 @@
-"""Why it is slow, against closed forms: rates as quotients, modes of the exact metric, waves."""
+"""Why it is slow, against closed forms: rates as quotients, modes of the exact preconditioner,
+waves.
+"""
 
 from dataclasses import replace
 from functools import cache
@@ -6,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from designs import small
-from exact_metric import exact_metric, is_dual
+from exact_preconditioner import exact_preconditioner, is_dual
 from problems import SUITE
 
 from ann_dc.analysis.slowness import LIMIT, Cause, Mode, slowness_of
@@ -79,7 +81,7 @@ def test_the_penalty_it_takes_is_the_threshold():
 @pytest.mark.parametrize("name", ["car", "pendulum"])
 def test_rows_are_blocks_of_the_shadow_stiffness(name):
     network, x = designed(name).network, designed(name).state
-    exact = exact_metric(network, x)
+    exact = exact_preconditioner(network, x)
     Q, owner = exact.saddle.shadow, network.places[exact.saddle.dual, 0]
     for row in slowness_of(network, exact.state).rows:
         own = owner == network.neuron_index[row.neuron]
@@ -101,7 +103,7 @@ def test_the_shadow_stiffness_of_a_double_integrator_is_least_effort():
     F, b = np.array([[1, dt], [0, 1]]), np.array([0, dt])
     power = lambda k: np.linalg.matrix_power(F, k)  # noqa: E731
     R = np.column_stack([power(N - 1 - k) @ b for k in range(N)])
-    exact = exact_metric(network, network.start_state)
+    exact = exact_preconditioner(network, network.start_state)
     pushes = []
     for neuron, stage in network.places[exact.saddle.dual]:
         population, component = network.cell.neurons[neuron].name.split(".")
@@ -114,12 +116,12 @@ def test_the_shadow_stiffness_of_a_double_integrator_is_least_effort():
     np.testing.assert_allclose(np.abs(Q) / Q[0, 0], np.abs(expected) / expected[0, 0], atol=1e-9)
 
 
-# ---- the exact metric ----------------------------------------------------------------------------
+# ---- the exact preconditioner --------------------------------------------------------------------
 
 
 def exact_and_weights(name, above):
     """Uneven weights, so large that H + A'WA is positive definite."""
-    exact = exact_metric(designed(name).network, designed(name).state)
+    exact = exact_preconditioner(designed(name).network, designed(name).state)
     count = len(exact.network.cell.neurons)
     weights = np.where(is_dual(exact.network), np.linspace(1.0, 3.0, count), 0.0)
     low, high = exact.saddle.shadow_range(exact.weights(weights))
@@ -128,7 +130,7 @@ def exact_and_weights(name, above):
 
 @pytest.mark.parametrize("name", ["car", "pendulum", "cstr", "double_integrator"])
 @pytest.mark.parametrize("eta", [0.3, 1.5])
-def test_modes_of_the_exact_metric(name, eta):
+def test_modes_of_the_exact_preconditioner(name, eta):
     """s = -1, or s^2 + s + eta kappa = 0 with kappa = 1 / (1 + q/w)."""
     exact, rho = exact_and_weights(name, above=1.5)
     root = np.sqrt(exact.weights(rho))
@@ -147,7 +149,7 @@ def test_modes_of_the_exact_metric(name, eta):
 
 
 @pytest.mark.parametrize("name", ["car", "pendulum", "cstr", "double_integrator"])
-def test_the_ratio_of_the_exact_metric_with_given_penalties(name):
+def test_the_ratio_of_the_exact_preconditioner_with_given_penalties(name):
     exact, rho = exact_and_weights(name, above=1.2)
     frozen = slowness_of(exact.with_gains(rho, eta=0.5), exact.state)
     best = 0.25 * (1 + frozen.highest)
@@ -162,13 +164,13 @@ def test_needed_is_where_the_limit_is_reached(name):
     found = slowness(name)
     assert found.exact_ratio(found.needed) == pytest.approx(LIMIT)
     assert found.exact_ratio(0.9 * found.needed) > LIMIT
-    exact = exact_metric(designed(name).network, designed(name).state)
+    exact = exact_preconditioner(designed(name).network, designed(name).state)
     rho = found.needed * np.array(designed(name).gains.rho)
     eta = 0.25 * (1 + found.highest / found.needed)
     assert spectrum(exact.with_gains(rho, eta), exact.state).ratio == pytest.approx(2.0, abs=1e-3)
 
 
-def test_below_the_threshold_there_is_no_exact_metric():
+def test_below_the_threshold_there_is_no_exact_preconditioner():
     found = slowness("pendulum")
     assert found.lowest < -1
     assert found.exact_ratio() == float("inf")
@@ -211,8 +213,8 @@ def test_a_mode_in_words():
     [
         (3.0, 0.5, Cause.REACH),
         (-3.0, 0.5, Cause.CURVATURE),
-        (0.5, 0.5, Cause.METRIC),
-        (3.0, 0.0, Cause.METRIC),
+        (0.5, 0.5, Cause.PRECONDITIONER),
+        (3.0, 0.0, Cause.PRECONDITIONER),
     ],
 )
 def test_causes(shadow, dual_share, cause):
@@ -224,7 +226,7 @@ def test_causes(shadow, dual_share, cause):
     [
         ("planar_quadrotor", Cause.REACH),
         ("pendulum", Cause.CURVATURE),
-        pytest.param("two_link_arm", Cause.METRIC, marks=pytest.mark.slow),
+        pytest.param("two_link_arm", Cause.PRECONDITIONER, marks=pytest.mark.slow),
     ],
 )
 def test_causes_of_networks_with_a_pyramid(name, cause):

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from constrained import CONSTRAINED
 from designs import designed
-from metric_networks import with_metric
+from preconditioner_networks import with_preconditioner
 from problems import SUITE
-from random_metrics import with_stiffness
+from random_preconditioners import with_stiffness
 from wired import neighbour_wired
 
-from ann_dc import Kind, Recipe, design, synthesize
+from ann_dc import PreconditionerKind, Recipe, design, synthesize
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.saddle import penalty_threshold
 from ann_dc.analysis.spectra import slowest_modes, spectrum
@@ -52,7 +52,7 @@ def test_largest_step_is_the_edge_of_forward_euler():
 @pytest.mark.parametrize("name", ["dint_u", pytest.param("car_steer", marks=pytest.mark.slow)])
 def test_a_neuron_at_its_rail_has_no_mode(name, monkeypatch):
     """The modes are those of the flow among the others, dense and by iterations."""
-    found = design(synthesize(CONSTRAINED[name].problem), kinds=[Kind.PYRAMID])
+    found = design(synthesize(CONSTRAINED[name].problem), kinds=[PreconditionerKind.MULTILEVEL])
     network, own = found.network, evaluator(found.network)
     resting = own.resting(found.state, own.drives(found.state))
     assert resting.any()
@@ -69,10 +69,14 @@ def test_a_neuron_at_its_rail_has_no_mode(name, monkeypatch):
     np.testing.assert_allclose(ends.abscissa, expected.real.max(), rtol=1e-3)
 
 
-@pytest.mark.parametrize("kind", [Kind.GRID, Kind.TREE], ids=lambda kind: kind.name.lower())
+@pytest.mark.parametrize(
+    "kind",
+    [PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION],
+    ids=lambda kind: kind.name.lower(),
+)
 def test_a_resting_neuron_is_held_while_a_grid_couples_the_others(kind, monkeypatch):
     """The modes are those of the flow with its rails, by complex step, dense and by iterations."""
-    found = design(synthesize(CONSTRAINED["dint_u"].problem), kinds=[Kind.PYRAMID])
+    found = design(synthesize(CONSTRAINED["dint_u"].problem), kinds=[PreconditionerKind.MULTILEVEL])
     network, x = with_stiffness(found.network, kind), found.state
     own = evaluator(network)
     free = ~own.resting(x, own.drives(x))
@@ -109,7 +113,10 @@ def test_slow_modes_that_swing_are_not_missed(problem, stages, boost, monkeypatc
     """Rightmost modes that iterations do not find all, further from zero than others."""
     declared = {**CONSTRAINED, **SUITE}[problem].problem.with_horizon(stages)
     plain = synthesize(declared)
-    linear, recipe = Linearisation(plain).at(plain.start_state), Recipe(kind=Kind.TIME_CONSTANTS)
+    linear, recipe = (
+        Linearisation(plain).at(plain.start_state),
+        Recipe(kind=PreconditionerKind.DIAGONAL),
+    )
     network = apply_gains(plain, closed_form(linear, recipe, boost))
     expected = spectrum(network, plain.start_state).abscissa
     monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
@@ -138,16 +145,18 @@ def test_modes_of_op_amps_that_swing_between_the_ends_are_not_missed(slower, mon
 @pytest.mark.parametrize(
     ("problem", "kind"),
     [
-        pytest.param("double_integrator", Kind.PYRAMID, marks=pytest.mark.slow),
-        pytest.param("double_integrator", Kind.COUPLED_PYRAMID, marks=pytest.mark.slow),
-        pytest.param("car", Kind.PYRAMID, marks=pytest.mark.slow),
-        ("unicycle", Kind.TIME_CONSTANTS),
+        pytest.param("double_integrator", PreconditionerKind.MULTILEVEL, marks=pytest.mark.slow),
+        pytest.param(
+            "double_integrator", PreconditionerKind.COUPLED_MULTILEVEL, marks=pytest.mark.slow
+        ),
+        pytest.param("car", PreconditionerKind.MULTILEVEL, marks=pytest.mark.slow),
+        ("unicycle", PreconditionerKind.DIAGONAL),
     ],
 )
 def test_modes_that_swing_and_hardly_decay_are_not_missed(problem, kind, monkeypatch):
     """Op amps behind coordinators: fast modes that do not swing hide them from most iterations."""
     built = SpiceBackend(level=macro(), margin=30.0)
-    circuit, probe = built.prepare(with_metric(problem, kind))
+    circuit, probe = built.prepare(with_preconditioner(problem, kind))
     emulation = emulate(circuit, built.level)
     expected = pole_spectrum(emulation, probe.final).abscissa
     monkeypatch.setattr("ann_dc.hardware.emulation.states.ALL_MODES", 10)

@@ -266,7 +266,7 @@ def test_network_without_duals_is_not_told_of_a_design_or_a_pyramid():
     assert "design" not in str(run.status)
     with pytest.raises(NetworkError, match="has to settle") as error:
         SpiceBackend().run(limit_cycle())
-    assert "PYRAMID" not in str(error.value)
+    assert "MULTILEVEL" not in str(error.value)
 
 
 def test_network_without_duals_is_not_told_of_more_penalty():

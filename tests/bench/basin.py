@@ -17,17 +17,22 @@ from bench.figure import Figure, show
 from problems import SUITE
 
 import ann_dc
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.solution.solution import certificate_of
 
 STARTS = 20
 SHORT = [name for name, entry in SUITE.items() if entry.problem.horizon <= 50]
 """The problems of the suite with at most 50 stages."""
-KINDS = (Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID)
+KINDS = (
+    PreconditionerKind.DIAGONAL,
+    PreconditionerKind.MULTILEVEL,
+    PreconditionerKind.COUPLED_MULTILEVEL,
+    PreconditionerKind.RESISTIVE_GRID,
+)
 """A tree is the same metric as a grid."""
 
 
-def lost(name: str, kind: Kind) -> tuple[int, float]:
+def lost(name: str, kind: PreconditionerKind) -> tuple[int, float]:
     """How many of the starts are lost, and the median settling in fastest time constants."""
     problem = SUITE[name].problem
     designed = ann_dc.design(problem, kinds=[kind])
@@ -44,13 +49,16 @@ def lost(name: str, kind: Kind) -> tuple[int, float]:
 def of_problem(name: str) -> list[Figure]:
     """One figure a kind; the bar is what the pyramids lose."""
     found = {kind: lost(name, kind) for kind in KINDS}
-    bar = max(found[kind][0] for kind in (Kind.PYRAMID, Kind.COUPLED_PYRAMID))
+    bar = max(
+        found[kind][0]
+        for kind in (PreconditionerKind.MULTILEVEL, PreconditionerKind.COUPLED_MULTILEVEL)
+    )
     return [
         Figure(
             name=f"{name}, {kind.value}",
             value=f"{count} of {STARTS} lost",
             remark=f"median settling {median:.0f} fastest time constants",
-            good=count <= bar or kind is Kind.TIME_CONSTANTS,
+            good=count <= bar or kind is PreconditionerKind.DIAGONAL,
         )
         for kind, (count, median) in found.items()
     ]

@@ -29,7 +29,7 @@ from bench.jax_flow import jax_flow
 
 import ann_dc
 from ann_dc.backends.recurrent.backend import CHECK, CHECK_ON_GPU
-from ann_dc.backends.recurrent.cell.metrics import EliminationLayer, PyramidLayer
+from ann_dc.backends.recurrent.cell.preconditioners import EliminationLayer, PyramidLayer
 from ann_dc.backends.recurrent.cell.tape import TorchTape
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
@@ -153,9 +153,11 @@ def bytes_a_step(layer: ann_dc.RecurrentLayer, compiled: bool) -> int:
     neurons = wiring.neurons
     rows = 2 * neurons if compiled else _rows_of_blocks(wiring)
     rows += 16 * neurons  # rails, rates, energy, the step itself
-    if isinstance(cell.metric, PyramidLayer):
+    if isinstance(cell.preconditioner, PyramidLayer):
         rows += 4 * neurons + 6 * len(cell.network.cell.chains)
-    if isinstance(cell.metric, EliminationLayer):  # down, up, and the square roots on either side
+    if isinstance(
+        cell.preconditioner, EliminationLayer
+    ):  # down, up, and the square roots on either side
         rows += 8 * len(cell.primal)
     if layer.acceleration is not None:  # dF twice for the gram and gamma, dF and dX for the step
         rows += (4 * layer.acceleration.memory + 20) * neurons

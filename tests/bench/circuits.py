@@ -23,7 +23,7 @@ from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import emulated_state
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, switched_capacitor
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 
 def median(work: Callable[[], object], repeats: int = 3) -> float:
@@ -38,7 +38,7 @@ def median(work: Callable[[], object], repeats: int = 3) -> float:
 
 def network_of(problem) -> ann_dc.Network:
     """The network that is built."""
-    return ann_dc.design(problem, kinds=[Kind.TIME_CONSTANTS]).network
+    return ann_dc.design(problem, kinds=[PreconditionerKind.DIAGONAL]).network
 
 
 def simulated(network, level, repeats: int = 3) -> Figure:

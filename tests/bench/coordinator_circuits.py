@@ -19,7 +19,7 @@ from ann_dc.fidelity.fitting import fitted
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.circuit.cost import CAPACITOR, MULTIPLIER, OP_AMP, RESISTOR, cost_of
 from ann_dc.hardware.parts.levels import TRANSISTOR, macro
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 ROWS = (
     ("double_integrator", 20),
@@ -29,21 +29,27 @@ ROWS = (
     ("car", 36),
     ("car", 80),
 )
-KINDS = (Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID)
+KINDS = (
+    PreconditionerKind.DIAGONAL,
+    PreconditionerKind.MULTILEVEL,
+    PreconditionerKind.COUPLED_MULTILEVEL,
+)
 PLAIN = 10.0
 """Margin of time constants alone."""
 
 PATIENCE = 3600.0
-UNSIMULATED = {("car", 80, kind) for kind in KINDS} | {("car", 36, Kind.COUPLED_PYRAMID)}
+UNSIMULATED = {("car", 80, kind) for kind in KINDS} | {
+    ("car", 36, PreconditionerKind.COUPLED_MULTILEVEL)
+}
 """What takes ngspice too long: of the last one it had run a sixth in three quarters of an hour."""
 
 
-def measured(name: str, stages: int, kind: Kind) -> Figure:
+def measured(name: str, stages: int, kind: PreconditionerKind) -> Figure:
     """One circuit."""
     problem = getattr(ann_dc.plants, name)(N=stages)
     network = ann_dc.design(problem, kinds=[kind]).network
     backend = SpiceBackend(level=macro(a0=1e6), simulation=Simulation(patience=PATIENCE))
-    plain = kind is Kind.TIME_CONSTANTS
+    plain = kind is PreconditionerKind.DIAGONAL
     backend = replace(backend, margin=PLAIN) if plain else fitted(backend, network)
     circuit, probe = backend.prepare(network)
     deck = backend.deck(circuit, probe, {})

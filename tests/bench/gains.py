@@ -1,8 +1,9 @@
-"""The gains: how far designs are from the limit, with every kind of metric and with today's wiring.
+"""The gains: how far designs are from the limit, with every kind of preconditioner and with today's
+wiring.
 
-Every problem is designed twice, with all kinds of metric and without grid and tree, and the frozen
-network runs in continuous time from the line. The geometric means are over the problems that the
-study of metrics had, orbit transfer with 50 stages among them.
+Every problem is designed twice, with all kinds of preconditioner and without grid and tree, and the
+frozen network runs in continuous time from the line. The geometric means are over the problems that
+the study of preconditioners had, orbit transfer with 50 stages among them.
 """
 
 import argparse
@@ -19,13 +20,17 @@ from literature import LITERATURE
 from problems import SUITE
 
 import ann_dc
-from ann_dc.network.preconditioners.base import ALL_KINDS, Kind
+from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.solution.solution import certificate_of
 
 WIRINGS = {
     "all kinds": ALL_KINDS,
-    "pyramid or none": (Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.TIME_CONSTANTS),
+    "pyramid or none": (
+        PreconditionerKind.MULTILEVEL,
+        PreconditionerKind.COUPLED_MULTILEVEL,
+        PreconditionerKind.DIAGONAL,
+    ),
 }
 BARS = {"all kinds": 5.5, "pyramid or none": 15.0}
 """Of the geometric means."""

@@ -29,7 +29,7 @@ from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.schematic.saturation import with_rails
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solver import solve, synthesize
 
@@ -45,12 +45,14 @@ PLANTS = {
 """Horizons; those of plants by hand are their own."""
 
 BOUNDED = {
-    "dint_u": (CONSTRAINED["dint_u"].build, Kind.PYRAMID),
-    "car_steer": (CONSTRAINED["car_steer"].build, Kind.TIME_CONSTANTS),
-    "two_tanks": (two_tanks, Kind.PYRAMID),
-    "cart": (cart, Kind.TIME_CONSTANTS),
+    "dint_u": (CONSTRAINED["dint_u"].build, PreconditionerKind.MULTILEVEL),
+    "car_steer": (CONSTRAINED["car_steer"].build, PreconditionerKind.DIAGONAL),
+    "two_tanks": (two_tanks, PreconditionerKind.MULTILEVEL),
+    "cart": (cart, PreconditionerKind.DIAGONAL),
 }
-"""Plants whose controls have bounds, which clamps keep, and a metric with which they settle."""
+"""Plants whose controls have bounds, which clamps keep, and a preconditioner with which they
+settle.
+"""
 
 REGULATOR = "regulator"
 ALL = (*PLANTS, *BY_HAND, *BOUNDED, REGULATOR)
@@ -93,7 +95,7 @@ def below(share: float) -> Network:
     """Return the regulator's network with a bound of which the largest control misses a share."""
     free = solve(regulator())
     largest = np.abs(free.populations["u"]).max() / (1 - share)
-    return design(synthesize(regulator(largest)), kinds=(Kind.TIME_CONSTANTS,)).network
+    return design(synthesize(regulator(largest)), kinds=(PreconditionerKind.DIAGONAL,)).network
 
 
 def board_of(preset: str, network: Network) -> SpiceBackend:

@@ -30,7 +30,7 @@ WRITTEN = "tests/bench/README.md", "README.md"
 """Files that recording itself changes."""
 BENCHES = (
     "kernel",
-    "metrics",
+    "preconditioners",
     "settled_run",
     "settling_with_horizon",
     "suite",
@@ -48,7 +48,7 @@ BENCHES = (
     "studies",
     "circuits",
     "preset_circuits",
-    "metric_circuits",
+    "preconditioner_circuits",
     "coordinator_circuits",
     "transistor_circuits",
     "silicon_circuits",

@@ -94,7 +94,7 @@ def measure(name: str, limit: int) -> Row:
     torch.set_num_threads(1)
     began = time.perf_counter()
     problem = SUITE[name.partition(" ")[0]].problem
-    kinds = [ann_dc.Kind.PYRAMID] if name in REFINED else ALL_KINDS
+    kinds = [ann_dc.PreconditionerKind.MULTILEVEL] if name in REFINED else ALL_KINDS
     designed = ann_dc.design(problem, kinds=kinds, refine=REFINED.get(name))
     network = designed.network
 

@@ -89,11 +89,12 @@ def casadi_flow(network) -> tuple[ca.SX, ca.SX]:
             else:
                 values[node][k + 1] = arriving(a, b, k)
     drive = ca.vertcat(*(arriving(*tape.drives[neuron], stage) for neuron, stage in tape.places))
-    metric = evaluator(network).metric.tocoo()
+    preconditioner = evaluator(network).preconditioner.tocoo()
     shape = ca.Sparsity.triplet(
-        network.size, network.size, metric.row.tolist(), metric.col.tolist())  # fmt: skip
-    order = np.lexsort((metric.row, metric.col))
-    return x, ca.mtimes(ca.DM(shape, metric.data[order].tolist()), drive)
+        network.size, network.size,
+        preconditioner.row.tolist(), preconditioner.col.tolist())  # fmt: skip
+    order = np.lexsort((preconditioner.row, preconditioner.col))
+    return x, ca.mtimes(ca.DM(shape, preconditioner.data[order].tolist()), drive)
 
 
 def integrators(network, end: float, settled: float) -> Iterator[Contestant]:

@@ -1,10 +1,10 @@
 """One settled run of the paper's example, beside CVODES, fatrop, IPOPT and SQP.
 
-The network is frozen with every kind of metric. Ours integrate until the KKT residual has fallen to
-5e-9. CVODES gets the same network, node by node as a CasADi graph with its exact sparse Jacobian,
-ends when ours do, and may choose its tolerances as long as its residual is then below 5e-9 too; it
-has time constants alone, with which that Jacobian is sparse, and a pyramid. The other solvers get
-the problem itself. What counts is the least CPU time of rounds in which all take turns.
+The network is frozen with every kind of preconditioner. Ours integrate until the KKT residual has
+fallen to 5e-9. CVODES gets the same network, node by node as a CasADi graph with its exact sparse
+Jacobian, ends when ours do, and may choose its tolerances as long as its residual is then below
+5e-9 too; it has time constants alone, with which that Jacobian is sparse, and a pyramid. The other
+solvers get the problem itself. What counts is the least CPU time of rounds in which all take turns.
 """
 
 import os
@@ -22,7 +22,7 @@ import ann_dc
 from ann_dc.backends import ode
 from ann_dc.backends.integration.cells import Cells
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 INTERPRETED, GENERATED = Cells.INTERPRETED, Cells.GENERATED
 LOOSE = replace(ode.COMPILED, rtol=1e-4, atol=1e-8)
@@ -38,10 +38,10 @@ OURS = {
 }
 """Settings of `OdeBackend`, the first of which say when CVODES may end."""
 WIRINGS = {
-    "settled run of the car, time constants alone": Kind.TIME_CONSTANTS,
-    "settled run of the car, pyramid": Kind.PYRAMID,
-    "settled run of the car, grid": Kind.GRID,
-    "settled run of the car, tree": Kind.TREE,
+    "settled run of the car, time constants alone": PreconditionerKind.DIAGONAL,
+    "settled run of the car, pyramid": PreconditionerKind.MULTILEVEL,
+    "settled run of the car, grid": PreconditionerKind.RESISTIVE_GRID,
+    "settled run of the car, tree": PreconditionerKind.CYCLIC_REDUCTION,
 }
 FOR_CVODES = ("settled run of the car, time constants alone", "settled run of the car, pyramid")
 SETTLED = ann_dc.Settling().tolerance * ann_dc.Settling().confirm

@@ -1,8 +1,8 @@
-"""Settling against the number of stages: the best metric, a pyramid, time constants alone.
+"""Settling against the number of stages: the best preconditioner, a pyramid, time constants alone.
 
 Car, double integrator and Van der Pol at N = 9 ... 144 over the same horizon in seconds: settling
 of the frozen network to a relative KKT residual of 1e-6, in fastest time constants, measured. All
-are what `design` gives for the kinds of metric that are named.
+are what `design` gives for the kinds of preconditioner that are named.
 """
 
 import os
@@ -17,13 +17,13 @@ from bench.figure import Figure, show
 
 import ann_dc
 from ann_dc.analysis.spectra import spectrum
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 STAGES = (9, 18, 36, 72, 144)
 CHOICES = {
-    "all kinds": tuple(Kind),
-    "pyramid": (Kind.PYRAMID,),
-    "time constants alone": (Kind.TIME_CONSTANTS,),
+    "all kinds": tuple(PreconditionerKind),
+    "pyramid": (PreconditionerKind.MULTILEVEL,),
+    "time constants alone": (PreconditionerKind.DIAGONAL,),
 }
 PLANTS = {
     "car": (ann_dc.plants.car, 0.9),

@@ -20,7 +20,7 @@ from ann_dc.hardware.circuit.cost import cost_of
 from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.parts.conditions import CORNERS, Conditions
 from ann_dc.hardware.parts.foundry import SKY130
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 ENDS = ((27.0, 1.0), (-40.0, 0.9), (125.0, 0.9), (-40.0, 1.1), (125.0, 1.1))
 """Temperatures in degrees Celsius and supplies over nominal."""
@@ -38,7 +38,7 @@ class Chip:
     def __init__(self, name: str, stages: int) -> None:
         self.name = f"{name}, N = {stages}"
         problem = getattr(ann_dc.plants, name)(N=stages)
-        network = ann_dc.design(problem, kinds=[Kind.TIME_CONSTANTS]).network
+        network = ann_dc.design(problem, kinds=[PreconditionerKind.DIAGONAL]).network
         self.backend = SpiceBackend(level=SKY130)
         self.circuit, self.probe = self.backend.prepare(network)
 

@@ -73,7 +73,7 @@ def timed(call: Callable[[], Any]) -> Taken:
 
 
 @cache
-def car(*kinds: ann_dc.Kind) -> ann_dc.Network:
+def car(*kinds: ann_dc.PreconditionerKind) -> ann_dc.Network:
     problem = ann_dc.plants.car()
     return (ann_dc.design(problem, kinds=kinds) if kinds else ann_dc.design(problem)).network
 
@@ -107,7 +107,7 @@ def chips() -> Iterator[Figure]:
         remark=f"settling times within {apart:.1e} of those of the batch",
     )
     if shutil.which("ngspice"):
-        network = mismatch(car(ann_dc.Kind.TIME_CONSTANTS), 0.01, seed=0)
+        network = mismatch(car(ann_dc.PreconditionerKind.DIAGONAL), 0.01, seed=0)
         wall = timed(lambda: ann_dc.SpiceBackend().run(network)).wall
         yield Figure(
             name="one chip without coordinators in ngspice, behavioural, prepared and run",
@@ -120,7 +120,7 @@ def circuits() -> Iterator[Figure]:
     """Settled points and eigenvalues."""
     level = macro()
     backend = ann_dc.SpiceBackend(level=level)
-    circuit, probe = backend.prepare(car(ann_dc.Kind.TIME_CONSTANTS))
+    circuit, probe = backend.prepare(car(ann_dc.PreconditionerKind.DIAGONAL))
     taken = timed(lambda: predicted_errors(circuit, level, probe, range(CIRCUITS)))
     good = np.isfinite(taken.found)
     yield Figure(
@@ -240,7 +240,7 @@ def long_rows() -> Iterator[Figure]:
     for stages in STAGES:
         network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=stages))
         linear = Linearisation(network).at(network.start_state)
-        recipe = Recipe(kind=ann_dc.Kind.TIME_CONSTANTS)
+        recipe = Recipe(kind=ann_dc.PreconditionerKind.DIAGONAL)
         network = apply_gains(network, closed_form(linear, recipe))
         backend = ann_dc.OdeBackend(verify=False, limit=TRAVELLED)
         ended = backend.run(network).status.time

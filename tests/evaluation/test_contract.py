@@ -29,7 +29,7 @@ from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Pro
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.soft import Soft
 from ann_dc.solver import synthesize
 
@@ -37,7 +37,9 @@ TINY = 1e-30
 """A complex step: so small that it leaves the real part alone."""
 
 EVALUATORS = (ReferenceEvaluator, InterpretedEvaluator, GeneratedEvaluator, TorchEvaluator)
-every_metric = pytest.mark.parametrize("metric", Kind, ids=lambda kind: kind.name.lower())
+every_preconditioner = pytest.mark.parametrize(
+    "preconditioner", PreconditionerKind, ids=lambda kind: kind.name.lower()
+)
 every_evaluator = pytest.mark.parametrize("kind", EVALUATORS, ids=lambda kind: kind.__name__)
 
 
@@ -72,7 +74,7 @@ def assert_conforms(kind: type[Evaluator], network: Network, x: np.ndarray) -> N
     assert_close(ours.residuals(x), reference.residuals(x))
     push = network.pack(np.random.default_rng(2).standard_normal(network.live.shape))
     for drive in (push, network.pack(reference.drives(x))):
-        assert_close(ours.move(drive), reference.metric @ drive)
+        assert_close(ours.move(drive), reference.preconditioner @ drive)
     assert_close(ours.fastest_rate(x), grown(reference.jacobian(x)), relative=1e-9)
     packed = lambda states: network.pack(reference.drives(states))  # noqa: E731
     assert_close(ours.drive_jacobian(x).toarray(), complex_step(packed, x))
@@ -93,23 +95,37 @@ def test_every_problem(name, wired, kind):
 
 
 @every_evaluator
-@pytest.mark.parametrize("metric", [Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE])
+@pytest.mark.parametrize(
+    "preconditioner",
+    [
+        PreconditionerKind.COUPLED_MULTILEVEL,
+        PreconditionerKind.RESISTIVE_GRID,
+        PreconditionerKind.CYCLIC_REDUCTION,
+    ],
+)
 @pytest.mark.parametrize("name", SUITE)
 @pytest.mark.sampled
-def test_every_kind_of_metric(name, metric, kind):
-    network = wired_with(name, metric)
+def test_every_kind_of_preconditioner(name, preconditioner, kind):
+    network = wired_with(name, preconditioner)
     assert_conforms(kind, network, near_start(network, 1))
 
 
 @every_evaluator
-@pytest.mark.parametrize("metric", [Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID])
+@pytest.mark.parametrize(
+    "preconditioner",
+    [
+        PreconditionerKind.DIAGONAL,
+        PreconditionerKind.MULTILEVEL,
+        PreconditionerKind.COUPLED_MULTILEVEL,
+    ],
+)
 @pytest.mark.parametrize("name", ["car_steer", "lander", "moving", "end_disc"])
 @pytest.mark.sampled
-def test_diodes_that_conduct_and_others(name, metric, kind):
+def test_diodes_that_conduct_and_others(name, preconditioner, kind):
     """Some controls beyond their rails, some multipliers of inequalities pressed."""
     plain = synthesize(CONSTRAINED[name].problem)
     linear = Linearisation(plain).at(plain.start_state)
-    network = apply_gains(plain, closed_form(linear, Recipe(kind=metric)))
+    network = apply_gains(plain, closed_form(linear, Recipe(kind=preconditioner)))
     x = network.start_state + 0.5 * np.random.default_rng(3).standard_normal(network.size)
     pressed = [evaluator(network).node(x, diode.multiplier) for diode in network.cell.diodes]
     assert (np.concatenate(pressed) > 0).any()
@@ -117,16 +133,18 @@ def test_diodes_that_conduct_and_others(name, metric, kind):
 
 
 @every_evaluator
-@pytest.mark.parametrize("metric", [Kind.TIME_CONSTANTS, Kind.PYRAMID])
+@pytest.mark.parametrize(
+    "preconditioner", [PreconditionerKind.DIAGONAL, PreconditionerKind.MULTILEVEL]
+)
 @pytest.mark.parametrize("name", ["car_steer", "lander", "end_disc"])
 @pytest.mark.parametrize("compliance", [0.0, 0.02])
 @pytest.mark.sampled
-def test_soft_rows_idle_pressed_and_at_their_price(compliance, name, metric, kind):
+def test_soft_rows_idle_pressed_and_at_their_price(compliance, name, preconditioner, kind):
     price = {"car_steer": 300.0, "lander": 1.0, "end_disc": 30.0}[name]
     soft = Soft(price=price, compliance=compliance / price)
     plain = synthesize(replace(CONSTRAINED[name].problem, soft=soft))
     linear = Linearisation(plain).at(plain.start_state)
-    network = apply_gains(plain, closed_form(linear, Recipe(kind=metric)))
+    network = apply_gains(plain, closed_form(linear, Recipe(kind=preconditioner)))
     x = network.start_state + 0.5 * np.random.default_rng(3).standard_normal(network.size)
     node = lambda name: evaluator(network).node(x, name)  # noqa: E731
     for states in zip(*(
@@ -144,7 +162,14 @@ def test_soft_rows_idle_pressed_and_at_their_price(compliance, name, metric, kin
 
 
 @every_evaluator
-@pytest.mark.parametrize("metric", [Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID])
+@pytest.mark.parametrize(
+    "preconditioner",
+    [
+        PreconditionerKind.DIAGONAL,
+        PreconditionerKind.MULTILEVEL,
+        PreconditionerKind.COUPLED_MULTILEVEL,
+    ],
+)
 @pytest.mark.parametrize(
     "problem",
     [
@@ -155,11 +180,11 @@ def test_soft_rows_idle_pressed_and_at_their_price(compliance, name, metric, kin
     ],
 )
 @pytest.mark.sampled
-def test_objectives_on_a_bus(problem, metric, kind):
+def test_objectives_on_a_bus(problem, preconditioner, kind):
     """Some of them pressed, some not."""
     plain = synthesize(problem())
     linear = Linearisation(plain).at(plain.start_state)
-    network = apply_gains(plain, closed_form(linear, Recipe(kind=metric)))
+    network = apply_gains(plain, closed_form(linear, Recipe(kind=preconditioner)))
     x = network.start_state + 0.5 * np.random.default_rng(3).standard_normal(network.size)
     assert_conforms(kind, network, x)
 
@@ -173,9 +198,9 @@ def test_every_form_of_the_car(form, kind):
 
 
 @every_evaluator
-@every_metric
-def test_numbers_of_their_own_in_every_stage(metric, kind):
-    network, rng = wired_with("car", metric), np.random.default_rng(5)
+@every_preconditioner
+def test_numbers_of_their_own_in_every_stage(preconditioner, kind):
+    network, rng = wired_with("car", preconditioner), np.random.default_rng(5)
     connections = tuple(
         replace(c, weight=np.asarray(c.weight) * rng.uniform(0.5, 2.0, network.stages))
         for c in network.cell.connections
@@ -405,11 +430,11 @@ def test_rails_hold_coordinators_too(name, wired, kind):
 
 
 @every_evaluator
-@every_metric
+@every_preconditioner
 @pytest.mark.parametrize("name", ["car", "double_integrator", "van_der_pol"])
 @pytest.mark.sampled
-def test_rails_hold_every_metric(name, metric, kind):
-    assert_stops_at_rails(kind, wired_with(name, metric))
+def test_rails_hold_every_preconditioner(name, preconditioner, kind):
+    assert_stops_at_rails(kind, wired_with(name, preconditioner))
 
 
 def assert_stops_at_rails(kind: type[Evaluator], network: Network, size: float = 0.5) -> None:

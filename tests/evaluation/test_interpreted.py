@@ -1,4 +1,6 @@
-"""What evaluators on a CPU can do besides: the metric, a recurrence, inputs in place, rates."""
+"""What evaluators on a CPU can do besides: the preconditioner, a recurrence, inputs in place,
+rates.
+"""
 
 import numpy as np
 import pytest
@@ -19,10 +21,10 @@ def kind(request) -> type:
 
 
 @pytest.mark.parametrize("wired", [small, coordinated])
-def test_the_metric_is_the_reference(kind, wired):
+def test_the_preconditioner_is_the_reference(kind, wired):
     network = wired("car")
     v = near_start(network, 5)
-    expected = evaluator(network).metric @ v
+    expected = evaluator(network).preconditioner @ v
     np.testing.assert_allclose(kind(network).move(v), expected, rtol=1e-12)
 
 

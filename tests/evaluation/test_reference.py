@@ -1,4 +1,4 @@
-"""What the NumPy evaluator can do besides: batches, complex states, the metric as a matrix."""
+"""The NumPy evaluator: batches, complex states, the preconditioner as a matrix."""
 
 import numpy as np
 import pytest
@@ -37,17 +37,17 @@ class TestEveryProblem:
 
 @pytest.mark.parametrize("name", ["car", "lq_unst", "cart_pole"])
 class TestCoordinators:
-    def test_flow_is_the_metric_times_the_drives(self, name):
+    def test_flow_is_the_preconditioner_times_the_drives(self, name):
         network = coordinated(name)
         x = near_start(network, 5)
-        reference, metric = evaluator(network), evaluator(network).metric
-        assert_close(reference.rhs(x), metric @ network.pack(reference.drives(x)))
-        assert_close(reference.jacobian(x), metric @ reference.drive_jacobian(x).toarray())
+        reference, preconditioner = evaluator(network), evaluator(network).preconditioner
+        assert_close(reference.rhs(x), preconditioner @ network.pack(reference.drives(x)))
+        assert_close(reference.jacobian(x), preconditioner @ reference.drive_jacobian(x).toarray())
 
-    def test_metric_is_symmetric_positive_definite(self, name):
-        metric = evaluator(coordinated(name)).metric.toarray()
-        assert_close(metric, metric.T, 1e-14)
-        assert np.linalg.eigvalsh(metric)[0] > 0
+    def test_preconditioner_is_symmetric_positive_definite(self, name):
+        preconditioner = evaluator(coordinated(name)).preconditioner.toarray()
+        assert_close(preconditioner, preconditioner.T, 1e-14)
+        assert np.linalg.eigvalsh(preconditioner)[0] > 0
 
 
 def test_a_network_keeps_its_evaluator():

@@ -24,8 +24,8 @@ from clamped_runs import (
 )
 from designs import wired_with
 from hypothesis import given, settings, strategies as st
-from random_metrics import random_metric, rows
 from random_networks import random_network
+from random_preconditioners import random_preconditioner, rows
 
 from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
 from ann_dc.evaluation.codegen.evaluator import GeneratedEvaluator
@@ -34,17 +34,19 @@ from ann_dc.evaluation.codegen.plan import Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import ReferenceEvaluator, evaluator
 from ann_dc.evaluation.rules import projected
-from ann_dc.network.preconditioners.base import Kind, Metric, Row
+from ann_dc.network.preconditioners.base import Preconditioner, PreconditionerKind, Row
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
 EVALUATORS = (ReferenceEvaluator, InterpretedEvaluator, GeneratedEvaluator, TorchEvaluator)
 every_evaluator = pytest.mark.parametrize("kind", EVALUATORS, ids=lambda kind: kind.__name__)
-every_coupled = pytest.mark.parametrize("metric", COUPLED, ids=lambda kind: kind.name.lower())
+every_coupled = pytest.mark.parametrize(
+    "preconditioner", COUPLED, ids=lambda kind: kind.name.lower()
+)
 
 
-def inverse_of(metric: Metric, row: Row) -> np.ndarray:
+def inverse_of(preconditioner: Preconditioner, row: Row) -> np.ndarray:
     """M^{-1} (n, n)."""
-    return np.linalg.inv(metric.moves(row, np.eye(len(row.state_rates))))
+    return np.linalg.inv(preconditioner.moves(row, np.eye(len(row.state_rates))))
 
 
 def least_squares_moves(inverse, drive, x, low, high) -> np.ndarray:
@@ -71,11 +73,11 @@ def assert_close(actual, expected, relative=1e-12) -> None:
 @every_coupled
 @settings(max_examples=40, deadline=None)
 @given(row=rows(), seed=st.integers(0, 2**32 - 1))
-def test_projection_at_random_rails_is_bounded_least_squares(metric, row, seed):
+def test_projection_at_random_rails_is_bounded_least_squares(preconditioner, row, seed):
     rng, n = np.random.default_rng(seed), len(row.state_rates)
     if not n or not (row.rates[row.primal] > 0).any():
         return
-    found = random_metric(metric, row, rng)
+    found = random_preconditioner(preconditioner, row, rng)
     coupled = np.isin(row.places[0], np.flatnonzero(found.reach(row)))
     low, high = np.where(rng.random((2, n)) < 0.7, [[-1.0], [1.0]], [[-np.inf], [np.inf]])
     x, drive = rng.choice([-1.0, 0.3, 1.0], n), rng.standard_normal(n)
@@ -86,12 +88,12 @@ def test_projection_at_random_rails_is_bounded_least_squares(metric, row, seed):
 
 
 @every_coupled
-def test_clamp_of_no_neuron_is_the_metric(metric):
-    network = wired_with("car", metric)
+def test_clamp_of_no_neuron_is_the_preconditioner(preconditioner):
+    network = wired_with("car", preconditioner)
     drive = np.random.default_rng(1).standard_normal(network.size)
-    clamp = network.metric.clamp(network.row, np.zeros(network.size, bool))
+    clamp = network.preconditioner.clamp(network.row, np.zeros(network.size, bool))
     moves, currents = clamp(drive)
-    assert_close(moves, network.metric.moves(network.row, drive))
+    assert_close(moves, network.preconditioner.moves(network.row, drive))
     assert not currents.any()
 
 
@@ -103,10 +105,10 @@ def test_clamp_of_no_neuron_is_the_metric(metric):
 @every_coupled
 @pytest.mark.parametrize("populations", [(), ("u",), ("q", "u")], ids=str)
 @pytest.mark.parametrize("name", ["car", "double_integrator", "van_der_pol"])
-def test_moves_at_rails_are_bounded_least_squares(name, populations, metric, kind):
-    network = railed(wired_with(name, metric), 0.5, *populations)
+def test_moves_at_rails_are_bounded_least_squares(name, populations, preconditioner, kind):
+    network = railed(wired_with(name, preconditioner), 0.5, *populations)
     ours, low_high = kind(network), rails_of(network)
-    inverse = inverse_of(network.metric, network.row)
+    inverse = inverse_of(network.preconditioner, network.row)
     for seed in range(5):
         x = at_rails(network, seed)
         drive = network.pack(evaluator(unrailed(network)).drives(x))
@@ -115,9 +117,9 @@ def test_moves_at_rails_are_bounded_least_squares(name, populations, metric, kin
 
 
 @every_evaluator
-@pytest.mark.parametrize("metric", Kind, ids=lambda kind: kind.name.lower())
-def test_no_move_points_outward_at_a_rail(metric, kind):
-    network = railed(wired_with("car", metric), 0.5)
+@pytest.mark.parametrize("preconditioner", PreconditionerKind, ids=lambda kind: kind.name.lower())
+def test_no_move_points_outward_at_a_rail(preconditioner, kind):
+    network = railed(wired_with("car", preconditioner), 0.5)
     low, high = rails_of(network)
     for seed in range(20):
         x = at_rails(network, seed)
@@ -129,7 +131,7 @@ def test_no_move_points_outward_at_a_rail(metric, kind):
 @every_evaluator
 @pytest.mark.parametrize("name", ["car", "double_integrator", "van_der_pol"])
 def test_moves_of_time_constants_are_those_of_cut_drives_bit_for_bit(name, kind):
-    network = railed(wired_with(name, Kind.TIME_CONSTANTS), 0.5)
+    network = railed(wired_with(name, PreconditionerKind.DIAGONAL), 0.5)
     ours = kind(network)
     for seed in range(5):
         x = at_rails(network, seed)
@@ -140,9 +142,9 @@ def test_moves_of_time_constants_are_those_of_cut_drives_bit_for_bit(name, kind)
 
 @every_evaluator
 @every_coupled
-def test_neurons_that_no_metric_couples_keep_their_rule_bit_for_bit(metric, kind):
-    network = railed(wired_with("car", metric), 0.5)
-    alone = ~network.metric.reach(network.row)[network.places[:, 0]]
+def test_neurons_that_no_preconditioner_couples_keep_their_rule_bit_for_bit(preconditioner, kind):
+    network = railed(wired_with("car", preconditioner), 0.5)
+    alone = ~network.preconditioner.reach(network.row)[network.places[:, 0]]
     ours = kind(network)
     for seed in range(5):
         x = at_rails(network, seed)
@@ -152,9 +154,9 @@ def test_neurons_that_no_metric_couples_keep_their_rule_bit_for_bit(metric, kind
 
 @every_evaluator
 @every_coupled
-def test_a_neighbour_pulls_a_neuron_off_its_rail_against_its_drive(metric, kind):
+def test_a_neighbour_pulls_a_neuron_off_its_rail_against_its_drive(preconditioner, kind):
     """And holds another one there that its own drive would take off."""
-    network = railed(wired_with("car", metric), 0.5)
+    network = railed(wired_with("car", preconditioner), 0.5)
     low, high = rails_of(network)
     ours, drives, off, held = kind(network), evaluator(unrailed(network)), 0, 0
     for seed in range(20):
@@ -172,9 +174,9 @@ def test_a_neighbour_pulls_a_neuron_off_its_rail_against_its_drive(metric, kind)
 @every_coupled
 @pytest.mark.parametrize("population", ["q", "u"])
 @pytest.mark.parametrize("name", ["lq_unst", "pendulum", "unicycle"])
-def test_equilibria_at_rails_are_those_of_time_constants(name, population, metric, kind):
+def test_equilibria_at_rails_are_those_of_time_constants(name, population, preconditioner, kind):
     size, x = resting_at_rails(name, population)
-    network = railed(wired_with(name, metric), size, population)
+    network = railed(wired_with(name, preconditioner), size, population)
     ours = kind(network)
     resting = ours.resting(x, ours.drives(x))
     assert resting.any()
@@ -185,8 +187,8 @@ def test_equilibria_at_rails_are_those_of_time_constants(name, population, metri
 
 @every_evaluator
 @every_coupled
-def test_drives_are_cut_by_their_own_signs(metric, kind):
-    network = railed(wired_with("car", metric), 0.5)
+def test_drives_are_cut_by_their_own_signs(preconditioner, kind):
+    network = railed(wired_with("car", preconditioner), 0.5)
     low, high = rails_of(network)
     x = at_rails(network, 3)
     raw = network.pack(evaluator(unrailed(network)).drives(x))
@@ -200,16 +202,16 @@ def test_drives_are_cut_by_their_own_signs(metric, kind):
 @every_evaluator
 @every_coupled
 @pytest.mark.parametrize("population", ["q", "u"])
-def test_derivatives_of_the_flow_hold_neurons_that_rest(population, metric, kind):
+def test_derivatives_of_the_flow_hold_neurons_that_rest(population, preconditioner, kind):
     size, x = resting_at_rails("pendulum", population)
-    network = railed(wired_with("pendulum", metric), size, population)
+    network = railed(wired_with("pendulum", preconditioner), size, population)
     reference = evaluator(network)
     resting = reference.resting(x, reference.drives(x))
     assert resting.any()
     stepped = reference.rhs(x + 1e-30j * np.eye(len(x))).imag.T / 1e-30
     assert_close(reference.jacobian(x), stepped, 1e-10)
     ours, push = kind(network), np.random.default_rng(3).standard_normal(len(x))
-    expected = network.metric.clamp(network.row, resting)(push)[0]
+    expected = network.preconditioner.clamp(network.row, resting)(push)[0]
     assert_close(ours.clamped(resting)(push)[~resting], expected[~resting])
     v = np.random.default_rng(0).standard_normal(len(x))
     for _ in range(20):
@@ -220,8 +222,8 @@ def test_derivatives_of_the_flow_hold_neurons_that_rest(population, metric, kind
 @every_coupled
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_moves_at_rails_of_random_networks_are_those_of_numpy(metric, seed):
-    network = random_network(seed, metric)
+def test_moves_at_rails_of_random_networks_are_those_of_numpy(preconditioner, seed):
+    network = random_network(seed, preconditioner)
     low, high = rails_of(network)
     spread = np.random.default_rng(seed).uniform(-2.0, 2.0, (3, network.size))
     for x in (network.start_state + spread).clip(low, high):
@@ -238,9 +240,9 @@ def test_moves_at_rails_of_random_networks_are_those_of_numpy(metric, seed):
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", EVALUATORS[1:], ids=lambda kind: kind.__name__)
-@pytest.mark.parametrize("metric", OF_RUNS, ids=lambda kind: kind.name.lower())
-def test_evaluators_agree_along_a_run_whose_held_set_changes_a_hundred_times(metric, kind):
-    network, states, changes = run_with_changes(metric)
+@pytest.mark.parametrize("preconditioner", OF_RUNS, ids=lambda kind: kind.name.lower())
+def test_evaluators_agree_along_a_run_whose_held_set_changes_a_hundred_times(preconditioner, kind):
+    network, states, changes = run_with_changes(preconditioner)
     assert changes >= 100
     ours, reference = kind(network), evaluator(network)
     for x in states:
@@ -250,8 +252,8 @@ def test_evaluators_agree_along_a_run_whose_held_set_changes_a_hundred_times(met
 @pytest.mark.sampled
 @every_evaluator
 @every_coupled
-def test_moves_do_not_depend_on_the_calls_before(metric, kind):
-    network, states, _ = run_with_changes(metric)
+def test_moves_do_not_depend_on_the_calls_before(preconditioner, kind):
+    network, states, _ = run_with_changes(preconditioner)
     ours = kind(network)
     forth = [ours.rhs(x) for x in states[::20]]
     back = [ours.rhs(x) for x in states[::-20][: len(forth)]]
@@ -273,8 +275,8 @@ def moves_of_lanes(lanes: Lanes, states: np.ndarray) -> np.ndarray:
 
 
 @every_coupled
-def test_every_lane_holds_neurons_of_its_own(metric):
-    network, states, _ = run_with_changes(metric)
+def test_every_lane_holds_neurons_of_its_own(preconditioner):
+    network, states, _ = run_with_changes(preconditioner)
     lanes, own = Lanes(evaluator(network).tape, Axis.SAMPLES), InterpretedEvaluator(network)
     for first in range(0, len(states) - 7 * lanes.lanes, 40):
         group = states[first :: lanes.lanes][: lanes.lanes]
@@ -285,8 +287,8 @@ def test_every_lane_holds_neurons_of_its_own(metric):
 
 
 @every_coupled
-def test_lanes_with_time_constants_of_their_own_hold_neurons(metric):
-    network, states, _ = run_with_changes(metric)
+def test_lanes_with_time_constants_of_their_own_hold_neurons(preconditioner):
+    network, states, _ = run_with_changes(preconditioner)
     lanes, rng = Lanes(evaluator(network).tape, Axis.VARIANTS), np.random.default_rng(8)
     rates = lanes.tables["rates"].reshape(network.stages, -1, lanes.lanes)
     for first in range(0, 400, 100):  # a lane takes over sample after sample

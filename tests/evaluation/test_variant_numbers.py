@@ -14,7 +14,7 @@ from ann_dc.hardware.defects.parts import extra_pole
 from ann_dc.network.cell import Cell, Limiter, Neuron
 from ann_dc.network.ends import Pin
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 
 def network() -> Network:
@@ -31,9 +31,9 @@ def with_neuron(**changes) -> Network:
 
 
 def other_gains() -> Network:
-    metric = network().metric
-    gains = tuple(1.1 * gain for gain in metric.gains)
-    return replace(network(), metric=replace(metric, gains=gains))
+    preconditioner = network().preconditioner
+    gains = tuple(1.1 * gain for gain in preconditioner.gains)
+    return replace(network(), preconditioner=replace(preconditioner, gains=gains))
 
 
 def test_they_are_those_that_evaluators_read():
@@ -62,8 +62,11 @@ OTHERS = {
         "other connections than the first: ",
     ),
     "blocks": (lambda: extra_pole(network(), 10.0), "number 1 has other"),
-    "metric": (other_gains, "other metric than the first"),
-    "kind of metric": (lambda: wired_with("car", Kind.TIME_CONSTANTS), "other metric"),
+    "preconditioner": (other_gains, "other preconditioner than the first"),
+    "kind of preconditioner": (
+        lambda: wired_with("car", PreconditionerKind.DIAGONAL),
+        "other preconditioner",
+    ),
     "pins": (
         lambda: replace(
             network(), pins=(*network().pins, Pin(neuron="u.nu", stage=0, input="q_0.x"))

@@ -20,13 +20,13 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.export.plain_reader import reader
 from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
 from ann_dc.export.weight_files import weights_files
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.scale import Scale
 from ann_dc.solver import synthesize
 from ann_dc.weights.hashes import content_hash, wiring_hash
 
 EARLY = (1, 50)
-METRIC = ("gain", "grid", "tree")
+PRECONDITIONER = ("gain", "grid", "tree")
 
 
 def soft_rows():
@@ -41,8 +41,14 @@ def scaled_inputs():
 
 NETWORKS = {
     "far wires": lambda: far_wired(3),
-    **{f"arm, {kind.value}": lambda kind=kind: wired_with("two_link_arm", kind) for kind in Kind},
-    **{f"random, {kind.value}": lambda kind=kind: random_network(7, kind) for kind in Kind},
+    **{
+        f"arm, {kind.value}": lambda kind=kind: wired_with("two_link_arm", kind)
+        for kind in PreconditionerKind
+    },
+    **{
+        f"random, {kind.value}": lambda kind=kind: random_network(7, kind)
+        for kind in PreconditionerKind
+    },
     **{f"random {seed}": lambda seed=seed: random_network(seed) for seed in range(4)},
     "scaled inputs": scaled_inputs,
     "inequalities": lambda: synthesize(CONSTRAINED["lander"].problem),
@@ -129,7 +135,11 @@ def test_reader_follows_the_rule_of_rails_where_the_held_set_changes_a_hundred_t
 
 @pytest.mark.parametrize(
     ("kind", "is_clamped"),
-    [(Kind.GRID, True), (Kind.PYRAMID, False), (Kind.TIME_CONSTANTS, False)],
+    [
+        (PreconditionerKind.RESISTIVE_GRID, True),
+        (PreconditionerKind.MULTILEVEL, False),
+        (PreconditionerKind.DIAGONAL, False),
+    ],
     ids=["grid", "pyramid", "time constants"],
 )
 def test_texts_of_an_export_tell_the_rule_of_rails_of_coupled_controls(kind, is_clamped, tmp_path):
@@ -144,7 +154,10 @@ def test_texts_of_an_export_tell_the_rule_of_rails_of_coupled_controls(kind, is_
 
 
 def test_reader_of_an_npz_takes_the_steps_of_the_vector(tmp_path):
-    assert max(differences(tmp_path, wired_with("car", Kind.PYRAMID), "npz").values()) < 1e-12
+    assert (
+        max(differences(tmp_path, wired_with("car", PreconditionerKind.MULTILEVEL), "npz").values())
+        < 1e-12
+    )
 
 
 def test_program_in_the_readme_of_an_export_walks_to_the_end(tmp_path):
@@ -157,12 +170,14 @@ def test_program_in_the_readme_of_an_export_walks_to_the_end(tmp_path):
     assert max(off.values()) < 1e-12
 
 
-@pytest.mark.parametrize("kind", Kind)
-def test_manifest_defines_the_metric_with_the_arrays_that_it_has(kind):
+@pytest.mark.parametrize("kind", PreconditionerKind)
+def test_manifest_defines_the_preconditioner_with_the_arrays_that_it_has(kind):
     network = random_network(7, kind)
     files = weights_files(network, steps_of(network))
     manifest = json.loads(files["manifest.json"])
-    arrays = {n.replace("/0", "/l") for n in manifest["tensors"] if n.split("/")[0] in METRIC}
+    arrays = {
+        n.replace("/0", "/l") for n in manifest["tensors"] if n.split("/")[0] in PRECONDITIONER
+    }
     assert "`one` is the constant 1" in manifest["about"]
     assert "M = diag(1 / tau)" in manifest["about"]
     assert all(f"`{name}`" in manifest["about"] for name in arrays if not name[-1].isdigit())

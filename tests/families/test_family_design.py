@@ -14,7 +14,7 @@ from ann_dc import STEPS, OdeBackend, Recipe, design, plants, synthesize
 from ann_dc.errors import DesignError, RangeWarning
 from ann_dc.families.family import family_of
 from ann_dc.families.family_design import Failure, FamilyDesign, design_family, why
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solution.solution import certificate_of
 
@@ -56,7 +56,7 @@ def test_the_share_comes_with_its_interval(unicycles):
 @pytest.mark.slow
 def test_a_failure_is_told_with_its_reason(unicycles):
     """A network whose penalties are next to nothing holds no optimum."""
-    weak = design(plants.unicycle(), kinds=[Kind.TIME_CONSTANTS])
+    weak = design(plants.unicycle(), kinds=[PreconditionerKind.DIAGONAL])
     gains = replace(weak.gains, rho=1e-6 * weak.gains.rho)
     from ann_dc.gain_design.gains import apply_gains
 
@@ -163,7 +163,9 @@ def test_a_sampler_may_go_beyond_what_was_met():
         return [{"q_d.x": 0.5 + draws.exponential(0.1)} for _ in range(count)]
 
     problem = plants.double_integrator(N=3)
-    designed = design_family(problem, far, kinds=[Kind.TIME_CONSTANTS], held_out=2000, seed=8)
+    designed = design_family(
+        problem, far, kinds=[PreconditionerKind.DIAGONAL], held_out=2000, seed=8
+    )
     _, high = designed.network.ranges["q_d.x"]
     held_out = designed.family.held_out(2000, seed=10)
     assert max(sample["q_d.x"].max() for sample in held_out) > high

@@ -21,7 +21,7 @@ from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.e_series import E96
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -137,11 +137,13 @@ def test_a_run_tells_before_a_prediction_does():
     assert found.deck is found.run.deck
 
 
-# ---- why there is no demand on a metric's wires ------------------------------------------------
+# ---- why there is no demand on a preconditioner's wires ------------------------------------------
 
 
 def study_of_a_pyramid():
-    pyramid = design(synthesize(plants.double_integrator(N=4)), kinds=[Kind.PYRAMID]).network
+    pyramid = design(
+        synthesize(plants.double_integrator(N=4)), kinds=[PreconditionerKind.MULTILEVEL]
+    ).network
     return study_circuit(pyramid, SpiceBackend(level=macro()), simulated=False)
 
 
@@ -162,7 +164,7 @@ def test_a_point_that_does_not_attract_says_so(monkeypatch):
     def refused(*_):
         raise NetworkError("the settled point does not attract")
 
-    monkeypatch.setattr("ann_dc.fidelity.circuit_study.metric_demand", refused)
+    monkeypatch.setattr("ann_dc.fidelity.circuit_study.preconditioner_demand", refused)
     found = study_of_a_pyramid()
     assert (found.demand, found.undemanded) == (None, "the settled point does not attract")
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from ann_dc import Kind, SpiceBackend, design, plants
+from ann_dc import PreconditionerKind, SpiceBackend, design, plants
 from ann_dc.fidelity import circuit_study as monte_carlo
 from ann_dc.fidelity.circuit_study import measured_errors
 from ann_dc.hardware.parts.levels import macro
@@ -18,7 +18,7 @@ def test_a_circuit_that_still_moves_has_no_error(monkeypatch):
         None,
     ]
     monkeypatch.setattr(monte_carlo, "measured_runs", lambda *given: runs)
-    network = design(plants.double_integrator(N=3), kinds=[Kind.TIME_CONSTANTS]).network
+    network = design(plants.double_integrator(N=3), kinds=[PreconditionerKind.DIAGONAL]).network
     level = macro()
     errors = measured_errors(*_circuit(network, level), seeds=range(3))
     assert errors[0] == 0.01

@@ -26,7 +26,7 @@ from ann_dc.hardware.parts.e_series import (
     Series,
 )
 from ann_dc.hardware.parts.levels import macro
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -37,7 +37,7 @@ HARDWARE = Datasheet(a0=1e6)
 def prepared():
     """(components, probe run) of the double integrator over five stages."""
     problem = plants.double_integrator(N=5)
-    network = design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
+    network = design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
     return SpiceBackend(level=macro()).prepare(network)
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from metric_networks import with_metric
+from preconditioner_networks import with_preconditioner
 from wired import prepared
 
 from ann_dc.backends.spice.backend import SpiceBackend
@@ -13,19 +13,23 @@ from ann_dc.fidelity.error_budget import sensitivity, total_error
 from ann_dc.fidelity.fitting import fitted, fitting_intervals, fitting_margin, smallest_margin
 from ann_dc.hardware.parts.datasheet import Tolerances
 from ann_dc.hardware.parts.levels import macro
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [Kind.PYRAMID, Kind.TREE])
-def test_a_metric_asks_for_faster_op_amps(kind):
-    circuit, probe = SpiceBackend(level=macro()).prepare(with_metric("double_integrator", kind, 5))
+@pytest.mark.parametrize(
+    "kind", [PreconditionerKind.MULTILEVEL, PreconditionerKind.CYCLIC_REDUCTION]
+)
+def test_a_preconditioner_asks_for_faster_op_amps(kind):
+    circuit, probe = SpiceBackend(level=macro()).prepare(
+        with_preconditioner("double_integrator", kind, 5)
+    )
     margin = smallest_margin(circuit, macro(), probe)
     assert 1 < margin < 1000
     assert fitting_margin(circuit, macro(), probe) == 1.5 * margin
 
 
-def test_without_a_metric_the_usual_margin_fits():
+def test_without_a_preconditioner_the_usual_margin_fits():
     assert fitting_margin(*prepared_for_macro()) == pytest.approx(10, rel=0.25)
 
 
@@ -49,7 +53,7 @@ def total_of(backend, network):
 @pytest.mark.parametrize("spread", [None, Tolerances(), Tolerances(offset=1e-3)])
 @pytest.mark.parametrize(("name", "stages"), [("double_integrator", 5), ("unicycle", 4)])
 def test_no_circuit_is_further_off_for_its_fitting_intervals(name, stages, spread):
-    network = with_metric(name, Kind.TIME_CONSTANTS, stages)
+    network = with_preconditioner(name, PreconditionerKind.DIAGONAL, stages)
     level = macro()
     level = replace(level, datasheet=replace(level.datasheet, tolerances=spread))
     backend = SpiceBackend(level=level)
@@ -58,14 +62,14 @@ def test_no_circuit_is_further_off_for_its_fitting_intervals(name, stages, sprea
 
 
 def test_where_gain_is_all_that_is_wrong_wider_intervals_of_multipliers_are_better():
-    network = with_metric("double_integrator", Kind.TIME_CONSTANTS, 5)
+    network = with_preconditioner("double_integrator", PreconditionerKind.DIAGONAL, 5)
     backend = SpiceBackend(level=macro())
     chosen = replace(backend, intervals=fitting_intervals(backend, network))
     assert total_of(chosen, network) < 0.75 * total_of(backend, network)
 
 
 def test_offsets_of_the_car_ask_for_all_of_the_scale():
-    network = with_metric("car", Kind.TIME_CONSTANTS)
+    network = with_preconditioner("car", PreconditionerKind.DIAGONAL)
     level = macro()
     off = replace(level.datasheet, tolerances=Tolerances(offset=1e-3))
     backend = SpiceBackend(level=replace(level, datasheet=off))
@@ -73,7 +77,7 @@ def test_offsets_of_the_car_ask_for_all_of_the_scale():
 
 
 def test_what_is_declared_is_kept():
-    network = with_metric("double_integrator", Kind.TIME_CONSTANTS, 5)
+    network = with_preconditioner("double_integrator", PreconditionerKind.DIAGONAL, 5)
     declared = {"mu.x": (-5000.0, 6000.0)}
     backend = SpiceBackend(level=macro(), intervals=declared, margin=12.0)
     chosen = fitted(backend, network)

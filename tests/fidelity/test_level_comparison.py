@@ -20,7 +20,7 @@ from ann_dc.hardware.parts.e_series import E96, EXACT
 from ann_dc.hardware.parts.generator_curves import Polynomial
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.reference_solvers import SolverTiming
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
@@ -30,7 +30,7 @@ PROBLEM = plants.double_integrator(N=4)
 
 @cache
 def network() -> Network:
-    return design(synthesize(PROBLEM), kinds=(Kind.TIME_CONSTANTS,)).network
+    return design(synthesize(PROBLEM), kinds=(PreconditionerKind.DIAGONAL,)).network
 
 
 @cache
@@ -192,7 +192,7 @@ def test_a_level_that_cannot_be_built_is_told():
     """The polynomials of transistors cannot follow a function that is not smooth enough."""
 
     problem = plants.car(N=4)
-    curved = design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
+    curved = design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
     steps = (
         Rung(
             name="broken",

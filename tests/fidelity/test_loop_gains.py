@@ -20,7 +20,7 @@ from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c
 from ann_dc.network.cell import ONE, Cell, Connection, Neuron
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -36,7 +36,9 @@ def made(network: Network, level=LEVEL, margin: float = 10.0) -> Specimen:
 @cache
 def plant(margin: float = 10.0, stages: int = 2) -> Specimen:
     problem = plants.double_integrator(N=stages)
-    return made(design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network, margin=margin)
+    return made(
+        design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network, margin=margin
+    )
 
 
 def loops_of(specimen: Specimen):

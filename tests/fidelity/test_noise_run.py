@@ -39,7 +39,7 @@ from ann_dc.hardware.parts.parasitics import Parasitics
 from ann_dc.hardware.schematic.elements import Integrator
 from ann_dc.network.cell import Cell, Connection, Neuron, Product
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.solver import synthesize
 
 BOLTZMANN = 1.380649e-23
@@ -52,7 +52,7 @@ SPREAD = Tolerances(resistor=1e-2, offset=1e-4, gain=1e-3)
 
 @cache
 def prepared(name: str, level=LEVEL):
-    network = design(synthesize(SUITE[name].problem), kinds=(Kind.TIME_CONSTANTS,)).network
+    network = design(synthesize(SUITE[name].problem), kinds=(PreconditionerKind.DIAGONAL,)).network
     return SpiceBackend(level=level).prepare(network)
 
 

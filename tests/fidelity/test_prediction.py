@@ -29,18 +29,18 @@ from ann_dc.hardware.parts.e_series import E24
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, macro, ota_c, switched_capacitor
 from ann_dc.network.cell import ONE, Cell, Connection, Neuron, Product
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
-TIMES = Kind.TIME_CONSTANTS
+TIMES = PreconditionerKind.DIAGONAL
 
 PLANTS = {"double_integrator": plants.double_integrator(N=5), "car": SUITE["car"].problem}
 
 
 @cache
 def neighbour_wired(name: str) -> Network:
-    return design(synthesize(PLANTS[name]), kinds=(Kind.TIME_CONSTANTS,)).network
+    return design(synthesize(PLANTS[name]), kinds=(PreconditionerKind.DIAGONAL,)).network
 
 
 @cache

@@ -1,19 +1,19 @@
-"""What a metric demands of its wires: within it a network is at least half as fast."""
+"""What a preconditioner demands of its wires: within it a network is at least half as fast."""
 
 import numpy as np
 import pytest
-from metric_networks import BEYOND, with_metric
+from preconditioner_networks import BEYOND, with_preconditioner
 from wired import neighbour_wired
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.fidelity.wire_requirements import metric_demand
+from ann_dc.fidelity.wire_requirements import preconditioner_demand
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.levels import macro
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 
 def settled(network) -> np.ndarray:
@@ -23,8 +23,8 @@ def settled(network) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", BEYOND)
 def test_every_kind_demands_something(kind):
-    network = with_metric("double_integrator", kind, 6)
-    found = metric_demand(network, settled(network))
+    network = with_preconditioner("double_integrator", kind, 6)
+    found = preconditioner_demand(network, settled(network))
     assert found.kind == kind.value
     assert 1e-4 < found.lag <= 1
     assert 1e-3 < found.error <= 1
@@ -34,18 +34,23 @@ def test_every_kind_demands_something(kind):
 
 def test_a_grid_demands_more_than_a_pyramid():
     by_kind = {}
-    for kind in (Kind.PYRAMID, Kind.GRID):
-        network = with_metric("car", kind, 5)
-        by_kind[kind] = metric_demand(network, settled(network))
-    assert by_kind[Kind.GRID].lag < by_kind[Kind.PYRAMID].lag
-    assert by_kind[Kind.GRID].error < by_kind[Kind.PYRAMID].error
+    for kind in (PreconditionerKind.MULTILEVEL, PreconditionerKind.RESISTIVE_GRID):
+        network = with_preconditioner("car", kind, 5)
+        by_kind[kind] = preconditioner_demand(network, settled(network))
+    assert (
+        by_kind[PreconditionerKind.RESISTIVE_GRID].lag < by_kind[PreconditionerKind.MULTILEVEL].lag
+    )
+    assert (
+        by_kind[PreconditionerKind.RESISTIVE_GRID].error
+        < by_kind[PreconditionerKind.MULTILEVEL].error
+    )
 
 
 def test_the_lag_is_that_of_the_nodes_of_a_grid():
     """Op amps that are far faster: half the rate at the lag that is told, within its tenth."""
-    network = with_metric("car", Kind.GRID, 5)
+    network = with_preconditioner("car", PreconditionerKind.RESISTIVE_GRID, 5)
     x = settled(network)
-    found, ideal = metric_demand(network, x), spectrum(network, x).abscissa
+    found, ideal = preconditioner_demand(network, x), spectrum(network, x).abscissa
     for share, slower in ((0.9, False), (1.25, True)):
         backend = SpiceBackend(level=macro(), margin=1e6, node_lag=share * found.lag)
         circuit, probe = backend.prepare(network)
@@ -55,4 +60,4 @@ def test_the_lag_is_that_of_the_nodes_of_a_grid():
 
 def test_time_constants_demand_nothing():
     network = neighbour_wired("double_integrator")
-    assert metric_demand(network, settled(network)) is None
+    assert preconditioner_demand(network, settled(network)) is None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from constrained import CONSTRAINED
 
-from ann_dc import Kind, apply_gains, design, hand_gains, synthesize
+from ann_dc import PreconditionerKind, apply_gains, design, hand_gains, synthesize
 from ann_dc.analysis.linearisation import Linearisation, MeanLinearisation
 from ann_dc.analysis.saddle import saddle_of
 from ann_dc.evaluation.reference import evaluator
@@ -17,7 +17,9 @@ NAMES = ("dint_v", pytest.param("car_disc1", marks=pytest.mark.slow), "lander", 
 
 @pytest.fixture(scope="module", params=NAMES)
 def settled(request):
-    return design(synthesize(CONSTRAINED[request.param].problem), kinds=[Kind.PYRAMID])
+    return design(
+        synthesize(CONSTRAINED[request.param].problem), kinds=[PreconditionerKind.MULTILEVEL]
+    )
 
 
 def test_a_row_that_presses_alone_has_the_mode_of_an_equality(settled):

@@ -6,7 +6,7 @@ import pytest
 from ann_dc.errors import DesignError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.gains import apply_gains, hand_gains
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -21,7 +21,7 @@ def test_hand_gains_by_name_and_population():
     assert gains.rho[row["q.x"]] == 0.0
     assert (gains.rate[row["q.y"]] == 2.0).all()
     assert (gains.rate[row["mu.y"]] == 1.0).all()
-    assert gains.metric.kind is Kind.TIME_CONSTANTS
+    assert gains.preconditioner.kind is PreconditionerKind.DIAGONAL
 
 
 @pytest.mark.parametrize(

@@ -36,10 +36,10 @@ def test_shadows_are_those_of_the_weights(point):
         assert point.shadow_range(weights) == point.saddle.shadow_range(weights)
 
 
-def test_a_start_at_a_rail_leaves_the_metric_of_the_settled_point():
+def test_a_start_at_a_rail_leaves_the_preconditioner_of_the_settled_point():
     """Controls that begin at their bound, pushed against it, and settle inside: as if free."""
     problem = replace(ann_dc.plants.double_integrator(N=5), bounds={"a": (-10.0, 10.0)})
-    network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     x = ann_dc.OdeBackend().run(network).trajectory.final
     (control,) = (neuron for neuron in network.cell.neurons if neuron.population == "u")
     duals = [n.name for n in network.cell.neurons if n.population in ("mu", "beta")]

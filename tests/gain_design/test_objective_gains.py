@@ -11,7 +11,7 @@ from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.gain_rule import Recipe, closed_form
 from ann_dc.gain_design.gains import apply_gains
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def network():
     return ann_dc.synthesize(car(CASES["three by range"][0]))
 
 
-@pytest.mark.parametrize("kind", [Kind.TIME_CONSTANTS, Kind.PYRAMID])
+@pytest.mark.parametrize("kind", [PreconditionerKind.DIAGONAL, PreconditionerKind.MULTILEVEL])
 def test_no_combination_of_rows_is_stiffer_than_one(network, kind):
     x = network.start_state
     gains = closed_form(Linearisation(network).at(x), Recipe(kind=kind))
@@ -30,7 +30,7 @@ def test_no_combination_of_rows_is_stiffer_than_one(network, kind):
     primal = network.of_population("q", "u", "t")
     slopes = own.drive_jacobian(x)[measures].toarray() * primal
     r = gains.rho[index[network.cell.objectives[0].neuron]]
-    stiffness = r * (slopes @ (own.metric @ slopes.T))
+    stiffness = r * (slopes @ (own.preconditioner @ slopes.T))
     assert np.linalg.eigvalsh(stiffness)[-1] == pytest.approx(1.0)
     assert gains.rate[index["E.max"], -1] == pytest.approx(1 / (3 * r))
 
@@ -67,7 +67,7 @@ def test_a_network_without_objectives_has_the_gains_it_had():
 def test_a_share_that_runs_away_is_taken_back(effort):
     """At the start the slope of the effort vanishes, soon after it is the largest."""
     problem = small(weights=(effort, 1 - effort))
-    designed = ann_dc.design(problem, kinds=[Kind.PYRAMID], limit=3000)
+    designed = ann_dc.design(problem, kinds=[PreconditionerKind.MULTILEVEL], limit=3000)
     assert designed.first.settled
     assert designed.first.boost == 1.0
     assert designed.best.settling < 400
@@ -81,5 +81,5 @@ def test_every_objective_counts_in_the_curvature(network):
         x[shares] = share
         curvatures.append(Linearisation(network).at(x).cost_curvature())
     np.testing.assert_array_equal(*curvatures)
-    again = replace(network, metric=network.metric)
+    again = replace(network, preconditioner=network.preconditioner)
     assert Linearisation(again).objective_slopes().shape == (3, *network.live.shape)

@@ -20,7 +20,7 @@ from ann_dc.gain_design.knowledge import Knowledge
 from ann_dc.gain_design.procedure import design
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.certificate import certify
 from ann_dc.problem import plants
 from ann_dc.solver import design as design_problem, synthesize
@@ -29,7 +29,11 @@ MEASURED = ("car", "unicycle", "bicycle", "van_der_pol", "double_integrator")
 SLOW = ("unicycle", "bicycle", "van_der_pol")
 
 
-WITHOUT_GRID = (Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.TIME_CONSTANTS)
+WITHOUT_GRID = (
+    PreconditionerKind.MULTILEVEL,
+    PreconditionerKind.COUPLED_MULTILEVEL,
+    PreconditionerKind.DIAGONAL,
+)
 
 
 @pytest.mark.parametrize(
@@ -48,7 +52,7 @@ def test_settling_is_predicted(name):
 def test_settling_on_a_grid_is_predicted(name):
     """Near the limit the modes are alike, so that the slowest one need not lead."""
     found = designed(name)
-    assert found.best.kind is Kind.GRID
+    assert found.best.kind is PreconditionerKind.RESISTIVE_GRID
     run = OdeBackend(verify=False).run(found.network)
     assert run.status.settled
     assert 0.5 < run.settling_time / found.predicted_settling() < 1.25
@@ -66,48 +70,55 @@ def test_the_fastest_from_the_start_won():
 
 
 def test_near_the_limit_nothing_slower_is_compared():
-    assert {c.kind for c in designed("car").candidates} == {Kind.GRID}
-    assert designed("car").reason.startswith("neighbour grid settles in")
+    assert {c.kind for c in designed("car").candidates} == {PreconditionerKind.RESISTIVE_GRID}
+    assert designed("car").reason.startswith("resistive grid settles in")
 
 
-@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize("kind", PreconditionerKind)
 def test_only_what_is_allowed_is_chosen(kind):
     network = synthesize(plants.unicycle(N=8))
     found = design(network, kinds=[kind])
     assert found.settled
-    assert found.network.metric.kind is found.best.kind is kind
+    assert found.network.preconditioner.kind is found.best.kind is kind
     assert OdeBackend(verify=False).run(found.network).status.settled
 
 
 def test_all_that_is_allowed_has_a_reason():
     found = design(
-        synthesize(plants.pendulum(N=10)), kinds=[Kind.TIME_CONSTANTS, Kind.COUPLED_PYRAMID]
+        synthesize(plants.pendulum(N=10)),
+        kinds=[PreconditionerKind.DIAGONAL, PreconditionerKind.COUPLED_MULTILEVEL],
     )
     first, second = found.reason.split("; ")
     assert first.startswith("pyramid with coupled components settles in")
-    assert second.startswith("time constants alone")
+    assert second.startswith("diagonal")
     assert found.reason in str(found)
 
 
 def test_reason_begins_with_the_kind_that_was_chosen():
     found = design(
-        synthesize(plants.pendulum(N=10)), kinds=[Kind.TIME_CONSTANTS, Kind.COUPLED_PYRAMID]
+        synthesize(plants.pendulum(N=10)),
+        kinds=[PreconditionerKind.DIAGONAL, PreconditionerKind.COUPLED_MULTILEVEL],
     )
-    assert {c.kind for c in found.candidates} == {Kind.TIME_CONSTANTS, Kind.COUPLED_PYRAMID}
+    assert {c.kind for c in found.candidates} == {
+        PreconditionerKind.DIAGONAL,
+        PreconditionerKind.COUPLED_MULTILEVEL,
+    }
     for best in found.candidates:
         first, other = replace(found, best=best).reason.split("; ")
         assert first.startswith(f"{best.kind.value} ")
         assert not other.startswith(f"{best.kind.value} ")
 
 
-@pytest.mark.parametrize("kinds", [[], ["grid"], [Kind.GRID, None]])
+@pytest.mark.parametrize("kinds", [[], ["grid"], [PreconditionerKind.RESISTIVE_GRID, None]])
 def test_kinds_that_are_none(kinds):
-    with pytest.raises(DesignError, match=r"kinds: expected some of Kind\.TIME_CONSTANTS"):
+    with pytest.raises(
+        DesignError, match=r"kinds: expected some of PreconditionerKind\.TIME_CONSTANTS"
+    ):
         design(synthesize(plants.double_integrator(N=3)), kinds=kinds)
 
 
 def test_the_only_kind_says_why_it_is_none():
-    low = replace(freeze.RECIPES[Kind.GRID], penalty=0.01)
+    low = replace(freeze.RECIPES[PreconditionerKind.RESISTIVE_GRID], penalty=0.01)
     with pytest.raises(DesignError, match=r"needs penalties above rho\*"):
         design(synthesize(plants.pendulum(N=10)), recipe=low)
 
@@ -115,7 +126,7 @@ def test_the_only_kind_says_why_it_is_none():
 def test_network_carries_the_gains():
     found = designed("car")
     network, gains = found.network, found.gains
-    assert network.metric is gains.metric
+    assert network.preconditioner is gains.preconditioner
     for row, neuron in enumerate(network.cell.neurons):
         tau = np.broadcast_to(neuron.tau, network.stages)
         np.testing.assert_allclose(1 / tau, gains.rate[row], rtol=1e-14)
@@ -148,7 +159,7 @@ def test_design_without_duals():
 def test_a_fixed_recipe_is_kept():
     found = design(synthesize(plants.double_integrator(N=4)), recipe=WITHOUT_COORDINATORS)
     assert found.best.recipe is WITHOUT_COORDINATORS
-    assert found.network.metric.kind is Kind.TIME_CONSTANTS
+    assert found.network.preconditioner.kind is PreconditionerKind.DIAGONAL
 
 
 def test_progress_is_told():
@@ -174,22 +185,24 @@ def test_time_scaling(c):
 
 @pytest.mark.slow
 def test_a_run_that_does_not_settle_has_no_grid():
-    found = design(synthesize(plants.pendulum()), kinds=[Kind.GRID], limit=50)
+    found = design(
+        synthesize(plants.pendulum()), kinds=[PreconditionerKind.RESISTIVE_GRID], limit=50
+    )
     assert not found.settled
-    assert found.best.kind is Kind.PYRAMID
+    assert found.best.kind is PreconditionerKind.MULTILEVEL
     assert found.reason.startswith("no optimum to read a grid off")
 
 
 def test_one_kind_alone_is_no_list_of_kinds():
-    with pytest.raises(DesignError, match=r"write \[Kind\.GRID\]"):
-        design(synthesize(plants.double_integrator(N=3)), kinds=Kind.GRID)
+    with pytest.raises(DesignError, match=r"write \[PreconditionerKind\.GRID\]"):
+        design(synthesize(plants.double_integrator(N=3)), kinds=PreconditionerKind.RESISTIVE_GRID)
 
 
 @pytest.mark.slow
 def test_a_run_that_is_near_keeps_the_largest_penalty():
     """With hardly any control free, smaller ones swing for ever close to the optimum."""
     problem = CONSTRAINED["vdp_u"].problem
-    found = design(synthesize(problem), kinds=[Kind.PYRAMID])
+    found = design(synthesize(problem), kinds=[PreconditionerKind.MULTILEVEL])
     assert (found.settled, found.first.boost) == (True, 64.0)
     certificate = certify(problem, *kkt_point(found.network, found.state))
     assert certificate.certified
@@ -213,6 +226,6 @@ def test_a_design_that_is_ended_early_keeps_to_the_kinds():
     """No controls within the bounds reach the target, so that nothing is compared."""
     problem = plants.double_integrator()
     narrow = replace(problem, bounds={problem.controls[0]: (-0.2, 0.2)})
-    found = design_problem(narrow, kinds=[Kind.TIME_CONSTANTS])
+    found = design_problem(narrow, kinds=[PreconditionerKind.DIAGONAL])
     assert found.first.ended is not None
-    assert found.network.metric.kind is Kind.TIME_CONSTANTS
+    assert found.network.preconditioner.kind is PreconditionerKind.DIAGONAL

@@ -19,8 +19,8 @@ from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.refinement import Freedom, Variation, best_step, refined
-from ann_dc.network.preconditioners.base import Kind
-from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.base import PreconditionerKind
+from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.problem import plants
 from ann_dc.progress import silent
 from ann_dc.solver import synthesize
@@ -30,7 +30,7 @@ SHORT = 2.0
 
 
 @cache
-def plain(kind: Kind = Kind.PYRAMID):
+def plain(kind: PreconditionerKind = PreconditionerKind.MULTILEVEL):
     return design(synthesize(plants.double_integrator(N=6)), recipe=Recipe(kind=kind))
 
 
@@ -48,16 +48,16 @@ def better(found, *, seconds=SHORT, progress=silent, **options):
 @pytest.mark.parametrize(
     "kind",
     [
-        Kind.TIME_CONSTANTS,
-        pytest.param(Kind.PYRAMID, marks=pytest.mark.slow),
-        pytest.param(Kind.COUPLED_PYRAMID, marks=pytest.mark.slow),
+        PreconditionerKind.DIAGONAL,
+        pytest.param(PreconditionerKind.MULTILEVEL, marks=pytest.mark.slow),
+        pytest.param(PreconditionerKind.COUPLED_MULTILEVEL, marks=pytest.mark.slow),
     ],
 )
 def test_it_gets_faster_with_the_same_wires(kind, freedom):
     found = plain(kind)
     faster = better(found, freedom=freedom)
     assert faster.ratio < 0.8 * found.best.ratio
-    assert faster.gains.metric.kind is found.gains.metric.kind
+    assert faster.gains.preconditioner.kind is found.gains.preconditioner.kind
     network = apply_gains(found.network, faster.gains)
     assert spectrum(network, found.state).ratio == pytest.approx(faster.ratio, rel=1e-6)
 
@@ -102,7 +102,14 @@ def test_progress_tells_the_best_so_far(monkeypatch):
 
 
 @pytest.mark.parametrize("freedom", Freedom)
-@pytest.mark.parametrize("kind", [Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        PreconditionerKind.DIAGONAL,
+        PreconditionerKind.MULTILEVEL,
+        PreconditionerKind.COUPLED_MULTILEVEL,
+    ],
+)
 @pytest.mark.parametrize("objective", [SETTLING_TIME, TWO_PHASE_STEPS], ids=["time", "steps"])
 def test_gains_at_x_are_those_of_the_flow(kind, freedom, objective):
     found = plain(kind)
@@ -165,10 +172,12 @@ def test_the_car():
     def off(values):
         return values * (1 + 0.05 * rng.standard_normal(values.shape))
 
-    times, pyramid = [], gains.metric
-    assert isinstance(pyramid, Pyramid)
+    times, pyramid = [], gains.preconditioner
+    assert isinstance(pyramid, Multilevel)
     for _ in range(50):
-        metric = replace(pyramid, gains=tuple(off(S) for S in pyramid.gains))
-        copy = replace(gains, rho=off(gains.rho), rate=off(gains.rate), metric=metric)
+        preconditioner = replace(pyramid, gains=tuple(off(S) for S in pyramid.gains))
+        copy = replace(
+            gains, rho=off(gains.rho), rate=off(gains.rate), preconditioner=preconditioner
+        )
         times.append(settling(apply_gains(found.network, copy)))
     assert np.median(times) < 130

@@ -17,7 +17,7 @@ from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.procedure import design
 from ann_dc.gain_design.trial_run import candidate_of, compare, downhill
 from ann_dc.network.cell import Limiter
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.progress import Paced, Stopped
 from ann_dc.solver import synthesize
@@ -75,7 +75,7 @@ def settled(name: str) -> SettledPoint:
 def test_grids_are_compared_with_gentler_inequality_rows_too():
     limited = design(synthesize(CONSTRAINED["dint_v"].problem))
     point = SettledPoint(Linearisation(limited.network).at(limited.state), limited.state)
-    found = compare(point, Kind.GRID, 1.0)
+    found = compare(point, PreconditionerKind.RESISTIVE_GRID, 1.0)
     assert {candidate.recipe.inequality for candidate in found} == {1.0, freeze.GENTLE}
     gentle = next(candidate for candidate in found if candidate.recipe.inequality != 1)
     assert "inequalities x 0.1" in str(gentle)
@@ -91,35 +91,37 @@ def test_grids_are_compared_with_gentler_inequality_rows_too():
 
 @pytest.mark.slow
 def test_path_terms_of_grids_fall_as_long_as_that_helps():
-    found = compare(settled("cart_pole"), Kind.GRID, 1.0)
+    found = compare(settled("cart_pole"), PreconditionerKind.RESISTIVE_GRID, 1.0)
     finer = [candidate for candidate in found if candidate.recipe.path < min(freeze.PATHS)]
     same = [c for c in found if c.recipe == replace(finer[0].recipe, path=min(freeze.PATHS))]
     ratios = [candidate.ratio for candidate in (*same, *finer)]
     assert len(finer) == 2
     assert ratios[1] < freeze.HELPS * ratios[0]
     assert ratios[2] > freeze.HELPS * ratios[1]
-    assert {c.recipe.path for c in compare(settled("unicycle"), Kind.GRID, 1.0)} == {*freeze.PATHS}
+    assert {
+        c.recipe.path for c in compare(settled("unicycle"), PreconditionerKind.RESISTIVE_GRID, 1.0)
+    } == {*freeze.PATHS}
 
 
-@pytest.mark.parametrize("kind", Kind)
+@pytest.mark.parametrize("kind", PreconditionerKind)
 def test_every_kind_is_compared_with_equal_and_equilibrated_rows(kind):
     found = compare(settled("unicycle"), kind, 1.0)
     assert {candidate.kind for candidate in found} == {kind}
     assert {candidate.recipe.sweeps for candidate in found} == {0, 16, 60}
     for candidate in found:
-        assert candidate.gains.metric.kind is kind
+        assert candidate.gains.preconditioner.kind is kind
         assert kind.value in str(candidate)
         assert np.isnan(candidate.settling)
 
 
-@pytest.mark.parametrize("kind", [Kind.GRID, Kind.PYRAMID])
+@pytest.mark.parametrize("kind", [PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.MULTILEVEL])
 def test_on_a_long_row_one_choice_is_made_after_the_other(kind, monkeypatch):
     """All weights of the rows at one path term or penalty, and the rest with the best of them."""
     point = settled("car")
     every = {(c.recipe.sweeps, c.recipe.by_reach, c.recipe.path) for c in compare(point, kind, 1.0)}
     monkeypatch.setattr(freeze, "LONG_ROW", point.network.stages - 1)
     found = compare(point, kind, 1.0)
-    if kind is Kind.GRID:
+    if kind is PreconditionerKind.RESISTIVE_GRID:
         damped = [candidate for candidate in found if candidate.recipe.path == max(freeze.PATHS)]
         best = min(damped, key=lambda candidate: candidate.ratio).recipe.sweeps
         rest = [c.recipe.sweeps for c in found if c not in damped]
@@ -158,26 +160,28 @@ def test_a_comparison_can_be_ended_in_the_middle(told, monkeypatch):
 
     point = settled("car")
     with pytest.raises(Stopped, match="enough"):
-        rehearsal.rehearsed(point, compare(point, Kind.GRID, 1.0, stop), stop)
+        rehearsal.rehearsed(
+            point, compare(point, PreconditionerKind.RESISTIVE_GRID, 1.0, stop), stop
+        )
 
 
 def test_a_fixed_recipe_is_compared_by_its_penalties_only():
     recipe = Recipe(sweeps=7, target=1.1)
-    found = compare(settled("unicycle"), Kind.PYRAMID, 1.0, recipe=recipe)
+    found = compare(settled("unicycle"), PreconditionerKind.MULTILEVEL, 1.0, recipe=recipe)
     assert all(candidate.recipe is recipe for candidate in found)
     assert len({candidate.boost for candidate in found}) == len(found) >= 3
 
 
 def test_a_candidate_tells_the_spectrum_of_its_network():
     point = settled("car")
-    found = candidate_of(point, freeze.RECIPES[Kind.TREE], 1.0)
+    found = candidate_of(point, freeze.RECIPES[PreconditionerKind.CYCLIC_REDUCTION], 1.0)
     flow = apply_gains(point.network, found.gains)
-    assert flow.metric.kind is Kind.TREE
+    assert flow.preconditioner.kind is PreconditionerKind.CYCLIC_REDUCTION
     assert found.ratio == found.spectrum.ratio < 10
 
 
 def test_a_grid_below_the_threshold_says_which_penalty_it_needs():
-    point, recipe = settled("pendulum"), freeze.RECIPES[Kind.GRID]
+    point, recipe = settled("pendulum"), freeze.RECIPES[PreconditionerKind.RESISTIVE_GRID]
     low = replace(recipe, penalty=0.5)
     with pytest.raises(DesignError, match=r"above rho\* = .* recipe with penalty > ") as caught:
         candidate_of(point, low, 1.0)
@@ -185,7 +189,7 @@ def test_a_grid_below_the_threshold_says_which_penalty_it_needs():
     candidate_of(point, replace(recipe, penalty=1.01 * needed), 1.0)
     with pytest.raises(DesignError):
         candidate_of(point, replace(recipe, penalty=0.99 * needed), 1.0)
-    assert not compare(point, Kind.GRID, 1.0, recipe=low)
+    assert not compare(point, PreconditionerKind.RESISTIVE_GRID, 1.0, recipe=low)
 
 
 def test_where_nothing_attracts_the_next_rows_begin_where_these_did():
@@ -202,11 +206,11 @@ def test_grid_leaves_a_neuron_at_its_rail_alone_and_settles():
         for n in network.cell.neurons
     )
     railed = replace(network, cell=replace(network.cell, neurons=neurons))
-    found = design(railed, kinds=[Kind.GRID])
+    found = design(railed, kinds=[PreconditionerKind.RESISTIVE_GRID])
     assert found.settled
     resting = np.abs(railed.unpack(found.state)[index]) >= limit
     assert 0 < resting.sum() < railed.stages
-    own = found.gains.metric.own
+    own = found.gains.preconditioner.own
     row = list(railed.row.primal).index(index)
     coupled = np.abs(own[:, row]).sum(axis=1) - own[:, row, row]
     assert not coupled[resting].any()
@@ -214,7 +218,7 @@ def test_grid_leaves_a_neuron_at_its_rail_alone_and_settles():
     assert found.best.settling < np.inf
 
 
-@pytest.mark.parametrize("kind", list(Kind))
+@pytest.mark.parametrize("kind", list(PreconditionerKind))
 def test_what_is_compared_is_what_the_network_will_do(kind):
     """To the bit, though of a candidate only a tape is made."""
     settled = SettledPoint(Linearisation(designed("car").network), designed("car").state)

@@ -8,7 +8,7 @@ import ann_dc
 from ann_dc.lowering.walk import walked
 from ann_dc.lowering.writing import program_of
 
-CASES = [("double_integrator", kind) for kind in ann_dc.Kind]
+CASES = [("double_integrator", kind) for kind in ann_dc.PreconditionerKind]
 CASES += [(name, None) for name in ("car", "cstr", "bounds", "objectives")]
 
 

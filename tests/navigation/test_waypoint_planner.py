@@ -9,7 +9,7 @@ from ann_dc.navigation.obstacles import disc
 from ann_dc.navigation.planner import Situation
 from ann_dc.navigation.scenario import World
 from ann_dc.navigation.waypoint_planner import WaypointPlanner
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.robot import unicycle_robot
 from ann_dc.problem.robot_planning import leg_problem
 
@@ -20,7 +20,9 @@ ROBOT = unicycle_robot(speed=2.0)
 def planner():
     """Gains of one leg will do for legs nearly straight ahead."""
     problem = leg_problem(ROBOT, stages=10, reach=3.0)
-    network = apply_gains(synthesize(problem), design(problem, kinds=[Kind.PYRAMID]).gains)
+    network = apply_gains(
+        synthesize(problem), design(problem, kinds=[PreconditionerKind.MULTILEVEL]).gains
+    )
     delta = 0.3 * np.array([-1.0, 1.0]) / np.sqrt(2)
     return WaypointPlanner(robot=ROBOT, network=network, dt=0.1, delta=delta)
 

@@ -174,7 +174,7 @@ def test_arrays_are_read_only():
     with pytest.raises(ValueError, match="read-only"):
         row.inputs["q_d.x"][0] = 1.0
     with pytest.raises(ValueError, match="read-only"):
-        coordinated("car").metric.gains[0][0, 0, 0] = 1.0
+        coordinated("car").preconditioner.gains[0][0, 0, 0] = 1.0
 
 
 def test_an_array_given_may_change_afterwards():
@@ -195,10 +195,10 @@ def test_print():
     assert table["neurons"] == ["18", "150 live"]
     assert table["function blocks"] == ["3", "27"]
     network = designed("car").network
-    wires = network.metric.wires(network.row)
-    nodes, kind = table["nodes of the metric"][1].split(", of the ")
-    assert (int(nodes), kind) == (wires.nodes, network.metric.kind.value)
-    assert table["wires of the metric"][1].split()[0] == str(wires.count)
+    wires = network.preconditioner.wires(network.row)
+    nodes, kind = table["nodes of the preconditioner"][1].split(", of the ")
+    assert (int(nodes), kind) == (wires.nodes, network.preconditioner.kind.value)
+    assert table["wires of the preconditioner"][1].split()[0] == str(wires.count)
     assert rest[-1] == "  functions: 1 cos, 1 sin, 1 tan"
 
 

@@ -14,7 +14,7 @@ from ann_dc.errors import ProblemError
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.toml_file import load_problem
 
-KINDS = [ann_dc.Kind.TIME_CONSTANTS]
+KINDS = [ann_dc.PreconditionerKind.DIAGONAL]
 
 
 def named(state="x", control="a", given="w") -> OptimalControlProblem:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from ann_dc import Kind, SpiceBackend, design, plants
+from ann_dc import PreconditionerKind, SpiceBackend, design, plants
 from ann_dc.fidelity.circuit_study import study_circuit
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
@@ -24,7 +24,7 @@ def problem(railed=False):
 
 @cache
 def network(railed=False):
-    return design(problem(railed), kinds=[Kind.TIME_CONSTANTS]).network
+    return design(problem(railed), kinds=[PreconditionerKind.DIAGONAL]).network
 
 
 def words(backend, railed=False, samples=0):

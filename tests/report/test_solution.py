@@ -24,7 +24,7 @@ def test_the_report_names_what_decides(solution):
     text = capture.get()
     assert "x (m), v (m/s), a (m/s^2), dt (s)" in text
     assert "fastest time constants = " in text
-    for row in ("certified", "KKT residual", "settling time", "predicted", "rho", "metric"):
+    for row in ("certified", "KKT residual", "settling time", "predicted", "rho", "preconditioner"):
         assert row in text
     assert "recurrence" not in text
     assert "relative, in the problem's natural scales (constraints" in " ".join(text.split())

@@ -32,10 +32,12 @@ SOLVED = {
         plants.double_integrator(N=4), form=ann_dc.switch("S14"), backend=BACKEND
     ),
     "a tree": lambda: ann_dc.solve(
-        plants.double_integrator(N=4), kinds=[ann_dc.Kind.TREE], backend=BACKEND
+        plants.double_integrator(N=4),
+        kinds=[ann_dc.PreconditionerKind.CYCLIC_REDUCTION],
+        backend=BACKEND,
     ),
     "a pyramid": lambda: ann_dc.solve(
-        plants.double_integrator(N=4), kinds=[ann_dc.Kind.PYRAMID], backend=BACKEND
+        plants.double_integrator(N=4), kinds=[ann_dc.PreconditionerKind.MULTILEVEL], backend=BACKEND
     ),
     "not settled": lambda: cut_short(plants.pendulum(N=6)),
     "recurrent": lambda: ann_dc.solve(

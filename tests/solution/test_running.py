@@ -61,7 +61,7 @@ def test_next_best_networks_run_before_one_gives_up(problem):
     presets = 2  # of a short row: the path and a state near the optimum
     assert len(backend.seen) == min(settled, 3) + presets
     assert settled > 1
-    gains = [network.metric.kind for network in backend.seen]
+    gains = [network.preconditioner.kind for network in backend.seen]
     assert gains[0] is found.design.best.kind
 
 

@@ -15,9 +15,9 @@ from network_files import assert_same
 from ann_dc.errors import AnnDcError, FileFormatError, NetworkError, UnknownNameError
 from ann_dc.network.cell import Cell, Neuron
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Metric
-from ann_dc.network.preconditioners.diagonal import TimeConstants
-from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.base import Preconditioner
+from ann_dc.network.preconditioners.diagonal import Diagonal
+from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.solution.saved_result import Reader, Writer
 from ann_dc.weights.npz import NpzEntries, packed_entries
 
@@ -42,7 +42,7 @@ class Outer:
     array: np.ndarray
     maybe: np.ndarray | None
     said: Mapping[str, bool] = field(default_factory=dict)
-    metric: Metric = field(default_factory=TimeConstants)
+    preconditioner: Preconditioner = field(default_factory=Diagonal)
 
 
 def through_a_file(record, hint=Outer):
@@ -96,9 +96,14 @@ BAD = {
     "a member by attribute": (Colour, "__class__", UnknownNameError, "RED, BLUE"),
     "missing": (Inner, {}, FileFormatError, "^r/numbers: missing"),
     "unknown": (Inner, {"numbers": [], "x": 1, "a": 2}, FileFormatError, "^r: unknown key a, x"),
-    "a metric of no kind": (Metric, {"type": "Network"}, UnknownNameError, "TimeConstants"),
-    "a metric that is none": (Metric, {}, UnknownNameError, "Pyramid"),
-    "no levels": (Metric, {"type": "Pyramid", "gains": []}, NetworkError, "no levels"),
+    "a preconditioner of no kind": (
+        Preconditioner,
+        {"type": "Network"},
+        UnknownNameError,
+        "Diagonal",
+    ),
+    "a preconditioner that is none": (Preconditioner, {}, UnknownNameError, "Multilevel"),
+    "no levels": (Preconditioner, {"type": "Multilevel", "gains": []}, NetworkError, "no levels"),
 }
 
 
@@ -108,9 +113,9 @@ def test_bad_data_is_refused_by_its_place(hint, table, kind, message):
         Reader(None, NETWORK).value(hint, table, "r")
 
 
-def test_a_metric_of_another_network_is_refused():
+def test_a_preconditioner_of_another_network_is_refused():
     with pytest.raises(AnnDcError, match="chains"):
-        through_a_file(Pyramid(gains=(np.zeros((2, 3, 3)),)), Metric)
+        through_a_file(Multilevel(gains=(np.zeros((2, 3, 3)),)), Preconditioner)
 
 
 def test_words_for_numbers_that_are_not_finite():

@@ -13,7 +13,7 @@ from ann_dc.dataclass_pickling import WHERE_GIVEN
 from ann_dc.errors import OutputError
 from ann_dc.network.cell import Cell, Neuron
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 from ann_dc.solution.saved_result import Writer
 
 NETWORK = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=()), stages=1)
@@ -57,9 +57,13 @@ def test_an_outcome_is_its_name_and_a_network_is_left_out():
 
 def test_arrays_gather_by_their_places():
     writer = Writer()
-    grid = Grid(own=np.ones((1, 1, 1)), following=np.zeros((0, 1, 1)))
-    assert writer.value(grid, "metric") == {"type": "Grid", "own": "float", "following": "float"}
-    assert [*writer.arrays] == ["metric/own", "metric/following"]
+    grid = ResistiveGrid(own=np.ones((1, 1, 1)), following=np.zeros((0, 1, 1)))
+    assert writer.value(grid, "preconditioner") == {
+        "type": "Grid",
+        "own": "float",
+        "following": "float",
+    }
+    assert [*writer.arrays] == ["preconditioner/own", "preconditioner/following"]
     assert writer.value(np.array([1 + 2j]), "z") == "complex"
     np.testing.assert_array_equal(writer.arrays["z"], [[1.0, 2.0]])
 

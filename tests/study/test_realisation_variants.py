@@ -5,14 +5,14 @@ import pytest
 
 import ann_dc
 from ann_dc.errors import StudyError
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.study.realisation import network_at, started, with_gains
 
 
 @pytest.fixture(scope="module")
 def network():
     problem = ann_dc.plants.double_integrator(N=5)
-    return ann_dc.design(problem, kinds=[Kind.PYRAMID]).network
+    return ann_dc.design(problem, kinds=[PreconditionerKind.MULTILEVEL]).network
 
 
 def test_nothing_set_is_the_network_itself(network):
@@ -22,12 +22,13 @@ def test_nothing_set_is_the_network_itself(network):
 def test_penalties_are_multiplied_where_their_paths_are(network):
     double = with_gains(network, {"rho": 2.0, "rho.mu.x": 3.0})
     problem = ann_dc.plants.double_integrator(N=5)
-    gains = ann_dc.design(problem, kinds=[Kind.PYRAMID]).gains
+    gains = ann_dc.design(problem, kinds=[PreconditionerKind.MULTILEVEL]).gains
     rho = gains.rho.copy()
     for dual in network.cell.duals:
         rho[network.neuron_index[dual.neuron]] *= 6.0 if dual.neuron == "mu.x" else 2.0
     by_gains = ann_dc.apply_gains(
-        ann_dc.synthesize(problem), ann_dc.Gains(rho=rho, rate=gains.rate, metric=gains.metric)
+        ann_dc.synthesize(problem),
+        ann_dc.Gains(rho=rho, rate=gains.rate, preconditioner=gains.preconditioner),
     )
     x = np.linspace(-1, 1, network.size)
     ours, theirs = (ann_dc.evaluator(n).rhs(x) for n in (double, by_gains))
@@ -44,9 +45,11 @@ def test_time_constants_by_population_and_by_neuron(network):
 
 def test_coordinators_are_multiplied(network):
     twice = with_gains(network, {"coarse": 2.0})
-    for ours, theirs in zip(twice.metric.gains, network.metric.gains):
+    for ours, theirs in zip(twice.preconditioner.gains, network.preconditioner.gains):
         np.testing.assert_array_equal(ours, 2 * theirs)
-    alone = ann_dc.design(ann_dc.plants.double_integrator(N=5), kinds=[Kind.TIME_CONSTANTS]).network
+    alone = ann_dc.design(
+        ann_dc.plants.double_integrator(N=5), kinds=[PreconditionerKind.DIAGONAL]
+    ).network
     with pytest.raises(StudyError, match="no coarse coordinators"):
         with_gains(alone, {"coarse": 2.0})
 

@@ -93,7 +93,7 @@ def test_words_may_change(tmp_path):
 def test_what_failed_is_done_again_when_asked(tmp_path):
     study = Study(
         subject=ann_dc.plants.double_integrator(N=3),
-        over={"design.kind": ["pyramid", "time-constants"]},
+        over={"design.kind": ["multilevel", "diagonal"]},
         fixed={"gains.coarse": 2.0},  # time constants have no coordinators
         metrics=["neurons"],
     )
@@ -148,7 +148,7 @@ def test_what_travels_is_the_study(table):
     assert pickle.loads(pickle.dumps(declared)).identity() == declared.identity()
 
 
-KINDS = {"design.kind": ["pyramid", "time-constants"]}
+KINDS = {"design.kind": ["multilevel", "diagonal"]}
 
 
 @pytest.mark.parametrize(

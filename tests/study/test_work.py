@@ -87,7 +87,7 @@ def test_a_wiring_without_code_runs_alone_too():
 def test_twice_the_time_constants_settle_in_twice_the_time():
     study = Study(
         subject="double_integrator", over={"gains.tau": [1.0, 2.0, 4.0]},
-        fixed={"design.kind": "time-constants"},
+        fixed={"design.kind": "diagonal"},
         metrics=["settling_time", "predicted_decay_rate", "spectral_ratio"],
     )  # fmt: skip
     found = rows(study)
@@ -111,7 +111,7 @@ def test_defects_that_add_neurons_run_one_by_one():
     assert all(row["resting_decay_rate"] > 0 for row in found)
     poles = Study(
         subject="double_integrator",
-        fixed={"defect.extra_pole": 1e2, "design.kind": "time-constants", "problem.N": 3},
+        fixed={"defect.extra_pole": 1e2, "design.kind": "diagonal", "problem.N": 3},
         metrics=["neurons", "resting_decay_rate"],
     )  # fmt: skip
     (row,) = rows(poles)
@@ -140,7 +140,7 @@ def test_drawn_circuits_are_those_of_the_fidelity_room():
     )  # fmt: skip
     found = rows(study)
     problem = ann_dc.plants.double_integrator(N=5)
-    network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     level = ann_dc.presets.get("tl072_ad633")
     circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     seeds = [row["seed"] for row in found]
@@ -157,7 +157,7 @@ def test_a_point_that_fails_is_a_row_that_says_why():
     assert re.search(r"time constant .* must be positive", bad["message"])
     wrong = Study(
         subject=ann_dc.plants.double_integrator(N=3),
-        over={"design.kind": ["pyramid", "time-constants"]},
+        over={"design.kind": ["multilevel", "diagonal"]},
         fixed={"gains.coarse": 1.0},  # time constants have no coordinators
         metrics=["neurons"],
     )

@@ -15,7 +15,7 @@ from ann_dc.gain_design.gain_rule import WITH_COORDINATORS
 from ann_dc.gain_design.gains import apply_gains, hand_gains
 from ann_dc.gain_design.procedure import design
 from ann_dc.network.network import COORDINATION
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 from ann_dc.two_level.levels import TwoLevels
@@ -35,7 +35,7 @@ LINEAR = ["lq", "double_integrator"]
 def upper_map(name: str) -> UpperMap:
     """At the solution to the last digits."""
     network = synthesize(decompose(PROBLEMS[name](), switch("S14")))
-    designed = design(network, kinds=[Kind.PYRAMID])
+    designed = design(network, kinds=[PreconditionerKind.MULTILEVEL])
     newton = TwoLevels(designed.network, upper=NewtonCoordinator())
     run = newton.run(designed.state, tolerance=1e-13)
     assert run.settled.all()

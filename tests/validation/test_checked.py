@@ -67,7 +67,10 @@ PROBLEM = ann_dc.plants.double_integrator(N=3)
             "network: expected a Network such as ann_dc.design(problem).network, got a Solution; "
             "pass its .network",
         ),
-        (lambda: ann_dc.design(PROBLEM, kinds=["grid"]), "kinds[0]: expected one of Kind.TIME_"),
+        (
+            lambda: ann_dc.design(PROBLEM, kinds=["grid"]),
+            "kinds[0]: expected one of PreconditionerKind.DIAG",
+        ),
         (lambda: ann_dc.SpiceBackend(seed=-1), "seed: expected a whole number, 0 or more, got -1"),
         (lambda: ann_dc.levels.Level(name="x", models="mine"), "models: expected one of 'ideal'"),
     ],

@@ -15,7 +15,7 @@ from hypothesis import given, settings, strategies as st
 from minimax import CASES, car
 from network_files import assert_same
 from problems import SUITE
-from random_metrics import random_blocks
+from random_preconditioners import random_blocks
 
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
@@ -27,11 +27,11 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role, Sum, Template
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind, Metric
-from ann_dc.network.preconditioners.cyclic_reduction import Tree
-from ann_dc.network.preconditioners.diagonal import TimeConstants
-from ann_dc.network.preconditioners.multilevel import Pyramid
-from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.base import Preconditioner, PreconditionerKind
+from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
+from ann_dc.network.preconditioners.diagonal import Diagonal
+from ann_dc.network.preconditioners.multilevel import Multilevel
+from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 from ann_dc.scale import Scale
 from ann_dc.solution.solution import certificate_of
 from ann_dc.solver import synthesize
@@ -56,9 +56,9 @@ NETWORKS = {
     "designed car": lambda: designed("car").network,
     "coordinated arm": lambda: coordinated("two_link_arm"),
     "closed chain": lambda: small("car", SWITCHES["S14"]),
-    "car with a grid": lambda: wired_with("car", Kind.GRID),
-    "car with a tree": lambda: wired_with("car", Kind.TREE),
-    "coupled arm": lambda: wired_with("two_link_arm", Kind.COUPLED_PYRAMID),
+    "car with a grid": lambda: wired_with("car", PreconditionerKind.RESISTIVE_GRID),
+    "car with a tree": lambda: wired_with("car", PreconditionerKind.CYCLIC_REDUCTION),
+    "coupled arm": lambda: wired_with("two_link_arm", PreconditionerKind.COUPLED_MULTILEVEL),
     "inequalities": lambda: synthesize(CONSTRAINED["lander"].problem),
     "objectives": lambda: synthesize(car(CASES["two by range"][0])),
     "a temperature": lambda: synthesize(car(CASES["two by range"][0], temperature=0.1)),
@@ -110,15 +110,15 @@ POSITIVE = st.floats(min_value=5e-324, max_value=1e300)
 
 
 @st.composite
-def metrics(draw, stages: int, primal: int) -> Metric:
+def preconditioners(draw, stages: int, primal: int) -> Preconditioner:
     """Every kind; stiffnesses only where there is a primal neuron, and positive definite."""
-    kinds = [TimeConstants, Pyramid, *([Grid, Tree] if primal else [])]
+    kinds = [Diagonal, Multilevel, *([ResistiveGrid, CyclicReduction] if primal else [])]
     kind = draw(st.sampled_from(kinds))
-    if kind is TimeConstants:
-        return TimeConstants()
-    if kind is Pyramid:
+    if kind is Diagonal:
+        return Diagonal()
+    if kind is Multilevel:
         gain = draw(st.lists(st.floats(min_value=0, allow_infinity=False), min_size=3, max_size=3))
-        return Pyramid(gains=(np.reshape(gain, (3, 1, 1)),))
+        return Multilevel(gains=(np.reshape(gain, (3, 1, 1)),))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     own, following = random_blocks(rng, stages, primal)
     return kind(own=own, following=following)
@@ -169,7 +169,9 @@ def networks(draw) -> Network:
         absent=(Absent(neuron=b, stage=stages - 1),) if draw(st.booleans()) else (),
         left={b: drive, a: other} if draw(st.booleans()) else {},
         start={b: draw(each(FINITE))} if draw(st.booleans()) else {},
-        metric=draw(metrics(stages, sum(neuron.role is Role.PRIMAL for neuron in neurons))),
+        preconditioner=draw(
+            preconditioners(stages, sum(neuron.role is Role.PRIMAL for neuron in neurons))
+        ),
         title=draw(st.text(st.characters(exclude_categories=["Cs"]))),
     )
 
@@ -219,7 +221,7 @@ def test_arrays_are_named_and_never_pickled(path):
             np.testing.assert_array_equal(arrays[f"weight/{connection.name}"], connection.weight)
         np.testing.assert_array_equal(arrays["tau/mu.phi"], network.neuron("mu.phi").tau)
         np.testing.assert_array_equal(arrays["input/q_d.x"], np.full(9, 5.0))
-        np.testing.assert_array_equal(arrays["grid/own"], network.metric.own)
+        np.testing.assert_array_equal(arrays["grid/own"], network.preconditioner.own)
         manifest = json.loads(arrays["manifest"].tobytes())
         assert {arrays[name].dtype for name in arrays.files if name != "manifest"} == {
             np.dtype("<f8")
@@ -326,7 +328,7 @@ def test_manifest_holds_every_field():
     """A new field of a record must be saved too: this test fails until it is."""
     assert {f.name for f in fields(Network)} == {
         "cell", "stages", "inputs", "input_scales", "ranges", "pins", "absent", "left", "start",
-        "metric", "title",
+        "preconditioner", "title",
     }  # fmt: skip
     assert {f.name for f in fields(Cell)} == {
         "neurons", "inputs", "blocks", "connections", "duals", "diodes", "objectives",
@@ -337,9 +339,13 @@ def test_manifest_holds_every_field():
     }  # fmt: skip
     assert set(asdict(Limiter())) == {"low", "high"}
     assert {f.name for f in fields(Connection)} == {"source", "target", "weight", "template"}
-    assert {f.name for f in fields(Pyramid)} == {"gains"}
-    assert {f.name for f in fields(Grid)} == {f.name for f in fields(Tree)} == {"own", "following"}
-    assert not fields(TimeConstants)
+    assert {f.name for f in fields(Multilevel)} == {"gains"}
+    assert (
+        {f.name for f in fields(ResistiveGrid)}
+        == {f.name for f in fields(CyclicReduction)}
+        == {"own", "following"}
+    )
+    assert not fields(Diagonal)
 
 
 @pytest.mark.parametrize("form", FORMS)

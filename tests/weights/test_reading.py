@@ -25,7 +25,7 @@ from ann_dc.errors import FileFormatError, OutputError
 from ann_dc.network.cell import Cell, Neuron
 from ann_dc.network.ends import Absent
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.weights.network_file import load, save
 from ann_dc.weights.reading import MAX_MANIFEST
 
@@ -193,7 +193,7 @@ BAD_GAINS = {
 @pytest.mark.parametrize("case", BAD_GAINS)
 def test_coordinators(case, path):
     save(coordinated("car"), path)
-    level = len(coordinated("car").metric.gains) - 1
+    level = len(coordinated("car").preconditioner.gains) - 1
     rewritten(path, put(f"gain/{level}", entry(BAD_GAINS[case])))
     with pytest.raises(FileFormatError, match=r"gain|coordinators"):
         load(path)
@@ -204,11 +204,20 @@ def blocks(rows: int, size: int, value: float = 1.0) -> bytes:
 
 
 BAD_STIFFNESSES = {
-    "of no kind": (setting("metric", "lattice"), "metric: 'lattice' does not exist.*grid, tree"),
-    "that is no name": (setting("metric", 3), "manifest.metric: expected str, got 3"),
-    "of another kind": (setting("metric", "tree"), "entry 'tree/own' is missing"),
+    "of no kind": (
+        setting("preconditioner", "lattice"),
+        "preconditioner: 'lattice' does not exist.*grid, tree",
+    ),
+    "that is no name": (
+        setting("preconditioner", 3),
+        "manifest.preconditioner: expected str, got 3",
+    ),
+    "of another kind": (setting("preconditioner", "tree"), "entry 'tree/own' is missing"),
     "beside levels": (setting("levels", 1), "manifest.levels: 1 is not in 0 .. 0"),
-    "without a name": (with_manifest(lambda t: t.pop("metric") and None), "unknown entries: grid/"),
+    "without a name": (
+        with_manifest(lambda t: t.pop("preconditioner") and None),
+        "unknown entries: grid/",
+    ),
     "missing": (drop("grid/own"), "entry 'grid/own' is missing"),
     "without neighbours": (drop("grid/following"), "entry 'grid/following' is missing"),
     "of another row": (put("grid/own", blocks(5, 10)), r"'grid/own' has shape \(5, 10, 10\)"),
@@ -222,7 +231,7 @@ BAD_STIFFNESSES = {
         put("grid/own", entry(np.eye(10) + 0.1 * np.eye(10, k=1) + np.zeros((4, 1, 1)))),
         "own: the stiffness within a cell must be symmetric",
     ),
-    "negative": (put("grid/own", blocks(4, 10, -1.0)), "neighbour grid: .*not positive definite"),
+    "negative": (put("grid/own", blocks(4, 10, -1.0)), "resistive grid: .*not positive definite"),
     "coupled too strongly": (put("grid/following", blocks(3, 10, 9.0)), "not positive definite"),
 }
 
@@ -230,7 +239,7 @@ BAD_STIFFNESSES = {
 @pytest.mark.parametrize("case", BAD_STIFFNESSES)
 def test_stiffnesses(case, path):
     change, message = BAD_STIFFNESSES[case]
-    save(wired_with("car", Kind.GRID), path)
+    save(wired_with("car", PreconditionerKind.RESISTIVE_GRID), path)
     rewritten(path, change)
     with pytest.raises(FileFormatError, match=message) as refusal:
         load(path)

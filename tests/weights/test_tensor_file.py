@@ -48,7 +48,7 @@ def test_the_package_reads_every_number(path):
             found = file.get_tensor(f"weight/{connection.name}")
             assert found.dtype == np.float64
             np.testing.assert_array_equal(found, connection.weight)
-        np.testing.assert_array_equal(file.get_tensor("grid/own"), network.metric.own)
+        np.testing.assert_array_equal(file.get_tensor("grid/own"), network.preconditioner.own)
 
 
 def test_what_another_program_wrote_is_read(path):

@@ -44,16 +44,14 @@ class Course(NamedTuple):
     ahead: np.ndarray
     """Trial state."""
     slopes: np.ndarray
-    """Slopes (S + 2 + E, ...), one after the other. The first is that of ``x``, that of ``ahead``
-    follows S stages, and then those of `Aside`.
-    """
+    """Slopes (S + 2 + E, ...): that of ``x``, S stages, that of ``ahead``, and those of `Aside`."""
     offsets: np.ndarray
     """Beginning of the slope of every entry of ``rows``, (entries,)."""
     scales: np.ndarray
     """Scales (2,) passed to vector code."""
     clock: np.ndarray
-    """Scalars (7,): time, next step, refusal flag, right-hand sides, residual, first step, and the
-    time since which the residual stays below the tolerance (nan while it does not).
+    """Scalars (7,): time, next step, refusal flag, right-hand sides, residual, first step, and time
+    since which the residual is below the tolerance (nan otherwise).
     """
     aside: Aside
     """States inside a step."""

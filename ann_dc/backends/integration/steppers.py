@@ -312,12 +312,14 @@ def _jacobian(
     compiled: FastEvaluator, method: Method, held: np.ndarray
 ) -> Callable[[float, np.ndarray], Any]:
     """Return d rhs / dx as a function of time and state for saturated neurons (n,)."""
-    network, metric = compiled.network, evaluator(compiled.network).metric
-    if (held & network.metric.reach(network.row)[network.places[:, 0]]).any():
-        metric = sparse.csr_array(network.metric.among(network.row, held)(np.eye(len(held))))
+    network, preconditioner = compiled.network, evaluator(compiled.network).preconditioner
+    if (held & network.preconditioner.reach(network.row)[network.places[:, 0]]).any():
+        preconditioner = sparse.csr_array(
+            network.preconditioner.among(network.row, held)(np.eye(len(held)))
+        )
 
     def by_state(_: float, x: np.ndarray) -> Any:
-        jacobian = metric @ compiled.drive_jacobian(x)
+        jacobian = preconditioner @ compiled.drive_jacobian(x)
         if network.size <= DENSE_JACOBIAN or method.name == "LSODA":
             return jacobian.toarray()
         return sparse.csc_matrix(jacobian)

@@ -57,10 +57,7 @@ class Tableau:
 
 
 class Extension(NamedTuple):
-    """Continuous extension without its zeros.
-
-    The rows are one for each extra stage and one for the state.
-    """
+    """Continuous extension without zeros: rows of the extra stages, then of the state."""
 
     starts: np.ndarray
     """Beginning of every row, (E + 2,)."""

@@ -36,7 +36,7 @@ REFUSED, WORST = OWN, OWN + 1
 """Memory rows: refusal of the last step; larger residual."""
 ROWS = OWN + 2
 BEFORE = 1
-"""Row of slopes that is free at the end of a step. It receives the states before the step if the
+"""Row of slopes that is free at the end of a step; receives the states before the step if the
 residual of a lane falls below the tolerance.
 """
 NUMBERS = "until", "first", "tolerance", "settled", "most_steps", "rtol", "atol", "live"

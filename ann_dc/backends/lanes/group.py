@@ -131,7 +131,9 @@ class Group(NamedTuple):
     rates: np.ndarray
     """Rates (N, P, W); W is 1 if all samples have the same rates."""
     roots: np.ndarray
-    """Square roots of the samples' rates over the network's; flat, empty if the metric needs none.
+    """Square roots of the samples' rates over the network's; flat, empty if the preconditioner
+    needs
+    none.
     """
     components: np.ndarray
     """Indices (n,) of the state vector components."""
@@ -181,10 +183,7 @@ class Group(NamedTuple):
 
 @inlined
 def evaluate(group, address, x, row):
-    """Run the code at an address into a row of slopes.
-
-    Returns the lanes outside a domain as bits.
-    """
+    """Run code into a row of slopes; return the lanes outside a domain as bits."""
     addresses = (group.entry.table.ctypes.data, x.ctypes.data, group.slopes[row].ctypes.data)
     return call(address, addresses, ())
 
@@ -324,7 +323,6 @@ def _add_to_curve(group, found, lane):
 
 @inlined
 def _copy_out(group, lane, out):
-    """Copy the state vector of a lane."""
     for i in range(group.components.shape[0]):
         out[i] = group.x[group.entry.ghost + group.components[i] + lane]
 

@@ -24,9 +24,7 @@ from ann_dc.evaluation.calls import call
 from ann_dc.evaluation.formulas import inlined, released
 
 CLOSE = 1e-4
-"""Relative distance to the tolerance at which a lane is done: the accuracy of a residual at the
-tolerances of batches.
-"""
+"""Relative distance to the tolerance at which a lane is done: the accuracy of batch residuals."""
 
 
 class Again(NamedTuple):

@@ -123,7 +123,7 @@ def _rate(group, stage, row, lane):
 
 @inlined
 def _stage_by_stage(group, scratch):
-    """Update the stages in turn from the values written before; metric at the end."""
+    """Update the stages in turn from the values written before; preconditioner at the end."""
     width, (stages, neurons) = group.who.shape[0], scratch.cells
     move, table, ghost = group.slopes[0], group.entry.table, group.entry.ghost
     seen = group.slopes[1]
@@ -146,7 +146,7 @@ def _stage_by_stage(group, scratch):
                 scratch.drives[at + lane] = seen[at + lane]
                 move[at + lane] = seen[at + lane] * _rate(group, k, p, lane)
     addresses = (table.ctypes.data, move.ctypes.data)
-    call(group.entry.metric, addresses, ())
+    call(group.entry.preconditioner, addresses, ())
     call(group.entry.rails, (table.ctypes.data, group.x.ctypes.data, move.ctypes.data), ())
 
 

@@ -111,10 +111,7 @@ def _turn(f: Function, along: str, energies: str) -> str:
 def _note_peak(
     f: Function, memory: Memory, energy: str, turned: str, ends: tuple[str, str]
 ) -> None:
-    """Update the peak energy of a turn and the lowest peak.
-
-    A cut or a full turn ends a turn.
-    """
+    """Update the peak energy of a turn, ended by a cut or a full turn, and the floor."""
     cut, full = ends
     peak, none = f.larger(energy, memory[PEAK]), f.constant(0.0)
     floor = f.select(full, f.smaller(peak, memory[FLOOR]), memory[FLOOR])

@@ -27,7 +27,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import ALL_KINDS, Kind
+from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
 from ann_dc.progress import Progress, Stopped, silent
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count, Index
@@ -109,7 +109,7 @@ class RecurrentBackend:
             check_device(self.device)
 
     @property
-    def kinds(self) -> tuple[Kind, ...]:
+    def kinds(self) -> tuple[PreconditionerKind, ...]:
         """Preconditioner kinds among which a design for this backend chooses.
 
         All kinds in the two-phase order or with acceleration, otherwise neither grid nor tree.
@@ -118,7 +118,11 @@ class RecurrentBackend:
         """
         if self.order == TWO_PHASE or self.acceleration is not None:
             return ALL_KINDS
-        return tuple(kind for kind in ALL_KINDS if kind not in (Kind.GRID, Kind.TREE))
+        return tuple(
+            kind
+            for kind in ALL_KINDS
+            if kind not in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
+        )
 
     @property
     def _is_plain(self) -> bool:

@@ -34,13 +34,13 @@ from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.hardware.parts.foundry import passive
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
-from ann_dc.hardware.schematic.buildable import check_metric, check_series
+from ann_dc.hardware.schematic.buildable import check_preconditioner, check_series
 from ann_dc.hardware.schematic.saturation import check_rails
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.hardware.schematic.shared import check_shared
 from ann_dc.hardware.sizing.bandwidth_margin import Sizing, cure, sized_circuit
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Progress, silent
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Index, PositiveFinite, Range
@@ -91,7 +91,7 @@ class SpiceBackend:
 
     >>> import ann_dc
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> backend = ann_dc.SpiceBackend()
     >>> circuit, probe = backend.prepare(network)
     >>> deck = backend.deck(circuit, probe, deviations={})
@@ -114,12 +114,16 @@ class SpiceBackend:
     progress: Progress = silent
 
     @property
-    def kinds(self) -> tuple[Kind, ...]:
+    def kinds(self) -> tuple[PreconditionerKind, ...]:
         """Default preconditioner kinds: time constants and pyramids.
 
         A grid and a tree are built on request.
         """
-        return tuple(k for k in self.level.metrics if k not in (Kind.GRID, Kind.TREE))
+        return tuple(
+            k
+            for k in self.level.preconditioners
+            if k not in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
+        )
 
     @checked
     def run(self, network: Network) -> CircuitRun:
@@ -150,12 +154,12 @@ class SpiceBackend:
         ------
         NetworkError
             If the network does not settle, so that scaling is impossible; if parts of the level
-            clip below full scale; or if its technology does not support the metric, the saturation
-            limits of a neuron, a neuron common to all cells, or resistors of a series.
+            clip below full scale; or if its technology does not support the preconditioner, the
+            saturation limits of a neuron, a neuron common to all cells, or resistors of a series.
         """
         level = self.level
         check_full_scale(level)
-        check_metric(network.metric.kind, level)
+        check_preconditioner(network.preconditioner.kind, level)
         check_series(self.series, level)
         check_rails(network, level)
         check_shared(network, level)
@@ -309,7 +313,7 @@ def simulate(
     >>> import ann_dc
     >>> backend = ann_dc.SpiceBackend()
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> circuit, probe = backend.prepare(network)
     >>> off = {circuit.parameters[0].name: np.full(5, 0.01)}
     >>> simulate(backend, circuit, probe, off).control_error  # doctest: +SKIP

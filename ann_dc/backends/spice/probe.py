@@ -17,7 +17,7 @@ from ann_dc.hardware.circuit.scaling import ProbeRun, Scaling, ScalingRules, sca
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.hardware.sizing.rail_rows import BANDWIDTH, intervals_of_inputs, with_rail_rows
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.network.selection import clamped_rows
 from ann_dc.progress import Progress
 
@@ -57,7 +57,7 @@ def probed(network: Network, rules: ScalingRules, progress: Progress) -> Probed:
     >>> from ann_dc.hardware.circuit import ScalingRules
     >>> from ann_dc.progress import silent
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.GRID]).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.RESISTIVE_GRID]).network
     >>> found = probed(network, ScalingRules(), silent)
     >>> found.network is network
     True
@@ -94,8 +94,13 @@ def _run(network: Network, progress: Progress) -> Trajectory:
     progress("probe run")
     run = replace(PROBE, progress=progress).run(network)
     if not run.status.settled:
-        alone = network.metric.kind is Kind.TIME_CONSTANTS and bool(network.cell.duals)
-        means = "; another metric may settle: Kind.PYRAMID (ann-dc circuit --metric pyramid)"
+        alone = network.preconditioner.kind is PreconditionerKind.DIAGONAL and bool(
+            network.cell.duals
+        )
+        means = (
+            "; another preconditioner may settle: PreconditionerKind.MULTILEVEL "
+            "(ann-dc circuit --metric multilevel)"
+        )
         raise NetworkError(
             f"circuit: the network has to settle to be scaled; {run.status}" + means * alone
         )

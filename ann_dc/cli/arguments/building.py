@@ -11,9 +11,9 @@ from ann_dc.errors import ProblemError
 from ann_dc.fidelity.fitting import fitted
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import macro
-from ann_dc.hardware.schematic.buildable import check_metric
+from ann_dc.hardware.schematic.buildable import check_preconditioner
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.existence import Hopeless, Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
@@ -23,7 +23,7 @@ from ann_dc.solver import synthesize
 
 def network_to_build(
     problem: OptimalControlProblem,
-    kind: Kind,
+    kind: PreconditionerKind,
     *,
     simulated: bool = True,
     progress: Progress = silent,
@@ -54,10 +54,10 @@ def fitted_to_build(backend: SpiceBackend, network: Network) -> SpiceBackend:
     A diagonal preconditioner needs no change. Raises `NetworkError` if the level cannot realise the
     preconditioner, and `ProblemError` if no margin gives a stable circuit.
     """
-    kind = network.metric.kind
-    if kind is Kind.TIME_CONSTANTS:
+    kind = network.preconditioner.kind
+    if kind is PreconditionerKind.DIAGONAL:
         return backend
-    check_metric(kind, backend.level)
+    check_preconditioner(kind, backend.level)
     if not backend.level.emulated:
         margin = fitted_to_build(replace(backend, level=macro()), network).margin
         return replace(backend, margin=margin)
@@ -65,6 +65,6 @@ def fitted_to_build(backend: SpiceBackend, network: Network) -> SpiceBackend:
     if not math.isfinite(found.margin or 0.0):
         raise ProblemError(
             f"--metric: no margin makes the {kind.value} stable with op amps of level "
-            f"{backend.level.name}; choose another, or --metric time-constants"
+            f"{backend.level.name}; choose another, or --metric diagonal"
         )
     return found

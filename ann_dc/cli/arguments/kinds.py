@@ -8,9 +8,9 @@ import typer
 
 from ann_dc.cli.arguments.lookup import named
 from ann_dc.errors import DesignError
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
-KINDS = {kind.name.lower().replace("_", "-"): kind for kind in Kind}
+KINDS = {kind.name.lower().replace("_", "-"): kind for kind in PreconditionerKind}
 """Preconditioner kinds by name."""
 
 KindsOption = Annotated[
@@ -22,34 +22,36 @@ KindsOption = Annotated[
     ),
 ]
 
-MetricOption = Annotated[
+PreconditionerOption = Annotated[
     str,
     typer.Option("--metric", metavar="KIND", help=f"Metric that is built: {', '.join(KINDS)}."),
 ]
 
 
-def metric_of(word: str) -> Kind:
+def preconditioner_of(word: str) -> PreconditionerKind:
     """Return the preconditioner kind of a name.
 
     Raises `UnknownNameError` with the valid names.
 
     Examples
     --------
-    >>> metric_of("Tree").name
-    'TREE'
+    >>> preconditioner_of("CyclicReduction").name
+    'CYCLIC_REDUCTION'
     """
     return named("--metric", word, KINDS)
 
 
-def kinds_of(given: str | None, default: tuple[Kind, ...]) -> tuple[Kind, ...]:
+def kinds_of(
+    given: str | None, default: tuple[PreconditionerKind, ...]
+) -> tuple[PreconditionerKind, ...]:
     """Return the preconditioner kinds of comma-separated names, or the default.
 
     Raises `UnknownNameError` with the valid names, and `DesignError` for an empty list.
 
     Examples
     --------
-    >>> [kind.name for kind in kinds_of("pyramid, time-constants", ())]
-    ['PYRAMID', 'TIME_CONSTANTS']
+    >>> [kind.name for kind in kinds_of("multilevel, diagonal", ())]
+    ['MULTILEVEL', 'DIAGONAL']
     """
     if given is None:
         return default

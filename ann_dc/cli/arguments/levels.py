@@ -19,7 +19,7 @@ MarginOption = Annotated[
     typer.Option(
         metavar="K",
         help="How much faster than the network's fastest mode the op amps are.",
-        show_default="10; with another metric 1.5 times the smallest that is stable",
+        show_default="10; with another preconditioner 1.5 times the smallest that is stable",
     ),
 ]
 

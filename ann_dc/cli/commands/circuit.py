@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ann_dc.cli.arguments.kinds import MetricOption, metric_of
+from ann_dc.cli.arguments.kinds import PreconditionerOption, preconditioner_of
 from ann_dc.cli.arguments.levels import (
     LevelOptions,
     MarginOption,
@@ -50,7 +50,7 @@ class BuildOptions:
             "capacitors from E24, or E12 with E12; what is drawn comes on top.",
         ),
     ] = "exact"
-    metric: MetricOption = "time-constants"
+    preconditioner: PreconditionerOption = "diagonal"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +147,7 @@ def circuit(
       ann-dc circuit car --resistors E96-pairs --bill out/car.csv --deck out/car.cir
       ann-dc circuit car --no-simulate --samples 100
       ann-dc circuit car --no-simulate --loops 5
-      ann-dc circuit car --metric tree --no-simulate
+      ann-dc circuit car --metric cyclic-reduction --no-simulate
       ann-dc circuit unicycle --level transistor --figure out/unicycle.png
       ann-dc circuit car --level opa192_ad734 --temperature 85 --supply 0.9
       ann-dc circuit car --level transistor --corners --process tt,ss
@@ -179,7 +179,7 @@ def circuit(
         board.check(_of_one_circuit(build, study, files, board), level.level)
         stands = place.nominal() if board.corners else place.single()
         chosen, series = level_of(level, netlist=board.written), series_of(build.resistors)
-        kind = metric_of(build.metric)
+        kind = preconditioner_of(build.preconditioner)
 
         from ann_dc.backends.spice.backend import SpiceBackend
         from ann_dc.cli.arguments.building import fitted_to_build, network_to_build

@@ -63,7 +63,7 @@ def design(
       ann-dc design car
       ann-dc design car --over q_d.x=3:7 --over q_d.y=3:7 --out out/cars
       ann-dc design pendulum --why --out out/pendulum
-      ann-dc design two_link_arm --kinds pyramid --refine --why
+      ann-dc design two_link_arm --kinds multilevel --refine --why
 
     Exit code: 0 the gain-scheduled run settled, so the gains belong to the
     solution (with --over: 99 % of the held-out inputs are certified), 1 the

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ann_dc.cli.arguments.kinds import KINDS, metric_of
+from ann_dc.cli.arguments.kinds import KINDS, preconditioner_of
 from ann_dc.cli.arguments.numbers import pairs_of
 from ann_dc.cli.arguments.output import QuietOption, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
@@ -52,13 +52,13 @@ def export(
             help="A setting of a format (see --formats), for instance bits=16. Repeatable.",
         ),
     ] = None,
-    metric: Annotated[
+    preconditioner: Annotated[
         str | None,
         typer.Option(
             metavar="KIND",
             help=f"Metric that is built: {', '.join(KINDS)}. Time constants need neighbours only; "
             "where far stages wait for each other, a pyramid, a grid or a tree settles sooner.",
-            show_default="time-constants",
+            show_default="diagonal",
         ),
     ] = None,
     formats: Annotated[
@@ -88,7 +88,7 @@ def export(
     Usage examples:
 
       ann-dc export --formats
-      ann-dc export car --to onnx --metric pyramid --out out/car
+      ann-dc export car --to onnx --metric multilevel --out out/car
       ann-dc export car --to c99,hdl --with bits=16
       ann-dc export car --to pack --with level=opa192_ad734
       ann-dc export network.npz --to all
@@ -102,7 +102,7 @@ def export(
 
         names = [name.strip() for names in to or ["weights"] for name in names.split(",")]
         settings = settings_from(names, pairs_of(given or (), "--with", "bits=16"))
-        network = _network(problem, metric, progress)
+        network = _network(problem, preconditioner, progress)
         done = export_network(network, names, out, progress=progress, **settings)
     for each in done:
         console(quiet=quiet).print(_sentence(each), soft_wrap=True)
@@ -117,19 +117,19 @@ def _sentence(done: Any) -> str:
     return f"wrote {done.folder}: {files}\n  checked: {done.worth}"
 
 
-def _network(problem: ProblemOptions, metric: str | None, progress: Progress) -> Any:
+def _network(problem: ProblemOptions, preconditioner: str | None, progress: Progress) -> Any:
     """Return the network of a weight file or folder, or design one for a problem."""
     from ann_dc.problem import plants
 
     place = Path(problem.problem)
     if problem.problem not in plants.names() and (place.suffix in NETWORKS or place.is_dir()):
-        if any((problem.settings, problem.horizon, problem.q_0, problem.q_d, metric)):
+        if any((problem.settings, problem.horizon, problem.q_0, problem.q_d, preconditioner)):
             raise ProblemError(
                 f"{problem.problem}: a network stays as it was designed; leave out --set, "
                 "--horizon, --q-0, --q-d and --metric"
             )
         return _saved(place)
-    declared, kind = problem.declared(), metric_of(metric or "time-constants")
+    declared, kind = problem.declared(), preconditioner_of(preconditioner or "diagonal")
 
     from ann_dc.cli.arguments.building import network_to_build
 

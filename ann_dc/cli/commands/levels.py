@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ann_dc.cli.arguments.kinds import MetricOption, metric_of
+from ann_dc.cli.arguments.kinds import PreconditionerOption, preconditioner_of
 from ann_dc.cli.arguments.levels import MarginOption
 from ann_dc.cli.arguments.output import FigureOption, JsonOption, QuietOption, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
@@ -24,7 +24,7 @@ def ladder(
     seed: Annotated[
         int, typer.Option(min=0, help="Of the offsets, tolerances and gain errors of the parts.")
     ] = 1,
-    metric: MetricOption = "time-constants",
+    preconditioner: PreconditionerOption = "diagonal",
     slow: Annotated[
         bool, typer.Option("--slow", help="Also what ngspice takes minutes for.")
     ] = False,
@@ -54,7 +54,7 @@ def ladder(
         declared = problem.declared()
         for file in (figure, json_file):
             make_room(file)
-        kind = metric_of(metric)
+        kind = preconditioner_of(preconditioner)
 
         from ann_dc.backends.spice.backend import SpiceBackend
         from ann_dc.cli.arguments.building import fitted_to_build, network_to_build

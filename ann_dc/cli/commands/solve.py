@@ -112,7 +112,7 @@ def solve(
       ann-dc solve unicycle -N 30 --q-d 2,1,free --plot out
       ann-dc solve car --curves out/car.csv --save out/car
       ann-dc solve car --backend recurrent --accelerate
-      ann-dc solve pendulum --kinds pyramid,time-constants
+      ann-dc solve pendulum --kinds multilevel,diagonal
       ann-dc solve unicycle_soft_obstacle --starts 64
 
     Exit code: 0 settled and certified, 1 not settled or not certified,

@@ -22,14 +22,14 @@ import numpy as np
 from ann_dc.evaluation.codegen.buses import Buses
 from ann_dc.evaluation.codegen.code import key_of
 from ann_dc.evaluation.codegen.elementary import function_of, slope_of
-from ann_dc.evaluation.codegen.metric_code import add_metric
 from ann_dc.evaluation.codegen.plan import (
-    FIELDS as METRIC_FIELDS,
-    INTEGERS as METRIC_INTEGERS,
+    FIELDS as PRECONDITIONER_FIELDS,
+    INTEGERS as PRECONDITIONER_INTEGERS,
     WRITERS,
     Axis,
     Plan,
 )
+from ann_dc.evaluation.codegen.preconditioner_code import add_preconditioner
 from ann_dc.evaluation.codegen.residual_code import add_residuals
 from ann_dc.evaluation.codegen.writer import Function, Module
 from ann_dc.evaluation.tape import BY_VALUE, BY_WEIGHT, PRODUCT, SUM
@@ -50,16 +50,16 @@ FIELDS = (
     "walls",
     "clamp",
     "clamps",
-    *METRIC_FIELDS,
+    *PRECONDITIONER_FIELDS,
 )
 """Arrays that the code reads and fills, in the order of the table of addresses; see `Lanes`."""
-INTEGERS = ("first", "chunks", "last", *METRIC_INTEGERS)
+INTEGERS = ("first", "chunks", "last", *PRECONDITIONER_INTEGERS)
 """Fields that are integers themselves."""
 GIVEN = (*INTEGERS, "clamp")
 """Fields that are not addresses of tables: integers, and the called function."""
 GHOSTED = ("x", "inputs", "work", "slots")
 """Fields with a ghost chunk at either end."""
-NAMES = "rhs", "cell", "metric", "rails", "residuals", "keep"
+NAMES = "rhs", "cell", "preconditioner", "rails", "residuals", "keep"
 """Functions of a piece of code."""
 
 
@@ -72,13 +72,13 @@ def cell_code(plan: Plan) -> str:
 
     The parts of ``rhs`` are separate functions. ``i64 cell(table, x, out)`` computes the
     derivatives that every net input causes alone, for the chunks that the table names.
-    ``metric(table, out)`` adds the coupling. ``rails(table, x, out)`` projects the derivatives on
-    the saturation limits and cuts the net inputs of coupled neurons, which ``cell`` does not cut.
-    ``keep(table, x, x)`` clips states that a step took past a limit.
+    ``preconditioner(table, out)`` adds the coupling. ``rails(table, x, out)`` projects the
+    derivatives on the saturation limits and cuts the net inputs of coupled neurons, which ``cell``
+    does not cut. ``keep(table, x, x)`` clips states that a step took past a limit.
     """
     module = Module()
     CellWriter(plan, module, "cell").write_cell()
-    add_metric(module, plan, _fields)
+    add_preconditioner(module, plan, _fields)
     CellWriter(plan, module, "rails").write_rails()
     CellWriter(plan, module, "keep").write_keep()
     _whole(plan, module)
@@ -91,8 +91,8 @@ def _whole(plan: Plan, module: Module) -> None:
     """Write ``rhs``."""
     f = Function(module, "rhs", ("table", "x", "out"), width=plan.axis.lanes)
     outside = f.value("call i64 @cell(ptr %table, ptr %x, ptr %out)")
-    if plan.has_metric:
-        f.do("call i64 @metric(ptr %table, ptr %out)")
+    if plan.has_preconditioner:
+        f.do("call i64 @preconditioner(ptr %table, ptr %out)")
     if plan.clamped:
         f.do("call i64 @rails(ptr %table, ptr %x, ptr %out)")
     f.done(outside)

@@ -120,8 +120,8 @@ class GeneratedEvaluator(Evaluator):
         drives[:] = 0.0
         drives[places] = drive
         lanes.moves[places] = drive * self._rates
-        if lanes.plan.has_metric:
-            self._call("metric")
+        if lanes.plan.has_preconditioner:
+            self._call("preconditioner")
         return lanes.moves[places]
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
@@ -165,7 +165,7 @@ class GeneratedEvaluator(Evaluator):
             entry, out = lanes.jacobian, lanes.moves if name == "cell" else lanes.jacobian.found
         else:
             entry, out = lanes.entry, lanes.entry.found if name == "residuals" else lanes.moves
-        arrays = (entry.table, out) if name == "metric" else (entry.table, self._state, out)
+        arrays = (entry.table, out) if name == "preconditioner" else (entry.table, self._state, out)
         function = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * len(arrays))
         return partial(function(getattr(entry, name)), *(array.ctypes.data for array in arrays))
 
@@ -180,9 +180,9 @@ class GeneratedEvaluator(Evaluator):
         if np.isin(self.tape.places[~self.free(x), 0], self.tape.reached).any():
             return super().fastest_rate(x, iterations)
         lanes, values = self.lanes, self.jacobian_entries(x)
-        metric = lanes.entry.metric if lanes.plan.has_metric else 0
+        preconditioner = lanes.entry.preconditioner if lanes.plan.has_preconditioner else 0
         return grown(
-            np.array([metric, lanes.entry.table.ctypes.data]),
+            np.array([preconditioner, lanes.entry.table.ctypes.data]),
             lanes.components,
             self._rates,
             self.tape.entries,

@@ -70,7 +70,7 @@ def grown(entry, places, rates, entries, values, v, tables, iterations):
     Parameters
     ----------
     entry : (2,) array of int
-        Addresses of ``metric`` (zero if there is none) and of its table.
+        Addresses of ``preconditioner`` (zero if there is none) and of its table.
     places : (n,) array
         Places of the state components in a table without ghosts.
     rates : (n,) array
@@ -78,9 +78,9 @@ def grown(entry, places, rates, entries, values, v, tables, iterations):
     entries, values : (nnz, 4) and (nnz,) arrays
         Rows, columns and numbers of K, as in a tape.
     tables : two arrays
-        Net inputs and derivatives, which ``metric`` reads and adds to.
+        Net inputs and derivatives, which ``preconditioner`` reads and adds to.
     """
-    metric, table, rate = entry[0], entry[1], 1.0
+    preconditioner, table, rate = entry[0], entry[1], 1.0
     drives, moves = tables
     for i in range(len(drives)):
         drives[i] = 0.0
@@ -89,8 +89,8 @@ def grown(entry, places, rates, entries, values, v, tables, iterations):
         _push(drives, places, entries, values, v, length)
         for i in range(len(v)):
             moves[places[i]] = drives[places[i]] * rates[i]
-        if metric != 0:
-            call(metric, (table, moves.ctypes.data), ())
+        if preconditioner != 0:
+            call(preconditioner, (table, moves.ctypes.data), ())
         for i in range(len(v)):
             v[i] = moves[places[i]]
         length = _length(v)

@@ -39,8 +39,8 @@ class Entry(NamedTuple):
     """Address of ``residuals``."""
     cell: int
     """Address of ``cell``."""
-    metric: int
-    """Address of ``metric``."""
+    preconditioner: int
+    """Address of ``preconditioner``."""
     rails: int
     """Address of ``rails``."""
     keep: int
@@ -113,7 +113,7 @@ class Lanes:
         parts = ("rates", "grids", "shares", "factor")
         is_moved = any(getattr(tape, part) is not getattr(before, part) for part in parts)
         if is_moved and "entry" in self.__dict__:
-            for name, table in self._metric().items():
+            for name, table in self._preconditioner().items():
                 self.tables[name][...] = table
             if self._clamps is not None:
                 self._clamps.renumber(tape)
@@ -123,12 +123,12 @@ class Lanes:
     def entry(self) -> Entry:
         """Addresses for an integrator; compiles the code if needed."""
         found = self._code
-        self.tables |= self._metric() | self._clamp_tables()
+        self.tables |= self._preconditioner() | self._clamp_tables()
         return Entry(
             rhs=found["rhs"],
             residuals=found["residuals"],
             cell=found["cell"],
-            metric=found["metric"],
+            preconditioner=found["preconditioner"],
             rails=found["rails"],
             keep=found["keep"],
             table=self._addresses_of(FIELDS),
@@ -200,20 +200,20 @@ class Lanes:
             tables |= {"roots": np.ones(self.spare), "pushed": np.zeros(self.spare)}
         return {name: lined_up(table) for name, table in tables.items()}
 
-    def _metric(self) -> dict[str, np.ndarray]:
+    def _preconditioner(self) -> dict[str, np.ndarray]:
         """Return the tables that only a preconditioner reads."""
         tape, plan = self.tape, self.plan
         if plan.chains:
-            metric = pyramid_tables(tape, is_coupled=plan.is_coupled)
+            preconditioner = pyramid_tables(tape, is_coupled=plan.is_coupled)
             width = plan.chains * self.lanes * 2 + 8
-            metric["nodes"] = np.zeros(len(metric["nodes"]) * width)
+            preconditioner["nodes"] = np.zeros(len(preconditioner["nodes"]) * width)
         elif plan.has_stiffness:
-            metric = stiffness_tables(tape)
+            preconditioner = stiffness_tables(tape)
         else:
             return {}
-        for name in metric.keys() & {"places", "gap_places"}:
-            metric[name] = self._addresses(metric[name])
-        return {name: lined_up(table) for name, table in metric.items()}
+        for name in preconditioner.keys() & {"places", "gap_places"}:
+            preconditioner[name] = self._addresses(preconditioner[name])
+        return {name: lined_up(table) for name, table in preconditioner.items()}
 
     def _clamp_tables(self) -> dict[str, np.ndarray]:
         """Return the clamp tables for coupled neurons at saturation limits."""

@@ -22,7 +22,7 @@ from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
 from ann_dc.evaluation.tape import DUAL, FUNCTION, POSITION, PRIMAL, PRODUCT, STATE, SUM, Tape
 from ann_dc.network.functions import FUNCTIONS, Tree
 
-# ---- the numbers that the code of a metric reads: hats and gains, or the factors of a stiffness
+# ---- numbers that the code of a preconditioner reads: hats and gains, or factors of a stiffness
 
 FIELDS = (
     "nodes",
@@ -360,7 +360,7 @@ class Plan:
             return self.tape.sources[a:b].tolist()
         return [[a, 0], [b, 0]] if kind == PRODUCT else [[b, 0]]
 
-    # ---- the metric --------------------------------------------------------------------------
+    # ---- the preconditioner ----------------------------------------------------------------------
 
     @property
     def chains(self) -> int:
@@ -400,7 +400,7 @@ class Plan:
         return self.axis is Axis.VARIANTS and self.has_stiffness
 
     @property
-    def has_metric(self) -> bool:
+    def has_preconditioner(self) -> bool:
         """True if the preconditioner is not diagonal."""
         return bool(self.chains) or self.has_stiffness
 
@@ -430,8 +430,8 @@ class Plan:
 
     def identity(self) -> tuple:
         """Return all data on which the code depends, as plain numbers."""
-        metric = self.chains, self.is_coupled, self.straight, self.stiffness
-        return *self.cell_identity(), self.clamped, *metric
+        preconditioner = self.chains, self.is_coupled, self.straight, self.stiffness
+        return *self.cell_identity(), self.clamped, *preconditioner
 
     def serves(self, tape: Tape) -> bool:
         """Return True if the code also serves another tape of the same network."""

@@ -36,7 +36,7 @@ from ann_dc.export.devices.sidecar import (
 from ann_dc.export.reference.sidecar import file_of, notes_of
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import NotNegative, PositiveFinite
 
@@ -92,16 +92,17 @@ def capacitors_files(
     >>> import ann_dc
     >>> from ann_dc.export.reference import reference_vector
     >>> problem = ann_dc.plants.double_integrator(N=3)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> files = capacitors_files(network, reference_vector(network))
     >>> print(files["capacitors.csv"].decode().splitlines()[0])
     connection,stage,units,feedback_units,farads,feedback_farads
     """
-    if network.metric.kind is not Kind.TIME_CONSTANTS:
+    if network.preconditioner.kind is not PreconditionerKind.DIAGONAL:
         raise ExportError(
-            f"{network.title}: its metric is a {network.metric.kind.value}, switched capacitors "
-            "have time constants alone; design it with kinds=[Kind.TIME_CONSTANTS], or take "
-            "dataclasses.replace(network, metric=TimeConstants())"
+            f"{network.title}: its preconditioner is a {network.preconditioner.kind.value}, "
+            "switched capacitors "
+            "need a diagonal one; design it with kinds=[PreconditionerKind.DIAGONAL], or take "
+            "dataclasses.replace(network, preconditioner=Diagonal())"
         )
     if not 1 <= largest / unit * (1 + SAME) < MOST_UNITS + 1:
         raise ExportError(

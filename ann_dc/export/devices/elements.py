@@ -17,7 +17,7 @@ from scipy import sparse
 
 from ann_dc.network.cell import ONE, Function, Product
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 KINDS = ("integrator", "constant", "sum", "product", "function")
 INTEGRATOR, CONSTANT, SUM, PRODUCT, FUNCTION = KINDS
@@ -144,7 +144,7 @@ class _Wiring:
     def _wire_integrators(self) -> None:
         network = self.network
         arriving = [self._drive(i) for i in range(network.size)]
-        if network.metric.kind is Kind.TIME_CONSTANTS:
+        if network.preconditioner.kind is PreconditionerKind.DIAGONAL:
             moves = [_times(w, r) for w, r in zip(arriving, network.row.state_rates.tolist())]
         else:
             moves = self._moves(arriving)
@@ -159,7 +159,7 @@ class _Wiring:
 
     def _moves(self, arriving: list[dict[int, float]]) -> list[dict[int, float]]:
         """Return M d = spread S^-1 spread' d, with nodes for jointly moved neurons."""
-        factors = self.network.metric.factors(self.network.row)
+        factors = self.network.preconditioner.factors(self.network.row)
         spread, stiffness = factors.spread.tocsc(), factors.stiffness.tocsr()
         # nodes that belong to one neuron, and that no other node pulls
         alone = (np.diff(spread.indptr) == 1) & (np.diff(stiffness.indptr) == 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import defaultdict
 
-from ann_dc.export.drawings.coordinators import draw_metric, height_of
+from ann_dc.export.drawings.coordinators import draw_preconditioner, height_of
 from ann_dc.export.drawings.labels import colours, node_colours, shortened, tint
 from ann_dc.export.drawings.page import (
     GREY,
@@ -46,7 +46,7 @@ def chain_page(network: Network) -> Page:
     page = Page(WIDTH, height)
     _headline(page, network)
     y = TOP + above + (3 if above else 0)
-    draw_metric(page, network, ROW, y)
+    draw_preconditioner(page, network, ROW, y)
     _draw_strip(page, network, y)
     y += STRIP + ZOOM
     _draw_cells(page, network, cells, wires, (y, tall))
@@ -60,10 +60,10 @@ def chain_page(network: Network) -> Page:
 
 def _headline(page: Page, network: Network) -> None:
     row = network.row
-    wires = network.metric.wires(row)
+    wires = network.preconditioner.wires(row)
     title = f"{shortened(network.title, 60)}: the row of {counted(network.stages, 'cells')}"
     page.text((SIDE, 4.5), title, size=LARGE, bold=True)
-    said = f"{network.size} live neurons; metric: {network.metric.kind.value}"
+    said = f"{network.size} live neurons; preconditioner: {network.preconditioner.kind.value}"
     if wires.count:
         each = " each way" if wires.both_ways else ""
         said += f", {wires.nodes} nodes and {wires.count} wires{each}"

@@ -10,9 +10,9 @@ import numpy as np
 from ann_dc.export.drawings.labels import tint
 from ann_dc.export.drawings.page import GREY, INK, Page, Pen
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.cyclic_reduction import Tree
-from ann_dc.network.preconditioners.multilevel import Pyramid
-from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
+from ann_dc.network.preconditioners.multilevel import Multilevel
+from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 
 COLOR = "#3A5E8C"
 FINEST = 1.4
@@ -29,7 +29,7 @@ def height_of(network: Network) -> float:
     return LEVEL * len(_levels(network))
 
 
-def draw_metric(page: Page, network: Network, row: Places, bottom: float) -> None:
+def draw_preconditioner(page: Page, network: Network, row: Places, bottom: float) -> None:
     """Draw the preconditioner level by level, with the level next to the cells lowest."""
     for place, (words, draw) in enumerate(_levels(network)):
         base = bottom - LEVEL * place
@@ -41,13 +41,13 @@ Level = tuple[str, Callable[[Page, Places, float], None]]
 
 
 def _levels(network: Network) -> list[Level]:
-    metric = network.metric
-    if isinstance(metric, Pyramid):
-        return [_hats(gain) for gain in metric.gains]
-    if isinstance(metric, Grid):
+    preconditioner = network.preconditioner
+    if isinstance(preconditioner, Multilevel):
+        return [_hats(gain) for gain in preconditioner.gains]
+    if isinstance(preconditioner, ResistiveGrid):
         return [("resistors to neighbours", _resistors(network.stages))]
-    if isinstance(metric, Tree):
-        blocks = len(metric.elimination(network.row).component)
+    if isinstance(preconditioner, CyclicReduction):
+        blocks = len(preconditioner.elimination(network.row).component)
         return _branches(blocks)
     return []
 

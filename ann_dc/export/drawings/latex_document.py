@@ -18,7 +18,7 @@ from ann_dc.export.drawings.latex_symbols import (
 )
 from ann_dc.network.cell import ONE, Block, Connection, Product, Sum
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.si_prefixes import counted
 from ann_dc.weights.hashes import content_hash, wiring_hash
 
@@ -52,8 +52,8 @@ def document_of(network: Network) -> Iterator[str]:
             rows = rf"\sum_k [ {rows} ]"
         yield rf"\tau\,\frac{{d {at_stage(names[neuron.name])}}}{{ds}} &= {rows} \\"
     yield r"\end{align*}"
-    if network.metric.kind is not Kind.TIME_CONSTANTS:
-        kind = network.metric.kind.value
+    if network.preconditioner.kind is not PreconditionerKind.DIAGONAL:
+        kind = network.preconditioner.kind.value
         yield f"These are the drives. A {kind} spreads them over the row: it changes how soon the"
         yield "network settles, not where."
     blocks = [block for block in network.cell.blocks if not is_inline(block)]

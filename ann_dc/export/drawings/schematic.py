@@ -12,7 +12,7 @@ from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.hardware.parts import presets
 from ann_dc.network.cell import Role
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.validation.checked import checked
 
 FORM = "schematic"
@@ -36,13 +36,13 @@ def schematic_files(
     >>> import ann_dc
     >>> from ann_dc.export.reference import reference_vector
     >>> problem = ann_dc.plants.double_integrator(N=3)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> files = schematic_files(network, reference_vector(network))  # doctest: +SKIP
     >>> schematic_check(files)  # doctest: +SKIP
     '1 sheet of schematics, of the network of the reference vector'
     """
     _check_level(level)
-    if network.metric.kind is Kind.GRID:
+    if network.preconditioner.kind is PreconditionerKind.RESISTIVE_GRID:
         primal = ", ".join(n.name for n in network.cell.neurons if n.role is Role.PRIMAL)
         raise ExportError(
             f"schematic: the resistors of a grid between {primal:.200} are not drawn; design the "

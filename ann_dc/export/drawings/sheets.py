@@ -26,7 +26,7 @@ from ann_dc.hardware.schematic.elements import (
     PICell,
     Wire,
 )
-from ann_dc.hardware.schematic.metric_wiring import OWN
+from ann_dc.hardware.schematic.preconditioner_wiring import OWN
 from ann_dc.network.cell import ONE
 
 SIDE, TOP, TALLEST = 4.0, 16.0, 250.0

@@ -29,7 +29,7 @@ from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.saturation import with_rails
 from ann_dc.hardware.sizing.bandwidth_margin import cure
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.scale import Scale
 
 WORDS = {name.replace(" ", "-").lower(): series for name, series in SERIES.items()}
@@ -199,7 +199,7 @@ def _without_ringing(backend: SpiceBackend, specimen: Specimen, network: Network
 
     Preconditioners other than the diagonal one always need more than the usual bandwidth.
     """
-    usual = network.metric.kind is Kind.TIME_CONSTANTS
+    usual = network.preconditioner.kind is PreconditionerKind.DIAGONAL
     if usual and pole_spectrum(specimen.emulation, specimen.probe.final).abscissa < 0:
         return specimen
     if not usual:
@@ -224,7 +224,7 @@ def _lost(specimen: Specimen) -> list[str]:
     if astray := astray_of(specimen, transient_of(specimen, MOST_STEPS)):
         return [
             f"it may settle to a wrong point: emulated from reset, {astray}; design the network "
-            "with another metric, such as Kind.PYRAMID"
+            "with another preconditioner, such as PreconditionerKind.MULTILEVEL"
         ]
     return []
 
@@ -255,8 +255,8 @@ def _margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
     margin = fitting_margin(circuit, level, probe)
     if not np.isfinite(margin):
         means = cure(circuit, level, probe.final)
-        if circuit.schematic.network.metric.kind is not Kind.TIME_CONSTANTS:
-            means += ", or design the network with another metric"
+        if circuit.schematic.network.preconditioner.kind is not PreconditionerKind.DIAGONAL:
+            means += ", or design the network with another preconditioner"
         raise NetworkError(f"circuit: {means}")
     return margin
 

@@ -18,7 +18,7 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION, RoleRows
 from ann_dc.export.onnx.cell import CellReading
 from ann_dc.export.onnx.graph import Graph
-from ann_dc.export.onnx.metrics import clamped, moves, there, where_there
+from ann_dc.export.onnx.preconditioners import clamped, moves, there, where_there
 from ann_dc.network.network import Network
 from ann_dc.network.selection import clamped_rows
 
@@ -174,7 +174,7 @@ class _Flow:
             rows.append(where_there(network, graph, number, cut))
             own = drive if number in self._clamped else cut
             arriving.append(where_there(network, graph, number, own))
-        graph.about("metric")
+        graph.about("preconditioner")
         drives = graph.stacked(*rows)
         if len(self._clamped):
             moved = self._projected(graph, state, graph.stacked(*arriving))
@@ -217,7 +217,9 @@ class _Flow:
         component = np.flatnonzero(np.isin(network.places[:, 0], self._clamped))
         places, count = network.places[component] @ [network.stages, 1], len(component)
         limits = evaluator(network).tape.limits[network.places[component, 0]]
-        within = network.metric.moves(network.row, np.eye(network.size)[component])[:, component]
+        within = network.preconditioner.moves(network.row, np.eye(network.size)[component])[
+            :, component
+        ]
         place = graph.table("clamp.places", places, np.int64)
         free = moves(network, graph, drives)
         x, pull, given = (graph.op("Gather", rows, place, axis=0) for rows in (state, free, drives))
@@ -226,7 +228,7 @@ class _Flow:
             graph.op("GreaterOrEqual", x, graph.table("clamp.high", limits[:, 1:])),
         )
         shape = graph.stacked(graph.integers(count, count), self.batch)
-        table = graph.op("Expand", graph.table("clamp.metric", within[:, :, None]), shape)
+        table = graph.op("Expand", graph.table("clamp.preconditioner", within[:, :, None]), shape)
         table = graph.op("Concat", table, graph.op("Unsqueeze", pull, graph.integers(1)), axis=1)
         held, currents = clamped(graph, count, table, given, at_rails, self.batch)
         own = np.full(network.live.size, count)

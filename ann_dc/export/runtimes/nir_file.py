@@ -10,7 +10,7 @@ from typing import Any
 
 from ann_dc.errors import ExportPackageMissing, FileFormatError
 
-NODES = ["input", "input_weights", "synapses", "metric", "neurons", "output"]
+NODES = ["input", "input_weights", "synapses", "preconditioner", "neurons", "output"]
 GROUPS = {"node", "node/nodes", *(f"node/nodes/{name}" for name in NODES)}
 EDGES = 8
 """Maximum number of edges of a graph; an exported graph has five to seven."""
@@ -52,7 +52,7 @@ def _shapes(size: int, inputs: int) -> Mapping[str, tuple[str, tuple[int, ...]]]
         "node/nodes/input_weights/weight": ("f", (size, inputs)),
         "node/nodes/synapses/weight": ("f", (size, size)),
         "node/nodes/synapses/bias": ("f", (size,)),
-        "node/nodes/metric/weight": ("f", (size, size)),
+        "node/nodes/preconditioner/weight": ("f", (size, size)),
         "node/nodes/neurons/r": ("f", (size,)),
     }
     return found | {f"node/nodes/{node}/type": ("O", ()) for node in NODES}

@@ -8,7 +8,7 @@ r"""Linear network as a graph of NIR, the neuromorphic intermediate representati
 ``input_weights``   Linear       B
 ``synapses``        Affine       A, b: connections between neurons; Linear if b is zero, for readers
                                  that do not support a bias
-``metric``          Linear       M, unless it is diagonal
+``preconditioner``          Linear       M, unless it is diagonal
 ``neurons``         I            v' = r i, with r = 1 / tau, or one after a preconditioner
 ``output``          Output       v (n,): the states
 ==================  ===========  ==================================================================
@@ -39,7 +39,7 @@ from ann_dc.export.runtimes.linear_form import linear_form
 from ann_dc.export.runtimes.nir_file import check_file
 from ann_dc.export.runtimes.sidecar import notes_on, read_beside
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.validation.checked import checked
 
 FORMAT = "ann_dc NIR graph"
@@ -125,10 +125,14 @@ def _graph(network: Network, form) -> Any:
     nodes: dict[str, Any] = {"synapses": biased}
     edges, last = [("neurons", "synapses")], "neurons"
     rates = row.state_rates
-    if network.metric.kind is not Kind.TIME_CONSTANTS:
-        whole = network.metric.factors(row).matrix().toarray()
-        nodes["metric"], rates, last = nir.Linear(weight=whole), np.ones(n), "metric"
-        edges.append(("metric", "neurons"))
+    if network.preconditioner.kind is not PreconditionerKind.DIAGONAL:
+        whole = network.preconditioner.factors(row).matrix().toarray()
+        nodes["preconditioner"], rates, last = (
+            nir.Linear(weight=whole),
+            np.ones(n),
+            "preconditioner",
+        )
+        edges.append(("preconditioner", "neurons"))
     edges.append(("synapses", last))
     fed = form.inputs.toarray() if form.inputs.shape[1] else np.zeros((n, 1))
     nodes["input"] = nir.Input({"input": np.array([fed.shape[1]])})
@@ -164,16 +168,18 @@ def _moves(graph: Any, v: np.ndarray, given: np.ndarray) -> np.ndarray:
     return graph.nodes["neurons"].r * hears("neurons")
 
 
-TYPES = {"input_weights": {"Linear"}, "synapses": {"Affine", "Linear"}, "metric": {"Linear"},
+TYPES = {"input_weights": {"Linear"}, "synapses": {"Affine", "Linear"},
+         "preconditioner": {"Linear"},
          "neurons": {"I"}, "input": {"Input"}, "output": {"Output"}}  # fmt: skip
 
 
 def _check_nodes(graph: Any, size: int, inputs: int) -> None:
     """Check nodes, edges and matrix sizes against those that `nir_files` writes."""
-    columns = {"input_weights": inputs, "synapses": size, "metric": size}
+    columns = {"input_weights": inputs, "synapses": size, "preconditioner": size}
     allowed = {
-        ("input", "input_weights"), ("input_weights", "neurons"), ("input_weights", "metric"),
-        ("synapses", "neurons"), ("synapses", "metric"), ("metric", "neurons"),
+        ("input", "input_weights"), ("input_weights", "neurons"),
+        ("input_weights", "preconditioner"),
+        ("synapses", "neurons"), ("synapses", "preconditioner"), ("preconditioner", "neurons"),
         ("neurons", "synapses"), ("neurons", "output"),
     }  # fmt: skip
     nodes = graph.nodes

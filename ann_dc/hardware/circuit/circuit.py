@@ -44,7 +44,7 @@ from ann_dc.hardware.schematic.elements import (
     Part,
     PICell,
 )
-from ann_dc.hardware.schematic.metric_wiring import metric_values
+from ann_dc.hardware.schematic.preconditioner_wiring import preconditioner_values
 from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.network.cell import ONE, Limiter
 from ann_dc.scale import IDENTITY, Scale
@@ -521,7 +521,7 @@ def _over(numerator: float, values: np.ndarray) -> np.ndarray:
 def _presets(schematic: Schematic, scaling: Scaling) -> dict[str, np.ndarray]:
     network = schematic.network
     start = network.unpack(network.start_state)
-    integrals = metric_values(network, network.start_state[None])
+    integrals = preconditioner_values(network, network.start_state[None])
     presets = {}
     for part in schematic.parts:
         if isinstance(part, PICell):

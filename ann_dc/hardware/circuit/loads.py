@@ -28,7 +28,7 @@ from ann_dc.hardware.schematic.elements import (
     PICell,
     Wire,
 )
-from ann_dc.hardware.schematic.metric_wiring import OWN
+from ann_dc.hardware.schematic.preconditioner_wiring import OWN
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import State
 
@@ -153,7 +153,7 @@ def load_power(circuit: Circuit, level: Level, x: State) -> float:
     values = evaluator(network).values(x)[..., 1:-1]
     amperes = 0.0
     for (name, _), siemens in loads_of(circuit).items():
-        if name in network.node_index:  # others are of a metric, whose nodes rest at zero
+        if name in network.node_index:  # others are of a preconditioner, whose nodes rest at zero
             volts = np.abs(scaling.volts(name, values[network.node_index[name]]))
             amperes += float((siemens * volts)[circuit.schematic.alive_at(name)].sum())
     siemens = level.datasheet.gbw / CLAMP_REFERENCE

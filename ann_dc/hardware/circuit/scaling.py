@@ -33,8 +33,13 @@ import numpy as np
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.schematic.elements import GridNode, Wire
-from ann_dc.hardware.schematic.metric_wiring import OWN, metric_parts, metric_values, wiring_of
 from ann_dc.hardware.schematic.pass_through_sums import plain_sums
+from ann_dc.hardware.schematic.preconditioner_wiring import (
+    OWN,
+    preconditioner_parts,
+    preconditioner_values,
+    wiring_of,
+)
 from ann_dc.network.cell import ONE, Product
 from ann_dc.network.network import Network
 from ann_dc.scale import Scale
@@ -224,7 +229,9 @@ def scale(network: Network, probe: ProbeRun, rules: ScalingRules | None = None) 
     values = evaluator(network).values(states)[..., 1:-1]
     names = list(network.node_index)
     peaks = {name: _peak(values[:, row], times) for row, name in enumerate(names)}
-    peaks |= {name: _peak(node, times) for name, node in metric_values(network, states).items()}
+    peaks |= {
+        name: _peak(node, times) for name, node in preconditioner_values(network, states).items()
+    }
     peaks |= _declared(network, rules.intervals, peaks)
     return Scaling(
         network=network,
@@ -305,10 +312,10 @@ def _units(network: Network, peaks: Mapping[str, Peak], headroom: float) -> dict
         else:
             units[name] = headroom * largest[name] or 1.0
     units[ONE] = 1.0
-    return units | _metric_units(network, units, peaks, headroom)
+    return units | _preconditioner_units(network, units, peaks, headroom)
 
 
-def _metric_units(
+def _preconditioner_units(
     network: Network, units: Mapping[str, float], peaks: Mapping[str, Peak], headroom: float
 ) -> dict[str, float]:
     """Return the units of a preconditioner's nodes.
@@ -323,13 +330,13 @@ def _metric_units(
         return {}
     found = {n: headroom * peak.value for n, peak in peaks.items() if n not in units}
     response = np.zeros(network.live.shape)
-    response[tuple(network.places.T)] = evaluator(network).metric.diagonal()
+    response[tuple(network.places.T)] = evaluator(network).preconditioner.diagonal()
     for name in found:
         if name.startswith(OWN):
             neuron = name.removeprefix(OWN)
             full = units[neuron] / response[network.neuron_index[neuron]].max()
             found[name] = max(found[name], QUIET * full)
-    for adder in metric_parts(wiring, network.stages):
+    for adder in preconditioner_parts(wiring, network.stages):
         if adder.name in found:
             known = {**units, **found}
             arriving = sum(np.abs(wire.weight) * known[wire.source] for wire in adder.wires)

@@ -75,7 +75,7 @@ from ann_dc.hardware.schematic.elements import (
     PICell,
     Wire,
 )
-from ann_dc.hardware.schematic.metric_wiring import OWN
+from ann_dc.hardware.schematic.preconditioner_wiring import OWN
 from ann_dc.network.cell import ONE, Limiter
 
 

@@ -11,7 +11,7 @@ from ann_dc.hardware.emulation.diodes import paced_at
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.schematic.elements import PICell
-from ann_dc.hardware.schematic.metric_wiring import metric_values
+from ann_dc.hardware.schematic.preconditioner_wiring import preconditioner_values
 from ann_dc.validation.checked import checked
 
 ALL_MODES = 3000
@@ -55,7 +55,7 @@ def emulated_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     network, ideal = emulation.network, emulation.circuit.schematic.network
     x = np.asarray(x, float)
     values = dict(zip(ideal.node_index, evaluator(ideal).values(x)[..., 1:-1]))
-    values |= {name: node[0] for name, node in metric_values(ideal, x[None]).items()}
+    values |= {name: node[0] for name, node in preconditioner_values(ideal, x[None]).items()}
     full = np.zeros(network.live.shape)
     for name, row in network.neuron_index.items():
         origin = emulation.origins[name]

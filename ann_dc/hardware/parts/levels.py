@@ -168,13 +168,17 @@ class Level:
         return not built.clocked and (self.models != "ideal" or not isinstance(built, OpAmps))
 
     @property
-    def metrics(self) -> tuple[contract.Kind, ...]:
+    def preconditioners(self) -> tuple[contract.PreconditionerKind, ...]:
         """Preconditioner kinds that the level supports.
 
         Circuits of ideal op amps find no operating point for a resistive grid.
         """
-        kinds, ideal = self.technology.metrics, self.models == "ideal"
-        return tuple(kind for kind in kinds if not (ideal and kind is contract.Kind.GRID))
+        kinds, ideal = self.technology.preconditioners, self.models == "ideal"
+        return tuple(
+            kind
+            for kind in kinds
+            if not (ideal and kind is contract.PreconditionerKind.RESISTIVE_GRID)
+        )
 
     @property
     def parameters(self) -> dict[str, float]:

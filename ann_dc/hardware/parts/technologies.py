@@ -18,7 +18,11 @@ from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.network.preconditioners import base as contract
 from ann_dc.validation.checked import checked
 
-FEED_FORWARD = tuple(kind for kind in contract.Kind if kind is not contract.Kind.GRID)
+FEED_FORWARD = tuple(
+    kind
+    for kind in contract.PreconditionerKind
+    if kind is not contract.PreconditionerKind.RESISTIVE_GRID
+)
 """Preconditioners that are sums without a loop."""
 
 
@@ -36,7 +40,7 @@ class OpAmps:
         True if capacitors and reset switches of the cells may be those of a board.
     without : tuple of Kind
         Part errors that the cells do not have.
-    metrics : tuple of metrics.Kind
+    preconditioners : tuple of PreconditionerKind
         Preconditioner kinds that the cells can realise.
     """
 
@@ -44,7 +48,9 @@ class OpAmps:
     clocked: ClassVar[bool] = False
     resettable: ClassVar[bool] = True
     without: ClassVar[tuple[Kind, ...]] = ()
-    metrics: ClassVar[tuple[contract.Kind, ...]] = tuple(contract.Kind)
+    preconditioners: ClassVar[tuple[contract.PreconditionerKind, ...]] = tuple(
+        contract.PreconditionerKind
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +64,7 @@ class DifferentialPairs:
     clocked: ClassVar[bool] = False
     resettable: ClassVar[bool] = True
     without: ClassVar[tuple[Kind, ...]] = ()
-    metrics: ClassVar[tuple[contract.Kind, ...]] = FEED_FORWARD
+    preconditioners: ClassVar[tuple[contract.PreconditionerKind, ...]] = FEED_FORWARD
 
 
 @checked
@@ -81,7 +87,9 @@ class OtaC:
     clocked: ClassVar[bool] = False
     resettable: ClassVar[bool] = False
     without: ClassVar[tuple[Kind, ...]] = (Kind.OFFSET,)
-    metrics: ClassVar[tuple[contract.Kind, ...]] = (contract.Kind.TIME_CONSTANTS,)
+    preconditioners: ClassVar[tuple[contract.PreconditionerKind, ...]] = (
+        contract.PreconditionerKind.DIAGONAL,
+    )
 
 
 @checked
@@ -117,7 +125,9 @@ class SwitchedCapacitors:
     clocked: ClassVar[bool] = True
     resettable: ClassVar[bool] = False
     without: ClassVar[tuple[Kind, ...]] = ()
-    metrics: ClassVar[tuple[contract.Kind, ...]] = (contract.Kind.TIME_CONSTANTS,)
+    preconditioners: ClassVar[tuple[contract.PreconditionerKind, ...]] = (
+        contract.PreconditionerKind.DIAGONAL,
+    )
 
     def __post_init__(self) -> None:
         require_positive(

@@ -1,4 +1,4 @@
 from .elements import PICell as PICell
-from .metric_wiring import metric_parts as metric_parts
 from .pass_through_sums import plain_sums as plain_sums
+from .preconditioner_wiring import preconditioner_parts as preconditioner_parts
 from .schematic import schematic_of as schematic_of

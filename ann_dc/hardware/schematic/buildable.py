@@ -11,7 +11,7 @@ from ann_dc.validation.checked import checked
 
 
 @checked
-def check_metric(kind: contract.Kind, level: Level) -> None:
+def check_preconditioner(kind: contract.PreconditionerKind, level: Level) -> None:
     """Raise `NetworkError` if a level cannot build a preconditioner kind.
 
     The message lists the kinds that it can build.
@@ -19,16 +19,17 @@ def check_metric(kind: contract.Kind, level: Level) -> None:
     Examples
     --------
     >>> from ann_dc import levels
-    >>> check_metric(contract.Kind.TREE, levels.macro())
-    >>> check_metric(contract.Kind.TREE, levels.ota_c())  # doctest: +ELLIPSIS
+    >>> tree = contract.PreconditionerKind.CYCLIC_REDUCTION
+    >>> check_preconditioner(tree, levels.macro())
+    >>> check_preconditioner(tree, levels.ota_c())  # doctest: +ELLIPSIS
     Traceback (most recent call last):
-    ann_dc.errors.NetworkError: metric: ota-c circuits cannot build a feed-forward tree; ...
+    ann_dc.errors.NetworkError: preconditioner: ota-c circuits cannot build a cyclic reduction; ...
     """
-    if kind not in level.metrics:
-        known = ", ".join(known.value for known in level.metrics)
+    if kind not in level.preconditioners:
+        known = ", ".join(known.value for known in level.preconditioners)
         raise NetworkError(
-            f"metric: {level.name} circuits cannot build a {kind.value}; design the network with "
-            f"one of: {known}; or take a level of op amps with their poles"
+            f"preconditioner: {level.name} circuits cannot build a {kind.value}; design the "
+            f"network with one of: {known}; or take a level of op amps with their poles"
         )
 
 

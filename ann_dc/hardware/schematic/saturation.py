@@ -94,8 +94,9 @@ def check_parts(network: Network, fused: Container[str], *, differential: bool) 
         if differential:
             why = "differential parts have none"
         elif coupled:
+            kind = network.preconditioner.kind.value
             why = (
-                f"a clamp holds one integrator, and the {network.metric.kind.value} couples "
+                f"a clamp holds one integrator, and the {kind} couples "
                 f"{', '.join(coupled)} to others; take the circuit of SpiceBackend.prepare, whose "
                 "network has rows in the place of such rails"
             )

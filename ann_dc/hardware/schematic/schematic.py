@@ -9,7 +9,8 @@ the network's node list in three respects:
   capacitor discharges through the resistor while the output is zero.
 - A preconditioner beyond a diagonal one needs no additional integrators. A separate integrator D of
   every reached neuron integrates its net input, D' = d. The neuron z, z' = M d, is the weighted sum
-  z = M D. The sum has as many layers of adders as the preconditioner kind (`metric_wiring`).
+  z = M D. The sum has as many layers of adders as the preconditioner kind
+  (`preconditioner_wiring`).
 - Integrators and summing amplifiers invert. Each node has a polarity, chosen so that few sources
   are needed with both signs; an inverter makes the other sign. Multipliers have differential
   inputs, so products have no sign constraint.
@@ -44,9 +45,9 @@ from ann_dc.hardware.schematic.elements import (
     PICell,
     Wire,
 )
-from ann_dc.hardware.schematic.metric_wiring import OWN, metric_parts, wiring_of
 from ann_dc.hardware.schematic.pass_through_sums import plain_sums
 from ann_dc.hardware.schematic.pi_cells import Wires, fused_cells, rates_of, wires_of
+from ann_dc.hardware.schematic.preconditioner_wiring import OWN, preconditioner_parts, wiring_of
 from ann_dc.hardware.schematic.saturation import check_parts
 from ann_dc.hardware.schematic.shared import shared_nodes
 from ann_dc.network.cell import Product, Sum
@@ -249,7 +250,7 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     parts = (
         *cells,
         *_integrators(network, wires, inside),
-        *(() if wiring is None else metric_parts(wiring, network.stages)),
+        *(() if wiring is None else preconditioner_parts(wiring, network.stages)),
         *_blocks(network, wires, inside | set(plain)),
     )
     polarity = polarities(parts)
@@ -265,7 +266,7 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
 def _integrators(network: Network, wires: Wires, inside: set[str]) -> Iterator[Integrator]:
     """Yield the remaining neurons; a neuron in the preconditioner has rate one."""
     rates = rates_of(network)
-    for neuron, own in zip(network.cell.neurons, network.metric.reach(network.row)):
+    for neuron, own in zip(network.cell.neurons, network.preconditioner.reach(network.row)):
         if neuron.name in inside:
             continue
         rate = rates[neuron.name]

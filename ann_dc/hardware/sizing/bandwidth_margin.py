@@ -36,7 +36,7 @@ from ann_dc.hardware.emulation.clamps import FAST
 from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.schematic.metric_wiring import wiring_of
+from ann_dc.hardware.schematic.preconditioner_wiring import wiring_of
 from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.hardware.sizing.clamps import check_clamps, holding_margin
 from ann_dc.hardware.sizing.resistors import SHARE, fitting_resistor, two_digits
@@ -119,11 +119,12 @@ def check_following(circuit: Circuit, level: Level) -> None:
     """
     wanted, margin = following_margin(circuit, level), circuit.scaling.margin
     if 2 * margin < wanted:
+        kind = circuit.schematic.network.preconditioner.kind.value
         raise NetworkError(
             f"margin: {margin:.3g} is too small: op amps of idle diode neurons would move the "
-            f"soft long waves of the {circuit.schematic.network.metric.kind.value}; take a margin "
+            f"soft long waves of the {kind}; take a margin "
             f"of {-two_digits(-wanted):.3g} (ann-dc circuit --margin), or design the network with "
-            "kinds=[Kind.TREE] (--metric tree)"
+            "kinds=[PreconditionerKind.CYCLIC_REDUCTION] (--metric cyclic-reduction)"
         )
 
 

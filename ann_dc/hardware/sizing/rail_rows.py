@@ -26,7 +26,7 @@ import numpy as np
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.schematic.elements import Integrator, PICell
-from ann_dc.hardware.schematic.metric_wiring import OWN
+from ann_dc.hardware.schematic.preconditioner_wiring import OWN
 from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.network.cell import ONE, Cell, Function, Limiter, Neuron, Role, Sum
 from ann_dc.network.duals import DiodeDual
@@ -64,11 +64,11 @@ def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
     >>> import numpy as np
     >>> from ann_dc.hardware.circuit import ProbeRun, scale
     >>> from ann_dc.network import Cell, Network
-    >>> from ann_dc.network.metrics import Grid
+    >>> from ann_dc.network.preconditioners import ResistiveGrid
     >>> held = Neuron(name="x", role=Role.PRIMAL, limiter=Limiter(high=0.5))
-    >>> ties = Grid(own=np.full((2, 1, 1), 1.0), following=np.full((1, 1, 1), -0.5))
+    >>> ties = ResistiveGrid(own=np.full((2, 1, 1), 1.0), following=np.full((1, 1, 1), -0.5))
     >>> pushed = Cell(neurons=(held,), connections=(wire(ONE, "x"), wire("x", "x", -1.0)))
-    >>> row = Network(stages=2, cell=pushed, metric=ties)
+    >>> row = Network(stages=2, cell=pushed, preconditioner=ties)
     >>> probe = ProbeRun(states=np.array([[0.0] * 2, [0.5] * 2]), times=np.arange(2.0), radius=1.0)
     >>> found = with_rail_rows(row, scale(row, probe), 1.0)
     >>> [diode.multiplier for diode in found.cell.diodes], len(clamped_rows(found))
@@ -111,7 +111,7 @@ def _diode(place: str) -> DiodeDual:
 def _response(network: Network) -> np.ndarray:
     """Return M_ii of all neurons (P, N)."""
     response = np.zeros(network.live.shape)
-    response[tuple(network.places.T)] = evaluator(network).metric.diagonal()
+    response[tuple(network.places.T)] = evaluator(network).preconditioner.diagonal()
     return response
 
 
@@ -120,7 +120,7 @@ def _currents(network: Network, free: Network) -> np.ndarray:
     x = network.start_state
     drives = network.pack(evaluator(free).drives(x))
     moves = evaluator(network).rhs(x)
-    return network.unpack(network.metric.inverse(network.row)(moves) - drives)
+    return network.unpack(network.preconditioner.inverse(network.row)(moves) - drives)
 
 
 def _with_row(

@@ -1,4 +1,4 @@
-from .base import Kind as Kind, Row as Row, Wires as Wires
-from .cyclic_reduction import Tree as Tree
-from .diagonal import TimeConstants as TimeConstants
-from .resistive_grid import Grid as Grid
+from .base import PreconditionerKind as PreconditionerKind, Row as Row, Wires as Wires
+from .cyclic_reduction import CyclicReduction as CyclicReduction
+from .diagonal import Diagonal as Diagonal
+from .resistive_grid import ResistiveGrid as ResistiveGrid

@@ -28,23 +28,23 @@ import scipy.sparse.linalg
 from scipy import sparse
 
 
-class Kind(enum.Enum):
+class PreconditionerKind(enum.Enum):
     """Kinds of preconditioner; the value is the text shown to users.
 
     Examples
     --------
-    >>> Kind.GRID.value
-    'neighbour grid'
+    >>> PreconditionerKind.RESISTIVE_GRID.value
+    'resistive grid'
     """
 
-    TIME_CONSTANTS = "time constants alone"
-    PYRAMID = "pyramid of coarse coordinators"
-    COUPLED_PYRAMID = "pyramid with coupled components"
-    GRID = "neighbour grid"
-    TREE = "feed-forward tree"
+    DIAGONAL = "diagonal"
+    MULTILEVEL = "multilevel"
+    COUPLED_MULTILEVEL = "coupled multilevel"
+    RESISTIVE_GRID = "resistive grid"
+    CYCLIC_REDUCTION = "cyclic reduction"
 
 
-ALL_KINDS = tuple(Kind)
+ALL_KINDS = tuple(PreconditionerKind)
 """Kinds that the integration of the equations supports; hardware may support fewer."""
 
 
@@ -167,13 +167,13 @@ currents). Derivatives are zero for saturated neurons, currents for all others.
 """
 
 
-class Metric(ABC):
+class Preconditioner(ABC):
     """Preconditioner; the module docstring gives its properties."""
 
     @property
     @abstractmethod
-    def kind(self) -> Kind:
-        """Kind of the preconditioner."""
+    def kind(self) -> PreconditionerKind:
+        """PreconditionerKind of the preconditioner."""
 
     @abstractmethod
     def check(self, row: Row) -> None:
@@ -205,9 +205,9 @@ class Metric(ABC):
 
         Examples
         --------
-        >>> from ann_dc.network.metrics import TimeConstants
+        >>> from ann_dc.network.preconditioners import Diagonal
         >>> row = Row(rates=np.ones((1, 2)), primal=np.array([0]), chains=np.zeros((0, 2), int))
-        >>> clamp = TimeConstants().clamp(row, np.array([False, True]))
+        >>> clamp = Diagonal().clamp(row, np.array([False, True]))
         >>> [found.tolist() for found in clamp(np.array([2.0, 3.0]))]
         [[2.0, 0.0], [0.0, -3.0]]
         """

@@ -14,14 +14,14 @@ from typing import final
 import numpy as np
 from scipy import sparse
 
-from ann_dc.network.preconditioners.base import Kind, Row, Wires
+from ann_dc.network.preconditioners.base import PreconditionerKind, Row, Wires
 from ann_dc.network.preconditioners.elimination import Elimination, eliminate
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Tree(Stiffness):
+class CyclicReduction(Stiffness):
     """Stiffness between neighbours, realised by cyclic reduction.
 
     Examples
@@ -29,16 +29,16 @@ class Tree(Stiffness):
     One neuron in each of three cells: the outer ones feed the middle one.
 
     >>> own = np.full((3, 1, 1), 1.0)
-    >>> tree = Tree(own=own, following=np.full((2, 1, 1), -0.5))
+    >>> tree = CyclicReduction(own=own, following=np.full((2, 1, 1), -0.5))
     >>> row = Row(rates=np.ones((1, 3)), primal=np.array([0]), chains=np.zeros((0, 2), int))
     >>> tree.wires(row).weights.toarray().tolist()
     [[0.0, 0.5, 0.0], [0.0, 0.0, 0.0], [0.0, 0.5, 0.0]]
     """
 
     @property
-    def kind(self) -> Kind:
-        """Kind of the preconditioner, `Kind.TREE`."""
-        return Kind.TREE
+    def kind(self) -> PreconditionerKind:
+        """PreconditionerKind of the preconditioner, `PreconditionerKind.CYCLIC_REDUCTION`."""
+        return PreconditionerKind.CYCLIC_REDUCTION
 
     def elimination(self, row: Row) -> Elimination:
         """Return the levels of the tree."""

@@ -8,18 +8,24 @@ from typing import final
 import numpy as np
 from scipy import sparse
 
-from ann_dc.network.preconditioners.base import Factors, Kind, Metric, Row, Wires
+from ann_dc.network.preconditioners.base import (
+    Factors,
+    Preconditioner,
+    PreconditionerKind,
+    Row,
+    Wires,
+)
 
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TimeConstants(Metric):
+class Diagonal(Preconditioner):
     """Diagonal preconditioner M = diag(1 / tau), the default of a network."""
 
     @property
-    def kind(self) -> Kind:
-        """Kind of the preconditioner, `Kind.TIME_CONSTANTS`."""
-        return Kind.TIME_CONSTANTS
+    def kind(self) -> PreconditionerKind:
+        """PreconditionerKind of the preconditioner, `PreconditionerKind.DIAGONAL`."""
+        return PreconditionerKind.DIAGONAL
 
     def check(self, row: Row) -> None:
         """Accept every cell array."""

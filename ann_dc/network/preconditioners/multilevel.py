@@ -27,7 +27,13 @@ import scipy.sparse.linalg
 from scipy import sparse
 
 from ann_dc.errors import NetworkError
-from ann_dc.network.preconditioners.base import Factors, Kind, Metric, Row, Wires
+from ann_dc.network.preconditioners.base import (
+    Factors,
+    Preconditioner,
+    PreconditionerKind,
+    Row,
+    Wires,
+)
 
 ROUNDING = 1e-6
 """Largest negative eigenvalue or asymmetry of a gain relative to its largest entry: single
@@ -37,7 +43,7 @@ precision.
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pyramid(Metric):
+class Multilevel(Preconditioner):
     """Multilevel preconditioner M = diag(1 / tau) + hats S hats', with the gains S.
 
     Raises `NetworkError` if a level does not have half the intervals of the previous one. The error
@@ -61,7 +67,7 @@ class Pyramid(Metric):
 
     >>> gain = np.zeros((3, 1, 1))
     >>> gain[1] = 4.0
-    >>> Pyramid(gains=(gain, np.zeros((2, 1, 1)))).spread(np.array([[1.0, 2.0, 1.0]])).tolist()
+    >>> Multilevel(gains=(gain, np.zeros((2, 1, 1)))).spread(np.array([[1.0, 2.0, 1.0]])).tolist()
     [[0.0, 8.0, 0.0]]
     """
 
@@ -70,9 +76,7 @@ class Pyramid(Metric):
     def __post_init__(self) -> None:
         intervals = [len(gain) - 1 for gain in self.gains]
         if not intervals:
-            raise NetworkError(
-                "gains: no levels given; use TimeConstants() for a network without any"
-            )
+            raise NetworkError("gains: no levels given; use Diagonal() for a network without any")
         halved = all(fine == 2 * coarse for fine, coarse in itertools.pairwise(intervals))
         if not halved or intervals[-1] < 1:
             raise NetworkError(
@@ -92,11 +96,14 @@ class Pyramid(Metric):
         return self.gains[0].shape[-1]
 
     @property
-    def kind(self) -> Kind:
-        """Kind of the preconditioner, `Kind.COUPLED_PYRAMID` if a gain is not diagonal."""
+    def kind(self) -> PreconditionerKind:
+        """PreconditionerKind of the preconditioner, `PreconditionerKind.COUPLED_MULTILEVEL` if a
+        gain
+        is not diagonal.
+        """
         beside = ~np.eye(self.chains, dtype=bool)
         coupled = any(gain[:, beside].any() for gain in self.gains)
-        return Kind.COUPLED_PYRAMID if coupled else Kind.PYRAMID
+        return PreconditionerKind.COUPLED_MULTILEVEL if coupled else PreconditionerKind.MULTILEVEL
 
     @property
     def size(self) -> int:

@@ -11,13 +11,13 @@ from typing import final
 
 from scipy import sparse
 
-from ann_dc.network.preconditioners.base import Kind, Row, Wires
+from ann_dc.network.preconditioners.base import PreconditionerKind, Row, Wires
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Grid(Stiffness):
+class ResistiveGrid(Stiffness):
     """Stiffness between neighbours, realised as a resistive grid.
 
     Examples
@@ -26,7 +26,7 @@ class Grid(Stiffness):
 
     >>> import numpy as np
     >>> own = np.full((3, 1, 1), 1.0)
-    >>> grid = Grid(own=own, following=np.full((2, 1, 1), -0.5))
+    >>> grid = ResistiveGrid(own=own, following=np.full((2, 1, 1), -0.5))
     >>> row = Row(rates=np.ones((1, 3)), primal=np.array([0]), chains=np.zeros((0, 2), int))
     >>> grid.apply(row, np.array([[1.0, 0.0, 0.0]])).round(2).tolist()
     [[1.5, 1.0, 0.5]]
@@ -35,9 +35,9 @@ class Grid(Stiffness):
     """
 
     @property
-    def kind(self) -> Kind:
-        """Kind of the preconditioner, `Kind.GRID`."""
-        return Kind.GRID
+    def kind(self) -> PreconditionerKind:
+        """PreconditionerKind of the preconditioner, `PreconditionerKind.RESISTIVE_GRID`."""
+        return PreconditionerKind.RESISTIVE_GRID
 
     def wires(self, row: Row) -> Wires:
         """Return one wire, with weight S, between each two neurons that S couples."""

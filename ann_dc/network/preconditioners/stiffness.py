@@ -22,11 +22,11 @@ import scipy.linalg
 from scipy import sparse
 
 from ann_dc.errors import NetworkError
-from ann_dc.network.preconditioners.base import Clamp, Factors, Metric, Row
+from ann_dc.network.preconditioners.base import Clamp, Factors, Preconditioner, Row
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Stiffness(Metric):
+class Stiffness(Preconditioner):
     """Stiffness S between the m primal neurons of every cell and of the next.
 
     Raises `NetworkError` if the shapes disagree, a number is not finite, or ``own`` is not

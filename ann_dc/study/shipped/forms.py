@@ -35,7 +35,7 @@ def settling_of_forms(
     subject: str | OptimalControlProblem,
     *,
     forms: Sequence[str] = FORMS,
-    kind: str = "pyramid",
+    kind: str = "multilevel",
 ) -> Study:
     """Declare a study of the forms corrected, printed and S1 to S17.
 
@@ -48,7 +48,7 @@ def settling_of_forms(
     forms : sequence of str
         Values of 'design.form'. Default: all.
     kind : str
-        Preconditioner kind, a value of 'design.kind'. Default "pyramid" (additive multilevel). A
+        Preconditioner kind, a value of 'design.kind'. Default "multilevel" (additive multilevel). A
         resistive grid is designed for the corrected equations, and some errata that settle
         otherwise diverge with it.
 

@@ -63,7 +63,7 @@ def gain_names(subject: str | OptimalControlProblem | Network) -> tuple[str, ...
 def settling_against_gains(
     subject: str | OptimalControlProblem | Network,
     *,
-    kind: str = "pyramid",
+    kind: str = "multilevel",
     factors: Sequence[float] = FACTORS,
     gains: Sequence[str] | None = None,
 ) -> dict[str, Study]:
@@ -77,7 +77,7 @@ def settling_against_gains(
     subject : str, OptimalControlProblem or Network
         Plant name, problem or network. A network retains its preconditioner regardless of `kind`.
     kind : str
-        Preconditioner kind, a value of 'design.kind'. Default "pyramid" (additive multilevel).
+        Preconditioner kind, a value of 'design.kind'. Default "multilevel" (additive multilevel).
     factors : sequence of float
         Positive factors in ascending order. Default: 0.01 to 100.
     gains : sequence of str, optional

@@ -51,7 +51,7 @@ def settling_against_horizon(
     *,
     sizes: Iterable[int] = SIZES,
     duration: float | None = None,
-    kind: str = "tree",
+    kind: str = "cyclic-reduction",
     rho: float | None = None,
 ) -> dict[int, Study]:
     """Declare a study of one case per number of stages, at constant duration.
@@ -65,7 +65,8 @@ def settling_against_horizon(
     duration : float, optional
         Duration of the horizon in the plant's time. By default N times dt of the subject.
     kind : str
-        Preconditioner kind, a value of 'design.kind'. Default "tree" (cyclic reduction).
+        Preconditioner kind, a value of 'design.kind'. Default "cyclic-reduction" (cyclic
+        reduction).
     rho : float, optional
         Penalty of every network, the median over its dual neurons as in `median_rho`. By default
         each design chooses its rho.

@@ -19,7 +19,7 @@ REALISATIONS: dict[str, dict[str, Value]] = {
     "op amps, ngspice": {"run.backend": "spice", "circuit.level": "macro"},
 }
 """Settings by realisation."""
-FIXED: dict[str, Value] = {"design.kind": "time-constants"}
+FIXED: dict[str, Value] = {"design.kind": "diagonal"}
 """Preconditioner that all realisations support."""
 METRICS = ("control_error", "control_settling_time", "seconds")
 

@@ -40,7 +40,7 @@ def settling_against_steps(
     subject: str | OptimalControlProblem,
     *,
     over: Mapping[str, Any],
-    kind: str = "pyramid",
+    kind: str = "multilevel",
     samples: int = 100,
     shares: Sequence[float] = SHARES,
     limit: int = 3000,
@@ -55,7 +55,7 @@ def settling_against_steps(
         Ranges of sampled settings, such as ``{"input.q_d.x": (4, 6)}``. Random initial guesses and
         targets are equal in all studies.
     kind : str
-        Preconditioner kind, a value of 'design.kind'. Default "pyramid" (additive multilevel).
+        Preconditioner kind, a value of 'design.kind'. Default "multilevel" (additive multilevel).
     samples : int
         Number of samples. Default 100.
     shares : sequence of float

@@ -25,7 +25,7 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.procedure import design
 from ann_dc.network.cell import ONE, Cell, Connection, Function, Limiter, Neuron, Product
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.solver import synthesize
 
 
@@ -63,7 +63,7 @@ def railed() -> Network:
     return Network(cell=Cell(neurons=neurons, connections=wires), stages=1, start={"x": -0.2})
 
 
-def car(kind: Kind) -> Network:
+def car(kind: PreconditionerKind) -> Network:
     return design(synthesize(SUITE["car"].problem), kinds=(kind,)).network
 
 
@@ -72,8 +72,8 @@ NETWORKS: dict[str, Callable[[], Network]] = {
     "chain": chain,
     "van_der_pol": van_der_pol,
     "railed": railed,
-    "car_grid": lambda: car(Kind.GRID),
-    "car_pyramid": lambda: car(Kind.PYRAMID),
+    "car_grid": lambda: car(PreconditionerKind.RESISTIVE_GRID),
+    "car_pyramid": lambda: car(PreconditionerKind.MULTILEVEL),
     "cstr": lambda: designed("cstr").network,
     "pendulum": lambda: designed("pendulum").network,
     "double_integrator": lambda: designed("double_integrator").network,

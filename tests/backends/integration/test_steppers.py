@@ -9,7 +9,7 @@ from ann_dc.backends import ode
 from ann_dc.backends.ode import METHODS, OdeBackend
 from ann_dc.network.cell import ONE, Cell, Connection, Limiter, Neuron, Role
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 
 LOWEST = -1.0
 """Where the drive of x would take it, below its rail at zero."""
@@ -30,8 +30,8 @@ def two_neurons() -> Network:
         Neuron(name="m", role=Role.DUAL),  # at rest at one: the size of residuals
     )
     cell = Cell(neurons=neurons, inputs=("b",), connections=tuple(wires))
-    grid = Grid(own=np.array([[[1.0, -0.5], [-0.5, 1.0]]]), following=np.zeros((0, 2, 2)))
-    return Network(cell=cell, stages=1, inputs={"b": 5.0}, start={"m": 1.0}, metric=grid)
+    grid = ResistiveGrid(own=np.array([[[1.0, -0.5], [-0.5, 1.0]]]), following=np.zeros((0, 2, 2)))
+    return Network(cell=cell, stages=1, inputs={"b": 5.0}, start={"m": 1.0}, preconditioner=grid)
 
 
 def states_at(times: np.ndarray, b: float) -> np.ndarray:

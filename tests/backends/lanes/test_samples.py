@@ -6,7 +6,7 @@ import minimax
 import numpy as np
 import pytest
 from designs import designed, wired_with
-from random_metrics import with_stiffness
+from random_preconditioners import with_stiffness
 
 import ann_dc
 from ann_dc.backends.batch import BatchRun
@@ -19,7 +19,7 @@ from ann_dc.hardware.defects.numbers import detuned, leak, mismatch, offset
 from ann_dc.hardware.defects.parts import extra_pole, rails, slew
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Sum
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 STEP = ann_dc.FixedStep(step=1e-3)
 
@@ -30,7 +30,7 @@ def drawn(network: Network, count: int, size: float = 0.02) -> list[Network]:
 
 def spoiled(name: str) -> Network:
     """With parts that the design did not have: leaks, offsets, poles, clipped drives, rails."""
-    network = offset(leak(wired_with(name, Kind.TIME_CONSTANTS), 1e3), 1e-3, seed=4)
+    network = offset(leak(wired_with(name, PreconditionerKind.DIAGONAL), 1e3), 1e-3, seed=4)
     return rails(slew(extra_pole(network, 50.0), 20.0), 50.0)
 
 
@@ -54,11 +54,13 @@ def by_hand() -> Network:
 
 
 NETWORKS = {
-    "time constants": lambda: wired_with("van_der_pol", Kind.TIME_CONSTANTS),
-    "pyramid": lambda: wired_with("pendulum", Kind.PYRAMID),
-    "coupled pyramid": lambda: wired_with("unicycle", Kind.COUPLED_PYRAMID),
-    "grid": lambda: wired_with("car", Kind.GRID),
-    "tree, odd": lambda: with_stiffness(ann_dc.synthesize(ann_dc.plants.cart_pole(N=3)), Kind.TREE),
+    "time constants": lambda: wired_with("van_der_pol", PreconditionerKind.DIAGONAL),
+    "pyramid": lambda: wired_with("pendulum", PreconditionerKind.MULTILEVEL),
+    "coupled pyramid": lambda: wired_with("unicycle", PreconditionerKind.COUPLED_MULTILEVEL),
+    "grid": lambda: wired_with("car", PreconditionerKind.RESISTIVE_GRID),
+    "tree, odd": lambda: with_stiffness(
+        ann_dc.synthesize(ann_dc.plants.cart_pole(N=3)), PreconditionerKind.CYCLIC_REDUCTION
+    ),
     "long pyramid": lambda: designed("car_N36").network,
     "defects": lambda: spoiled("double_integrator"),
     "bus": shared,
@@ -132,7 +134,7 @@ def test_the_bits_of_a_sample_depend_on_nothing_beside_it(make):
 
 def test_a_sample_that_fails_leaves_nothing_behind():
     """One whose weights make it diverge, in a row with a cell more on one side."""
-    network = wired_with("car", Kind.GRID)
+    network = wired_with("car", PreconditionerKind.RESISTIVE_GRID)
     numbers = numbers_of([network, *drawn(network, 19)])
     wild = numbers.weights.copy()
     wild[3] *= -1e3

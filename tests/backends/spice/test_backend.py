@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import sympy as sp
-from metric_networks import with_metric
+from preconditioner_networks import with_preconditioner
 from problems import SUITE
 from simulator import needs_ngspice
 
@@ -22,7 +22,7 @@ from ann_dc.hardware.parts.foundry import SKY130
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c, switched_capacitor
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.problem.step_length import StepLength
 from ann_dc.solution.solution import certificate_of
@@ -31,7 +31,7 @@ from ann_dc.solver import synthesize
 
 @cache
 def neighbour_wired(name: str) -> Network:
-    return design(synthesize(SUITE[name].problem), kinds=(Kind.TIME_CONSTANTS,)).network
+    return design(synthesize(SUITE[name].problem), kinds=(PreconditionerKind.DIAGONAL,)).network
 
 
 @cache
@@ -41,7 +41,11 @@ def prepared(name: str):
 
 @cache
 def run_of(name: str, level=BEHAVIOURAL, coordinated: bool = False):
-    network = with_metric(name, Kind.PYRAMID) if coordinated else neighbour_wired(name)
+    network = (
+        with_preconditioner(name, PreconditionerKind.MULTILEVEL)
+        if coordinated
+        else neighbour_wired(name)
+    )
     return SpiceBackend(level=level).run(network)
 
 
@@ -82,15 +86,15 @@ def test_a_free_start_and_a_step_length_that_is_chosen_are_parts_like_others():
     given, h = plants.double_integrator(N=4, q_0=(0, None)), sp.Symbol("h")
     cost = h * (1 + given.cost + given.states[1] ** 2)
     problem = replace(given, dt=StepLength(low=0.1, high=2.0), cost=cost)
-    network = design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
+    network = design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
     run = SpiceBackend().run(network)
     assert run.mean_square_error < 1e-5
     assert run.control_error < 1e-5
 
 
 def test_ideal_parts_build_no_grid():
-    network = with_metric("double_integrator", Kind.GRID, 5)
-    with pytest.raises(NetworkError, match="behavioural circuits cannot build a neighbour grid"):
+    network = with_preconditioner("double_integrator", PreconditionerKind.RESISTIVE_GRID, 5)
+    with pytest.raises(NetworkError, match="behavioural circuits cannot build a resistive grid"):
         SpiceBackend().run(network)
 
 

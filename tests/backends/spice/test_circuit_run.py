@@ -20,7 +20,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.circuit.cost import OP_AMP
 from ann_dc.hardware.parts.levels import TRANSISTOR, macro
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solution.solution import certificate_of
@@ -40,7 +40,7 @@ OSCILLATOR = SUITE["van_der_pol"].problem.with_horizon(4)
 
 @cache
 def run_of(problem: OptimalControlProblem) -> CircuitRun:
-    network = design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
+    network = design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
     return SpiceBackend(level=TRANSISTOR).run(network)
 
 
@@ -95,7 +95,7 @@ def test_nothing_clips_without_being_told():
 
 def test_a_circuits_curves_are_over_seconds(tmp_path):
     network = design(
-        synthesize(plants.double_integrator(N=3)), kinds=(Kind.TIME_CONSTANTS,)
+        synthesize(plants.double_integrator(N=3)), kinds=(PreconditionerKind.DIAGONAL,)
     ).network
     circuit, probe = SpiceBackend().prepare(network)
     deck = SpiceBackend().deck(circuit, probe, {})
@@ -112,7 +112,7 @@ def test_a_circuits_curves_are_over_seconds(tmp_path):
 def test_circuit_run_at_rest_has_finite_mean_square_error():
     """The ODE's states are all zero: a hundredth of a scale stands for them."""
     network = design(
-        synthesize(plants.double_integrator(N=3)), kinds=(Kind.TIME_CONSTANTS,)
+        synthesize(plants.double_integrator(N=3)), kinds=(PreconditionerKind.DIAGONAL,)
     ).network
     circuit, probe = SpiceBackend().prepare(network)
     deck = SpiceBackend().deck(circuit, probe, {})
@@ -130,7 +130,7 @@ def test_circuit_run_at_rest_has_finite_mean_square_error():
 def test_tightest_node_is_the_one_that_the_overloads_name():
     """Every node of two cells at its share of full scale; m.x goes beyond it."""
     network = design(
-        synthesize(plants.double_integrator(N=3)), kinds=(Kind.TIME_CONSTANTS,)
+        synthesize(plants.double_integrator(N=3)), kinds=(PreconditionerKind.DIAGONAL,)
     ).network
     backend = SpiceBackend(level=macro())
     circuit, probe = backend.prepare(network)
@@ -156,7 +156,7 @@ def test_tightest_node_is_the_one_that_the_overloads_name():
 @pytest.mark.slow
 def test_eighty_stages_of_op_amps_follow_the_ode():
     """Over 543 fastest time constants; ``tests/bench/circuits.py`` times a whole run."""
-    network = design(synthesize(plants.car(N=80)), kinds=(Kind.TIME_CONSTANTS,)).network
+    network = design(synthesize(plants.car(N=80)), kinds=(PreconditionerKind.DIAGONAL,)).network
     backend = SpiceBackend(level=macro(), simulator=Ngspice(timeout=180))
     circuit, probe = backend.prepare(network)
     duration = 543 / spectrum(network, probe.final).radius

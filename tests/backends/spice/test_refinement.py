@@ -19,7 +19,7 @@ from ann_dc.fidelity.circuit_study import measured_runs
 from ann_dc.fidelity.prediction import predict
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import macro, switched_capacitor
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.report.tables import measured
@@ -72,7 +72,7 @@ CASES = [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in P
 @cache
 def prepared(name: str):
     return BACKEND.prepare(
-        design(synthesize(PROBLEMS[name]()), kinds=(Kind.TIME_CONSTANTS,)).network
+        design(synthesize(PROBLEMS[name]()), kinds=(PreconditionerKind.DIAGONAL,)).network
     )
 
 
@@ -198,7 +198,7 @@ def test_sampled_circuits_and_studies_are_timed_by_finer_steps():
     study = Study(
         subject=PROBLEMS["double_integrator"](),
         over={"run.backend": ["emulation", "spice"]},
-        fixed={"circuit.level": "macro", "design.kind": "time-constants"},
+        fixed={"circuit.level": "macro", "design.kind": "diagonal"},
         metrics=["seconds", "control_settling_time"],
     )
     emulated, simulated = study.run(workers=0)["seconds"]
@@ -215,7 +215,7 @@ def test_a_clocked_circuit_is_good_to_a_period():
     level = switched_capacitor(step=0.1)
     backend = SpiceBackend(level=level)
     network = design(
-        synthesize(plants.double_integrator(N=2)), kinds=(Kind.TIME_CONSTANTS,)
+        synthesize(plants.double_integrator(N=2)), kinds=(PreconditionerKind.DIAGONAL,)
     ).network
     run = refined(backend.run(network), BACKEND.simulator, level.datasheet)
     assert run.settling_error == pytest.approx(1 / level.technology.clock)

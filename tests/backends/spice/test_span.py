@@ -14,7 +14,7 @@ from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -22,7 +22,7 @@ from ann_dc.solver import synthesize
 @cache
 def prepared(margin: float = 10.0):
     network = design(
-        synthesize(plants.double_integrator(N=5)), kinds=(Kind.TIME_CONSTANTS,)
+        synthesize(plants.double_integrator(N=5)), kinds=(PreconditionerKind.DIAGONAL,)
     ).network
     return SpiceBackend(level=macro(), margin=margin).prepare(network)
 

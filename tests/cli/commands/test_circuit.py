@@ -340,38 +340,38 @@ def test_a_volt_of_every_control_is_told(tmp_path):
     assert strict(result)["shortcoming"] == ""
 
 
-# ---- metrics -------------------------------------------------------------------------------------
+# ---- preconditioners -----------------------------------------------------------------------------
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "word",
     [
-        "grid",
+        "resistive-grid",
         *(
             pytest.param(word, marks=pytest.mark.slow)
-            for word in ("coupled-pyramid", "pyramid", "tree")
+            for word in ("coupled-multilevel", "multilevel", "cyclic-reduction")
         ),
     ],
 )
-def test_what_a_metric_demands_is_told_before_it_is_built(tmp_path, word):
+def test_what_a_preconditioner_demands_is_told_before_it_is_built(tmp_path, word):
     bill, result = tmp_path / "a.csv", tmp_path / "a.json"
     files = "--bill", bill, "--json", result
     code, text = run(*CIRCUIT, "--no-simulate", "--metric", word, *files)
     assert code == 0, text
     assert "demands that its nodes follow within" in " ".join(text.split())
     found = strict(result)
-    assert found["metric"] == word.replace("-", "_")
+    assert found["preconditioner"] == word.replace("-", "_")
     assert 0 < found["demand"]["lag"] <= 1
     assert 0 < found["demand"]["error"] <= 1
-    node = "node" if word == "grid" else "resistor from own."
+    node = "node" if word == "resistive-grid" else "resistor from own."
     assert node in bill.read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
 def test_where_a_demand_is_not_told_the_report_says_why(tmp_path, monkeypatch):
     monkeypatch.setattr("ann_dc.fidelity.circuit_study.DENSE_LIMIT", 10)
-    arguments = "--no-simulate", "--metric", "pyramid", "--json", tmp_path / "a.json"
+    arguments = "--no-simulate", "--metric", "multilevel", "--json", tmp_path / "a.json"
     code, text = run(*CIRCUIT, *arguments)
     assert code == 0, text
     assert "no demand on its wires is told: with" in " ".join(text.split())
@@ -390,12 +390,18 @@ def test_time_constants_demand_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--metric", "tre"), "time-constants, pyramid, coupled-pyramid, grid, tree"),
-        (("--metric", "tree", "--level", "ota-c"), "ota-c circuits cannot build a feed-forward"),
-        (("--metric", "grid", "--level", "differential"), "cannot build a neighbour grid"),
+        (("--metric", "tre"), "diagonal, multilevel, coupled-multilevel, resistive-grid, cyclic-"),
+        (
+            ("--metric", "cyclic-reduction", "--level", "ota-c"),
+            "ota-c circuits cannot build a cyclic",
+        ),
+        (
+            ("--metric", "resistive-grid", "--level", "differential"),
+            "cannot build a resistive grid",
+        ),
     ],
 )
-def test_a_metric_that_cannot_be_built_is_told(arguments, sentence):
+def test_a_preconditioner_that_cannot_be_built_is_told(arguments, sentence):
     code, text = run(*CIRCUIT, "--no-simulate", *arguments)
     assert code == 2
     assert sentence in " ".join(text.split())

@@ -14,7 +14,7 @@ WORDS = ["design", "double_integrator", "-N", "5"]
 def test_a_design_tells_its_candidates():
     code, text = run(*WORDS)
     assert code == 0
-    for word in ("first run", "frozen with", "predicted", "metric", "(frozen)"):
+    for word in ("first run", "frozen with", "predicted", "preconditioner", "(frozen)"):
         assert word in text
     assert "why:" not in text
 
@@ -107,10 +107,10 @@ def test_the_same_family_writes_the_same_bytes_and_another_seed_others(tmp_path)
 @pytest.mark.slow
 def test_a_family_with_too_many_failures_ends_with_code_1(monkeypatch):
     monkeypatch.setattr(sys.modules["ann_dc.cli.commands.design"], "ENOUGH", 1.01)
-    code, text = run(*FAMILY, "--kinds", "pyramid")
+    code, text = run(*FAMILY, "--kinds", "multilevel")
     assert code == 1
     assert "20 of 20 settle" in text
-    assert "pyramid of coarse coordinators from" in text
+    assert "multilevel from" in text
 
 
 BAD = {

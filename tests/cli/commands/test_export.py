@@ -37,7 +37,9 @@ def test_a_weight_file_is_a_problem_too(tmp_path, ending):
     code, text = run("export", file, "--set", "N=3", "--to", "diagram", "--out", tmp_path)
     assert code == 2
     assert "a network stays as it was designed" in text
-    refused(["export", file, "--metric", "pyramid"], "leave out --set, --horizon, --q-0, --q-d and")
+    refused(
+        ["export", file, "--metric", "multilevel"], "leave out --set, --horizon, --q-0, --q-d and"
+    )
 
 
 def test_a_changed_file_is_told(tmp_path):

@@ -79,7 +79,7 @@ def test_a_run_that_does_not_settle_is_told_with_code_1_and_null(tmp_path):
 def test_an_end_that_misses_the_target_is_not_certified(tmp_path):
     """S13 wires no terminal condition: the network settles, but not at q_d."""
     file = tmp_path / "result.json"
-    options = ("--form", "S13", "--kinds", "pyramid", "--no-verify")
+    options = ("--form", "S13", "--kinds", "multilevel", "--no-verify")
     code, text = run("solve", "car", *options, "--json", file)
     assert code == 1
     assert "no: the KKT residual" in text

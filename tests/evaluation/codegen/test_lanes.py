@@ -10,10 +10,15 @@ from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.codegen.memory import LINE
 from ann_dc.evaluation.codegen.plan import WRITTEN_OUT, Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
-KINDS = Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TIME_CONSTANTS
+KINDS = (
+    PreconditionerKind.MULTILEVEL,
+    PreconditionerKind.COUPLED_MULTILEVEL,
+    PreconditionerKind.RESISTIVE_GRID,
+    PreconditionerKind.DIAGONAL,
+)
 
 
 def of_every_lane(lanes: Lanes, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -48,7 +53,7 @@ def test_every_lane_is_a_state_of_its_own(monkeypatch, name, kind, most):
 
 
 def test_a_drive_that_is_no_number_is_no_small_residual():
-    network = wired_with("car", Kind.PYRAMID)
+    network = wired_with("car", PreconditionerKind.MULTILEVEL)
     lanes = Lanes(InterpretedEvaluator(network).tape, Axis.SAMPLES)
     states = near_start(network, 4, lanes.lanes)
     states[2, 5], states[6, 0] = np.nan, np.inf
@@ -58,5 +63,7 @@ def test_a_drive_that_is_no_number_is_no_small_residual():
 
 
 def test_tables_begin_at_a_line_of_the_cache():
-    lanes = Lanes(InterpretedEvaluator(wired_with("car", Kind.PYRAMID)).tape, Axis.SAMPLES)
+    lanes = Lanes(
+        InterpretedEvaluator(wired_with("car", PreconditionerKind.MULTILEVEL)).tape, Axis.SAMPLES
+    )
     assert {table.ctypes.data % LINE for table in lanes.tables.values()} == {0}

@@ -69,9 +69,9 @@ class Loops:
 
 CASES = {
     "functions": (ann_dc.plants.pendulum(N=4), {}),
-    "pyramid": (ann_dc.plants.unicycle(N=4), {"kinds": [ann_dc.Kind.PYRAMID]}),
-    "time constants": (ann_dc.plants.car(N=3), {"kinds": [ann_dc.Kind.TIME_CONSTANTS]}),
-    "tree": (ann_dc.plants.car(N=4), {"kinds": [ann_dc.Kind.TREE]}),
+    "pyramid": (ann_dc.plants.unicycle(N=4), {"kinds": [ann_dc.PreconditionerKind.MULTILEVEL]}),
+    "time constants": (ann_dc.plants.car(N=3), {"kinds": [ann_dc.PreconditionerKind.DIAGONAL]}),
+    "tree": (ann_dc.plants.car(N=4), {"kinds": [ann_dc.PreconditionerKind.CYCLIC_REDUCTION]}),
     "shared neurons": (minimax.small(4), {}),
     "inequalities": (constrained.integrator(N=5, dt=0.6, bounds={constrained.v: (None, 0.6)}), {}),
 }
@@ -137,7 +137,9 @@ def test_everything_is_within_machine_units(largest):
     assert at_integrators.max() == pytest.approx(largest)
 
 
-@pytest.mark.parametrize("kind", [ann_dc.Kind.GRID, ann_dc.Kind.TREE])
+@pytest.mark.parametrize(
+    "kind", [ann_dc.PreconditionerKind.RESISTIVE_GRID, ann_dc.PreconditionerKind.CYCLIC_REDUCTION]
+)
 def test_rails_of_coupled_neurons_are_refused_by_name(kind):
     network = railed(wired_with("double_integrator", kind), 0.5, "u")
     vector = reference_vector(network)
@@ -145,10 +147,10 @@ def test_rails_of_coupled_neurons_are_refused_by_name(kind):
         analog_computer_files(network, vector)
 
 
-def test_neurons_that_no_metric_couples_stop_at_their_rails():
+def test_neurons_that_no_preconditioner_couples_stop_at_their_rails():
     problem = ann_dc.plants.double_integrator(N=4)
     bounded = replace(problem, bounds={problem.controls[0]: (-27, 27)})
-    network = ann_dc.design(bounded, kinds=[ann_dc.Kind.PYRAMID]).network
+    network = ann_dc.design(bounded, kinds=[ann_dc.PreconditionerKind.MULTILEVEL]).network
     vector = reference_vector(network)
     controls = network.of_population("u")
     limit = network.neuron("u.a").limiter.high

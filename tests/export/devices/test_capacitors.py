@@ -15,7 +15,7 @@ from ann_dc.export.reference.vector import ReferenceVector, reference_vector
 from ann_dc.network.cell import ONE, Cell, Connection, Limiter, Neuron
 from ann_dc.network.network import Network
 
-KINDS = [ann_dc.Kind.TIME_CONSTANTS]
+KINDS = [ann_dc.PreconditionerKind.DIAGONAL]
 
 
 @pytest.fixture(scope="module")
@@ -139,9 +139,9 @@ def test_a_node_that_needs_more_is_refused_by_name(network, vector):
         capacitors_files(network, vector, largest=1e-6)
 
 
-def test_another_metric_is_refused():
+def test_another_preconditioner_is_refused():
     grid = ann_dc.design(ann_dc.plants.double_integrator(N=4)).network
-    with pytest.raises(ExportError, match=r"neighbour grid.*kinds=\[Kind.TIME_CONSTANTS\]"):
+    with pytest.raises(ExportError, match=r"resistive grid.*kinds=\[PreconditionerKind.DIAGONAL\]"):
         capacitors_files(grid, reference_vector(grid))
 
 

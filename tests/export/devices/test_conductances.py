@@ -214,7 +214,7 @@ def test_every_note_has_to_be_right(entry):
 
 
 @pytest.mark.slow
-def test_a_network_of_ninety_stages_with_a_metric():
+def test_a_network_of_ninety_stages_with_a_preconditioner():
     network = ann_dc.design(ann_dc.plants.car(N=90, dt=0.01)).network
     files = conductances_files(network, reference_vector(network), levels=4096)
     assert "weights within" in conductances_check(files)

@@ -70,12 +70,16 @@ def test_a_chain_shows_its_first_cells_and_its_last(stages, shown):
     assert any(text.startswith("q pinned at q_0") for text in texts)
 
 
-@pytest.mark.parametrize("kind", ["PYRAMID", "GRID", "TREE"])
-def test_a_chain_shows_its_metric(kind):
+@pytest.mark.parametrize("kind", ["MULTILEVEL", "RESISTIVE_GRID", "CYCLIC_REDUCTION"])
+def test_a_chain_shows_its_preconditioner(kind):
     problem = ann_dc.plants.double_integrator(N=9)
-    network = ann_dc.design(problem, kinds=[ann_dc.Kind[kind]]).network
+    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind[kind]]).network
     texts = [words.text for words in assert_readable(Picture(chain_page(network).svg(TOLD))).words]
-    sign = {"PYRAMID": "nodes, 16 intervals", "GRID": "resistors", "TREE": "2 blocks, 1 remains"}
+    sign = {
+        "MULTILEVEL": "nodes, 16 intervals",
+        "RESISTIVE_GRID": "resistors",
+        "CYCLIC_REDUCTION": "2 blocks, 1 remains",
+    }
     assert any(sign[kind] in text for text in texts)
 
 

@@ -80,9 +80,9 @@ def test_a_loaded_network_has_the_same_equations(network, vector, tmp_path):
     assert latex_files(load(tmp_path / "network.npz"), vector) == latex_files(network, vector)
 
 
-def test_a_metric_is_told(text_of, network):
+def test_a_preconditioner_is_told(text_of, network):
     assert "spreads them" not in text_of(network)
-    kinds = [ann_dc.Kind.PYRAMID]
+    kinds = [ann_dc.PreconditionerKind.MULTILEVEL]
     pyramid = ann_dc.design(ann_dc.plants.double_integrator(N=5), kinds=kinds).network
     assert "A pyramid of coarse coordinators spreads them over the row" in text_of(pyramid)
 

@@ -34,15 +34,19 @@ def pictures(network) -> list[Picture]:
     return [Picture(page.svg(TOLD)) for page in circuit_sheets(circuit, "behavioural")]
 
 
-def designed(problem, kind=ann_dc.Kind.TIME_CONSTANTS):
+def designed(problem, kind=ann_dc.PreconditionerKind.DIAGONAL):
     return ann_dc.design(problem, kinds=[kind]).network
 
 
 PROBLEMS = {
     "car": lambda: designed(ann_dc.plants.car()),
     "rows": lambda: designed(rows()),
-    "pyramid": lambda: designed(ann_dc.plants.double_integrator(N=5), ann_dc.Kind.PYRAMID),
-    "tree": lambda: designed(ann_dc.plants.double_integrator(N=5), ann_dc.Kind.TREE),
+    "pyramid": lambda: designed(
+        ann_dc.plants.double_integrator(N=5), ann_dc.PreconditionerKind.MULTILEVEL
+    ),
+    "tree": lambda: designed(
+        ann_dc.plants.double_integrator(N=5), ann_dc.PreconditionerKind.CYCLIC_REDUCTION
+    ),
 }
 
 
@@ -115,7 +119,7 @@ def test_files_are_the_same_bytes_and_pass_their_check(network, vector, files):
 
 def test_parts_have_the_values_of_the_pack():
     """A pyramid of op amps gets another margin, and with it other capacitors."""
-    network = designed(ann_dc.plants.double_integrator(N=3), ann_dc.Kind.PYRAMID)
+    network = designed(ann_dc.plants.double_integrator(N=3), ann_dc.PreconditionerKind.MULTILEVEL)
     vector = reference_vector(network)
     drawn = schematic_files(network, vector, level="macro")["schematic_1.svg"].decode()
     bill = pack_files(network, vector, level="macro")["bill.csv"].decode()
@@ -141,7 +145,7 @@ def test_an_unknown_level_is_refused(network, vector, level):
 
 
 def test_a_grid_is_refused_by_its_neurons():
-    grid = designed(ann_dc.plants.double_integrator(N=3), ann_dc.Kind.GRID)
+    grid = designed(ann_dc.plants.double_integrator(N=3), ann_dc.PreconditionerKind.RESISTIVE_GRID)
     with pytest.raises(ExportError, match=r"grid between q\.x, q\.v, u\.a, t\.x, t\.v"):
         schematic_files(grid, reference_vector(grid), level="macro")
 

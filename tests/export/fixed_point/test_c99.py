@@ -185,7 +185,9 @@ def test_it_is_checked():
 
 @pytest.mark.slow
 def test_a_car_of_90_stages_takes_seconds():
-    network = ann_dc.design(ann_dc.plants.car(N=90), kinds=[ann_dc.Kind.PYRAMID]).network
+    network = ann_dc.design(
+        ann_dc.plants.car(N=90), kinds=[ann_dc.PreconditionerKind.MULTILEVEL]
+    ).network
     vector = reference_vector(network)
     begun = process_time()
     files = c99_files(network, vector, accuracy=1e-2)

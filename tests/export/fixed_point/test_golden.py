@@ -15,7 +15,7 @@ from ann_dc.export.fixed_point.machine import Integers
 from ann_dc.export.fixed_point.widths import fixed_point
 from ann_dc.export.reference.vector import reference_vector
 from ann_dc.lowering.writing import program_of
-from ann_dc.network.preconditioners.diagonal import TimeConstants
+from ann_dc.network.preconditioners.diagonal import Diagonal
 
 QUICK = ["double_integrator", "car", "bounds", "objectives"]
 
@@ -63,8 +63,8 @@ def test_wider_words_are_more_accurate():
     assert errors[-1] < 1e-1 * errors[0]
 
 
-@pytest.mark.parametrize("kind", list(ann_dc.Kind))
-def test_every_metric_is_carried(kind):
+@pytest.mark.parametrize("kind", list(ann_dc.PreconditionerKind))
+def test_every_preconditioner_is_carried(kind):
     model = fixed_point(*walked("double_integrator", kind))
     assert model.error <= 1e-3
 
@@ -83,16 +83,20 @@ def test_rails_hold():
     assert any(ends)
 
 
-@pytest.mark.parametrize("kind", [ann_dc.Kind.GRID, ann_dc.Kind.TREE])
+@pytest.mark.parametrize(
+    "kind", [ann_dc.PreconditionerKind.RESISTIVE_GRID, ann_dc.PreconditionerKind.CYCLIC_REDUCTION]
+)
 def test_rails_of_coupled_neurons_are_refused_by_name(kind):
     network = railed(wired_with("double_integrator", kind), 0.5, "u")
     with pytest.raises(ExportError, match=rf"its {kind.value} couples neurons with rails \(u\.a\)"):
         program_of(network, 0.1)
-    assert len(program_of(replace(network, metric=TimeConstants()), 0.1).limits) == network.size
+    assert len(program_of(replace(network, preconditioner=Diagonal()), 0.1).limits) == network.size
 
 
-def test_rails_of_neurons_that_the_metric_does_not_couple_are_carried():
-    network = railed(wired_with("double_integrator", ann_dc.Kind.PYRAMID), 0.5, "u")
+def test_rails_of_neurons_that_the_preconditioner_does_not_couple_are_carried():
+    network = railed(
+        wired_with("double_integrator", ann_dc.PreconditionerKind.MULTILEVEL), 0.5, "u"
+    )
     assert np.isfinite(program_of(network, 0.1).limits).any()
 
 

@@ -53,7 +53,7 @@ def test_a_deck_of_a_foundrys_transistors_holds_their_models(small):
 def test_netlists_with_rows_for_rails_are_of_the_network_with_rails():
     """A tree hands the currents of rails on, so that rows stand in their place in the circuit."""
     problem = constrained.integrator(N=4, dt=0.5, bounds={"a": (-1.1, 1.1)})
-    network = ann_dc.design(problem, kinds=[ann_dc.Kind.TREE]).network
+    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.CYCLIC_REDUCTION]).network
     vector = reference_vector(network)
     for make, check in ((pack_files, pack_check), (kicad_files, kicad_check)):
         files = make(network, vector)
@@ -64,8 +64,8 @@ def test_netlists_with_rows_for_rails_are_of_the_network_with_rails():
 @pytest.fixture(scope="module")
 def pyramid():
     problem = ann_dc.plants.double_integrator(N=6)
-    network = ann_dc.design(problem, kinds=[ann_dc.Kind.PYRAMID]).network
-    assert network.metric.kind is ann_dc.Kind.PYRAMID
+    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.MULTILEVEL]).network
+    assert network.preconditioner.kind is ann_dc.PreconditionerKind.MULTILEVEL
     return network, reference_vector(network)
 
 
@@ -82,7 +82,7 @@ def test_a_pyramid_settles_with_the_margin_that_suits_it(pyramid, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_metric_that_no_margin_makes_stable_is_refused(pyramid, monkeypatch):
+def test_a_preconditioner_that_no_margin_makes_stable_is_refused(pyramid, monkeypatch):
     monkeypatch.setattr("ann_dc.export.netlists.build.fitting_margin", lambda *_: np.inf)
     monkeypatch.setattr("ann_dc.hardware.sizing.bandwidth_margin.least_margin", lambda *_: np.inf)
     meant = "no margin cures that; take op amps with less capacitance, or design the network with"
@@ -109,7 +109,9 @@ def test_a_circuit_that_gets_lost_on_its_way_is_told():
     network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
     vector = reference_vector(network)
     assert ann_dc.OdeBackend().run(network).status.settled
-    with pytest.warns(UserWarning, match="may settle to a wrong point: .* its transient .*PYRAMID"):
+    with pytest.warns(
+        UserWarning, match="may settle to a wrong point: .* its transient .*MULTILEVEL"
+    ):
         files = pack_files(network, vector, level="macro")
     assert b"WARNING: it may settle to a wrong point" in files["README.md"]
 
@@ -132,7 +134,7 @@ def test_a_circuit_that_gets_there_is_not_doubted(small):
 @pytest.fixture(scope="module")
 def integrator():
     problem = ann_dc.plants.double_integrator()
-    network = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     return network, reference_vector(network)
 
 

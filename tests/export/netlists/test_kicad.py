@@ -185,7 +185,9 @@ def test_a_level_without_parts_is_refused(small):
 
 def test_same_input_same_bytes(small):
     network, vector = small
-    again = ann_dc.design(ann_dc.plants.double_integrator(N=3), kinds=[ann_dc.Kind.TIME_CONSTANTS])
+    again = ann_dc.design(
+        ann_dc.plants.double_integrator(N=3), kinds=[ann_dc.PreconditionerKind.DIAGONAL]
+    )
     assert kicad_files(again.network, vector) == kicad_files(network, vector)
 
 

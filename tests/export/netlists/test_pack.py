@@ -26,7 +26,7 @@ from ann_dc.export.reference.vector import reference_vector
 from ann_dc.hardware.parts.e_series import E96
 
 SUMS = "SHA256SUMS"
-KINDS = [ann_dc.Kind.TIME_CONSTANTS]
+KINDS = [ann_dc.PreconditionerKind.DIAGONAL]
 
 
 def table(file: Path) -> list[dict[str, str]]:
@@ -268,8 +268,10 @@ def test_what_cannot_be_built_is_refused_by_name(car, small):
         pack_files(*small, level="ota-c", series="E24")
     with pytest.raises(ExportError, match="another network's than"):
         pack_files(small[0], car[1])
-    grid = ann_dc.design(ann_dc.plants.double_integrator(N=5), kinds=[ann_dc.Kind.GRID]).network
-    with pytest.raises(ExportError, match="behavioural circuits cannot build a neighbour grid"):
+    grid = ann_dc.design(
+        ann_dc.plants.double_integrator(N=5), kinds=[ann_dc.PreconditionerKind.RESISTIVE_GRID]
+    ).network
+    with pytest.raises(ExportError, match="behavioural circuits cannot build a resistive grid"):
         pack_files(grid, reference_vector(grid), level="behavioural")
 
 

@@ -19,7 +19,7 @@ from ann_dc.export.netlists.verilog_a import verilog_a_check, verilog_a_files
 from ann_dc.export.netlists.verilog_reader import modules_of
 from ann_dc.export.reference.vector import reference_vector
 
-KINDS = [ann_dc.Kind.TIME_CONSTANTS]
+KINDS = [ann_dc.PreconditionerKind.DIAGONAL]
 FUNCTIONS = {"ln": np.log, "max": max, "min": min} | {
     name: getattr(np, name) for name in ("sin", "cos", "tan", "exp", "sqrt", "tanh", "sinh", "cosh")
 } | {"atan": np.arctan, "asin": np.arcsin, "acos": np.arccos}  # fmt: skip
@@ -155,8 +155,10 @@ def test_a_changed_file_is_found(small):
 
 
 def test_what_cannot_be_built_is_refused():
-    grid = ann_dc.design(ann_dc.plants.double_integrator(N=5), kinds=[ann_dc.Kind.GRID]).network
-    with pytest.raises(ExportError, match="behavioural circuits cannot build a neighbour grid"):
+    grid = ann_dc.design(
+        ann_dc.plants.double_integrator(N=5), kinds=[ann_dc.PreconditionerKind.RESISTIVE_GRID]
+    ).network
+    with pytest.raises(ExportError, match="behavioural circuits cannot build a resistive grid"):
         verilog_a_files(grid, reference_vector(grid))
 
 

@@ -5,12 +5,12 @@ import pytest
 import ann_dc
 from ann_dc.export.onnx.files import onnx_files
 from ann_dc.export.reference.vector import reference_vector
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 
 @pytest.fixture(scope="session")
 def car() -> ann_dc.Network:
-    return ann_dc.design(ann_dc.plants.car(), kinds=[Kind.COUPLED_PYRAMID]).network
+    return ann_dc.design(ann_dc.plants.car(), kinds=[PreconditionerKind.COUPLED_MULTILEVEL]).network
 
 
 @pytest.fixture(scope="session")

@@ -20,7 +20,7 @@ from ann_dc.export.onnx.check import onnx_check
 from ann_dc.export.onnx.files import onnx_files
 from ann_dc.export.reference.vector import reference_vector
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 STEP = 0.1
 SEEDS = st.integers(0, 2**32 - 1)
@@ -37,7 +37,7 @@ def some_states(network: Network, seed: int, samples: int) -> np.ndarray:
 
 @pytest.mark.slow
 @settings(max_examples=20, deadline=None)
-@given(seed=SEEDS, kind=st.sampled_from(Kind))
+@given(seed=SEEDS, kind=st.sampled_from(PreconditionerKind))
 def test_a_step_is_the_networks(seed, kind):
     network = random_network(seed, kind)
     onnx, starts = OnnxNetwork(network), some_states(network, seed, 3)
@@ -68,7 +68,10 @@ def test_steps_follow_the_rule_of_rails_where_the_held_set_changes_a_hundred_tim
     assert (off <= 1e-12 * np.abs(expected).max(axis=1) + rounding).all()
 
 
-@pytest.mark.parametrize(("kind", "population"), [(Kind.PYRAMID, "q"), (Kind.GRID, "u")])
+@pytest.mark.parametrize(
+    ("kind", "population"),
+    [(PreconditionerKind.MULTILEVEL, "q"), (PreconditionerKind.RESISTIVE_GRID, "u")],
+)
 def test_files_of_clamped_networks_settle_where_their_vector_does(kind, population):
     size, _ = resting_at_rails("lq_unst", population)
     network = railed(wired_with("lq_unst", kind), size, population)
@@ -81,7 +84,7 @@ def test_files_of_clamped_networks_settle_where_their_vector_does(kind, populati
 
 @pytest.mark.slow
 @settings(max_examples=8, deadline=None)
-@given(seed=SEEDS, kind=st.sampled_from(Kind))
+@given(seed=SEEDS, kind=st.sampled_from(PreconditionerKind))
 def test_float32_is_close(seed, kind):
     network = random_network(seed, kind)
     states = np.moveaxis(network.unpack(some_states(network, seed, 4)), 0, -1)

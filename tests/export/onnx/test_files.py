@@ -58,7 +58,7 @@ def test_numbers_have_the_names_of_the_network(car, files):
         weight = np.ravel(connection.weight)
         if connection.source != "one" and not (np.abs(weight) == 1).all():
             np.testing.assert_array_equal(tables[f"weight.{connection.name}"].ravel(), weight)
-    for level, gain in enumerate(car.metric.gains):
+    for level, gain in enumerate(car.preconditioner.gains):
         np.testing.assert_array_equal(tables[f"coordinator.{level}"], gain)
 
 

@@ -16,7 +16,7 @@ from ann_dc.export.reference.vector import reference_vector
 from ann_dc.network.cell import Cell, Connection, Function, Neuron
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 
 def layer_steps(network: Network, x: np.ndarray, inputs, step: float, tolerance: float):
@@ -41,9 +41,13 @@ def cars(network: Network, count: int):
 @pytest.mark.parametrize(
     "kind",
     [
-        *(Kind.PYRAMID, Kind.GRID, Kind.TREE),
-        pytest.param(Kind.TIME_CONSTANTS, marks=pytest.mark.slow),
-        pytest.param(Kind.COUPLED_PYRAMID, marks=pytest.mark.slow),
+        *(
+            PreconditionerKind.MULTILEVEL,
+            PreconditionerKind.RESISTIVE_GRID,
+            PreconditionerKind.CYCLIC_REDUCTION,
+        ),
+        pytest.param(PreconditionerKind.DIAGONAL, marks=pytest.mark.slow),
+        pytest.param(PreconditionerKind.COUPLED_MULTILEVEL, marks=pytest.mark.slow),
     ],
 )
 def test_cars_settle_after_the_steps_of_the_layer(kind):
@@ -91,7 +95,9 @@ def test_the_suite_settles(name):
     network = ann_dc.design(SUITE[name].problem).network
     vector = reference_vector(network)
     scale = max(1.0, np.abs(vector.end).max())
-    left = 1e-2 if network.metric.kind is Kind.GRID else 1e-4  # a grid's moves amplify rounding
+    left = (
+        1e-2 if network.preconditioner.kind is PreconditionerKind.RESISTIVE_GRID else 1e-4
+    )  # a grid's moves amplify rounding
     precisions = ("float64", 1e-6, 1e-6, 1e-5), ("float32", 1e-4, left, 1e-2)
     for precision, tolerance, most, close in precisions:
         onnx = OnnxNetwork(network, precision)

@@ -25,10 +25,12 @@ PLANTS = ann_dc.plants
 CASES = {
     "grid": lambda: ann_dc.design(PLANTS.double_integrator(N=6)).network,
     "time constants": lambda: (
-        ann_dc.design(PLANTS.lq(N=4), kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+        ann_dc.design(PLANTS.lq(N=4), kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     ),
     "pyramid, free end": lambda: (
-        ann_dc.design(PLANTS.lq(N=4, q_d=None), kinds=[ann_dc.Kind.PYRAMID]).network
+        ann_dc.design(
+            PLANTS.lq(N=4, q_d=None), kinds=[ann_dc.PreconditionerKind.MULTILEVEL]
+        ).network
     ),
     "fed from the left": lambda: chain(),
     "one for all": lambda: chain(shared=True),
@@ -99,9 +101,11 @@ def test_the_graph_that_is_read_has_the_trajectory_of_the_network(case, tmp_path
     matrix, bias = nodes["synapses"].weight, bias_of(nodes)
     assert type(nodes["synapses"]) is (nir.Affine if bias.any() else nir.Linear)
     fed = nodes["input_weights"].weight @ inputs + bias
-    metric = nodes["metric"].weight if "metric" in nodes else np.eye(len(bias))
+    preconditioner = (
+        nodes["preconditioner"].weight if "preconditioner" in nodes else np.eye(len(bias))
+    )
     rates = nodes["neurons"].r[:, None]
-    whole = rates * np.column_stack([metric @ matrix, metric @ fed])
+    whole = rates * np.column_stack([preconditioner @ matrix, preconditioner @ fed])
     square = np.vstack([whole, np.zeros(len(bias) + 1)])
 
     x = network.start_state
@@ -148,7 +152,7 @@ def test_inputs_stay_inputs(tmp_path):
     network = CASES["grid"]()
     moved = network.with_inputs({"q_d.x": 3.0})
     graphs = [graph_of(nir_files(n, reference_vector(n)), tmp_path).nodes for n in (network, moved)]
-    for name in ("synapses", "input_weights", "metric"):
+    for name in ("synapses", "input_weights", "preconditioner"):
         np.testing.assert_array_equal(graphs[0][name].weight, graphs[1][name].weight)
     np.testing.assert_array_equal(*map(bias_of, graphs))
     values = np.concatenate([moved.input_values[name] for name in moved.cell.inputs])

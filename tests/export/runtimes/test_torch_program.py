@@ -24,12 +24,12 @@ from ann_dc.export.reference.vector import reference_vector
 from ann_dc.export.runtimes.torch_program import torch_program_check, torch_program_files
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 
 CASES = {
     "time constants": lambda: (
         ann_dc.design(
-            ann_dc.plants.double_integrator(N=2), kinds=[ann_dc.Kind.TIME_CONSTANTS]
+            ann_dc.plants.double_integrator(N=2), kinds=[ann_dc.PreconditionerKind.DIAGONAL]
         ).network
     ),
     "a state, no pin": lambda: decay(),
@@ -37,9 +37,15 @@ CASES = {
 SLOW = {
     "car with a grid": lambda: ann_dc.design(ann_dc.plants.car(N=3)).network,
     "pyramid": lambda: (
-        ann_dc.design(ann_dc.plants.unicycle(N=4), kinds=[ann_dc.Kind.PYRAMID]).network
+        ann_dc.design(
+            ann_dc.plants.unicycle(N=4), kinds=[ann_dc.PreconditionerKind.MULTILEVEL]
+        ).network
     ),
-    "tree": lambda: ann_dc.design(ann_dc.plants.car(N=4), kinds=[ann_dc.Kind.TREE]).network,
+    "tree": lambda: (
+        ann_dc.design(
+            ann_dc.plants.car(N=4), kinds=[ann_dc.PreconditionerKind.CYCLIC_REDUCTION]
+        ).network
+    ),
     "shared neurons": lambda: ann_dc.design(minimax.small(4)).network,
     "inequalities": lambda: ann_dc.design(constrained.dint_u()).network,
 }
@@ -141,8 +147,8 @@ def pulled() -> Network:
         inputs=("a", "b"),
         connections=tuple(Connection(source=n, target=f"u.{n}") for n in ("a", "b")),
     )
-    grid = Grid(own=own, following=following)
-    return Network(cell=cell, stages=1, inputs={"a": -1.0, "b": 4.0}, metric=grid)
+    grid = ResistiveGrid(own=own, following=following)
+    return Network(cell=cell, stages=1, inputs={"a": -1.0, "b": 4.0}, preconditioner=grid)
 
 
 @pytest.mark.slow
@@ -180,7 +186,9 @@ def test_a_vector_with_another_end_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [ann_dc.Kind.GRID, ann_dc.Kind.PYRAMID])
+@pytest.mark.parametrize(
+    "kind", [ann_dc.PreconditionerKind.RESISTIVE_GRID, ann_dc.PreconditionerKind.MULTILEVEL]
+)
 def test_a_program_projects_moves_at_rails_as_the_layer(kind):
     network, states, _ = run_with_changes(kind)
     program, layer = loaded(torch_program_files(network, vector_of(network))), CellLayer(network)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from simulator import needs_ngspice
 
-from ann_dc import Kind, SpiceBackend, design, plants
+from ann_dc import PreconditionerKind, SpiceBackend, design, plants
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.boards.corners import corners
 from ann_dc.fidelity.prediction import predict
@@ -23,7 +23,7 @@ PARTS = Tolerances(resistor=1e-3, resistor_drift=1e-5, offset=1e-5, offset_drift
 
 @pytest.fixture(scope="module")
 def network():
-    return design(plants.double_integrator(N=3), kinds=[Kind.TIME_CONSTANTS]).network
+    return design(plants.double_integrator(N=3), kinds=[PreconditionerKind.DIAGONAL]).network
 
 
 def test_every_place_has_the_figures_of_the_level_there(network):

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ann_dc import Kind, SpiceBackend, design, plants
+from ann_dc import PreconditionerKind, SpiceBackend, design, plants
 from ann_dc.errors import ArgumentError, NetworkError
 from ann_dc.fidelity.boards.interface import Interface, interface_cost
 from ann_dc.fidelity.prediction import predict
@@ -18,7 +18,7 @@ EXACT = Interface()
 
 @cache
 def built(plant="double_integrator"):
-    network = design(plants.get(plant)(N=3), kinds=[Kind.TIME_CONSTANTS]).network
+    network = design(plants.get(plant)(N=3), kinds=[PreconditionerKind.DIAGONAL]).network
     backend = SpiceBackend(level=macro())
     return backend, *backend.prepare(network)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import root_scalar
 
-from ann_dc import Kind, SpiceBackend, design, plants
+from ann_dc import PreconditionerKind, SpiceBackend, design, plants
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.errors import ArgumentError, NetworkError
 from ann_dc.fidelity.boards.measurements import misread, reading_of
@@ -29,7 +29,7 @@ LARGE = {"double_integrator": 3, "pendulum": 3}
 
 @cache
 def network(plant):
-    return design(plants.get(plant)(N=LARGE[plant]), kinds=[Kind.TIME_CONSTANTS]).network
+    return design(plants.get(plant)(N=LARGE[plant]), kinds=[PreconditionerKind.DIAGONAL]).network
 
 
 @cache

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from simulator import needs_ngspice
 
-from ann_dc import Kind, SpiceBackend, design, plants
+from ann_dc import PreconditionerKind, SpiceBackend, design, plants
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.boards.spec import Spec
@@ -31,7 +31,7 @@ def backend():
 
 @pytest.fixture(scope="module")
 def built(backend):
-    network = design(plants.double_integrator(N=3), kinds=[Kind.TIME_CONSTANTS]).network
+    network = design(plants.double_integrator(N=3), kinds=[PreconditionerKind.DIAGONAL]).network
     return backend.prepare(network)
 
 

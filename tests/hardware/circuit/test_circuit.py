@@ -1,4 +1,4 @@
-"""Resistors and capacitors compute the network's flow: currents, jumps, and the metric."""
+"""Resistors and capacitors compute the network's flow: currents, jumps, and the preconditioner."""
 
 from functools import cache
 
@@ -15,7 +15,7 @@ from ann_dc.hardware.circuit.circuit import circuit_of
 from ann_dc.hardware.circuit.scaling import ProbeRun, scale
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.hardware.schematic.elements import Adder, Integrator, PICell
-from ann_dc.hardware.schematic.metric_wiring import metric_values
+from ann_dc.hardware.schematic.preconditioner_wiring import preconditioner_values
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.network.network import Network
 from ann_dc.solver import synthesize
@@ -94,12 +94,12 @@ def test_a_pi_cell_is_residual_integrator_and_multiplier_in_one():
         )
 
 
-def test_adders_of_a_metric_are_the_metric():
+def test_adders_of_a_preconditioner_are_the_preconditioner():
     """With the integrals behind a state, currents through the adders' resistors are that state."""
     circuit = built(True)
     network, scaling = circuit.schematic.network, circuit.scaling
     x = near_start(network, 5)
-    nodes = {name: values[0] for name, values in metric_values(network, x[None]).items()}
+    nodes = {name: values[0] for name, values in preconditioner_values(network, x[None]).items()}
     nodes |= dict(zip(network.neuron_index, network.unpack(x)))
     nodes["one"] = np.ones(network.stages)
     for part in circuit.schematic.parts:

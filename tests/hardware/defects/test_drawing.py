@@ -9,7 +9,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.variant_numbers import numbers_of
 from ann_dc.hardware.defects.drawing import drawn_numbers
 from ann_dc.hardware.defects.numbers import detuned, mismatch
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 SEEDS = (0, 7, 2**40)
 
@@ -26,7 +26,7 @@ def test_they_are_those_of_the_networks(sizes):
 
 
 def test_a_batch_of_them_settles_as_the_networks_do():
-    network = wired_with("double_integrator", Kind.TIME_CONSTANTS)
+    network = wired_with("double_integrator", PreconditionerKind.DIAGONAL)
     numbers = drawn_numbers(network, SEEDS, weights=0.01, time_constants=0.01)
     backend = OdeBackend(method=BATCHES.tighter(1000.0), verify=False)
     batch = backend.run_batch(network, {}, numbers=numbers)

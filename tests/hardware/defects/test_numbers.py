@@ -40,8 +40,8 @@ from ann_dc.network.cell import (
 )
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
-from ann_dc.network.preconditioners.diagonal import TimeConstants
+from ann_dc.network.preconditioners.base import PreconditionerKind
+from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.network.selection import EVERYWHERE, Selection
 from ann_dc.solver import synthesize
 from ann_dc.weights.network_file import load, save
@@ -105,7 +105,7 @@ LAG = row(wire("x", "x", -1.0), wire(ONE, "x", 2.0))
 @functools.cache
 def car_design() -> Design:
     """The paper's car without coordinators."""
-    return design(synthesize(SUITE["car"].problem), kinds=(Kind.TIME_CONSTANTS,))
+    return design(synthesize(SUITE["car"].problem), kinds=(PreconditionerKind.DIAGONAL,))
 
 
 @functools.cache
@@ -409,7 +409,7 @@ def test_slow_residuals_keep_their_penalty():
     np.testing.assert_array_equal(weights(slow)[dual.path], before)
     assert all(d.path in evaluator(slow).edges for d in slow.cell.duals)
     assert slow.cell.chains == coordinated("car").cell.chains
-    assert slow.metric is coordinated("car").metric
+    assert slow.preconditioner is coordinated("car").preconditioner
 
 
 @pytest.mark.slow
@@ -419,7 +419,7 @@ def test_bookkeeping_of_every_defect():
         after = defect(network, Selection(stages=(1, 2)))
         assert all(d.path in evaluator(after).edges for d in after.cell.duals)
         assert after.cell.chains == network.cell.chains
-        assert after.metric is network.metric
+        assert after.preconditioner is network.preconditioner
         assert [n.role for n in after.cell.neurons][:18] == [n.role for n in network.cell.neurons]
         assert np.isfinite(Linearisation(after).at(after.start_state).cost_curvature()).all()
 
@@ -613,7 +613,7 @@ def test_a_slew_rate_is_a_ramp():
     stages=st.none() | st.just((0, 2)),
 )
 def test_speeds_are_clipped(rate, seed, stages):
-    network = replace(coordinated("car"), metric=TimeConstants())
+    network = replace(coordinated("car"), preconditioner=Diagonal())
     x = near_start(network, seed)
     before, after = (
         evaluator(network).rhs(x),

@@ -24,7 +24,7 @@ from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.network.cell import Cell, Connection, Neuron, Sum
 from ann_dc.network.duals import PIDual
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -124,7 +124,7 @@ def test_cells_without_reset_switches_at_an_op_amp_are_named():
 @cache
 def network(name: str) -> Network:
     problem = {"double_integrator": plants.double_integrator(N=5), "car": plants.car(N=9)}[name]
-    return design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
+    return design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
 
 
 EFFECTS = {

@@ -11,7 +11,15 @@ from minimax import small as cart
 from scipy.optimize import brentq
 from simulator import needs_ngspice
 
-from ann_dc import Kind, SpiceBackend, design, equilibrium, evaluator, levels, synthesize
+from ann_dc import (
+    PreconditionerKind,
+    SpiceBackend,
+    design,
+    equilibrium,
+    evaluator,
+    levels,
+    synthesize,
+)
 from ann_dc.backends.spice.netlist.timing import Simulation
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.populations import kkt_point
@@ -123,7 +131,7 @@ PROBLEMS |= {name: CONSTRAINED[name].build for name in ("car_steer", "car_disc1"
 @cache
 def settled(name):
     """A network, its settled point, and what a volt at every diode neuron stands for."""
-    network = design(PROBLEMS[name](), kinds=[Kind.TIME_CONSTANTS]).network
+    network = design(PROBLEMS[name](), kinds=[PreconditionerKind.DIAGONAL]).network
     circuit, probe = SpiceBackend().prepare(network)
     volt = {d.neuron: float(circuit.scaling.value(d.multiplier, 1.0)) for d in network.cell.diodes}
     return network, equilibrium(network, probe.final), volt

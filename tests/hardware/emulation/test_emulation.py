@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from metric_networks import BEYOND, with_metric
+from preconditioner_networks import BEYOND, with_preconditioner
 from problems import SUITE
 from simulator import needs_ngspice
 
@@ -31,7 +31,7 @@ from ann_dc.hardware.emulation.states import emulated_state, pole_spectrum
 from ann_dc.hardware.parts.datasheet import Datasheet, Kind, Tolerances
 from ann_dc.hardware.parts.levels import Level, macro, ota_c, switched_capacitor
 from ann_dc.hardware.schematic.elements import Adder, GridNode, Part
-from ann_dc.hardware.schematic.metric_wiring import wiring_of
+from ann_dc.hardware.schematic.preconditioner_wiring import wiring_of
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.network import preconditioners
 from ann_dc.solver import synthesize
@@ -52,7 +52,7 @@ IDEAL = Datasheet(gbw=1e14)  # so fast that nothing of an op amp is left
 def prepared(name: str):
     """(components, probe run) of a neighbour-wired problem of the suite."""
     network = design(
-        synthesize(SUITE[name].problem), kinds=(preconditioners.Kind.TIME_CONSTANTS,)
+        synthesize(SUITE[name].problem), kinds=(preconditioners.PreconditionerKind.DIAGONAL,)
     ).network
     return BACKEND.prepare(network)
 
@@ -334,7 +334,7 @@ def test_ngspice_settles_where_the_emulation_does_with_every_part_off(name):
     assert relative(predicted - measured, measured) < 2e-5
 
 
-# ---- metrics -------------------------------------------------------------------------------------
+# ---- preconditioners -----------------------------------------------------------------------------
 
 every_kind = pytest.mark.parametrize("kind", BEYOND)
 
@@ -343,16 +343,16 @@ def with_level(
     kind: preconditioners.Kind, horizon: int | None, margin: float, plant: str = "car", **datasheet
 ):
     backend = SpiceBackend(level=macro(**datasheet), margin=margin, node_lag=1e-3)
-    return backend, *backend.prepare(with_metric(plant, kind, horizon))
+    return backend, *backend.prepare(with_preconditioner(plant, kind, horizon))
 
 
-def of_the_metric(part: Part) -> bool:
-    """Whether a part is a node of the metric: an adder or a grid's node of some cells only."""
+def of_the_preconditioner(part: Part) -> bool:
+    """True if a part is a node of the preconditioner: an adder or a grid node of some cells."""
     return isinstance(part, (Adder, GridNode)) and part.present is not None
 
 
 @every_kind
-def test_with_fast_op_amps_a_metric_is_the_network(kind):
+def test_with_fast_op_amps_a_preconditioner_is_the_network(kind):
     """The slowest modes are those of the network, and its settled point is one of the circuit."""
     backend, circuit, probe = with_level(kind, 5, 1e6, a0=1e8)
     emulation = emulate(circuit, backend.level)
@@ -364,10 +364,10 @@ def test_with_fast_op_amps_a_metric_is_the_network(kind):
 
 
 @every_kind
-def test_errors_of_a_metric_move_no_equilibrium(kind):
+def test_errors_of_a_preconditioner_move_no_equilibrium(kind):
     """Resistors between its nodes 1 % off: the controls stay, where those of the cells move."""
     backend, circuit, probe = with_level(kind, 5, 200.0, a0=1e8)
-    inner = {part.name for part in circuit.schematic.parts if of_the_metric(part)}
+    inner = {part.name for part in circuit.schematic.parts if of_the_preconditioner(part)}
     drawn = draw(circuit.parameters, Tolerances(resistor=0.01), 0)
     of = {  # an inverter behind a neuron belongs to those who read it
         parameter.name: "" if parameter.quantity is Quantity.INVERTER else parameter.part
@@ -383,14 +383,20 @@ def test_errors_of_a_metric_move_no_equilibrium(kind):
     assert errors[True] < 1e-4 * errors[False]
 
 
-@pytest.mark.parametrize("kind", [preconditioners.Kind.PYRAMID, preconditioners.Kind.TREE])
-def test_every_wire_of_a_metric_has_a_name(kind):
+@pytest.mark.parametrize(
+    "kind",
+    [
+        preconditioners.PreconditionerKind.MULTILEVEL,
+        preconditioners.PreconditionerKind.CYCLIC_REDUCTION,
+    ],
+)
+def test_every_wire_of_a_preconditioner_has_a_name(kind):
     _, circuit, _ = with_level(kind, 5, 200.0)
     wiring = wiring_of(circuit.schematic.network)
     listed = [
         parameter
         for parameter in circuit.parameters
-        if of_the_metric(circuit.schematic.by_name[parameter.part])
+        if of_the_preconditioner(circuit.schematic.by_name[parameter.part])
         and parameter.quantity is Quantity.INPUT
     ]
     wires = wiring.weights.nnz + np.count_nonzero(wiring.constants)
@@ -403,16 +409,34 @@ def test_every_wire_of_a_metric_has_a_name(kind):
 @pytest.mark.parametrize(
     ("kind", "margin", "plant", "horizon"),
     [
-        (preconditioners.Kind.PYRAMID, 20.0, "double_integrator", 3),
+        (preconditioners.PreconditionerKind.MULTILEVEL, 20.0, "double_integrator", 3),
         pytest.param(
-            preconditioners.Kind.PYRAMID, 20.0, "double_integrator", 6, marks=pytest.mark.slow
+            preconditioners.PreconditionerKind.MULTILEVEL,
+            20.0,
+            "double_integrator",
+            6,
+            marks=pytest.mark.slow,
         ),
-        pytest.param(preconditioners.Kind.PYRAMID, 20.0, "car", None, marks=pytest.mark.slow),
-        pytest.param(preconditioners.Kind.TREE, 150.0, "car", 5, marks=pytest.mark.slow),
-        pytest.param(preconditioners.Kind.TREE, 150.0, "car", None, marks=pytest.mark.slow),
+        pytest.param(
+            preconditioners.PreconditionerKind.MULTILEVEL, 20.0, "car", None, marks=pytest.mark.slow
+        ),
+        pytest.param(
+            preconditioners.PreconditionerKind.CYCLIC_REDUCTION,
+            150.0,
+            "car",
+            5,
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            preconditioners.PreconditionerKind.CYCLIC_REDUCTION,
+            150.0,
+            "car",
+            None,
+            marks=pytest.mark.slow,
+        ),
     ],
 )
-def test_ngspice_agrees_with_the_emulation_of_a_metric(kind, margin, plant, horizon):
+def test_ngspice_agrees_with_the_emulation_of_a_preconditioner(kind, margin, plant, horizon):
     """Settling and error within 5 %, with every error of single parts drawn."""
     backend, circuit, probe = with_level(kind, horizon, margin, plant)
     off = draw(circuit.parameters, Tolerances(resistor=1e-3, offset=1e-4), 1)
@@ -428,27 +452,32 @@ def test_coordinators_of_a_long_row_in_ngspice():
     """N = 36: settled when emulated, in less than half the time of time constants alone."""
     found = {}
     for kind, margin in (
-        (preconditioners.Kind.PYRAMID, 42.0),
-        (preconditioners.Kind.TIME_CONSTANTS, 10.0),
+        (preconditioners.PreconditionerKind.MULTILEVEL, 42.0),
+        (preconditioners.PreconditionerKind.DIAGONAL, 10.0),
     ):
-        network = with_metric("double_integrator", kind, 36)
+        network = with_preconditioner("double_integrator", kind, 36)
         backend = SpiceBackend(level=macro(), margin=margin, simulation=Simulation(patience=1500))
         circuit, probe = backend.prepare(network)
         told, run = predict(circuit, macro(), probe), simulate(backend, circuit, probe, {})
         assert run.settling_time() == pytest.approx(told.settling_time, rel=0.05)
         assert told.control_error < 1e-4
         found[kind] = run.settling_time()
-    assert found[preconditioners.Kind.PYRAMID] < 0.5 * found[preconditioners.Kind.TIME_CONSTANTS]
+    assert (
+        found[preconditioners.PreconditionerKind.MULTILEVEL]
+        < 0.5 * found[preconditioners.PreconditionerKind.DIAGONAL]
+    )
 
 
 @pytest.mark.parametrize("level", [ota_c(), switched_capacitor(step=0.1)], ids=str)
 @every_kind
-def test_levels_that_cannot_build_a_metric_say_so(kind, level):
+def test_levels_that_cannot_build_a_preconditioner_say_so(kind, level):
     with pytest.raises(NetworkError, match=rf"{level.name} circuits cannot build a {kind.value}"):
-        SpiceBackend(level=level).prepare(with_metric("car", kind, 5))
+        SpiceBackend(level=level).prepare(with_preconditioner("car", kind, 5))
 
 
 def test_differential_op_amps_build_no_grid():
     backend = SpiceBackend(level=macro(differential=True))
-    with pytest.raises(NetworkError, match="time constants alone, pyramid of coarse"):
-        backend.prepare(with_metric("car", preconditioners.Kind.GRID, 5))
+    with pytest.raises(NetworkError, match="diagonal, multilevel"):
+        backend.prepare(
+            with_preconditioner("car", preconditioners.PreconditionerKind.RESISTIVE_GRID, 5)
+        )

@@ -30,7 +30,7 @@ from ann_dc.hardware.schematic.elements import Generator
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.resources import circuits_path
 from ann_dc.solver import synthesize
@@ -286,7 +286,7 @@ def swept(
 @cache
 def network(name: str) -> Network:
     problem = {"car of 3": plants.car(N=3), "car": plants.car(N=9)}[name]
-    return design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
+    return design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
 
 
 EFFECTS = {

@@ -18,14 +18,14 @@ from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.parts.levels import macro, ota_c, switched_capacitor
 from ann_dc.hardware.parts.technologies import paired
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.solver import synthesize
 
 
 @cache
 def network(name: str):
     """Frozen with the smallest ratio, where every mode has died out when it is said to settle."""
-    found = design(synthesize(SUITE[name].problem), kinds=(Kind.TIME_CONSTANTS,))
+    found = design(synthesize(SUITE[name].problem), kinds=(PreconditionerKind.DIAGONAL,))
     best = min(found.candidates, key=lambda candidate: candidate.ratio)
     return apply_gains(found.network, best.gains)
 
@@ -109,10 +109,10 @@ def test_what_is_not_known_is_refused():
     with pytest.raises(NetworkError, match="op amps with resistors"):
         sensitivity(emulation, x)
     coordinated = design(
-        synthesize(SUITE["double_integrator"].problem), kinds=[Kind.PYRAMID]
+        synthesize(SUITE["double_integrator"].problem), kinds=[PreconditionerKind.MULTILEVEL]
     ).network
     coupled, _ = SpiceBackend(level=macro(differential=True)).prepare(coordinated)
-    with pytest.raises(NetworkError, match="cannot build a pyramid of coarse coordinators"):
+    with pytest.raises(NetworkError, match="cannot build a multilevel"):
         emulate(coupled, ota_c())
     with pytest.raises(NetworkError, match="no network in continuous time"):
         emulate(circuit, switched_capacitor(step=0.1))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from simulator import needs_ngspice
 
-from ann_dc import Kind, design, plants
+from ann_dc import PreconditionerKind, design, plants
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.errors import NetworkError
@@ -23,7 +23,7 @@ HARDEST = (
 
 @cache
 def rail(conditions: Conditions) -> CircuitRun:
-    network = design(plants.double_integrator(N=3), kinds=[Kind.TIME_CONSTANTS]).network
+    network = design(plants.double_integrator(N=3), kinds=[PreconditionerKind.DIAGONAL]).network
     return SpiceBackend(level=TRANSISTOR.at(conditions)).run(network)
 
 
@@ -46,14 +46,14 @@ def test_heat_lowers_the_gain_and_a_constant_transconductance_keeps_the_speed():
 @pytest.mark.slow
 @pytest.mark.parametrize("conditions", HARDEST, ids=str)
 def test_the_car_keeps_its_controls_over_temperature_supply_and_process(conditions):
-    network = design(plants.car(N=3), kinds=[Kind.TIME_CONSTANTS]).network
+    network = design(plants.car(N=3), kinds=[PreconditionerKind.DIAGONAL]).network
     run = SpiceBackend(level=TRANSISTOR.at(conditions)).run(network)
     assert run.settled()
     assert run.control_error < 2e-2
 
 
 def deck(level, conditions: Conditions = NOMINAL) -> str:
-    network = design(plants.double_integrator(N=3), kinds=[Kind.TIME_CONSTANTS]).network
+    network = design(plants.double_integrator(N=3), kinds=[PreconditionerKind.DIAGONAL]).network
     backend = SpiceBackend(level=level.at(conditions))
     return backend.deck(*backend.prepare(network), deviations={}).text
 

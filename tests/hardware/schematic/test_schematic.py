@@ -18,13 +18,13 @@ from ann_dc.hardware.schematic.elements import Adder, Generator, Integrator, Mul
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.solver import synthesize
 
 
 @cache
 def car() -> Network:
-    return design(synthesize(SUITE["car"].problem), kinds=(Kind.TIME_CONSTANTS,)).network
+    return design(synthesize(SUITE["car"].problem), kinds=(PreconditionerKind.DIAGONAL,)).network
 
 
 def test_parts_of_the_papers_cell():
@@ -94,7 +94,9 @@ def test_rails_that_no_part_has_are_refused():
         schematic_of(replace(network, cell=replace(network.cell, neurons=tuple(neurons))))
 
 
-@pytest.mark.parametrize("kind", [Kind.GRID, Kind.TREE])
+@pytest.mark.parametrize(
+    "kind", [PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION]
+)
 def test_rails_of_coupled_neurons_without_rows_are_refused(kind):
     network = clamped_runs.railed(wired_with("double_integrator", kind), 0.15, "u")
     told = rf"rails of u\.a cannot be built: .* the {kind.value} couples u\.a to others; .*rows"

@@ -8,7 +8,7 @@ import pytest
 from constrained import dint_v
 from wired import neighbour_wired
 
-from ann_dc import Kind, design
+from ann_dc import PreconditionerKind, design
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts import presets
@@ -73,7 +73,7 @@ def test_resistors_that_no_margin_suits_are_refused_with_some_that_do():
 @pytest.mark.slow
 def test_a_faster_grid_is_named_where_margins_alone_do_not_cure():
     """Nodes lag by a share of network time, whatever the margin."""
-    network = design(dint_v(), kinds=[Kind.GRID]).network
+    network = design(dint_v(), kinds=[PreconditionerKind.RESISTIVE_GRID]).network
     level = macro()
     circuit, probe = SpiceBackend(level=level).prepare(network)
     told = cure(circuit, level, probe.final)

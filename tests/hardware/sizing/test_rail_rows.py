@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from constrained import a, dint_u, integrator, lander
 
-from ann_dc import Kind, OdeBackend, SpiceBackend, design, levels, ode
+from ann_dc import OdeBackend, PreconditionerKind, SpiceBackend, design, levels, ode
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.spice.probe import probed
 from ann_dc.errors import NetworkError
@@ -16,7 +16,7 @@ from ann_dc.hardware.sizing.bandwidth_margin import FOLLOWING, following_margin
 from ann_dc.hardware.sizing.rail_rows import BANDWIDTH, FASTER, GAIN, INTO, SLOWER, with_rail_rows
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 from ann_dc.progress import silent
 
 RATE, PUSH, RAIL = 3.0, 2.0, 0.5
@@ -33,7 +33,9 @@ def pushed(*, start: float = 0.0, low: float = -np.inf) -> Network:
             neurons=(Neuron(name="x", role=Role.PRIMAL, limiter=limiter),),
             connections=tuple(Connection(source=s, target="x", weight=w) for s, w in ends),
         ),
-        metric=Grid(own=np.full((2, 1, 1), 1.0), following=np.full((1, 1, 1), -0.5)),
+        preconditioner=ResistiveGrid(
+            own=np.full((2, 1, 1), 1.0), following=np.full((1, 1, 1), -0.5)
+        ),
         start={"x": start},
     )
 
@@ -62,7 +64,7 @@ def test_rows_start_with_the_currents_of_the_projection():
 @pytest.mark.slow
 def test_rows_of_neurons_within_their_rails_start_with_exactly_no_current():
     """A rounding error would become the unit of the row's diode neuron."""
-    network = design(lander(), kinds=[Kind.GRID]).network
+    network = design(lander(), kinds=[PreconditionerKind.RESISTIVE_GRID]).network
     states = np.array([network.start_state, network.start_state])
     scaling = scale(network, ProbeRun(states=states, times=np.arange(2.0), radius=1.0))
     assert not with_rail_rows(network, scaling, RATE).start["z_low.u.up"].any()
@@ -88,7 +90,7 @@ def test_a_rail_beyond_full_scale_becomes_no_row():
 @cache
 def limited(most=1.2):
     problem = integrator(N=8, dt=0.25, bounds={a: (-most, most)})
-    return design(problem, kinds=[Kind.GRID]).network
+    return design(problem, kinds=[PreconditionerKind.RESISTIVE_GRID]).network
 
 
 def test_a_network_with_rows_settles_where_its_rails_let_it():
@@ -126,7 +128,7 @@ def test_amplifiers_of_a_circuit_with_rows_have_room_for_their_inputs():
 
 
 def test_circuits_without_rails_of_coupled_neurons_are_not_touched():
-    network = design(integrator(N=8, dt=0.25), kinds=[Kind.GRID]).network
+    network = design(integrator(N=8, dt=0.25), kinds=[PreconditionerKind.RESISTIVE_GRID]).network
     found = probed(network, ScalingRules(), silent)
     assert found.network is network
     run = ProbeRun(states=found.trajectory.states, times=found.trajectory.time, radius=found.rate)
@@ -136,8 +138,8 @@ def test_circuits_without_rails_of_coupled_neurons_are_not_touched():
 
 def test_op_amps_beside_a_grid_are_as_fast_as_its_softest_mode_asks_for():
     network, level = limited(), levels.macro()
-    invert = network.metric.inverse(network.row)
-    reached = network.metric.reach(network.row)[network.places[:, 0]]
+    invert = network.preconditioner.inverse(network.row)
+    reached = network.preconditioner.reach(network.row)[network.places[:, 0]]
     stiffness = np.array([invert(e) for e in np.eye(network.size)])[reached][:, reached]
     across = np.sqrt(np.diag(stiffness))
     softest = np.linalg.eigvalsh(stiffness / np.outer(across, across))[0]
@@ -148,7 +150,7 @@ def test_op_amps_beside_a_grid_are_as_fast_as_its_softest_mode_asks_for():
 
 
 def test_a_chosen_margin_is_that_of_long_waves_and_a_given_one_is_obeyed():
-    network = design(dint_u(), kinds=[Kind.GRID]).network
+    network = design(dint_u(), kinds=[PreconditionerKind.RESISTIVE_GRID]).network
     chosen, _ = SpiceBackend(level=levels.macro()).prepare(network)
     wanted = following_margin(chosen, levels.macro())
     assert 10 < wanted <= chosen.scaling.margin < 1.1 * wanted
@@ -158,7 +160,10 @@ def test_a_chosen_margin_is_that_of_long_waves_and_a_given_one_is_obeyed():
 
 def test_a_margin_with_which_long_waves_grow_is_refused_with_one_that_is_enough():
     """At 10 the circuit of the lander grows in ngspice, and its pole model is stable."""
-    network = design(lander(), kinds=[Kind.GRID]).network
-    told = r"margin: 10 is too small: .* neighbour grid; take a margin of \d+ .*Kind.TREE"
+    network = design(lander(), kinds=[PreconditionerKind.RESISTIVE_GRID]).network
+    told = (
+        r"margin: 10 is too small: .* resistive grid; take a margin of \d+ "
+        r".*PreconditionerKind.CYCLIC_REDUCTION"
+    )
     with pytest.raises(NetworkError, match=told):
         SpiceBackend(level=levels.macro(), margin=10.0).prepare(network)

@@ -1,4 +1,6 @@
-"""One contract, every kind of metric, over rows with ends, time constants and sizes of any sort."""
+"""One contract, every kind of preconditioner, over rows with ends, time constants and sizes of any
+sort.
+"""
 
 from dataclasses import replace
 
@@ -7,7 +9,7 @@ import pytest
 from designs import near_start, small, wired_with
 from hypothesis import given, settings, strategies as st
 from problems import SUITE
-from random_metrics import random_metric, rows, with_errors
+from random_preconditioners import random_preconditioner, rows, with_errors
 from scipy import sparse
 
 from ann_dc.analysis.equilibria import equilibrium
@@ -17,11 +19,11 @@ from ann_dc.backends.settling import Settling
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Factors, Kind, Metric, Row
-from ann_dc.network.preconditioners.cyclic_reduction import Tree
-from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.base import Factors, Preconditioner, PreconditionerKind, Row
+from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
+from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 
-every_kind = pytest.mark.parametrize("kind", Kind, ids=lambda kind: kind.name.lower())
+every_kind = pytest.mark.parametrize("kind", PreconditionerKind, ids=lambda kind: kind.name.lower())
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -32,13 +34,13 @@ def cases(draw) -> tuple[Row, np.random.Generator]:
     return row, np.random.default_rng(draw(seeds))
 
 
-def dense(metric: Metric, row: Row) -> np.ndarray:
+def dense(preconditioner: Preconditioner, row: Row) -> np.ndarray:
     """M (n, n) over the neurons that there are, column by column of `apply`."""
     live = row.rates.T > 0
     units = np.zeros((len(row.state_rates), *row.rates.shape))
     stage, neuron = np.nonzero(live)
     units[np.arange(len(stage)), neuron, stage] = 1.0
-    return metric.apply(row, units)[:, neuron, stage].T
+    return preconditioner.apply(row, units)[:, neuron, stage].T
 
 
 def assert_close(actual, expected, relative=1e-10) -> None:
@@ -51,7 +53,7 @@ def assert_close(actual, expected, relative=1e-10) -> None:
 @given(case=cases())
 def test_symmetric_and_positive_definite(kind, case):
     row, rng = case
-    M = dense(random_metric(kind, row, rng), row)
+    M = dense(random_preconditioner(kind, row, rng), row)
     assert_close(M, M.T, 1e-12)
     root = 1 / np.sqrt(np.diag(M))
     assert np.linalg.eigvalsh(M * root[:, None] * root).min() > 0
@@ -62,8 +64,8 @@ def test_symmetric_and_positive_definite(kind, case):
 @given(case=cases())
 def test_factors_say_what_apply_does(kind, case):
     row, rng = case
-    metric = random_metric(kind, row, rng)
-    M, factors = dense(metric, row), metric.factors(row)
+    preconditioner = random_preconditioner(kind, row, rng)
+    M, factors = dense(preconditioner, row), preconditioner.factors(row)
     assert_close(factors.matrix().toarray(), M)
     spread, stiffness = factors.spread.toarray(), factors.stiffness.toarray()
     assert_close(spread @ np.linalg.solve(stiffness, spread.T), M)
@@ -71,7 +73,7 @@ def test_factors_say_what_apply_does(kind, case):
     v = rng.standard_normal(len(M))
     assert_close(M @ factors.inverse()(v), v, 1e-7)
     assert_close(factors.inverse()(M @ v), v, 1e-7)
-    assert_close(metric.inverse(row)(M @ v), v, 1e-7)
+    assert_close(preconditioner.inverse(row)(M @ v), v, 1e-7)
 
 
 def test_a_full_stiffness_is_told_from_a_diagonal_one():
@@ -85,16 +87,16 @@ def test_a_full_stiffness_is_told_from_a_diagonal_one():
 @given(case=cases())
 def test_drives_may_have_axes_before_them_and_be_complex(kind, case):
     row, rng = case
-    metric = random_metric(kind, row, rng)
-    M = dense(metric, row)
+    preconditioner = random_preconditioner(kind, row, rng)
+    M = dense(preconditioner, row)
     stage, neuron = np.nonzero(row.rates.T > 0)
     drives = rng.standard_normal((2, 3, *row.rates.shape)) * (row.rates > 0)
     drives = drives + 1j * rng.standard_normal(drives.shape) * (row.rates > 0)
-    moves = metric.apply(row, drives)
+    moves = preconditioner.apply(row, drives)
     assert moves.shape == drives.shape
     assert_close(moves[..., neuron, stage], drives[..., neuron, stage] @ M.T, 1e-11)
     assert not moves[..., row.rates == 0].any()
-    assert_close(metric.apply(row, drives.real), moves.real, 1e-12)
+    assert_close(preconditioner.apply(row, drives.real), moves.real, 1e-12)
 
 
 @every_kind
@@ -103,8 +105,8 @@ def test_drives_may_have_axes_before_them_and_be_complex(kind, case):
 def test_no_kind_spreads_what_it_does_not_reach(kind, case):
     """Neurons beyond `reach`, the duals among them, move with their own drive alone."""
     row, rng = case
-    metric = random_metric(kind, row, rng)
-    reach, M = metric.reach(row), dense(metric, row)
+    preconditioner = random_preconditioner(kind, row, rng)
+    reach, M = preconditioner.reach(row), dense(preconditioner, row)
     assert not np.setdiff1d(np.flatnonzero(reach), row.primal).size
     alone = ~reach[np.nonzero(row.rates.T > 0)[1]]
     np.testing.assert_array_equal(M[alone], np.diag(row.state_rates)[alone])
@@ -113,16 +115,19 @@ def test_no_kind_spreads_what_it_does_not_reach(kind, case):
 @every_kind
 @settings(max_examples=20, deadline=None)
 @given(case=cases())
-def test_time_scales_the_metric(kind, case):
+def test_time_scales_the_preconditioner(kind, case):
     """Rates c times as fast make a stiffness' moves c times as fast: S has no unit."""
     row, rng = case
-    metric = random_metric(kind, row, rng)
+    preconditioner = random_preconditioner(kind, row, rng)
     faster = replace(row, rates=3 * row.rates)
-    added = dense(metric, faster) - dense(metric, row)
-    if kind in (Kind.PYRAMID, Kind.COUPLED_PYRAMID):  # whose gains are rates of their own
+    added = dense(preconditioner, faster) - dense(preconditioner, row)
+    if kind in (
+        PreconditionerKind.MULTILEVEL,
+        PreconditionerKind.COUPLED_MULTILEVEL,
+    ):  # whose gains are rates of their own
         assert_close(added, np.diag(2 * row.state_rates))
     else:
-        assert_close(added, 2 * dense(metric, row))
+        assert_close(added, 2 * dense(preconditioner, row))
 
 
 @every_kind
@@ -130,14 +135,14 @@ def test_time_scales_the_metric(kind, case):
 @given(case=cases())
 def test_wires_are_between_what_there_is(kind, case):
     row, rng = case
-    wires = random_metric(kind, row, rng).wires(row)
+    wires = random_preconditioner(kind, row, rng).wires(row)
     n = len(row.state_rates)
     assert wires.weights.shape[0] == n
     assert wires.count == wires.weights.count_nonzero()
     assert wires.per_cell(row.stages) == wires.count / row.stages
-    if kind is Kind.TIME_CONSTANTS:
+    if kind is PreconditionerKind.DIAGONAL:
         assert (wires.count, wires.nodes) == (0, 0)
-    if kind in (Kind.GRID, Kind.TREE):
+    if kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION):
         assert wires.weights.shape == (n, n)
         touched = np.unique(np.concatenate(wires.weights.nonzero()))
         primal = row.component[row.primal].ravel()
@@ -150,23 +155,23 @@ def test_wires_are_between_what_there_is(kind, case):
 def test_every_problem(name, kind):
     """Real matrices: the evaluators' moves are M d, with M from the factors."""
     network = wired_with(name, kind)
-    assert network.metric.kind is kind
-    M = evaluator(network).metric.toarray()
-    assert_close(M, dense(network.metric, network.row))
+    assert network.preconditioner.kind is kind
+    M = evaluator(network).preconditioner.toarray()
+    assert_close(M, dense(network.preconditioner, network.row))
     assert np.linalg.eigvalsh(M).min() > 0
     drive = np.random.default_rng(3).standard_normal(network.size)
     for ours in (evaluator(network), InterpretedEvaluator(network)):
         assert_close(ours.move(drive), M @ drive)
-    back = network.metric.factors(network.row).inverse()(M @ drive)
+    back = network.preconditioner.factors(network.row).inverse()(M @ drive)
     assert_close(back, drive, 1e-7)
 
 
 @pytest.mark.slow
-def test_a_grid_and_a_tree_are_the_same_metric():
+def test_a_grid_and_a_tree_are_the_same_preconditioner():
     for name in SUITE:
-        network = wired_with(name, Kind.GRID)
-        grid, row = network.metric, network.row
-        tree = Tree(own=grid.own, following=grid.following)
+        network = wired_with(name, PreconditionerKind.RESISTIVE_GRID)
+        grid, row = network.preconditioner, network.row
+        tree = CyclicReduction(own=grid.own, following=grid.following)
         assert_close(dense(tree, row), dense(grid, row))
         assert tree.wires(row).both_ways
         assert not grid.wires(row).both_ways
@@ -193,22 +198,29 @@ def settled(network: Network) -> np.ndarray:
     "name",
     ["double_integrator", *(pytest.param(n, marks=pytest.mark.slow) for n in ("car", "unicycle"))],
 )
-def test_the_equilibrium_never_depends_on_the_metric(name, kind):
+def test_the_equilibrium_never_depends_on_the_preconditioner(name, kind):
     """Nor does where a run ends: from the same start, at the same state."""
     network = small(name, rho=4.0)
     rng = np.random.default_rng(11)
     plain = equilibrium(network, settled(network))
     scale = np.abs(plain).max()
-    metric = random_metric(kind, network.row, rng)
-    for chosen in (metric, with_errors(metric, network.row, rng, 0.2)):
-        wired = replace(network, metric=chosen)
+    preconditioner = random_preconditioner(kind, network.row, rng)
+    for chosen in (preconditioner, with_errors(preconditioner, network.row, rng, 0.2)):
+        wired = replace(network, preconditioner=chosen)
         np.testing.assert_array_equal(equilibrium(wired, plain), equilibrium(network, plain))
         np.testing.assert_allclose(settled(wired), plain, atol=1e-6 * scale)
 
 
-@pytest.mark.parametrize("kind", [Kind.GRID, Kind.TREE, Kind.PYRAMID])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        PreconditionerKind.RESISTIVE_GRID,
+        PreconditionerKind.CYCLIC_REDUCTION,
+        PreconditionerKind.MULTILEVEL,
+    ],
+)
 def test_nor_do_errors_of_the_time_constants_move_it(kind):
-    network = replace(small("car", rho=4.0), metric=wired_with("car", kind).metric)
+    network = replace(small("car", rho=4.0), preconditioner=wired_with("car", kind).preconditioner)
     rng = np.random.default_rng(12)
     at = settled(network)
     neurons = tuple(
@@ -218,7 +230,7 @@ def test_nor_do_errors_of_the_time_constants_move_it(kind):
     off = replace(
         network,
         cell=replace(network.cell, neurons=neurons),
-        metric=with_errors(network.metric, network.row, rng, 0.02),
+        preconditioner=with_errors(network.preconditioner, network.row, rng, 0.02),
     )
     np.testing.assert_allclose(settled(off), at, atol=1e-6 * np.abs(at).max())
 
@@ -230,19 +242,19 @@ def test_nothing_rests_but_what_has_no_drive(kind, seed):
     """M d = 0 only where d = 0: and a move is no smaller than M allows."""
     rng = np.random.default_rng(seed)
     network = small("car")
-    wired = replace(network, metric=random_metric(kind, network.row, rng))
+    wired = replace(network, preconditioner=random_preconditioner(kind, network.row, rng))
     x = near_start(network, seed % 1000)
     drive = network.pack(evaluator(network).drives(x))
-    smallest = np.linalg.eigvalsh(evaluator(wired).metric.toarray())[0]
+    smallest = np.linalg.eigvalsh(evaluator(wired).preconditioner.toarray())[0]
     move = evaluator(wired).rhs(x)
     assert np.linalg.norm(move) >= (1 - 1e-9) * smallest * np.linalg.norm(drive)
     assert move @ drive > 0
 
 
-def test_a_metric_is_not_shared_by_accident():
-    """Numbers of a metric cannot be written to after it was made."""
-    network = wired_with("car", Kind.GRID)
-    assert isinstance(network.metric, Grid)
-    for array in (network.metric.own, network.metric.following):
+def test_a_preconditioner_is_not_shared_by_accident():
+    """Numbers of a preconditioner cannot be written to after it was made."""
+    network = wired_with("car", PreconditionerKind.RESISTIVE_GRID)
+    assert isinstance(network.preconditioner, ResistiveGrid)
+    for array in (network.preconditioner.own, network.preconditioner.following):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0

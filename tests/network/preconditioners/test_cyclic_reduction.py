@@ -5,16 +5,16 @@ import pytest
 from designs import wired_with
 from hypothesis import given, settings, strategies as st
 from problems import SUITE
-from random_metrics import random_blocks, rows, tridiagonal
+from random_preconditioners import random_blocks, rows, tridiagonal
 from scipy import sparse
 
-from ann_dc.network.preconditioners.base import Kind, Row
-from ann_dc.network.preconditioners.cyclic_reduction import Tree
+from ann_dc.network.preconditioners.base import PreconditionerKind, Row
+from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
 
 seeds = st.integers(0, 2**32 - 1)
 
 
-def by_wires(tree: Tree, row: Row, drives: np.ndarray) -> np.ndarray:
+def by_wires(tree: CyclicReduction, row: Row, drives: np.ndarray) -> np.ndarray:
     """S^{-1} d (n,) as the wires build it: level by level down, the same wires back up."""
     weights, found = sparse.csr_array(tree.wires(row).weights), tree.elimination(row)
     own = {}
@@ -59,7 +59,7 @@ def test_wires_are_the_inverse_of_the_stiffness(row, seed):
     """No part of M is missing in the wires: feed-forward sums alone solve S z = d."""
     rng = np.random.default_rng(seed)
     own, following = random_blocks(rng, row.stages, len(row.primal))
-    tree = Tree(own=own, following=following)
+    tree = CyclicReduction(own=own, following=following)
     place = row.component[row.primal].T.ravel()
     used = place[place >= 0]
     drives = np.zeros(len(row.state_rates))
@@ -75,7 +75,7 @@ def test_hats_are_harmonic(stages, seed):
     """An eliminated neuron answers its neighbours' moves so that nothing is left to drive it."""
     own, following = random_blocks(np.random.default_rng(seed), stages, 1)
     row = Row(rates=np.ones((1, stages)), primal=np.array([0]), chains=np.zeros((0, 2), int))
-    hats = Tree(own=own, following=following).wires(row).weights.toarray()
+    hats = CyclicReduction(own=own, following=following).wires(row).weights.toarray()
     whole = tridiagonal(own, following)
     for k in range(0, stages, 2):
         if stages > 1:
@@ -85,14 +85,14 @@ def test_hats_are_harmonic(stages, seed):
 
 @pytest.mark.parametrize("name", SUITE)
 def test_wires_of_every_plant(name):
-    network = wired_with(name, Kind.TREE)
-    wires, row = network.metric.wires(network.row), network.row
+    network = wired_with(name, PreconditionerKind.CYCLIC_REDUCTION)
+    wires, row = network.preconditioner.wires(network.row), network.row
     first, second = wires.weights.nonzero()
-    reached = network.metric.reach(row)[network.places[:, 0]]
+    reached = network.preconditioner.reach(row)[network.places[:, 0]]
     assert reached[first].all()
     assert reached[second].all()
     assert wires.both_ways
-    assert wires.nodes == (network.metric.elimination(row).component[1::2] >= 0).sum()
+    assert wires.nodes == (network.preconditioner.elimination(row).component[1::2] >= 0).sum()
     assert not wires.weights.diagonal().any()
 
 
@@ -100,5 +100,5 @@ def test_it_reaches_across_the_row():
     """Twice as far at every level: the last block is tied to others half a row away."""
     own, following = random_blocks(np.random.default_rng(1), 16, 1)
     row = Row(rates=np.ones((1, 16)), primal=np.array([0]), chains=np.zeros((0, 2), int))
-    first, second = Tree(own=own, following=following).wires(row).weights.nonzero()
+    first, second = CyclicReduction(own=own, following=following).wires(row).weights.nonzero()
     assert set(np.abs(first - second)) == {1, 2, 4, 8}

@@ -8,10 +8,10 @@ import scipy.linalg
 from designs import wired_with
 from hypothesis import given, settings, strategies as st
 from problems import SUITE
-from random_metrics import random_blocks, rows, tridiagonal
+from random_preconditioners import random_blocks, rows, tridiagonal
 
-from ann_dc.network.preconditioners.base import Kind, Row
-from ann_dc.network.preconditioners.cyclic_reduction import Tree
+from ann_dc.network.preconditioners.base import PreconditionerKind, Row
+from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
 from ann_dc.network.preconditioners.elimination import eliminate
 
 seeds = st.integers(0, 2**32 - 1)
@@ -27,7 +27,7 @@ def of_cells(blocks: int, size: int) -> Row:
 def test_it_solves(blocks, size, seed):
     rng = np.random.default_rng(seed)
     own, following = random_blocks(rng, blocks, size)
-    found = eliminate(Tree(own=own, following=following), of_cells(blocks, size))
+    found = eliminate(CyclicReduction(own=own, following=following), of_cells(blocks, size))
     drives = rng.standard_normal((blocks, size, 3))
     expected = scipy.linalg.solve(
         tridiagonal(own, following), drives.reshape(-1, 3), assume_a="pos"
@@ -41,7 +41,7 @@ def test_it_solves(blocks, size, seed):
 def test_levels(blocks):
     """Halves, rounded down, until one block is left."""
     own, following = random_blocks(np.random.default_rng(0), blocks, 2)
-    found = eliminate(Tree(own=own, following=following), of_cells(blocks, 2))
+    found = eliminate(CyclicReduction(own=own, following=following), of_cells(blocks, 2))
     assert len(found.levels) == int(np.log2(blocks)) + 1
     rest = blocks
     for level in found.levels:
@@ -56,7 +56,7 @@ def test_levels(blocks):
 def test_a_chain_of_springs_in_closed_form():
     """Own 2, following -1, as many cells as springs: S^{-1} of three is known by heart."""
     own, following = np.full((3, 1, 1), 2.0), np.full((2, 1, 1), -1.0)
-    found = eliminate(Tree(own=own, following=following), of_cells(3, 1))
+    found = eliminate(CyclicReduction(own=own, following=following), of_cells(3, 1))
     expected = np.array([[3.0, 2.0, 1.0], [2.0, 4.0, 2.0], [1.0, 2.0, 3.0]]) / 4
     np.testing.assert_allclose(found.solve(np.eye(3)[:, None])[:, 0], expected, rtol=1e-14)
     np.testing.assert_allclose(found.levels[0].left, [[[-0.5]]])  # half of either neighbour
@@ -66,8 +66,8 @@ def test_a_chain_of_springs_in_closed_form():
 @pytest.mark.parametrize("name", SUITE)
 def test_a_plant_has_two_blocks_a_cell(name):
     """t_k alone is tied to the next cell, so that q_k, u_k and t_k may be eliminated in turn."""
-    network = wired_with(name, Kind.TREE)
-    found, row = network.metric.elimination(network.row), network.row
+    network = wired_with(name, PreconditionerKind.CYCLIC_REDUCTION)
+    found, row = network.preconditioner.elimination(network.row), network.row
     chains = len(row.chains)
     assert len(found.component) == 2 * row.stages
     assert found.component.shape[1] == max(len(row.primal) - chains, chains)
@@ -76,10 +76,10 @@ def test_a_plant_has_two_blocks_a_cell(name):
 
 
 def test_what_ties_other_neurons_too_stays_whole():
-    network = wired_with("car", Kind.TREE)
-    following = network.metric.following.copy()
+    network = wired_with("car", PreconditionerKind.CYCLIC_REDUCTION)
+    following = network.preconditioner.following.copy()
     following[1, 0, 0] = 0.01
-    found = replace(network.metric, following=following).elimination(network.row)
+    found = replace(network.preconditioner, following=following).elimination(network.row)
     assert found.component.shape == (network.stages, len(network.row.primal))
 
 
@@ -88,7 +88,7 @@ def test_what_ties_other_neurons_too_stays_whole():
 def test_neurons_that_are_not_there_stay_out(row, seed):
     """Pinned or absent ones have no component, and nothing flows through them."""
     own, following = random_blocks(np.random.default_rng(seed), row.stages, len(row.primal))
-    stiffness = Tree(own=own, following=following)
+    stiffness = CyclicReduction(own=own, following=following)
     found = eliminate(stiffness, row)
     places = found.component[found.component >= 0]
     np.testing.assert_array_equal(np.sort(places), np.sort(_components(row)))

@@ -12,8 +12,8 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.gain_rule import Recipe, closed_form
 from ann_dc.gain_design.gains import apply_gains
-from ann_dc.network.preconditioners.base import Kind
-from ann_dc.network.preconditioners.multilevel import Pyramid, hat_positions
+from ann_dc.network.preconditioners.base import PreconditionerKind
+from ann_dc.network.preconditioners.multilevel import Multilevel, hat_positions
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -25,7 +25,7 @@ def hat_matrix(count: int, intervals: int) -> np.ndarray:
 
 
 @st.composite
-def pyramids(draw) -> tuple[Pyramid, int]:
+def pyramids(draw) -> tuple[Multilevel, int]:
     """Random coordinators with positive semi-definite gains, and a number of positions."""
     stages, chains = draw(st.integers(1, 20)), draw(st.integers(1, 4))
     levels = draw(st.integers(1, max(1, int(np.log2(max(2 * stages - 1, 2))))))
@@ -34,7 +34,7 @@ def pyramids(draw) -> tuple[Pyramid, int]:
     for level in range(levels, 0, -1):
         root = rng.standard_normal((2**level + 1, chains, chains))
         gains.append(root @ root.transpose(0, 2, 1))
-    return Pyramid(gains=tuple(gains)), 2 * stages
+    return Multilevel(gains=tuple(gains)), 2 * stages
 
 
 @settings(max_examples=40, deadline=None)
@@ -49,13 +49,13 @@ def test_the_pyramid_is_a_sum_over_grids(case):
             expected += np.kron(S, np.outer(hats[:, a], hats[:, a]))
     scale = np.abs(expected).max()
     unit = np.eye(chains * count).reshape(-1, chains, count)
-    metric = coordinators.spread(unit).reshape(len(unit), -1).T
-    np.testing.assert_allclose(metric, expected, atol=1e-12 * scale)
-    np.testing.assert_allclose(metric, metric.T, atol=1e-13 * scale)
+    preconditioner = coordinators.spread(unit).reshape(len(unit), -1).T
+    np.testing.assert_allclose(preconditioner, expected, atol=1e-12 * scale)
+    np.testing.assert_allclose(preconditioner, preconditioner.T, atol=1e-13 * scale)
     drive = np.random.default_rng(0).standard_normal((3, chains, count))
     np.testing.assert_allclose(
         coordinators.spread(drive).reshape(3, -1),
-        drive.reshape(3, -1) @ metric.T,
+        drive.reshape(3, -1) @ preconditioner.T,
         atol=1e-12 * scale,
     )
 
@@ -73,11 +73,13 @@ def test_hats(count, level):
 
 
 @pytest.mark.parametrize("stages", [2, 3, 8, 9, 20])
-@pytest.mark.parametrize("kind", [Kind.PYRAMID, Kind.COUPLED_PYRAMID])
+@pytest.mark.parametrize(
+    "kind", [PreconditionerKind.MULTILEVEL, PreconditionerKind.COUPLED_MULTILEVEL]
+)
 def test_number_of_neurons(stages, kind):
     network = synthesize(plants.car(N=stages, dt=0.9 / stages))
     linear = Linearisation(network).at(network.start_state)
-    coordinators = closed_form(linear, Recipe(kind=kind)).metric
+    coordinators = closed_form(linear, Recipe(kind=kind)).preconditioner
     levels = int(np.log2(2 * stages - 1))
     assert len(coordinators.gains) == levels
     # both ends of the chain are fixed, so a grid of 2^j intervals has 2^j - 1 inner points
@@ -92,13 +94,13 @@ def test_a_free_end_has_a_coordinator():
     network = synthesize(problem)
     assert network.chain_live[:, -1].tolist() == [False, False, True]
     gains = closed_form(Linearisation(network).at(network.start_state), Recipe())
-    moved = apply_gains(network, gains).metric.gains[0][-1]
+    moved = apply_gains(network, gains).preconditioner.gains[0][-1]
     assert moved.any()
     frozen = apply_gains(network, gains)
     x = near_start(frozen, 0)
     np.testing.assert_allclose(
         evaluator(frozen).rhs(x),
-        evaluator(frozen).metric @ network.pack(evaluator(frozen).drives(x)),
+        evaluator(frozen).preconditioner @ network.pack(evaluator(frozen).drives(x)),
         atol=1e-12,
     )
 
@@ -106,61 +108,61 @@ def test_a_free_end_has_a_coordinator():
 def test_a_row_too_short_has_none():
     network = synthesize(plants.double_integrator(N=1))
     assert (
-        closed_form(Linearisation(network).at(network.start_state), Recipe()).metric.kind
-        is Kind.TIME_CONSTANTS
+        closed_form(Linearisation(network).at(network.start_state), Recipe()).preconditioner.kind
+        is PreconditionerKind.DIAGONAL
     )
 
 
 def test_no_equilibrium_changes():
     design = designed("car")
-    assert design.network.metric.kind is not Kind.TIME_CONSTANTS
+    assert design.network.preconditioner.kind is not PreconditionerKind.DIAGONAL
     drives = design.network.pack(evaluator(design.network).drives(design.state))
     assert np.abs(drives).max() < 1e-6 * np.abs(design.state).max()
     assert (
         np.abs(evaluator(design.network).rhs(design.state)).max()
         < 1e-6 * np.abs(design.state).max()
     )
-    # and none is added: the metric is regular
-    assert np.linalg.cond(evaluator(design.network).metric.toarray()) < 1e6
+    # and none is added: the preconditioner is regular
+    assert np.linalg.cond(evaluator(design.network).preconditioner.toarray()) < 1e6
 
 
 def test_wires_touch_live_neurons_under_a_hat():
     network = coordinated("car")
     live = network.chain_live
     expected = 0
-    for gain in network.metric.gains:
+    for gain in network.preconditioner.gains:
         inner = hat_matrix(live.shape[1], len(gain) - 1)[:, 1:-1] > 1e-12
         expected += (live.astype(int) @ inner).sum()
-    assert network.metric.wires(network.row).count == expected
+    assert network.preconditioner.wires(network.row).count == expected
 
 
 @pytest.mark.parametrize("points", [[5, 5], [3, 5], [1], [9, 3]])
 def test_levels_that_do_not_nest(points):
     with pytest.raises(NetworkError, match="half the intervals"):
-        Pyramid(gains=tuple(np.ones((p, 2, 2)) for p in points))
+        Multilevel(gains=tuple(np.ones((p, 2, 2)) for p in points))
 
 
 @pytest.mark.parametrize("points", [[4, 2], [6, 3]])
 def test_odd_levels_are_refused(points):
     with pytest.raises(NetworkError, match="half the intervals"):
-        Pyramid(gains=tuple(np.ones((p, 2, 2)) for p in points))
+        Multilevel(gains=tuple(np.ones((p, 2, 2)) for p in points))
 
 
 def test_no_levels_are_refused():
     with pytest.raises(NetworkError, match="no levels given"):
-        Pyramid(gains=())
+        Multilevel(gains=())
 
 
 def test_gains_of_another_plant():
     network = coordinated("car")
-    wrong = Pyramid(gains=(np.ones((3, 2, 2)),))
+    wrong = Multilevel(gains=(np.ones((3, 2, 2)),))
     with pytest.raises(NetworkError, match="made for 2 chains"):
-        evaluator(replace(network, metric=wrong)).rhs(network.start_state)
+        evaluator(replace(network, preconditioner=wrong)).rhs(network.start_state)
 
 
 def test_gains_that_are_not_square():
     with pytest.raises(NetworkError, match="does not fit"):
-        Pyramid(gains=(np.ones((5, 2, 2)), np.ones((3, 2, 1))))
+        Multilevel(gains=(np.ones((5, 2, 2)), np.ones((3, 2, 1))))
 
 
 def with_block(block) -> tuple[np.ndarray, np.ndarray]:
@@ -182,7 +184,7 @@ def with_block(block) -> tuple[np.ndarray, np.ndarray]:
 )
 def test_gains_that_are_not_semi_definite_are_told_by_their_place(block, says, scale):
     with pytest.raises(NetworkError, match=f"level 1, grid point 1 of 0 to 2: .* got {says}"):
-        Pyramid(gains=with_block(scale * np.array(block)))
+        Multilevel(gains=with_block(scale * np.array(block)))
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1.0, 1e100])
@@ -197,4 +199,4 @@ def test_gains_that_are_not_semi_definite_are_told_by_their_place(block, says, s
     ],
 )
 def test_semi_definite_gains_may_be_rounded(block, scale):
-    assert Pyramid(gains=with_block(scale * np.array(block))).chains == 2
+    assert Multilevel(gains=with_block(scale * np.array(block))).chains == 2

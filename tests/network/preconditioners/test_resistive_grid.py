@@ -5,17 +5,17 @@ import pytest
 from designs import wired_with
 from hypothesis import given, settings, strategies as st
 from problems import SUITE
-from random_metrics import random_blocks, rows
+from random_preconditioners import random_blocks, rows
 
-from ann_dc.network.preconditioners.base import Kind, Row
-from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.base import PreconditionerKind, Row
+from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 
 
 @settings(max_examples=40, deadline=None)
 @given(row=rows(), seed=st.integers(0, 2**32 - 1))
 def test_wires_are_the_stiffness_beside_its_diagonal(row, seed):
     own, following = random_blocks(np.random.default_rng(seed), row.stages, len(row.primal))
-    grid = Grid(own=own, following=following)
+    grid = ResistiveGrid(own=own, following=following)
     wires, matrix = grid.wires(row), grid.matrix(row)
     weights = wires.weights.toarray()
     np.testing.assert_array_equal(
@@ -27,11 +27,11 @@ def test_wires_are_the_stiffness_beside_its_diagonal(row, seed):
 
 @pytest.mark.parametrize("name", SUITE)
 def test_no_wire_is_longer_than_to_the_next_cell(name):
-    network = wired_with(name, Kind.GRID)
-    first, second = network.metric.wires(network.row).weights.nonzero()
+    network = wired_with(name, PreconditionerKind.RESISTIVE_GRID)
+    first, second = network.preconditioner.wires(network.row).weights.nonzero()
     stage = network.places[:, 1]
     assert np.abs(stage[first] - stage[second]).max() == 1
-    reached = network.metric.reach(network.row)[network.places[:, 0]]
+    reached = network.preconditioner.reach(network.row)[network.places[:, 0]]
     assert reached[first].all()
     assert reached[second].all()
 
@@ -42,7 +42,7 @@ def test_a_longer_row_has_as_many_wires_a_cell():
     following = np.zeros((3, 3))
     following[2, 0] = -0.3
     for stages in (2, 20, 200):
-        grid = Grid(
+        grid = ResistiveGrid(
             own=np.tile(own, (stages, 1, 1)), following=np.tile(following, (stages - 1, 1, 1))
         )
         row = Row(rates=np.ones((3, stages)), primal=np.arange(3), chains=np.array([[0, 2]]))

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from designs import wired_with
 from hypothesis import given, settings, strategies as st
-from random_metrics import random_blocks, rows, tridiagonal
+from random_preconditioners import random_blocks, rows, tridiagonal
 
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.network.preconditioners.base import Kind, Row
-from ann_dc.network.preconditioners.cyclic_reduction import Tree
-from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.base import PreconditionerKind, Row
+from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
+from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 
 seeds = st.integers(0, 2**32 - 1)
-both = pytest.mark.parametrize("stiffness", [Grid, Tree])
+both = pytest.mark.parametrize("stiffness", [ResistiveGrid, CyclicReduction])
 
 ROW = Row(rates=np.ones((3, 4)), primal=np.array([0, 1]), chains=np.array([[0, 1]]))
 
@@ -33,7 +33,7 @@ def test_the_matrix_is_the_blocks_without_what_is_not_there(row, seed):
     own, following = random_blocks(np.random.default_rng(seed), row.stages, len(row.primal))
     place = row.component[row.primal].T.ravel()
     there = place >= 0
-    matrix = Grid(own=own, following=following).matrix(row).toarray()
+    matrix = ResistiveGrid(own=own, following=following).matrix(row).toarray()
     whole = tridiagonal(own, following)
     np.testing.assert_array_equal(
         matrix[np.ix_(place[there], place[there])], whole[np.ix_(there, there)]
@@ -46,7 +46,7 @@ def test_the_matrix_is_the_blocks_without_what_is_not_there(row, seed):
 @given(row=rows(), seed=seeds)
 def test_bands_and_blocks_are_the_same_matrix(row, seed):
     own, following = random_blocks(np.random.default_rng(seed), row.stages, len(row.primal))
-    grid = Grid(own=own, following=following)
+    grid = ResistiveGrid(own=own, following=following)
     band, whole = grid.banded(row), tridiagonal(*grid.blocks(row))
     assert band.shape == (2 * len(row.primal), len(whole))
     for below, diagonal in enumerate(band):
@@ -62,16 +62,18 @@ def test_bands_and_blocks_are_the_same_matrix(row, seed):
 def test_moves_are_a_dense_solve(stiffness, row, seed):
     rng = np.random.default_rng(seed)
     own, following = random_blocks(rng, row.stages, len(row.primal))
-    metric = stiffness(own=own, following=following)
+    preconditioner = stiffness(own=own, following=following)
     drives = rng.standard_normal(row.rates.shape) * (row.rates > 0)
     root = np.sqrt(row.rates[row.primal]).T.ravel()
     pushed = root * drives[row.primal].T.ravel()
-    expected = root * np.linalg.solve(tridiagonal(*metric.blocks(row)), pushed)
-    moves = metric.apply(row, drives)
+    expected = root * np.linalg.solve(tridiagonal(*preconditioner.blocks(row)), pushed)
+    moves = preconditioner.apply(row, drives)
     np.testing.assert_allclose(moves[row.primal].T.ravel(), expected, atol=1e-10)
     duals = np.setdiff1d(np.arange(len(drives)), row.primal)
     np.testing.assert_array_equal(moves[duals], (drives * row.rates)[duals])
-    several = metric.apply(row, np.stack([drives] * drives.size))  # more than are solved in bands
+    several = preconditioner.apply(
+        row, np.stack([drives] * drives.size)
+    )  # more than are solved in bands
     np.testing.assert_allclose(several, np.broadcast_to(moves, several.shape), atol=1e-10)
 
 
@@ -117,17 +119,17 @@ def test_refused_when_it_is_made(case, stiffness):
 @both
 @pytest.mark.parametrize(("stages", "primal"), [(3, 2), (5, 2), (4, 1), (4, 3)])
 def test_a_row_of_another_size(stages, primal, stiffness):
-    metric = made(stiffness, stages, primal)
+    preconditioner = made(stiffness, stages, primal)
     message = f"made for {stages} cells of {primal} primal neurons, but the network has 4 of 2"
     with pytest.raises(NetworkError, match=message):
-        metric.check(ROW)
+        preconditioner.check(ROW)
 
 
 def test_a_row_without_primal_neurons():
     bare = Row(rates=np.ones((1, 2)), primal=np.zeros(0, int), chains=np.zeros((0, 2), int))
-    metric = Grid(own=np.zeros((2, 0, 0)), following=np.zeros((1, 0, 0)))
+    preconditioner = ResistiveGrid(own=np.zeros((2, 0, 0)), following=np.zeros((1, 0, 0)))
     with pytest.raises(NetworkError, match="but the network has 2 of 0"):
-        metric.check(bare)
+        preconditioner.check(bare)
 
 
 @both
@@ -145,16 +147,20 @@ def test_what_is_not_there_cannot_be_too_strong():
     following[0, 1, 0] = 1.1
     rates = np.ones((3, 4))
     rates[0, 1] = 0.0
-    Grid(own=own, following=following).check(replace(ROW, rates=rates))
+    ResistiveGrid(own=own, following=following).check(replace(ROW, rates=rates))
 
 
-@pytest.mark.parametrize("kind", [Kind.GRID, Kind.TREE])
+@pytest.mark.parametrize(
+    "kind", [PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION]
+)
 def test_a_network_refuses_it_when_it_is_evaluated(kind):
     network = wired_with("car", kind)
-    metric = replace(network.metric, following=3 * network.metric.following)
+    preconditioner = replace(network.preconditioner, following=3 * network.preconditioner.following)
     for of in (evaluator, InterpretedEvaluator):
         with pytest.raises(NetworkError, match="not positive definite"):
-            of(replace(network, metric=metric))
-    metric = replace(metric, own=metric.own[1:], following=metric.following[1:])
+            of(replace(network, preconditioner=preconditioner))
+    preconditioner = replace(
+        preconditioner, own=preconditioner.own[1:], following=preconditioner.following[1:]
+    )
     with pytest.raises(NetworkError, match="made for 3 cells"):
-        evaluator(replace(network, metric=metric))
+        evaluator(replace(network, preconditioner=preconditioner))

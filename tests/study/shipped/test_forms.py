@@ -31,7 +31,7 @@ def test_the_end_of_a_form(outcome, certified, error, end):
 
 def test_controls_of_a_slip_are_compared_with_the_corrected_networks():
     study = settling_of_forms(
-        ann_dc.plants.double_integrator(N=5), forms=["corrected", "S7"], kind="time-constants"
+        ann_dc.plants.double_integrator(N=5), forms=["corrected", "S7"], kind="diagonal"
     )
     corrected, slip = study.run(workers=0).rows()
     assert corrected["control_error"] < 1e-6

@@ -32,7 +32,7 @@ def test_the_boundary_is_where_the_rate_crosses_zero_over_the_logarithm():
 
 def test_all_time_constants_together_change_nothing_in_fastest_ones():
     network = ann_dc.design(
-        ann_dc.plants.double_integrator(N=5), kinds=[ann_dc.Kind.TIME_CONSTANTS]
+        ann_dc.plants.double_integrator(N=5), kinds=[ann_dc.PreconditionerKind.DIAGONAL]
     ).network
     (study,) = settling_against_gains(network, factors=[0.25, 1.0, 4.0], gains=["tau"]).values()
     table = study.run(workers=0)

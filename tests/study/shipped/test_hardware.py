@@ -41,7 +41,9 @@ def test_the_slowest_mode_is_that_of_the_emulated_board():
     exact["tolerance.resistor"] = 1e-12  # none at all stands for what is typical
     study = yield_curves(PLANT, spec=SPEC, figures=fixed, board={**BOARD, **exact}, samples=1)
     (found,) = study["circuit.margin"].run(workers=0)["slowest_mode_seconds"]
-    network = ann_dc.design(ann_dc.plants.get(PLANT)(), kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+    network = ann_dc.design(
+        ann_dc.plants.get(PLANT)(), kinds=[ann_dc.PreconditionerKind.DIAGONAL]
+    ).network
     level = macro(gbw=10e6)
     circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     made = Specimen(circuit=circuit, level=level, probe=probe)

@@ -18,11 +18,11 @@ def test_stages_get_shorter_as_there_are_more():
 
 def test_a_penalty_is_the_same_for_every_number_of_stages():
     plant = ann_dc.plants.double_integrator()
-    studies = settling_against_horizon(plant, sizes=[4, 6], kind="time-constants", rho=0.7)
+    studies = settling_against_horizon(plant, sizes=[4, 6], kind="diagonal", rho=0.7)
     for study in studies.values():
         names = {name.partition(".")[2]: value for name, value in study.fixed.items()}
         problem = study.subject.declared({"N": names["N"], "dt": names["dt"]})
-        own = ann_dc.design(problem, kinds=[ann_dc.Kind.TIME_CONSTANTS]).network
+        own = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
         assert names["rho"] * median_rho(own) == pytest.approx(0.7)
 
 

@@ -13,7 +13,7 @@ def test_steps_are_shares_of_the_spectrums_limit():
     studies = settling_against_steps(
         PLANT, over={"input.q_d.x": (0.5, 2.0)}, samples=3, shares=[0.5, 1.0]
     )
-    design = ann_dc.design(PLANT, kinds=[ann_dc.Kind.PYRAMID])
+    design = ann_dc.design(PLANT, kinds=[ann_dc.PreconditionerKind.MULTILEVEL])
     assert studies.limit == pytest.approx(design.spectrum.largest_step, rel=1e-6)
     assert studies.fixed.over["run.step"] == [0.5 * studies.limit, studies.limit]
     assert len(studies.adaptive) == 3 * 3

@@ -60,7 +60,7 @@ class TorchEvaluator(Evaluator):
         """Return M drive, both (n,)."""
         layout, vector = self.flow.layout, torch.as_tensor(np.array(drive), dtype=self._dtype)
         drives = layout.fill(vector[None], self.flow.inputs) * layout.live
-        return layout.pack(layout.metric(self.flow.constants, drives))[0].numpy()
+        return layout.pack(layout.preconditioner(self.flow.constants, drives))[0].numpy()
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
         """Return the relative (constraint, stationarity) residuals."""

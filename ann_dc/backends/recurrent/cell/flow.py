@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import torch
 
 from ann_dc.backends.recurrent.cell.layout import Layout
-from ann_dc.backends.recurrent.cell.metrics import Constants
+from ann_dc.backends.recurrent.cell.preconditioners import Constants
 from ann_dc.backends.recurrent.cell.step_limits import CurrentLimits
 from ann_dc.evaluation import rules
 from ann_dc.evaluation.domains import side_of_pole
@@ -28,13 +28,13 @@ class Reading(NamedTuple):
     drives: torch.Tensor
     """Net inputs (P, N, B) of the neurons; zero for a fixed, omitted or saturated neuron."""
     uncut: torch.Tensor | None = None
-    """Drives (P, N, B), those of coupled neurons without saturation; None if the metric couples no
-    neuron with saturation limits.
+    """Drives (P, N, B), those of coupled neurons without saturation; None if the preconditioner
+    couples no neuron with saturation limits.
     """
 
     @property
     def arriving(self) -> torch.Tensor:
-        """Drives (P, N, B) to which the metric is applied."""
+        """Drives (P, N, B) to which the preconditioner is applied."""
         return self.drives if self.uncut is None else self.uncut
 
 
@@ -111,7 +111,7 @@ class Flow:
         are active. Both have shape (P, N, B).
         """
         layout = self.layout
-        moves = layout.metric(self.constants, arriving)
+        moves = layout.preconditioner(self.constants, arriving)
         if len(layout.clamped):
             moves = self._projected(moves, arriving, state)
         moves = layout.spread(moves * layout.live)
@@ -136,7 +136,7 @@ class Flow:
         def exchanged(turn, held, wrong, arriving, x):
             last = torch.where(wrong, order[:, None], -1).amax(0)
             held = held ^ (wrong & ((order[:, None] == last) | (turn < rules.BLOCKS)))
-            clamped: Any = self.layout.metric.clamped
+            clamped: Any = self.layout.preconditioner.clamped
             moves, currents = clamped(self.constants, arriving, places, held)
             given, found = arriving.flatten(0, 1)[places], moves.flatten(0, 1)[places]
             size = torch.where(held, given.abs() + currents.abs(), 0.0).amax(0)

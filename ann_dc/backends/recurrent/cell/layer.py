@@ -1,7 +1,7 @@
 r"""Cell layer: one step of the network as a torch module.
 
-With M the metric and d the net input of the neurons, one recurrent step is the forward Euler rule
-(16)-(17),
+With M the preconditioner and d the net input of the neurons, one recurrent step is the forward
+Euler rule (16)-(17),
 
 .. math:: x^{(j+1)} = x^{(j)} + h\, M\, d(x^{(j)}) ,
 
@@ -20,8 +20,8 @@ from torch import nn
 
 from ann_dc.backends.recurrent.cell.flow import Flow
 from ann_dc.backends.recurrent.cell.layout import Layout
-from ann_dc.backends.recurrent.cell.metrics import Constants, PyramidLayer
 from ann_dc.backends.recurrent.cell.named_rows import NamedRows
+from ann_dc.backends.recurrent.cell.preconditioners import Constants, PyramidLayer
 from ann_dc.backends.recurrent.cell.step_limits import CurrentLimits
 from ann_dc.backends.recurrent.cell.trained import trained_network
 from ann_dc.errors import NetworkError
@@ -164,8 +164,8 @@ class CellLayer(nn.Module):
             paths = [row for _, row in self._duals]
             rows = torch.as_tensor(paths, dtype=torch.int64, device=weights.device)
             weights = weights.index_copy(0, rows, weights[rows] * on_rho[:, None])
-            if isinstance(self.layout.metric, PyramidLayer):
-                sizes = torch.as_tensor(self.layout.metric.sizes, device=weights.device)
+            if isinstance(self.layout.preconditioner, PyramidLayer):
+                sizes = torch.as_tensor(self.layout.preconditioner.sizes, device=weights.device)
                 grids = grids * on_grids.repeat_interleave(sizes)[:, None, None]
         return Constants(weights[:, :, None], self.layout.live / tau[:, :, None], grids)
 

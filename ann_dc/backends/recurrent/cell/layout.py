@@ -1,4 +1,4 @@
-"""Layout of a step: live neurons, roles, limits, places, domains and metric.
+"""Layout of a step: live neurons, roles, limits, places, domains and preconditioner.
 
 A state is a tensor (P, N, B): neurons, stages, samples. It includes fixed and omitted neurons, so
 that every sample has the same rows. `Layout.pack` removes these neurons, and `Layout.fill` restores
@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from ann_dc.backends.recurrent.cell.metrics import (
+from ann_dc.backends.recurrent.cell.preconditioners import (
     EliminationLayer,
     PyramidLayer,
     TimeConstantsLayer,
@@ -20,7 +20,7 @@ from ann_dc.backends.recurrent.cell.tape import TorchTape
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import RoleRows
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.network.preconditioners.stiffness import Stiffness
 from ann_dc.network.selection import clamped_rows
 
@@ -39,7 +39,7 @@ class Layout(nn.Module):
     ----------
     tape : TorchTape
         Nodes of the network as integers.
-    metric : PyramidLayer, EliminationLayer or TimeConstantsLayer
+    preconditioner : PyramidLayer, EliminationLayer or TimeConstantsLayer
         Preconditioner that turns drives into moves.
     railed : bool
         True if any neuron has saturation limits.
@@ -52,9 +52,9 @@ class Layout(nn.Module):
     high: torch.Tensor
     """Upper saturation limits (P, 1, 1)."""
     coupled: torch.Tensor
-    """Mask (P, 1, 1) of neurons that the metric also moves with the drives of others."""
+    """Mask (P, 1, 1) of neurons that the preconditioner also moves with the drives of others."""
     clamped: torch.Tensor
-    """Places (K,), in a flattened (P, N), of neurons with saturation limits that the metric
+    """Places (K,), in a flattened (P, N), of neurons with saturation limits that the preconditioner
     couples.
     """
     places: torch.Tensor
@@ -81,13 +81,13 @@ class Layout(nn.Module):
         self.network, self.tape = network, TorchTape.of(network)
         self._read = self.tape.read
         numbers = evaluator(network).tape
-        self.metric = _metric_layer(network, dtype)
+        self.preconditioner = _preconditioner_layer(network, dtype)
         self.railed = bool(np.isfinite(numbers.limits).any())
         tables = {
             "live": torch.as_tensor(network.live[:, :, None]).to(dtype),
             "low": torch.as_tensor(numbers.limits[:, :1, None]).to(dtype),
             "high": torch.as_tensor(numbers.limits[:, 1:, None]).to(dtype),
-            "coupled": torch.as_tensor(network.metric.reach(network.row)[:, None, None]),
+            "coupled": torch.as_tensor(network.preconditioner.reach(network.row)[:, None, None]),
             "clamped": torch.as_tensor(_clamped_places(network)),
             "places": torch.as_tensor(numbers.places @ [network.stages, 1]),
             "input_scales": torch.as_tensor(_input_scales(network)).to(dtype),
@@ -151,12 +151,12 @@ class Layout(nn.Module):
         return state.flatten(0, 1)[self.places].T
 
 
-def _metric_layer(network: Network, dtype: torch.dtype) -> nn.Module:
-    metric = network.metric
-    if isinstance(metric, Stiffness):
+def _preconditioner_layer(network: Network, dtype: torch.dtype) -> nn.Module:
+    preconditioner = network.preconditioner
+    if isinstance(preconditioner, Stiffness):
         is_clamped = len(clamped_rows(network)) > 0
-        return EliminationLayer(metric, network.row, dtype=dtype, is_clamped=is_clamped)
-    if isinstance(metric, Pyramid):
+        return EliminationLayer(preconditioner, network.row, dtype=dtype, is_clamped=is_clamped)
+    if isinstance(preconditioner, Multilevel):
         return PyramidLayer(evaluator(network).tape, network.stages, dtype=dtype)
     return TimeConstantsLayer()
 

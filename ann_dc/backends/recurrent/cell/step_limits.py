@@ -7,7 +7,7 @@ from functools import cached_property
 import torch
 
 from ann_dc.analysis.spectra import stability_limit
-from ann_dc.backends.recurrent.cell.metrics import Constants
+from ann_dc.backends.recurrent.cell.preconditioners import Constants
 from ann_dc.backends.recurrent.cell.trained import with_constants
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.network.network import Network

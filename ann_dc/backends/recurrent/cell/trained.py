@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from ann_dc.backends.recurrent.cell.metrics import Constants
 from ann_dc.backends.recurrent.cell.named_rows import NamedRows
+from ann_dc.backends.recurrent.cell.preconditioners import Constants
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Metric
-from ann_dc.network.preconditioners.multilevel import Pyramid
+from ann_dc.network.preconditioners.base import Preconditioner
+from ann_dc.network.preconditioners.multilevel import Multilevel
 
 
 def trained_network(
@@ -50,15 +50,15 @@ def with_constants(network: Network, constants: Constants, tau: torch.Tensor) ->
     return replace(
         network,
         cell=replace(network.cell, neurons=neurons, connections=connections),
-        metric=_with_gains(network.metric, grids),
+        preconditioner=_with_gains(network.preconditioner, grids),
     )
 
 
-def _with_gains(metric: Metric, grids: torch.Tensor) -> Metric:
-    if not isinstance(metric, Pyramid):
-        return metric
-    levels = grids.split([len(gain) for gain in metric.gains])
-    return replace(metric, gains=tuple(gain.numpy().copy() for gain in levels))
+def _with_gains(preconditioner: Preconditioner, grids: torch.Tensor) -> Preconditioner:
+    if not isinstance(preconditioner, Multilevel):
+        return preconditioner
+    levels = grids.split([len(gain) for gain in preconditioner.gains])
+    return replace(preconditioner, gains=tuple(gain.numpy().copy() for gain in levels))
 
 
 def _plain(row: torch.Tensor) -> float | np.ndarray:

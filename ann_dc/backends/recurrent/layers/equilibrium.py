@@ -1,8 +1,8 @@
 r"""Settled point as a function of the inputs: implicit differentiation.
 
 At a settled point the drives vanish, d(x, p) = 0, so dx/dp = -J^{-1} dd/dp with J = dd/dx. The
-metric cancels: gains change the path to the optimum, not the optimum. One Newton step that remains
-attached to the graph gives value and derivative,
+preconditioner cancels: gains change the path to the optimum, not the optimum. One Newton step that
+remains attached to the graph gives value and derivative,
 
 .. math:: x = x^* - J^{-1}\, d(x^*, p) ,
 

@@ -38,8 +38,8 @@ AT_ONCE = 1 << 16
 class Memory(NamedTuple):
     """Memory of the acceleration: m differences of the (P, N) components of B samples.
 
-    Moves are weighted by 1 / sqrt(rate), the metric in which time constants are one. All values are
-    in network units.
+    Moves are weighted by 1 / sqrt(rate), the preconditioner in which time constants are one. All
+    values are in network units.
     """
 
     rule: Anderson

@@ -53,13 +53,14 @@ SIMULTANEOUS = Order("simultaneous")
 """Simultaneous order: all neurons move at once, (16), (17) and forward Euler."""
 
 TWO_PHASE = Order("two-phase")
-"""Two-phase order: primal neurons in phase 1, dual neurons in phase 2 on the new residual. Equal to
-the simultaneous recurrence with rho + h/tau_dual, on duals that are one step late.
+"""Two-phase order: primal neurons first, then dual neurons on the new residual. Equal to the
+simultaneous recurrence with rho + h/tau_dual, on duals that are one step late.
 """
 
 STAGE_BY_STAGE = Order("stage by stage")
 """Stage-by-stage order (Gauss-Seidel): one cell serves the stages in turn, reads the values written
-before, and moves with its drive. The metric is applied at the end to the drives of the sweep.
+before, and moves with its drive. The preconditioner is applied at the end to the drives of the
+sweep.
 """
 
 ORDERS = {order.name: order for order in (SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE)}

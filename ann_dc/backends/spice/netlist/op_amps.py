@@ -23,7 +23,7 @@ from ann_dc.hardware.schematic.elements import (
     PICell,
     Wire,
 )
-from ann_dc.hardware.schematic.metric_wiring import OWN
+from ann_dc.hardware.schematic.preconditioner_wiring import OWN
 
 KINDS = {Integrator: "integ", PICell: "pi_cell", Adder: "sum"}
 """Library cell of every part; with suffix ``_fd`` for a differential part."""

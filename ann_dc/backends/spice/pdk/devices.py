@@ -25,15 +25,7 @@ NUMBER = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.IGNORECASE)
 @checked
 @dataclass(frozen=True, kw_only=True, order=True)
 class Device:
-    """Device with its geometry.
-
-    Attributes
-    ----------
-    name : str
-        One of `KNOWN`.
-    width, length : float
-        Sizes in micrometres; one each if the device has only one size.
-    """
+    """Device of `KNOWN` with its width and length in micrometres, one each if fixed."""
 
     name: str
     width: float = 1.0

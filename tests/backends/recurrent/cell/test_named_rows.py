@@ -28,12 +28,12 @@ def test_a_state_dict_speaks_the_networks_names():
     expected = [f"weight.{name}" for name in evaluator(network).edges]
     expected += [f"{group}.{name}" for group in ("tau", "start") for name in neurons]
     expected += [f"input.{name}" for name in network.cell.inputs]
-    expected += [f"coordinator.level_{j}" for j in range(len(network.metric.gains))]
+    expected += [f"coordinator.level_{j}" for j in range(len(network.preconditioner.gains))]
     assert sorted(state) == sorted([*expected, "_extra_state"])
     assert bytes(state["_extra_state"][0].tolist()).hex() == wiring_hash(network)
     assert {"tau.mu.phi", "start.q.x", "input.q_d.x", "coordinator.level_0"} <= set(state)
     np.testing.assert_array_equal(state["input.q_d.x"], [5.0] * 4)
-    np.testing.assert_array_equal(state["coordinator.level_0"], network.metric.gains[0])
+    np.testing.assert_array_equal(state["coordinator.level_0"], network.preconditioner.gains[0])
     for connection in network.cell.connections:
         weight = np.broadcast_to(connection.weight, 4)
         np.testing.assert_array_equal(state[f"weight.{connection.name}"], weight)
@@ -45,7 +45,7 @@ def test_trainable_factors_have_names_too():
     added = set(CellLayer(network, trainable=True).state_dict()) - fixed
     neurons = [neuron.name for neuron in network.cell.neurons]
     duals = [dual.neuron for dual in network.cell.duals]
-    levels = [f"level_{j}" for j in range(len(network.metric.gains))]
+    levels = [f"level_{j}" for j in range(len(network.preconditioner.gains))]
     assert added == {
         *(f"log_gain.tau.{name}" for name in neurons),
         *(f"log_gain.rho.{name}" for name in duals),

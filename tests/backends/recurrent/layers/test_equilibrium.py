@@ -12,7 +12,7 @@ from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
 from ann_dc.backends.settling import Settling
 from ann_dc.network.cell import Cell, Limiter, Neuron
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 EXACT = Settling(tolerance=1e-11, confirm=0.5)
 
@@ -76,7 +76,7 @@ def test_gains_do_not_move_the_optimum():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["double_integrator", pytest.param("car", marks=pytest.mark.slow)])
 def test_unrolled_long_enough_the_derivative_is_the_same(name):
-    network = design(SUITE[name].problem, kinds=[Kind.PYRAMID]).network
+    network = design(SUITE[name].problem, kinds=[PreconditionerKind.MULTILEVEL]).network
     layer, first = RecurrentLayer(network), SUITE[name].problem.states[0]
     at = [0.9 * SUITE[name].problem.q_d[0], SUITE[name].problem.q_d[0]]
     weights = torch.as_tensor(np.random.default_rng(4).standard_normal((2, network.size)))

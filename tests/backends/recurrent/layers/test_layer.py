@@ -19,7 +19,7 @@ from ann_dc.backends.recurrent.rules.orders import ORDERS, SIMULTANEOUS, STAGE_B
 from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 
 def test_in_single_precision():
@@ -101,9 +101,12 @@ def assert_same_bits(layer: RecurrentLayer, inputs: dict, chosen, **settle) -> N
 
 
 COMPANY = list(
-    itertools.product(["car", "two_link_arm"], Kind, ORDERS.values(), [None, Anderson(memory=6)])
+    itertools.product(
+        ["car", "two_link_arm"], PreconditionerKind, ORDERS.values(), [None, Anderson(memory=6)]
+    )
 )
-"""Plant, metric, order and acceleration: CI takes every seventh, which meets all of each."""
+"""Plant, preconditioner, order and acceleration: CI takes every seventh, which meets all of each.
+"""
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import DUAL
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Sum, Template
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 NAMES = ("double_integrator", "car", "van_der_pol", "cstr")
 
@@ -127,9 +127,9 @@ def gauss_seidel(network: Network, x: np.ndarray, step: float) -> np.ndarray:
         drives = program.drives(network.pack(values))
         seen[:, k] = drives[:, k]
         values[:, k] += step * drives[:, k] * program.tape.rates[:, k]
-    if network.metric.kind is Kind.TIME_CONSTANTS:
+    if network.preconditioner.kind is PreconditionerKind.DIAGONAL:
         return network.pack(values)
-    return x + step * (program.metric @ network.pack(seen))
+    return x + step * (program.preconditioner @ network.pack(seen))
 
 
 def assert_is_gauss_seidel(network: Network, seed: int, step: float = 0.2) -> None:
@@ -144,9 +144,16 @@ def test_a_sweep_is_gauss_seidel(name, wired):
     assert_is_gauss_seidel(wired(name), 3)
 
 
-@pytest.mark.parametrize("kind", [Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        PreconditionerKind.COUPLED_MULTILEVEL,
+        PreconditionerKind.RESISTIVE_GRID,
+        PreconditionerKind.CYCLIC_REDUCTION,
+    ],
+)
 @pytest.mark.parametrize("name", NAMES)
-def test_a_sweep_ends_with_the_metric_of_any_kind(name, kind):
+def test_a_sweep_ends_with_the_preconditioner_of_any_kind(name, kind):
     assert_is_gauss_seidel(wired_with(name, kind), 3)
 
 

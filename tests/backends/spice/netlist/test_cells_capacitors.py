@@ -21,7 +21,7 @@ from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import switched_capacitor
 from ann_dc.hardware.schematic.elements import PICell
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
 
@@ -29,7 +29,7 @@ from ann_dc.solver import synthesize
 @cache
 def short_lq() -> Network:
     problem = plants.double_integrator(N=3, dt=0.5, q_0=(1, 0), q_d=(0, 0))
-    return design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
+    return design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
 
 
 @cache

@@ -16,13 +16,13 @@ from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c, switched_capacitor
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.solver import synthesize
 
 
 @cache
 def prepared(name: str):
-    network = design(synthesize(SUITE[name].problem), kinds=(Kind.TIME_CONSTANTS,)).network
+    network = design(synthesize(SUITE[name].problem), kinds=(PreconditionerKind.DIAGONAL,)).network
     return SpiceBackend().prepare(network)
 
 
@@ -64,7 +64,7 @@ def test_deck_length_is_linear_in_the_horizon():
     lengths = {}
     for n in (10, 20, 40):
         problem = replace(SUITE["double_integrator"].problem, horizon=n)
-        network = design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
+        network = design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
         circuit, probe = SpiceBackend().prepare(network)
         text = deck_of(circuit, BEHAVIOURAL, duration=float(probe.time[-1])).text
         lengths[n] = len(text[text.index("* ---- the row") :])
@@ -90,7 +90,7 @@ def test_a_name_with_a_line_break_is_refused():
 @cache
 def short(name: str, differential: bool = False):
     """A circuit of a problem of the suite over four stages."""
-    network = design(small(name), kinds=(Kind.TIME_CONSTANTS,)).network
+    network = design(small(name), kinds=(PreconditionerKind.DIAGONAL,)).network
     return SpiceBackend(level=macro(differential=differential)).prepare(network)[0]
 
 

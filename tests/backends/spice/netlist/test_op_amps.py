@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from counting import counted
-from metric_networks import with_metric
+from preconditioner_networks import with_preconditioner
 from simulator import needs_ngspice
 from wired import instances, neighbour_wired, prepared
 
@@ -19,7 +19,7 @@ from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.hardware.schematic.elements import GridNode
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 
 def run_of(level):
@@ -77,7 +77,9 @@ def test_a_seed_decides_the_numbers_and_nothing_else():
 @cache
 def grid(name: str, horizon: int | None, margin: float = 60.0):
     backend = SpiceBackend(level=macro(), margin=margin, node_lag=2e-3)
-    return backend, *backend.prepare(with_metric(name, Kind.GRID, horizon))
+    return backend, *backend.prepare(
+        with_preconditioner(name, PreconditionerKind.RESISTIVE_GRID, horizon)
+    )
 
 
 def test_parts_are_those_of_the_netlist():

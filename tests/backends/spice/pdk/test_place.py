@@ -14,7 +14,7 @@ from ann_dc.backends.spice.pdk.place import INSTEAD, place_of
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
 from ann_dc.hardware.parts.foundry import SKY130
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.resources import circuits_path
 from ann_dc.solver import synthesize
@@ -89,7 +89,7 @@ def test_a_diode_neuron_is_rectified(seed):
 @needs_ngspice
 def test_a_network_settles_in_a_circuit_of_the_foundrys_transistors():
     network = design(
-        synthesize(plants.double_integrator(N=2)), kinds=(Kind.TIME_CONSTANTS,)
+        synthesize(plants.double_integrator(N=2)), kinds=(PreconditionerKind.DIAGONAL,)
     ).network
     run = SpiceBackend(level=SKY130).run(network)
     assert run.settled()
@@ -103,7 +103,7 @@ def test_a_network_settles_in_a_circuit_of_the_foundrys_transistors():
 def test_a_network_with_diode_neurons_settles_without_any_ideal_switch():
     """With a limit on its speed that several stages keep: a quarter of a minute."""
     problem = integrator(N=8, dt=0.25, bounds={v: (None, 0.65)})
-    network = design(synthesize(problem), kinds=(Kind.TIME_CONSTANTS,)).network
+    network = design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
     backend = SpiceBackend(level=SKY130)
     circuit, probe = backend.prepare(network)
     deck = backend.deck(circuit, probe, {})
@@ -117,7 +117,7 @@ def test_a_network_with_diode_neurons_settles_without_any_ideal_switch():
 @needs_pdk
 def test_conditions_and_mismatch_reach_the_deck():
     network = design(
-        synthesize(plants.double_integrator(N=2)), kinds=(Kind.TIME_CONSTANTS,)
+        synthesize(plants.double_integrator(N=2)), kinds=(PreconditionerKind.DIAGONAL,)
     ).network
     backend = SpiceBackend(level=SKY130)
     circuit, probe = backend.prepare(network)

@@ -1,4 +1,6 @@
-"""Every kind of metric in torch: batches, two precisions, gradients, orders, compiled graphs."""
+"""Every kind of preconditioner in torch: batches, two precisions, gradients, orders, compiled
+graphs.
+"""
 
 from dataclasses import replace
 
@@ -6,21 +8,25 @@ import numpy as np
 import pytest
 import torch
 from designs import near_start, wired_with
-from random_metrics import random_metric, with_stiffness
+from random_preconditioners import random_preconditioner, with_stiffness
 
 import ann_dc
 from ann_dc.backends.recurrent.cell.layer import CellLayer
-from ann_dc.backends.recurrent.cell.metrics import EliminationLayer
+from ann_dc.backends.recurrent.cell.preconditioners import EliminationLayer
 from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
 from ann_dc.backends.recurrent.rules.orders import TWO_PHASE
 from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.backends.settling import Settling
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
-every_kind = pytest.mark.parametrize("kind", Kind, ids=lambda kind: kind.name.lower())
-stiff = pytest.mark.parametrize("kind", [Kind.GRID, Kind.TREE], ids=["grid", "tree"])
+every_kind = pytest.mark.parametrize("kind", PreconditionerKind, ids=lambda kind: kind.name.lower())
+stiff = pytest.mark.parametrize(
+    "kind",
+    [PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION],
+    ids=["grid", "tree"],
+)
 
 
 def assert_close(actual, expected, relative=1e-12) -> None:
@@ -34,16 +40,16 @@ def moves_of(cell: CellLayer, drives: np.ndarray) -> np.ndarray:
     flat = torch.zeros(layout.live.numel(), len(drives), dtype=cell.start.rows.dtype)
     given = torch.as_tensor(drives.T).to(flat)
     state = flat.index_copy(0, layout.places, given).reshape(*layout.live.shape[:2], -1)
-    return cell.pack(layout.metric(constants, state)).detach().numpy()
+    return cell.pack(layout.preconditioner(constants, state)).detach().numpy()
 
 
 @every_kind
 @pytest.mark.parametrize(("dtype", "relative"), [(torch.float64, 1e-12), (torch.float32, 2e-5)])
-def test_a_batch_moves_by_the_metric(kind, dtype, relative):
+def test_a_batch_moves_by_the_preconditioner(kind, dtype, relative):
     network = wired_with("car", kind)
     drives = np.random.default_rng(0).standard_normal((5, network.size))
     moves = moves_of(CellLayer(network, dtype=dtype), drives)
-    assert_close(moves, drives @ evaluator(network).metric.toarray(), relative)
+    assert_close(moves, drives @ evaluator(network).preconditioner.toarray(), relative)
 
 
 @stiff
@@ -51,29 +57,33 @@ def test_a_batch_moves_by_the_metric(kind, dtype, relative):
 def test_rows_of_any_length(stages, kind):
     network = with_stiffness(ann_dc.synthesize(ann_dc.plants.car(N=stages)), kind)
     drives = np.random.default_rng(1).standard_normal((2, network.size))
-    assert isinstance(CellLayer(network).layout.metric, EliminationLayer)
-    assert_close(moves_of(CellLayer(network), drives), drives @ evaluator(network).metric.toarray())
+    assert isinstance(CellLayer(network).layout.preconditioner, EliminationLayer)
+    assert_close(
+        moves_of(CellLayer(network), drives), drives @ evaluator(network).preconditioner.toarray()
+    )
 
 
-@pytest.mark.parametrize("kind", [Kind.PYRAMID, Kind.COUPLED_PYRAMID])
+@pytest.mark.parametrize(
+    "kind", [PreconditionerKind.MULTILEVEL, PreconditionerKind.COUPLED_MULTILEVEL]
+)
 @pytest.mark.parametrize("stages", [127, 128, 129, 200])
 def test_long_pyramids(stages, kind):
     """Every point of the finest level hears the positions under its hat, however many."""
     network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=stages))
-    metric = random_metric(kind, network.row, np.random.default_rng(8))
-    network = replace(network, metric=metric)
+    preconditioner = random_preconditioner(kind, network.row, np.random.default_rng(8))
+    network = replace(network, preconditioner=preconditioner)
     drives = np.random.default_rng(9).standard_normal((2, network.size))
-    expected = drives @ evaluator(network).metric.toarray()
+    expected = drives @ evaluator(network).preconditioner.toarray()
     assert_close(moves_of(CellLayer(network), drives), expected, 1e-11)
 
 
 @every_kind
 def test_random_numbers(kind):
-    network = wired_with("unicycle", Kind.TIME_CONSTANTS)
-    metric = random_metric(kind, network.row, np.random.default_rng(2))
-    network = replace(network, metric=metric)
+    network = wired_with("unicycle", PreconditionerKind.DIAGONAL)
+    preconditioner = random_preconditioner(kind, network.row, np.random.default_rng(2))
+    network = replace(network, preconditioner=preconditioner)
     drives = np.random.default_rng(3).standard_normal((2, network.size))
-    expected = drives @ evaluator(network).metric.toarray()
+    expected = drives @ evaluator(network).preconditioner.toarray()
     assert_close(moves_of(CellLayer(network), drives), expected, 1e-11)
 
 
@@ -87,13 +97,15 @@ def trained_a_little(network: Network, seed: int = 4) -> CellLayer:
 
 
 @every_kind
-def test_a_trained_network_has_the_metric_of_the_layer(kind):
+def test_a_trained_network_has_the_preconditioner_of_the_layer(kind):
     """Time constants are trained, S stays: what comes back moves as the layer does."""
     cell = trained_a_little(wired_with("car", kind))
     network = cell.trained()
-    assert network.metric.kind is kind
+    assert network.preconditioner.kind is kind
     drives = np.random.default_rng(5).standard_normal((2, network.size))
-    assert_close(moves_of(cell, drives), drives @ evaluator(network).metric.toarray(), 1e-11)
+    assert_close(
+        moves_of(cell, drives), drives @ evaluator(network).preconditioner.toarray(), 1e-11
+    )
     again = CellLayer(network)
     assert_close(moves_of(again, drives), moves_of(cell, drives), 1e-11)
 
@@ -113,10 +125,14 @@ def test_gradients_in_the_gains(kind):
 @pytest.mark.parametrize(
     "kind",
     [
-        *(Kind.TIME_CONSTANTS, Kind.TREE),
+        *(PreconditionerKind.DIAGONAL, PreconditionerKind.CYCLIC_REDUCTION),
         *(
             pytest.param(k, marks=pytest.mark.slow)
-            for k in (Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID)
+            for k in (
+                PreconditionerKind.MULTILEVEL,
+                PreconditionerKind.COUPLED_MULTILEVEL,
+                PreconditionerKind.RESISTIVE_GRID,
+            )
         ),
     ],
 )
@@ -131,8 +147,11 @@ def test_gradients_through_unrolled_steps(kind):
 @pytest.mark.parametrize(
     "kind",
     [
-        *(Kind.PYRAMID, Kind.TREE),
-        *(pytest.param(kind, marks=pytest.mark.slow) for kind in (Kind.COUPLED_PYRAMID, Kind.GRID)),
+        *(PreconditionerKind.MULTILEVEL, PreconditionerKind.CYCLIC_REDUCTION),
+        *(
+            pytest.param(kind, marks=pytest.mark.slow)
+            for kind in (PreconditionerKind.COUPLED_MULTILEVEL, PreconditionerKind.RESISTIVE_GRID)
+        ),
     ],
     ids=lambda kind: kind.name.lower(),
 )
@@ -140,7 +159,7 @@ def test_the_settled_point_and_its_slope_do_not_depend_on_the_kind(kind):
     """Implicit differentiation, of a batch whose samples settle at different steps."""
     exact = Settling(tolerance=1e-11, confirm=0.5)
     found = []
-    for chosen in (Kind.TIME_CONSTANTS, kind):
+    for chosen in (PreconditionerKind.DIAGONAL, kind):
         layer = RecurrentLayer(wired_with("double_integrator", chosen), order=TWO_PHASE)
         goal = torch.tensor([1.0, 3.0, 0.2], dtype=torch.float64, requires_grad=True)
         states = layer.equilibrium({"q_d.x": goal}, settling=exact)
@@ -152,7 +171,12 @@ def test_the_settled_point_and_its_slope_do_not_depend_on_the_kind(kind):
 
 
 @pytest.mark.parametrize(
-    "kind", [Kind.GRID, pytest.param(Kind.TREE, marks=pytest.mark.slow)], ids=["grid", "tree"]
+    "kind",
+    [
+        PreconditionerKind.RESISTIVE_GRID,
+        pytest.param(PreconditionerKind.CYCLIC_REDUCTION, marks=pytest.mark.slow),
+    ],
+    ids=["grid", "tree"],
 )
 @pytest.mark.slow
 def test_a_batch_settles_as_each_sample_does(kind):
@@ -170,19 +194,28 @@ def test_a_batch_settles_as_each_sample_does(kind):
 
 @pytest.mark.parametrize(
     "kind",
-    [Kind.TREE, *(pytest.param(k, marks=pytest.mark.slow) for k in Kind if k is not Kind.TREE)],
+    [
+        PreconditionerKind.CYCLIC_REDUCTION,
+        *(
+            pytest.param(k, marks=pytest.mark.slow)
+            for k in PreconditionerKind
+            if k is not PreconditionerKind.CYCLIC_REDUCTION
+        ),
+    ],
 )
 @pytest.mark.slow
 def test_one_graph_without_breaks(kind):
     """`torch.compile` sees the whole of it: no Python in between, whatever the batch."""
     network = wired_with("car", kind)
     cell = CellLayer(network)
-    compiled = torch.compile(cell.layout.metric, backend="eager", fullgraph=True, dynamic=True)
+    compiled = torch.compile(
+        cell.layout.preconditioner, backend="eager", fullgraph=True, dynamic=True
+    )
     for samples in (2, 5):
         shape = *cell.layout.live.shape[:2], samples
         drives = torch.as_tensor(np.random.default_rng(samples).standard_normal(shape))
         drives = drives * cell.layout.live
-        expected = cell.layout.metric(cell.constants(), drives)
+        expected = cell.layout.preconditioner(cell.constants(), drives)
         assert_close(compiled(cell.constants(), drives), expected)
 
 

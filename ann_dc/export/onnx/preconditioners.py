@@ -2,7 +2,7 @@
 
 The operations are linear in the number of stages for every kind. They use tensors (P N, B): stages
 by neuron, samples last. A resistive grid and a cyclic reduction are solved by the same elimination
-(see `ann_dc.network.metrics`), level by level.
+(see `ann_dc.network.preconditioners`), level by level.
 
 If neurons that a preconditioner couples are saturated, a loop exchanges derivatives and currents in
 the table (M_RR, (M d)_R) of the R neurons with limits, one neuron per turn. Neurons are fixed and
@@ -17,17 +17,17 @@ from ann_dc.evaluation.rules import BLOCKS, PIVOTS, ROUNDING
 from ann_dc.export.onnx.graph import Graph
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.elimination import Level, eliminate
-from ann_dc.network.preconditioners.multilevel import Pyramid, hat_positions
+from ann_dc.network.preconditioners.multilevel import Multilevel, hat_positions
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
 
 def moves(network: Network, graph: Graph, drives: str) -> str:
     """Return M d (P N, B) for net inputs (P N, B), zero if a neuron does not exist."""
     own = graph.op("Mul", drives, rates(network, graph))
-    if isinstance(network.metric, Pyramid):
-        return graph.op("Add", own, _pyramid(network, network.metric, graph, drives))
-    if isinstance(network.metric, Stiffness):
-        return _stiffness(network, network.metric, graph, drives)
+    if isinstance(network.preconditioner, Multilevel):
+        return graph.op("Add", own, _pyramid(network, network.preconditioner, graph, drives))
+    if isinstance(network.preconditioner, Stiffness):
+        return _stiffness(network, network.preconditioner, graph, drives)
     return own
 
 
@@ -165,7 +165,7 @@ def _pivoted(body: Graph, count: int, unit: str) -> str:
 # ---- pyramid -------------------------------------------------------------------------------------
 
 
-def _pyramid(network: Network, pyramid: Pyramid, graph: Graph, drives: str) -> str:
+def _pyramid(network: Network, pyramid: Multilevel, graph: Graph, drives: str) -> str:
     """Return the coarse-level contribution (P N, B): restriction, gains, prolongation."""
     stages, chains = network.stages, pyramid.chains
     place = _chain_places(network)

@@ -1,7 +1,8 @@
-"""Circuits with each kind of metric: settling, parts and error, in ngspice and in the emulation.
+"""Circuits with each kind of preconditioner: settling, parts and error, in ngspice and in the
+emulation.
 
 Op amps of 10 MHz, gain 1e6, no errors of single parts; each circuit as `ann-dc circuit`
-would build it. What a metric demands of its wires stands beside it: the largest lag of its
+would build it. What a preconditioner demands of its wires stands beside it: the largest lag of its
 nodes, in the network's fastest time constants, and the largest rms error of its weights, each of
 which doubles the time of the slowest mode. The pendulum and the arm have shorter horizons than in
 the suite, for ngspice takes minutes where op amps have to be a hundred times as fast as the network
@@ -12,44 +13,54 @@ from collections.abc import Iterator
 
 import numpy as np
 from bench.figure import Figure, show
-from metric_networks import with_metric
+from preconditioner_networks import with_preconditioner
 
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.netlist.timing import Simulation
 from ann_dc.errors import SpiceTimeoutError
 from ann_dc.fidelity.fitting import fitted
 from ann_dc.fidelity.prediction import predict
-from ann_dc.fidelity.wire_requirements import MetricDemand, metric_demand
+from ann_dc.fidelity.wire_requirements import PreconditionerDemand, preconditioner_demand
 from ann_dc.hardware.circuit.cost import CAPACITOR, NEGATIVE, OP_AMP, RESISTOR
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 PLANTS = {"car": None, "pendulum": 12, "two_link_arm": 8}
 """Horizons that are shorter than the suite's, where ngspice would take too long."""
 
-KINDS = (Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.TREE, Kind.GRID)
+KINDS = (
+    PreconditionerKind.DIAGONAL,
+    PreconditionerKind.MULTILEVEL,
+    PreconditionerKind.COUPLED_MULTILEVEL,
+    PreconditionerKind.CYCLIC_REDUCTION,
+    PreconditionerKind.RESISTIVE_GRID,
+)
 PATIENCE = 240.0
 
 
 def prepared(network: Network):
-    """The backend with the margin and the intervals that suit the metric, and what it builds."""
+    """The backend with the margin and the intervals that suit the preconditioner, and what it
+    builds.
+    """
     backend = SpiceBackend(level=macro(), simulation=Simulation(points=1000, patience=PATIENCE))
-    if network.metric.kind is not Kind.TIME_CONSTANTS:
+    if network.preconditioner.kind is not PreconditionerKind.DIAGONAL:
         backend = fitted(backend, network)
     return backend, *backend.prepare(network)
 
 
-def demanded(found: MetricDemand | None) -> str:
+def demanded(found: PreconditionerDemand | None) -> str:
     """In few words."""
     if found is None:
         return ""
     return f"; demands a lag below {found.lag:.1e} and weights within {found.error:.2g}"
 
 
-def measured(name: str, kind: Kind, horizon: int | None) -> tuple[Figure, tuple[float, float]]:
+def measured(
+    name: str, kind: PreconditionerKind, horizon: int | None
+) -> tuple[Figure, tuple[float, float]]:
     """One circuit, and by what parts of ngspice's the emulated settling time and error differ."""
-    network = with_metric(name, kind, horizon)
+    network = with_preconditioner(name, kind, horizon)
     backend, circuit, probe = prepared(network)
     told = predict(circuit, backend.level, probe)
     deck = backend.deck(circuit, probe, {})
@@ -72,7 +83,8 @@ def measured(name: str, kind: Kind, horizon: int | None) -> tuple[Figure, tuple[
         name=f"{name}, {kind.value}, N = {network.stages}",
         value=settling,
         remark=f"emulated {when}; error {error}, emulated {told.control_error:.1e}; {count}; "
-        f"margin {circuit.scaling.margin:.0f}" + demanded(metric_demand(network, probe.final)),
+        f"margin {circuit.scaling.margin:.0f}"
+        + demanded(preconditioner_demand(network, probe.final)),
     )
     return figure, apart
 

@@ -1,11 +1,12 @@
-"""Cost of the metric, kind by kind.
+"""Cost of the preconditioner, kind by kind.
 
-The car at N = 9, 90, 900, 9000 (same dt): nanoseconds a cell of applying a metric by itself, in
-compiled loops, in torch and in NumPy, and the compiled right-hand side beside the one with time
-constants alone, all at the same states; then the right-hand side in generated code, all kinds in
-turns. The bars: the work grows as N, so a cell costs at 9000 no more than twice what it does at 90
-(the caches are smaller than the row), and the grid makes the right-hand side no more than three
-times as slow, in loops and in generated code. The smallest of a few repeats counts, in CPU time.
+The car at N = 9, 90, 900, 9000 (same dt): nanoseconds a cell of applying a preconditioner by
+itself, in compiled loops, in torch and in NumPy, and the compiled right-hand side beside the one
+with time constants alone, all at the same states; then the right-hand side in generated code, all
+kinds in turns. The bars: the work grows as N, so a cell costs at 9000 no more than twice what it
+does at 90 (the caches are smaller than the row), and the grid makes the right-hand side no more
+than three times as slow, in loops and in generated code. The smallest of a few repeats counts, in
+CPU time.
 """
 
 import time
@@ -17,7 +18,7 @@ import torch
 from bench.figure import Figure, show
 from bench.in_turns import Contestant, in_turns
 from bench.kernel import many
-from random_metrics import STIFFNESSES, with_stiffness
+from random_preconditioners import STIFFNESSES, with_stiffness
 
 import ann_dc
 from ann_dc.analysis.linearisation import Linearisation
@@ -30,10 +31,16 @@ from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.gain_rule import Recipe, closed_form
 from ann_dc.gain_design.gains import apply_gains
-from ann_dc.network.preconditioners.base import Kind
+from ann_dc.network.preconditioners.base import PreconditionerKind
 
 HORIZONS = (9, 90, 900, 9000)
-KINDS = Kind.TIME_CONSTANTS, Kind.PYRAMID, Kind.COUPLED_PYRAMID, Kind.GRID, Kind.TREE
+KINDS = (
+    PreconditionerKind.DIAGONAL,
+    PreconditionerKind.MULTILEVEL,
+    PreconditionerKind.COUPLED_MULTILEVEL,
+    PreconditionerKind.RESISTIVE_GRID,
+    PreconditionerKind.CYCLIC_REDUCTION,
+)
 REPEATS = 9
 ROUNDS = 60
 MOST_OF_GRID = 3.0
@@ -43,7 +50,7 @@ MOST_SECONDS = 1.0
 
 @nb.njit
 def many_moves(tape, work, count):
-    """``count`` products of the metric in a row."""
+    """``count`` products of the preconditioner in a row."""
     for _ in range(count):
         loops.move(tape, work)
         work.drives[0, 0] += 1e-12 * work.moves[0, 0]  # so that no call can be dropped
@@ -60,8 +67,8 @@ def seconds_of(call: Callable[[int], object], count: int) -> float:
     return min(times) / count
 
 
-def wired(network: ann_dc.Network, kind: Kind) -> ann_dc.Network:
-    """With a metric of a kind and its time constants, in closed form at the start."""
+def wired(network: ann_dc.Network, kind: PreconditionerKind) -> ann_dc.Network:
+    """With a preconditioner of a kind and its time constants, in closed form at the start."""
     if kind in STIFFNESSES:
         return with_stiffness(network, kind)
     linear = Linearisation(network).at(network.start_state)
@@ -69,7 +76,7 @@ def wired(network: ann_dc.Network, kind: Kind) -> ann_dc.Network:
 
 
 def compiled_times(network: ann_dc.Network) -> tuple[float, float]:
-    """Seconds of (a right-hand side, a product of the metric)."""
+    """Seconds of (a right-hand side, a product of the preconditioner)."""
     compiled = InterpretedEvaluator(network)
     x, out = network.start_state.copy(), np.empty(network.size)
     count = calls_of(network)
@@ -85,7 +92,7 @@ def many_in_code(rhs, table, x, out, count):
         call(rhs, (table, x.ctypes.data, out.ctypes.data), ())
 
 
-def in_code(network: ann_dc.Network, kind: Kind) -> Contestant:
+def in_code(network: ann_dc.Network, kind: PreconditionerKind) -> Contestant:
     """Right-hand sides of generated code; as many cells, whatever the horizon."""
     lanes = Lanes(evaluator(network).tape, Axis.STAGES)
     x, count = lanes.state(network.start_state), calls_of(network)
@@ -111,7 +118,7 @@ def torch_time(network: ann_dc.Network) -> float:
     drives = drives * layout.live
     with torch.inference_mode():
         return seconds_of(
-            lambda n: [layout.metric(constants, drives) for _ in range(n)],
+            lambda n: [layout.preconditioner(constants, drives) for _ in range(n)],
             max(2000 // network.stages, 3),
         )
 
@@ -126,13 +133,13 @@ def reference_time(network: ann_dc.Network) -> float:
 
 def figures() -> Iterator[Figure]:
     """One a kind and horizon, and what it takes to make a long grid and a long tree."""
-    a_cell: dict[tuple[Kind, int], float] = {}
+    a_cell: dict[tuple[PreconditionerKind, int], float] = {}
     for stages in HORIZONS:
         plain = ann_dc.synthesize(ann_dc.plants.car(N=stages))
         bare, networks = 0.0, {kind: wired(plain, kind) for kind in KINDS}
         for kind, network in networks.items():
             whole, part = compiled_times(network)
-            bare = whole if kind is Kind.TIME_CONSTANTS else bare
+            bare = whole if kind is PreconditionerKind.DIAGONAL else bare
             a_cell[kind, stages] = part / stages
             grown = part / stages / a_cell.get((kind, 90), np.inf)
             slow = kind in STIFFNESSES and whole > MOST_OF_GRID * bare
@@ -148,12 +155,12 @@ def figures() -> Iterator[Figure]:
     yield from _made_once(plain)
 
 
-def _in_code(networks: dict[Kind, ann_dc.Network]) -> Iterator[Figure]:
+def _in_code(networks: dict[PreconditionerKind, ann_dc.Network]) -> Iterator[Figure]:
     """One a kind, at one horizon."""
     contestants = {kind: in_code(network, kind) for kind, network in networks.items()}
     in_turns([*contestants.values()], rounds=ROUNDS)
-    plain = networks[Kind.TIME_CONSTANTS]
-    bare = min(contestants[Kind.TIME_CONSTANTS].cpu)
+    plain = networks[PreconditionerKind.DIAGONAL]
+    bare = min(contestants[PreconditionerKind.DIAGONAL].cpu)
     for kind, one in contestants.items():
         ratio, seconds = min(one.cpu) / bare, min(one.cpu) / calls_of(plain)
         yield Figure(
@@ -169,11 +176,11 @@ def _made_once(network: ann_dc.Network) -> Iterator[Figure]:
     """What is done once a design: check a stiffness, put it on the tape, list its wires."""
     for kind in STIFFNESSES:
         given = with_stiffness(network, kind)
-        metric, row = given.metric, given.row
+        preconditioner, row = given.preconditioner, given.row
         steps = {
-            "refuse or accept it": lambda: metric.check(row),  # noqa: B023
+            "refuse or accept it": lambda: preconditioner.check(row),  # noqa: B023
             "evaluator": lambda: evaluator(given),  # noqa: B023
-            "wires": lambda: metric.wires(row),  # noqa: B023
+            "wires": lambda: preconditioner.wires(row),  # noqa: B023
             "torch layer": lambda: CellLayer(given),  # noqa: B023
         }
         for name, step in steps.items():

@@ -42,10 +42,10 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.schematic.elements import Adder, GridNode, Wire
 from ann_dc.network.cell import ONE
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.cyclic_reduction import Tree
+from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
 from ann_dc.network.preconditioners.elimination import Elimination
-from ann_dc.network.preconditioners.multilevel import Pyramid, hat_positions
-from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.multilevel import Multilevel, hat_positions
+from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 
 OWN = "own."
 """Prefix of the separate integrator of a neuron that a preconditioner reaches."""
@@ -58,7 +58,7 @@ SMALLEST = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MetricWiring:
+class PreconditionerWiring:
     """Nodes of a preconditioner, integrators first, and the wires between them.
 
     Attributes
@@ -104,25 +104,25 @@ class MetricWiring:
         return self.values(np.zeros(len(self.own)))[self.moved]
 
     @property
-    def metric(self) -> np.ndarray:
+    def preconditioner(self) -> np.ndarray:
         """M: displacement of the neurons (rows) per value of an integrator (columns)."""
         return self.values(np.eye(len(self.own)))[self.moved] - self.start[:, None]
 
 
-def wiring_of(network: Network) -> MetricWiring | None:
+def wiring_of(network: Network) -> PreconditionerWiring | None:
     """Return the wires of a network's preconditioner, or None if it is diagonal."""
-    metric, row = network.metric, network.row
-    reached = np.flatnonzero(metric.reach(row)[network.places[:, 0]])
+    preconditioner, row = network.preconditioner, network.row
+    reached = np.flatnonzero(preconditioner.reach(row)[network.places[:, 0]])
     if not len(reached):
         return None
     layers = _Layers(network, reached)
-    if isinstance(metric, Pyramid):
-        _pyramid(layers, metric)
-    elif isinstance(metric, Tree):
-        _tree(layers, metric.elimination(row))
-    elif isinstance(metric, Grid):
-        _grid(layers, metric)
-    return layers.wiring(passive=isinstance(metric, Grid))
+    if isinstance(preconditioner, Multilevel):
+        _pyramid(layers, preconditioner)
+    elif isinstance(preconditioner, CyclicReduction):
+        _tree(layers, preconditioner.elimination(row))
+    elif isinstance(preconditioner, ResistiveGrid):
+        _grid(layers, preconditioner)
+    return layers.wiring(passive=isinstance(preconditioner, ResistiveGrid))
 
 
 class _Layers:
@@ -150,7 +150,7 @@ class _Layers:
         self.nodes += nodes
         self.weights = sparse.vstack([old, weights], format="csr")
 
-    def wiring(self, *, passive: bool) -> MetricWiring:
+    def wiring(self, *, passive: bool) -> PreconditionerWiring:
         """Return the wiring without weights at rounding level."""
         weights = sparse.csr_array(self.weights)
         largest = abs(weights).max(axis=1).toarray().ravel()
@@ -162,7 +162,7 @@ class _Layers:
         if not passive:
             start = self.network.start_state[self.reached]
             constants[neurons] = start - weights[neurons][:, neurons] @ start
-        return MetricWiring(
+        return PreconditionerWiring(
             nodes=tuple(self.nodes), weights=weights, constants=constants, passive=passive
         )
 
@@ -170,7 +170,7 @@ class _Layers:
 # ---- pyramid -------------------------------------------------------------------------------------
 
 
-def _pyramid(layers: _Layers, pyramid: Pyramid) -> None:
+def _pyramid(layers: _Layers, pyramid: Multilevel) -> None:
     """Add the coarse-level neurons, then the neurons of the chains."""
     network, place = layers.network, _places(layers)
     components = network.row.chain_components  # (C, 2N)
@@ -260,7 +260,7 @@ def _hat_matrices(found: Elimination, place: np.ndarray, count: int) -> tuple[An
     return sparse.csr_array(hats), sparse.csr_array(inverses)
 
 
-def _grid(layers: _Layers, grid: Grid) -> None:
+def _grid(layers: _Layers, grid: ResistiveGrid) -> None:
     """Add the nodes with resistors to their neighbours."""
     stiffness = sparse.csr_array(grid.matrix(layers.network.row))[layers.reached][:, layers.reached]
     root = sparse.diags_array(1 / np.sqrt(layers.rates))
@@ -272,7 +272,7 @@ def _grid(layers: _Layers, grid: Grid) -> None:
     layers.add(layers.neurons(""), sparse.hstack([per_node, -between]))
 
 
-def metric_parts(wiring: MetricWiring, stages: int) -> Iterator[Adder | GridNode]:
+def preconditioner_parts(wiring: PreconditionerWiring, stages: int) -> Iterator[Adder | GridNode]:
     """Yield a part for every node name except integrators, in the order of layers.
 
     A part is a `GridNode` if the wiring is passive, and an `Adder` otherwise.
@@ -303,7 +303,7 @@ def metric_parts(wiring: MetricWiring, stages: int) -> Iterator[Adder | GridNode
         )
 
 
-def metric_values(network: Network, states: np.ndarray) -> dict[str, np.ndarray]:
+def preconditioner_values(network: Network, states: np.ndarray) -> dict[str, np.ndarray]:
     """Return the values of preconditioner nodes, with integrators but without neurons.
 
     With z' = M d and D' = d, z = z_0 + M D, so D is M^{-1} (z - z_0). States (T, n) give values (T,
@@ -315,9 +315,9 @@ def metric_values(network: Network, states: np.ndarray) -> dict[str, np.ndarray]
         return {}
     places = [(network.neuron_index[name], stage) for name, stage in _neurons(wiring)]
     component = network.state_index[tuple(np.transpose(places))]
-    metric = evaluator(network).metric[component][:, component].toarray()
+    preconditioner = evaluator(network).preconditioner[component][:, component].toarray()
     moved = np.asarray(states, float)[:, component].T - wiring.start[:, None]
-    integrals = scipy.linalg.solve(metric, moved, assume_a="pos")
+    integrals = scipy.linalg.solve(preconditioner, moved, assume_a="pos")
     found: dict[str, np.ndarray] = {}
     for (name, stage), value in zip(wiring.nodes, wiring.values(integrals)):
         if name not in network.neuron_index:
@@ -326,6 +326,6 @@ def metric_values(network: Network, states: np.ndarray) -> dict[str, np.ndarray]
     return found
 
 
-def _neurons(wiring: MetricWiring) -> list[tuple[str, int]]:
+def _neurons(wiring: PreconditionerWiring) -> list[tuple[str, int]]:
     """Return neurons (name, stage) in the order of their integrators."""
     return [wiring.nodes[i] for i in wiring.moved]

@@ -3,7 +3,7 @@
 A pyramid restricts drives of t and q to coarse grids over the stage axis and prolongs the result.
 The hats of the finest level are a matrix while it is small; every coarser level is halves of the
 finer one. A stiffness is solved by elimination, level by level, for a grid and a tree alike. See
-`ann_dc.network.metrics`.
+`ann_dc.network.preconditioners`.
 
 While neurons are saturated (`ann_dc.evaluation`), every sample has a separate stiffness, which is
 eliminated anew. Under a pyramid, M among the saturated neurons is inverted.
@@ -152,7 +152,7 @@ def _refined(coarse: torch.Tensor) -> torch.Tensor:
 
 
 class EliminationLayer(nn.Module):
-    """Moves of a network whose metric is the inverse of a stiffness.
+    """Moves of a network whose preconditioner is the inverse of a stiffness.
 
     A move stores some six tensors of the size of the primal neurons' state at a time. In reverse
     mode it stores all of them: the drives of every level, their solutions, and both halves.

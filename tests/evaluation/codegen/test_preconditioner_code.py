@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_metrics import random_metric, with_stiffness
+from random_preconditioners import random_preconditioner, with_stiffness
 from seeds import seeds
 
 from ann_dc import plants, synthesize
@@ -15,8 +15,8 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.cell import Cell, Connection, Neuron, Role
 from ann_dc.network.ends import Absent, Pin
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind
-from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.base import PreconditionerKind
+from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 2)
 WHOLE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
@@ -24,7 +24,7 @@ LENGTHS = [*range(1, 14), 32, 33, 1000, 1001]
 every_axis = pytest.mark.parametrize("axis", Axis, ids=lambda axis: axis.name.lower())
 
 
-def assert_moves_by_the_metric(network: Network, axis: Axis) -> None:
+def assert_moves_by_the_preconditioner(network: Network, axis: Axis) -> None:
     """Of random drives, whatever lies where the moves will be."""
     lanes = Lanes(evaluator(network).tape, axis)
     samples = 1 if axis is Axis.STAGES else lanes.lanes
@@ -32,19 +32,21 @@ def assert_moves_by_the_metric(network: Network, axis: Axis) -> None:
     places = lanes.components + np.arange(samples)[:, None]
     lanes.tables["drives"][places] = drives
     moves = np.full(lanes.spare, np.nan)
-    CODE(lanes.entry.metric)(lanes.entry.table.ctypes.data, moves.ctypes.data)
+    CODE(lanes.entry.preconditioner)(lanes.entry.table.ctypes.data, moves.ctypes.data)
     row, table = network.row, np.zeros((samples, *network.row.rates.shape))
     table[:, *network.places.T] = drives
-    reached = network.metric.reach(row)[network.places[:, 0]]
-    expected = network.pack(network.metric.apply(row, table))[:, reached]
+    reached = network.preconditioner.reach(row)[network.places[:, 0]]
+    expected = network.pack(network.preconditioner.apply(row, table))[:, reached]
     found = moves[places][:, reached]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
 def tied_at_random(network: Network, seed: int) -> Network:
     """With a stiffness whose every number is random."""
-    metric = random_metric(Kind.GRID, network.row, np.random.default_rng(seed))
-    return replace(network, metric=metric)
+    preconditioner = random_preconditioner(
+        PreconditionerKind.RESISTIVE_GRID, network.row, np.random.default_rng(seed)
+    )
+    return replace(network, preconditioner=preconditioner)
 
 
 @every_axis
@@ -52,8 +54,10 @@ def tied_at_random(network: Network, seed: int) -> Network:
 @pytest.mark.sampled
 def test_rows_of_any_length(stages, axis):
     plain = synthesize(plants.double_integrator(N=stages))
-    assert_moves_by_the_metric(with_stiffness(plain, Kind.GRID), axis)
-    assert_moves_by_the_metric(tied_at_random(plain, stages), axis)
+    assert_moves_by_the_preconditioner(
+        with_stiffness(plain, PreconditionerKind.RESISTIVE_GRID), axis
+    )
+    assert_moves_by_the_preconditioner(tied_at_random(plain, stages), axis)
 
 
 def lacking_some(seed: int) -> Network:
@@ -80,7 +84,7 @@ def lacking_some(seed: int) -> Network:
 @every_axis
 @seeds(6)
 def test_cells_that_lack_neurons(seed, axis):
-    assert_moves_by_the_metric(lacking_some(seed), axis)
+    assert_moves_by_the_preconditioner(lacking_some(seed), axis)
 
 
 @every_axis
@@ -102,22 +106,26 @@ def test_the_code_depends_on_who_is_tied_alone(axis):
     """Not on how firmly, nor on the length of the row, nor on zeros among the numbers."""
     networks = [tied_at_random(synthesize(plants.car(N=9)), seed) for seed in (0, 1)]
     networks.append(tied_at_random(synthesize(plants.car(N=90)), 2))
-    own, following = (getattr(networks[0].metric, name).copy() for name in ("own", "following"))
+    own, following = (
+        getattr(networks[0].preconditioner, name).copy() for name in ("own", "following")
+    )
     own[:, 0, 1:] = own[:, 1:, 0] = 0.0
     following[:, 2, 3] = 0.0
-    networks.append(replace(networks[0], metric=Grid(own=own, following=following)))
+    networks.append(
+        replace(networks[0], preconditioner=ResistiveGrid(own=own, following=following))
+    )
     keys = {Lanes(evaluator(network).tape, axis).plan.key for network in networks}
     assert len(keys) == 1
-    ties_less = replace(networks[0], metric=Grid(own=own, following=0 * following))
+    ties_less = replace(networks[0], preconditioner=ResistiveGrid(own=own, following=0 * following))
     assert Lanes(evaluator(ties_less).tape, axis).plan.key not in keys
 
 
 @every_axis
 def test_a_number_is_stored_once(axis):
     """The tables of a long row come from afar: of the two triangles of M^{-1} they have one."""
-    network = with_stiffness(synthesize(plants.car(N=400)), Kind.GRID)
+    network = with_stiffness(synthesize(plants.car(N=400)), PreconditionerKind.RESISTIVE_GRID)
     lanes = Lanes(evaluator(network).tape, axis)
     m, entry = len(network.row.primal), lanes.entry
     within, ahead = m * (m + 1) // 2, len(network.row.chains) ** 2
-    assert entry.metric
+    assert entry.preconditioner
     assert lanes.tables["factor"].size <= (400 + 2) * (within + ahead)

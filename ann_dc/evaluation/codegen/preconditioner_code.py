@@ -10,7 +10,7 @@ of the row. If a lane is a stage, the two are one vector, else two vectors. A nu
 is stored once and read twice, in the forward and the backward sweep. In a long row, memory access
 to the tables dominates the time.
 
-The sums are those of the loops in `metric_arrays`, in the same order. The code looks up no
+The sums are those of the loops in `preconditioner_arrays`, in the same order. The code looks up no
 addresses and omits zeros, and an uncoupled chain stays in registers. Gains are data.
 """
 
@@ -130,7 +130,7 @@ class StraightPyramid:
                 self.f.store(self.f.op("fadd", self.f.load(at), rate), at)
 
 
-# ---- what a metric adds to the moves, as loops over its nodes: any N with the same code
+# ---- what a preconditioner adds to the moves, as loops over its nodes: any N with the same code
 
 Node: TypeAlias = list[str]
 """Numbers of a node, one vector or several."""
@@ -138,13 +138,15 @@ Entries: TypeAlias = list[tuple[int, int, int]]
 """Entries of a matrix: row, column and index in the table."""
 
 
-def add_metric(module: Module, plan: Plan, fields: Callable[[Function], dict[str, str]]) -> None:
-    """Write ``metric(table, out)``, which adds the coupling to derivatives ``out``.
+def add_preconditioner(
+    module: Module, plan: Plan, fields: Callable[[Function], dict[str, str]]
+) -> None:
+    """Write ``preconditioner(table, out)``, which adds the coupling to derivatives ``out``.
 
     ``out`` contains the derivatives that every net input causes alone. ``fields`` loads `FIELDS`
     and ``drives`` from the table of addresses.
     """
-    f = Function(module, "metric", ("table", "out"), width=plan.axis.lanes)
+    f = Function(module, "preconditioner", ("table", "out"), width=plan.axis.lanes)
     base = fields(f) | {"out": "%out"}
     if plan.straight:
         StraightPyramid(f, plan, base).write()

@@ -1,4 +1,4 @@
-"""Networks with the exact metric M = (H + A'WA)^{-1}, as the project's own grid."""
+"""Networks with the exact preconditioner M = (H + A'WA)^{-1}, as the project's own grid."""
 
 from dataclasses import dataclass
 
@@ -13,8 +13,8 @@ from ann_dc.network.network import Network
 
 
 @dataclass(frozen=True)
-class ExactMetric:
-    """A settled network whose metric can be made exact, for any weights of its rows."""
+class ExactPreconditioner:
+    """A settled network whose preconditioner can be made exact, for any weights of its rows."""
 
     network: Network
     state: np.ndarray
@@ -29,17 +29,17 @@ class ExactMetric:
         network, saddle = self.network, self.saddle
         W = sparse.diags_array(self.weights(rho))
         G = saddle.H + saddle.A.T @ W @ saddle.A
-        diagonal, metric = stiffness_of(network, sparse.csr_array(G))
+        diagonal, preconditioner = stiffness_of(network, sparse.csr_array(G))
         rate = np.where(rho > 0, eta * rho, 1.0)[:, None] * np.ones(network.stages)
         place = network.places[saddle.primal]
         rate[place[:, 0], place[:, 1]] = 1 / diagonal
-        return apply_gains(network, Gains(rho=rho, rate=rate, metric=metric))
+        return apply_gains(network, Gains(rho=rho, rate=rate, preconditioner=preconditioner))
 
 
-def exact_metric(network: Network, x: np.ndarray) -> ExactMetric:
+def exact_preconditioner(network: Network, x: np.ndarray) -> ExactPreconditioner:
     """At the equilibrium near x."""
     state = equilibrium(network, x)
-    return ExactMetric(network, state, saddle_of(network, state))
+    return ExactPreconditioner(network, state, saddle_of(network, state))
 
 
 def is_dual(network: Network) -> np.ndarray:

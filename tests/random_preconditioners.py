@@ -10,20 +10,25 @@ from scipy import sparse
 from ann_dc.analysis.saddle import saddle_of
 from ann_dc.errors import NetworkError
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Kind, Metric, Row
-from ann_dc.network.preconditioners.cyclic_reduction import Tree
-from ann_dc.network.preconditioners.diagonal import TimeConstants
-from ann_dc.network.preconditioners.multilevel import Pyramid
-from ann_dc.network.preconditioners.resistive_grid import Grid
+from ann_dc.network.preconditioners.base import Preconditioner, PreconditionerKind, Row
+from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
+from ann_dc.network.preconditioners.diagonal import Diagonal
+from ann_dc.network.preconditioners.multilevel import Multilevel
+from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
-STIFFNESSES = {Kind.GRID: Grid, Kind.TREE: Tree}
+STIFFNESSES = {
+    PreconditionerKind.RESISTIVE_GRID: ResistiveGrid,
+    PreconditionerKind.CYCLIC_REDUCTION: CyclicReduction,
+}
 
 
-def random_metric(kind: Kind, row: Row, rng: np.random.Generator) -> Metric:
-    """A metric of a kind that fits a row; every number of it is random."""
-    if kind is Kind.TIME_CONSTANTS:
-        return TimeConstants()
+def random_preconditioner(
+    kind: PreconditionerKind, row: Row, rng: np.random.Generator
+) -> Preconditioner:
+    """A preconditioner of a kind that fits a row; every number of it is random."""
+    if kind is PreconditionerKind.DIAGONAL:
+        return Diagonal()
     if kind in STIFFNESSES:
         own, following = random_blocks(rng, row.stages, len(row.primal))
         return STIFFNESSES[kind](own=own, following=following)
@@ -31,8 +36,10 @@ def random_metric(kind: Kind, row: Row, rng: np.random.Generator) -> Metric:
     for level in range(max(int(np.log2(max(2 * row.stages - 1, 2))), 1), 0, -1):
         root = rng.standard_normal((2**level + 1, chains, chains))
         gain = np.eye(chains) + root @ root.transpose(0, 2, 1) / max(chains, 1)
-        gains.append(gain if kind is Kind.COUPLED_PYRAMID else gain * np.eye(chains))
-    return Pyramid(gains=tuple(gains))
+        gains.append(
+            gain if kind is PreconditionerKind.COUPLED_MULTILEVEL else gain * np.eye(chains)
+        )
+    return Multilevel(gains=tuple(gains))
 
 
 def random_blocks(rng: np.random.Generator, blocks: int, size: int, floor: float = 0.5):
@@ -60,32 +67,38 @@ def tridiagonal(own: np.ndarray, following: np.ndarray) -> np.ndarray:
     return whole.reshape(blocks * size, -1)
 
 
-def with_errors(metric: Metric, row: Row, rng: np.random.Generator, size: float) -> Metric:
-    """The metric with relative errors of every number, up to ``size`` either way, still valid."""
+def with_errors(
+    preconditioner: Preconditioner, row: Row, rng: np.random.Generator, size: float
+) -> Preconditioner:
+    """The preconditioner with relative errors of every number, up to ``size`` either way, still
+    valid.
+    """
     off = lambda a: a * rng.uniform(1 - size, 1 + size, a.shape)  # noqa: E731
     for _ in range(100):
         with contextlib.suppress(NetworkError):  # a pyramid that is none
-            if isinstance(metric, Stiffness):
-                metric_off = replace(
-                    metric, own=_mirrored(off(metric.own)), following=off(metric.following)
+            if isinstance(preconditioner, Stiffness):
+                preconditioner_off = replace(
+                    preconditioner,
+                    own=_mirrored(off(preconditioner.own)),
+                    following=off(preconditioner.following),
                 )
-            elif isinstance(metric, Pyramid):
-                gains = tuple(_mirrored(off(gain)) for gain in metric.gains)
-                metric_off = replace(metric, gains=gains)
+            elif isinstance(preconditioner, Multilevel):
+                gains = tuple(_mirrored(off(gain)) for gain in preconditioner.gains)
+                preconditioner_off = replace(preconditioner, gains=gains)
             else:
-                metric_off = metric
-            if is_valid(metric_off, row):
-                return metric_off
-    raise AssertionError(f"no valid metric within errors of {size}")
+                preconditioner_off = preconditioner
+            if is_valid(preconditioner_off, row):
+                return preconditioner_off
+    raise AssertionError(f"no valid preconditioner within errors of {size}")
 
 
-def is_valid(metric: Metric, row: Row) -> bool:
+def is_valid(preconditioner: Preconditioner, row: Row) -> bool:
     """Whether it fits the row and is positive definite."""
     try:
-        metric.check(row)
+        preconditioner.check(row)
     except NetworkError:
         return False
-    gains = metric.gains if isinstance(metric, Pyramid) else ()
+    gains = preconditioner.gains if isinstance(preconditioner, Multilevel) else ()
     return all(np.linalg.eigvalsh(gain).min() > -1e-14 for gain in gains)
 
 
@@ -95,7 +108,7 @@ def _mirrored(blocks: np.ndarray) -> np.ndarray:
     return upper + np.triu(blocks, 1).transpose(0, 2, 1)
 
 
-def with_stiffness(network: Network, kind: Kind, penalty: float = 4.0) -> Network:
+def with_stiffness(network: Network, kind: PreconditionerKind, penalty: float = 4.0) -> Network:
     """A network with the stiffness G = H + penalty A'A + 1 of its start, and its time constants."""
     saddle, row = saddle_of(network, network.start_state), network.row
     identity = sparse.eye_array(len(saddle.primal))
@@ -113,8 +126,10 @@ def with_stiffness(network: Network, kind: Kind, penalty: float = 4.0) -> Networ
     tau = np.ones(row.rates.shape)
     tau[neuron, stage] = diagonal
     neurons = tuple(replace(n, tau=t) for n, t in zip(network.cell.neurons, tau))
-    metric = STIFFNESSES[kind](own=_mirrored(own), following=following)
-    return replace(network, cell=replace(network.cell, neurons=neurons), metric=metric)
+    preconditioner = STIFFNESSES[kind](own=_mirrored(own), following=following)
+    return replace(
+        network, cell=replace(network.cell, neurons=neurons), preconditioner=preconditioner
+    )
 
 
 @st.composite

@@ -9,22 +9,26 @@ from __future__ import annotations
 import numpy as np
 
 from ann_dc.evaluation.formulas import index, inner
-from ann_dc.network.preconditioners.base import Metric, Row
-from ann_dc.network.preconditioners.multilevel import Pyramid, hat_positions
+from ann_dc.network.preconditioners.base import Preconditioner, Row
+from ann_dc.network.preconditioners.multilevel import Multilevel, hat_positions
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
 
-def metric_arrays(metric: Metric, row: Row) -> dict[str, np.ndarray]:
+def preconditioner_arrays(preconditioner: Preconditioner, row: Row) -> dict[str, np.ndarray]:
     """Return the fields of `Tape` from ``chains`` on for a preconditioner.
 
     The row needs the rates of the tape. Raises `NetworkError` if the preconditioner does not fit
     the row.
     """
-    reached = {"reached": np.flatnonzero(metric.reach(row))}
-    if isinstance(metric, Stiffness):
-        return _EMPTY | reached | _stiffness(metric, row)
-    metric.check(row)
-    return _EMPTY | reached | (_pyramid(metric, row) if isinstance(metric, Pyramid) else {})
+    reached = {"reached": np.flatnonzero(preconditioner.reach(row))}
+    if isinstance(preconditioner, Stiffness):
+        return _EMPTY | reached | _stiffness(preconditioner, row)
+    preconditioner.check(row)
+    return (
+        _EMPTY
+        | reached
+        | (_pyramid(preconditioner, row) if isinstance(preconditioner, Multilevel) else {})
+    )
 
 
 _EMPTY = {
@@ -40,7 +44,7 @@ _EMPTY = {
 }
 
 
-def _pyramid(pyramid: Pyramid, row: Row) -> dict[str, np.ndarray]:
+def _pyramid(pyramid: Multilevel, row: Row) -> dict[str, np.ndarray]:
     sizes = [len(gain) for gain in pyramid.gains]
     hats, shares = hat_positions(2 * row.stages, sizes[0] - 1)
     return {
