@@ -135,7 +135,7 @@ def test_advice_tells_where_penalty_and_preconditioner_are_needed_together():
     told = with_ratio(
         replace(found, slowness=low, remedies=remedies, kind=PreconditionerKind.MULTILEVEL), 30.0
     )
-    assert told.advice == "another preconditioner with 6 times the penalties; neither of them alone"
+    assert told.advice == "another preconditioner with 6 times the penalties; not alone"
     high = replace(told.slowness, lowest=0.0)
     assert HELPS * high.exact_ratio() < 30.0
     assert (

@@ -58,9 +58,9 @@ def listing(
         ("function blocks", cell.count(Function), cell.count(Function) * stages),
         ("summing blocks", cell.count(Sum), cell.count(Sum) * stages),
         ("connections", len(cell.connections), len(cell.connections) * stages),
-        ("nodes of the preconditioner", "-", f"{wires.nodes}, of the {kind.value}"),
+        ("preconditioner nodes", "-", f"{wires.nodes}, of the {kind.value}"),
         (
-            "wires of the preconditioner",
+            "preconditioner wires",
             f"{wires.per_cell(stages):.0f}",
             f"{wires.count}{each_way}",
         ),

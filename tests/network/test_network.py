@@ -196,9 +196,9 @@ def test_print():
     assert table["function blocks"] == ["3", "27"]
     network = designed("car").network
     wires = network.preconditioner.wires(network.row)
-    nodes, kind = table["nodes of the preconditioner"][1].split(", of the ")
+    nodes, kind = table["preconditioner nodes"][1].split(", of the ")
     assert (int(nodes), kind) == (wires.nodes, network.preconditioner.kind.value)
-    assert table["wires of the preconditioner"][1].split()[0] == str(wires.count)
+    assert table["preconditioner wires"][1].split()[0] == str(wires.count)
     assert rest[-1] == "  functions: 1 cos, 1 sin, 1 tan"
 
 

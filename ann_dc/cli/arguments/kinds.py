@@ -17,14 +17,14 @@ KindsOption = Annotated[
     str | None,
     typer.Option(
         metavar="KIND,...",
-        help=f"Metrics to choose from: {', '.join(KINDS)}.",
+        help=f"Preconditioners to choose from: {', '.join(KINDS)}.",
         show_default="what can be built",
     ),
 ]
 
 PreconditionerOption = Annotated[
     str,
-    typer.Option("--metric", metavar="KIND", help=f"Metric that is built: {', '.join(KINDS)}."),
+    typer.Option("--metric", metavar="KIND", help=f"Preconditioner that is built: {', '.join(KINDS)}."),
 ]
 
 

@@ -55,9 +55,10 @@ def export(
     preconditioner: Annotated[
         str | None,
         typer.Option(
+            "--metric",
             metavar="KIND",
-            help=f"Metric that is built: {', '.join(KINDS)}. Time constants need neighbours only; "
-            "where far stages wait for each other, a pyramid, a grid or a tree settles sooner.",
+            help=f"Preconditioner that is built: {', '.join(KINDS)}. A diagonal one needs neighbours only; "
+            "for long horizons the other kinds settle sooner.",
             show_default="diagonal",
         ),
     ] = None,

@@ -26,7 +26,7 @@ def test_version_and_help_name_every_command():
 def test_help_of_a_command_has_an_example_and_units(command):
     code, text = run(command, "--help")
     assert code == 0
-    assert f"ann-dc {command} " in text.split("Example", 1)[1]
+    assert f"ann-dc {command} " in text.split("Usage examples:", 1)[1]
     assert any(unit in text for unit in ("seconds", "units", "time constants"))
 
 

@@ -88,10 +88,15 @@ def test_a_faster_grid_is_named_where_margins_alone_do_not_cure():
 
 
 def test_where_nothing_helps_other_op_amps_do(monkeypatch):
-    monkeypatch.setattr("ann_dc.hardware.sizing.bandwidth_margin.least_margin", lambda *_: np.inf)
-    for level, meant in (
-        (macro(Datasheet()), "take faster op amps"),
-        (presets.get("opa192_ad734"), "take op amps with less capacitance"),
-    ):
-        circuit, x = built(level)
+    cases = [
+        (level, meant, *built(level))
+        for level, meant in (
+            (macro(Datasheet()), "take faster op amps"),
+            (presets.get("opa192_ad734"), "take op amps with less capacitance"),
+        )
+    ]
+    monkeypatch.setattr(
+        "ann_dc.hardware.sizing.bandwidth_margin.least_margin", lambda *_, **__: np.inf
+    )
+    for level, meant, circuit, x in cases:
         assert cure(circuit, level, x) == f"no margin cures that; {meant}"
