@@ -10,13 +10,13 @@ from . import two_level as two_level
 # declare
 from .problem import OptimalControlProblem as OptimalControlProblem
 from .problem import Soft as Soft
-from .problem import Start as Start
+from .problem import InitialGuess as InitialGuess
 from .problem import StepLength as StepLength
-from .problem import line_start as line_start
+from .problem import interpolated_guess as interpolated_guess
 from .problem import load_problem as load_problem
 from .problem import plants as plants
-from .problem import random_start as random_start
-from .problem import zero_start as zero_start
+from .problem import random_guess as random_guess
+from .problem import zero_guess as zero_guess
 
 # decompose
 from .decomposition import CORRECTED as CORRECTED
@@ -38,11 +38,11 @@ from .families import FamilyDesign as FamilyDesign
 from .families import Multistart as Multistart
 from .families import multistart as multistart
 from .families import pareto as pareto
-from .gain_design import WITHOUT_COORDINATORS as WITHOUT_COORDINATORS
+from .gain_design import DIAGONAL_RULE as DIAGONAL_RULE
 from .gain_design import Gains as Gains
-from .gain_design import Recipe as Recipe
+from .gain_design import GainRule as GainRule
 from .gain_design import apply_gains as apply_gains
-from .gain_design import hand_gains as hand_gains
+from .gain_design import manual_gains as manual_gains
 from .network import Network as Network
 from .scale import Scale as Scale
 from .network.preconditioners import PreconditionerKind as PreconditionerKind
@@ -51,7 +51,7 @@ from .solution import Solution as Solution
 # analyse
 from .analysis import equilibrium as equilibrium
 from .analysis import spectrum as spectrum
-from .diagnosis import analyse as analyse
+from .diagnosis import diagnose as diagnose
 from .evaluation import evaluator as evaluator
 from .two_level import UpperMap as UpperMap
 from .two_level import theorem_IV_2 as theorem_IV_2

@@ -95,8 +95,8 @@ class Diagnosis:
 
     Examples
     --------
-    >>> from ann_dc import analyse, design, plants
-    >>> found = analyse(design(plants.double_integrator(N=5)))
+    >>> from ann_dc import diagnose, design, plants
+    >>> found = diagnose(design(plants.double_integrator(N=5)))
     >>> len(found.slowness.modes), found.reason != ""
     (3, True)
     >>> found.remedies[-1].ratio
@@ -195,7 +195,7 @@ class Diagnosis:
 
 
 @checked
-def analyse(source: Design | Solution) -> Diagnosis:
+def diagnose(source: Design | Solution) -> Diagnosis:
     """Diagnose the settling time of a design and list remedies.
 
     Parameters
@@ -218,8 +218,8 @@ def analyse(source: Design | Solution) -> Diagnosis:
 
     Examples
     --------
-    >>> from ann_dc import analyse, design, plants
-    >>> print(analyse(design(plants.double_integrator(N=5))))  # doctest: +ELLIPSIS
+    >>> from ann_dc import diagnose, design, plants
+    >>> print(diagnose(design(plants.double_integrator(N=5))))  # doctest: +ELLIPSIS
     double_integrator: ratio ... times the limit of 2...
     ...
     """
@@ -269,15 +269,15 @@ _WITHIN = ("more penalty", "less penalty", "other row weights", "other factors")
 
 def _change(design: Design, candidate: Candidate) -> str:
     """Return the difference of a candidate from the design; empty if there is none."""
-    if candidate.recipe.kind is not design.best.recipe.kind:
-        return candidate.recipe.kind.value
+    if candidate.gain_rule.kind is not design.best.gain_rule.kind:
+        return candidate.gain_rule.kind.value
     index = design.network.neuron_index
     duals = [index[dual.neuron] for dual in design.network.cell.duals]
     factors = candidate.gains.rho[duals] / design.gains.rho[duals]
     if not np.allclose(factors, factors[0], rtol=1e-6):
         return "other row weights"
     if np.isclose(factors[0], 1.0):
-        return "" if candidate.recipe == design.best.recipe else "other factors"
+        return "" if candidate.gain_rule == design.best.gain_rule else "other factors"
     return "more penalty" if factors[0] > 1 else "less penalty"
 
 

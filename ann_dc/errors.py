@@ -29,7 +29,7 @@ class ExpressionError(ProblemError):
     """Raised if a text expression (in a TOML problem file) is not plain mathematics."""
 
 
-class WorldError(AnnDcError, ValueError):
+class ScenarioError(AnnDcError, ValueError):
     """Raised if planning is impossible with a world, an obstacle or a robot."""
 
 

@@ -20,7 +20,7 @@ from ann_dc.errors import DesignError, FormError
 from ann_dc.families.family import Over
 from ann_dc.families.family_design import FamilyDesign, design_family
 from ann_dc.gain_design import procedure
-from ann_dc.gain_design.gain_rule import Recipe
+from ann_dc.gain_design.gain_rule import GainRule
 from ann_dc.gain_design.gains import Gains, apply_gains
 from ann_dc.gain_design.knowledge import NOTHING
 from ann_dc.gain_design.procedure import Design
@@ -29,7 +29,7 @@ from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
 from ann_dc.optimality.existence import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.initial_guess import Start
+from ann_dc.problem.initial_guess import InitialGuess
 from ann_dc.problem.scales import Scales
 from ann_dc.progress import Deadline, Progress, silent
 from ann_dc.solution.knowledge import knowledge_of
@@ -49,7 +49,7 @@ def solve(
     problem: OptimalControlProblem,
     *,
     form: Form = CORRECTED,
-    start: Start | None = None,
+    initial_guess: InitialGuess | None = None,
     gains: Gains | Design | None = None,
     kinds: Annotated[Iterable[PreconditionerKind], NotEmpty()] | None = None,
     backend: Backend | None = None,
@@ -68,8 +68,8 @@ def solve(
     start : Start, optional
         Initial guess. Default: the straight line from q_0 to q_d.
     gains : Gains or Design, optional
-        Manual gains (`hand_gains`), or a `design` with another gain rule or a refinement. Default:
-        designed gains.
+        Manual gains (`manual_gains`), or a `design` with another gain rule or a refinement.
+        Default: designed gains.
     kinds : iterable of PreconditionerKind, optional
         Preconditioner kinds from which the design chooses. Default: those that suit the backend.
     backend : Backend, optional
@@ -113,7 +113,7 @@ def solve(
     """
     problem = held(problem)
     equations = decompose(problem, form)
-    network = synthesize(equations, start=start)
+    network = synthesize(equations, initial_guess=initial_guess)
     backend = backend or OdeBackend(progress=progress)
     ode = continuous(backend) if form.oracle_gain else None
     with Deadline(progress, float("inf") if limit is None else limit) as deadline:
@@ -121,7 +121,9 @@ def solve(
         if gains is None:
             lender = form.designable
             lent = (
-                network if form == lender else synthesize(decompose(problem, lender), start=start)
+                network
+                if form == lender
+                else synthesize(decompose(problem, lender), initial_guess=initial_guess)
             )
             gains = procedure.design(
                 lent,
@@ -150,7 +152,7 @@ def synthesize(
     source: OptimalControlProblem | StageEquations,
     *,
     scales: Scales | None = None,
-    start: Start | None = None,
+    initial_guess: InitialGuess | None = None,
     rho: NotNegative = 1.0,
 ) -> Network:
     """Synthesize a network from a problem, or from its stage equations in any form.
@@ -190,7 +192,7 @@ def synthesize(
     39
     """
     equations = source if isinstance(source, StageEquations) else decompose(source)
-    return synthesis.synthesize(equations, scales=scales, start=start, rho=rho)
+    return synthesis.synthesize(equations, scales=scales, initial_guess=initial_guess, rho=rho)
 
 
 @overload
@@ -199,7 +201,7 @@ def design(
     *,
     over: None = None,
     kinds: Iterable[PreconditionerKind] = ...,
-    recipe: Recipe | None = ...,
+    gain_rule: GainRule | None = ...,
     refine: Objective | None = ...,
     limit: int = ...,
     progress: Progress = ...,
@@ -222,7 +224,7 @@ def design(
     *,
     over: Annotated[Over, Own()] | None = None,
     kinds: Iterable[PreconditionerKind] = ALL_KINDS,
-    recipe: Recipe | None = None,
+    gain_rule: GainRule | None = None,
     refine: Objective | None = None,
     limit: Count = LONGEST_RUN,
     progress: Progress = silent,
@@ -239,7 +241,7 @@ def design(
         function compares itself.
     kinds : iterable of PreconditionerKind
         Preconditioner kinds from which to choose. Default: all.
-    recipe : Recipe, optional
+    gain_rule : GainRule, optional
         Gain rule that fixes the closed-form factors and the preconditioner kind. Default: the best
         of the known rules.
     refine : Objective, optional
@@ -273,7 +275,7 @@ def design(
     True
     """
     if over is not None:
-        if not (isinstance(source, OptimalControlProblem) and recipe is None and refine is None):
+        if not (isinstance(source, OptimalControlProblem) and gain_rule is None and refine is None):
             raise DesignError(
                 "over: a family needs the problem itself, whose optima it certifies, and neither "
                 "recipe= nor refine="
@@ -289,7 +291,7 @@ def design(
     return procedure.design(
         network,
         kinds=kinds,
-        recipe=recipe,
+        gain_rule=gain_rule,
         refine=refine,
         limit=limit,
         progress=progress,

@@ -120,7 +120,7 @@ def with_slip(problem: ann_dc.OptimalControlProblem, name: str, gains) -> ann_dc
     """The network with one slip and the gains of the corrected one; as printed, with no penalty."""
     form = ann_dc.PRINTED if name == "printed" else ann_dc.switch(name)
     network = ann_dc.synthesize(ann_dc.decompose(problem, form))
-    return ann_dc.apply_gains(network, ann_dc.hand_gains(network) if name == "printed" else gains)
+    return ann_dc.apply_gains(network, ann_dc.manual_gains(network) if name == "printed" else gains)
 
 
 def measure(

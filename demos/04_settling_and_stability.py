@@ -22,7 +22,7 @@ import numpy as np
 import ann_dc
 from ann_dc import plotting
 from ann_dc.analysis import Linearisation, Spectrum
-from ann_dc.gain_design import WITH_COORDINATORS, Design, closed_form
+from ann_dc.gain_design import MULTILEVEL_RULE, Design, closed_form
 
 TOLERANCE = 1e-6
 LIMIT = 4000.0
@@ -51,28 +51,28 @@ class Bench:
         self.N = N
         problem = ann_dc.plants.car(N=N, dt=HORIZON / N)
         self.network = ann_dc.synthesize(problem)
-        self.design: Design = ann_dc.design(self.network, recipe=WITH_COORDINATORS)
+        self.design: Design = ann_dc.design(self.network, gain_rule=MULTILEVEL_RULE)
 
     @cached_property
     def linear(self) -> Linearisation:
         """What the closed form reads at the settled point."""
         return Linearisation(self.network).at(self.design.state)
 
-    def predict(self, recipe: ann_dc.Recipe, value: float) -> Point:
+    def predict(self, gain_rule: ann_dc.GainRule, value: float) -> Point:
         """The spectrum's word on a recipe."""
-        found = self._spectrum(recipe)
+        found = self._spectrum(gain_rule)
         steps = np.log(1 / TOLERANCE) * found.ratio
         return Point(value=value, abscissa=found.abscissa, predicted=float(steps))
 
-    def measure(self, recipe: ann_dc.Recipe, value: float) -> Point:
+    def measure(self, gain_rule: ann_dc.GainRule, value: float) -> Point:
         """The same, and a run from the straight line until it settles (nan where it does not)."""
-        frozen = ann_dc.apply_gains(self.network, closed_form(self.linear, recipe))
+        frozen = ann_dc.apply_gains(self.network, closed_form(self.linear, gain_rule))
         run = ann_dc.OdeBackend(verify=False, limit=LIMIT, most_steps=MOST_STEPS).run(frozen)
-        radius = self._spectrum(recipe).radius
-        return replace(self.predict(recipe, value), measured=run.settling_time * radius)
+        radius = self._spectrum(gain_rule).radius
+        return replace(self.predict(gain_rule, value), measured=run.settling_time * radius)
 
-    def _spectrum(self, recipe: ann_dc.Recipe) -> Spectrum:
-        gained = ann_dc.apply_gains(self.network, closed_form(self.linear, recipe))
+    def _spectrum(self, gain_rule: ann_dc.GainRule) -> Spectrum:
+        gained = ann_dc.apply_gains(self.network, closed_form(self.linear, gain_rule))
         return ann_dc.spectrum(gained, self.design.state)
 
 
@@ -103,31 +103,31 @@ def main(out: Path | None = None, fast: bool = False) -> dict:
     return {"sweeps": as_data(sweeps), "figures": pictures}
 
 
-def with_rho(value: float, coordinated: bool) -> ann_dc.Recipe:
+def with_rho(value: float, coordinated: bool) -> ann_dc.GainRule:
     """The recipe with rho = value * rho_0."""
-    base = WITH_COORDINATORS if coordinated else ann_dc.WITHOUT_COORDINATORS
+    base = MULTILEVEL_RULE if coordinated else ann_dc.DIAGONAL_RULE
     return replace(base, penalty=value)
 
 
-def with_dual_gain(value: float, coordinated: bool) -> ann_dc.Recipe:
+def with_dual_gain(value: float, coordinated: bool) -> ann_dc.GainRule:
     """The recipe with dual rates of value * rho, mu and beta alike."""
-    base = WITH_COORDINATORS if coordinated else ann_dc.WITHOUT_COORDINATORS
+    base = MULTILEVEL_RULE if coordinated else ann_dc.DIAGONAL_RULE
     return replace(base, dual=value, dual_coupling=value)
 
 
 def sweep(
     bench: Bench,
-    recipe: Callable[[float], ann_dc.Recipe],
+    gain_rule: Callable[[float], ann_dc.GainRule],
     coarse: Iterable[float],
     fine: Iterable[float],
     name: str,
 ) -> dict:
     """Predictions on a fine grid, runs on a coarse one, and where the abscissa changes sign."""
     print(f"sweeping {name} ...", flush=True)
-    line = [bench.predict(recipe(v), float(v)) for v in fine]
+    line = [bench.predict(gain_rule(v), float(v)) for v in fine]
     return {
         "line": line,
-        "dots": [bench.measure(recipe(v), float(v)) for v in coarse],
+        "dots": [bench.measure(gain_rule(v), float(v)) for v in coarse],
         "boundary": boundary(line),
     }
 
@@ -147,8 +147,8 @@ def against_stages(stages: tuple[int, ...]) -> dict:
     for N in stages:
         print(f"designing and running N = {N} ...", flush=True)
         bench = Bench(N)
-        found[True].append(bench.measure(WITH_COORDINATORS, N))
-        found[False].append(bench.measure(ann_dc.WITHOUT_COORDINATORS, N))
+        found[True].append(bench.measure(MULTILEVEL_RULE, N))
+        found[False].append(bench.measure(ann_dc.DIAGONAL_RULE, N))
     return {
         coordinated: {"line": dots, "dots": dots, "boundary": float("nan")}
         for coordinated, dots in found.items()

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.fidelity import climb, quick
+from ann_dc.fidelity import compare_levels, quick
 from ann_dc.optimality import time_solvers
 
 
@@ -24,7 +24,7 @@ def main(out: Path | None = None, wanted=quick) -> dict:
     problem = ann_dc.plants.car()
     network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     done = []
-    for found in climb(network, wanted=wanted, timings=time_solvers(problem)):
+    for found in compare_levels(network, wanted=wanted, timings=time_solvers(problem)):
         done.append(found)
         print(f"{found.name:34} error {found.error:.1e} (predicted "
               f"{found.predicted_error:.1e}), {1e6 * found.settling:6.1f} us")  # fmt: skip

@@ -16,19 +16,19 @@ from pathlib import Path
 
 from ann_dc import plotting
 from ann_dc.navigation import (
-    Journey,
-    Shield,
+    ClosedLoopRun,
+    SafetyFilter,
     design_planner,
     design_waypoint_planner,
     drive,
-    random_world,
+    random_scenario,
 )
 from ann_dc.plotting.worlds import plane
 from ann_dc.problem import car_robot
 
 SEEDS = (1, 0, 2, 3)
 """Of the worlds; the first one is drawn."""
-HEAD = f"{'':34}{'':>18}{'room':>7}{'way':>7}{'effort':>8}{'settled':>9}{'spent':>7}{'shield':>8}"
+HEAD = f"{'':34}{'':>18}{'room':>7}{'way':>7}{'effort':>8}{'settled':>9}{'spent':>7}{'filter':>8}"
 
 
 def main(
@@ -36,15 +36,15 @@ def main(
 ) -> dict:
     """Design, let every planner drive through every world; return journeys and the figure."""
     robot = car_robot()
-    worlds = [random_world(seed, robot=robot) for seed in seeds]
+    worlds = [random_scenario(seed, robot=robot) for seed in seeds]
     print("designing a planning network, then one for legs to waypoints (a minute each)")
     network = design_planner(robot, horizon=horizon)
     waypoint = design_waypoint_planner(robot, stages=stages)
     print(f"driving through {len(worlds)} worlds")
     journeys = {
-        "network with constraints": drive(worlds, network, shield=Shield()),
-        "IV.C: waypoints": drive(worlds, waypoint, shield=None),
-        "IV.C as printed": drive(worlds, replace(waypoint, as_printed=True), shield=None),
+        "network with constraints": drive(worlds, network, safety_filter=SafetyFilter()),
+        "IV.C: waypoints": drive(worlds, waypoint, safety_filter=None),
+        "IV.C as printed": drive(worlds, replace(waypoint, as_printed=True), safety_filter=None),
     }
     print(HEAD)
     for name, driven in journeys.items():
@@ -57,12 +57,12 @@ def main(
     return {"journeys": journeys, "figures": figures}
 
 
-def end(journey: Journey) -> str:
+def end(journey: ClosedLoopRun) -> str:
     """What became of it."""
     return "collided" if journey.collided else "arrived" if journey.arrived else "gave up"
 
 
-def line(journey: Journey) -> str:
+def line(journey: ClosedLoopRun) -> str:
     """Least room (m), way (m), effort; plans settled, median of fastest time constants, shield."""
     text = f"{end(journey):>18}{journey.clearance.min():7.2f}{journey.length:7.2f}"
     text += f"{journey.effort:8.1f}"
@@ -73,7 +73,7 @@ def line(journey: Journey) -> str:
     return text + f"{settled:9.0%}{spent:7.0f}{journey.shielded.sum():8d}"
 
 
-def picture(journeys: dict[str, Journey]):
+def picture(journeys: dict[str, ClosedLoopRun]):
     """One world, a panel a planner."""
     figure = plotting.new_figure(11.4, 4.6)
     row = figure.subplots(1, len(journeys), sharex=True, sharey=True)

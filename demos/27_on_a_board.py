@@ -24,7 +24,7 @@ from matplotlib.lines import Line2D
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.fidelity import LoopGain, Specimen, loop_gains, predicted_errors, prediction_of
+from ann_dc.fidelity import CircuitInstance, LoopGain, loop_gains, predicted_errors, prediction_of
 from ann_dc.fidelity.boards import (
     Effect,
     Found,
@@ -168,7 +168,7 @@ def worst_loops(network: ann_dc.Network, picofarads: Iterable[float]) -> dict[fl
     found = {}
     for pf in picofarads:
         level = grounded(plain, pf)
-        made = Specimen(circuit=circuit, level=level, probe=probe)
+        made = CircuitInstance(circuit=circuit, level=level, probe=probe)
         found[pf] = loop_gains(made.emulation, level, made.settled)[0]
     return found
 
@@ -176,7 +176,7 @@ def worst_loops(network: ann_dc.Network, picofarads: Iterable[float]) -> dict[fl
 def sizes(network: ann_dc.Network, name: str, level: Level) -> Chosen:
     """What is chosen for parts."""
     circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
-    found = prediction_of(Specimen(circuit=circuit, level=level, probe=probe))
+    found = prediction_of(CircuitInstance(circuit=circuit, level=level, probe=probe))
     return Chosen(
         name=name,
         ground=level.datasheet.parasitics.ground,

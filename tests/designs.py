@@ -10,7 +10,7 @@ from random_preconditioners import STIFFNESSES, with_stiffness
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, Form
-from ann_dc.gain_design.gain_rule import Recipe, closed_form
+from ann_dc.gain_design.gain_rule import GainRule, closed_form
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.procedure import Design, design
 from ann_dc.network.network import Network
@@ -37,7 +37,7 @@ def coordinated(name: str) -> Network:
     """The same with time constants and coordinators in closed form."""
     network = small(name)
     linear = Linearisation(network).at(network.start_state)
-    return apply_gains(network, closed_form(linear, Recipe()))
+    return apply_gains(network, closed_form(linear, GainRule()))
 
 
 @cache
@@ -51,7 +51,7 @@ def wired_with(name: str, kind: PreconditionerKind) -> Network:
         return replace(coordinated(name), preconditioner=Diagonal())
     network = small(name)
     linear = Linearisation(network).at(network.start_state)
-    return apply_gains(network, closed_form(linear, Recipe(kind=kind)))
+    return apply_gains(network, closed_form(linear, GainRule(kind=kind)))
 
 
 def near_start(network: Network, seed: int, count: int | None = None) -> np.ndarray:

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.navigation.closed_loop import Journey, drive
+from ann_dc.navigation.closed_loop import ClosedLoopRun, drive
 from ann_dc.navigation.obstacles import disc, polygon
 from ann_dc.navigation.planner import Plan
-from ann_dc.navigation.scenario import World
+from ann_dc.navigation.scenario import Scenario
 from ann_dc.problem.robot import unicycle_robot
 
 ROBOT = unicycle_robot()
@@ -36,13 +36,13 @@ class Ahead:
         ]  # fmt: skip
 
 
-def a_journey() -> Journey:
+def a_journey() -> ClosedLoopRun:
     """Eight periods beside a disc that moves and a wall."""
     obstacles = (
         disc((1.0, 1.2), 0.3, velocity=(0.1, -0.2)),
         polygon([(0.5, -1.5), (1.5, -1.5), (1.5, -1.0)]),
     )
-    world = World(
+    world = Scenario(
         robot=ROBOT, start=np.zeros(3), goal=np.array([3.0, 0.0]), obstacles=obstacles, duration=0.8
     )
     return drive([world], Ahead())[0]

@@ -9,7 +9,7 @@ import numpy as np
 import sympy as sp
 from reference import _OPTIONS, _bounds, _inputs, _pack, _translator
 
-from ann_dc import OptimalControlProblem, line_start
+from ann_dc import OptimalControlProblem, interpolated_guess
 
 x, y, theta, phi, nu, eta, late = sp.symbols("x y theta phi nu eta late")
 N, DT = 12, 0.1
@@ -101,7 +101,7 @@ def epigraph(problem: OptimalControlProblem) -> Epigraph:
     if T:
         start = epigraph(replace(problem, temperature=0.0)).point
     else:
-        line = line_start(problem)
+        line = interpolated_guess(problem)
         start = np.append(_pack(line.q, line.u), 0.0)
         start[-1] = float(values(start).full().max())
     answer = solver(x0=start, lbx=lower, ubx=upper, lbg=least, ubg=0)

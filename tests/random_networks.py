@@ -6,7 +6,7 @@ import numpy as np
 from random_preconditioners import random_preconditioner
 
 from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Role, Sum
-from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.ends import FixedNeuron, Omitted
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
@@ -43,9 +43,12 @@ def random_network(seed: int, kind: PreconditionerKind = PreconditionerKind.DIAG
         cell=cell,
         stages=stages,
         inputs={name: _numbers(rng, stages, -1, 1) for name in INPUTS},
-        pins=(Pin(neuron="q.a", stage=0, input="c"), Pin(neuron="q.b", stage=0, input="d")),
-        absent=(Absent(neuron="mu", stage=stages - 1),),
-        left={"t.a": "c", blocks[0].name: "d"},
+        fixed=(
+            FixedNeuron(neuron="q.a", stage=0, input="c"),
+            FixedNeuron(neuron="q.b", stage=0, input="d"),
+        ),
+        omitted=(Omitted(neuron="mu", stage=stages - 1),),
+        left_boundary={"t.a": "c", blocks[0].name: "d"},
         start={name: rng.uniform(-0.5, 0.5, stages) for name in NEURONS} | {SHARED: 0.3},
         title=f"random {seed}",
     )

@@ -77,9 +77,9 @@ LEGITIMATE = (
      "RecurrentBackend.run_batch.inputs OdeBackend.run_batch.inputs "
      "TwoLevels.step.inputs TwoLevels.run.inputs "
      "Network.with_inputs.values SpiceBackend.deck.deviations emulate.deviations "
-     "defects.leak.unit defects.rails.limit hand_gains.rho hand_gains.tau"),
+     "defects.leak.unit defects.rails.limit manual_gains.rho manual_gains.tau"),
     ("there may be none", {"nothing", "an empty list", "an empty mapping"},
-     "Network.pins Network.absent OptimalControlProblem.constraints "
+     "Network.fixed Network.omitted OptimalControlProblem.constraints "
      "OptimalControlProblem.terminal_constraints Multistart.optima Multistart.others "
      "OptimalControlProblem.objectives OptimalControlProblem.weights "
      "two_level.Coordination.values StageEquations.rows StageEquations.end_rows"),
@@ -210,7 +210,7 @@ RECORDS = {
     "FamilyDesign": family, "Multistart": found, "Solution": solution,
     "Network": lambda: design().network,
     "StageEquations": lambda: solution().equations, "OptimalControlProblem": problem,
-    "Gains": lambda: design().gains, "Start": lambda: ann_dc.line_start(problem()),
+    "Gains": lambda: design().gains, "Start": lambda: ann_dc.interpolated_guess(problem()),
     "levels.Level": lambda: ann_dc.levels.BEHAVIOURAL,
     "ode.Method": lambda: ann_dc.ode.RK45, "two_level.Coordination": coordination,
     "two_level.Following": lambda: coordination().following,
@@ -304,7 +304,7 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "pareto": lambda: {"problem": competing(), "points": 1},
     "plants.get": lambda: {"name": "car"},
     "plotting.circuit": lambda: {"run": circuit_run()},
-    "plotting.diagnosis": lambda: {"found": ann_dc.analyse(design())},
+    "plotting.diagnosis": lambda: {"found": ann_dc.diagnose(design())},
     "plotting.family": lambda: {"designed": family()},
     "plotting.front": lambda: {"found": front()},
     "plotting.headline": lambda: {"figure": figure(), "words": "words"},
@@ -315,7 +315,7 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "plotting.save_all": lambda: {"folder": "figures"},
     "plotting.with_unit": lambda: {"name": "x", "unit": "m"},
     "presets.get": lambda: {"name": "opa192_ad734"},
-    "random_start": lambda: {"rng": 0},
+    "random_guess": lambda: {"rng": 0},
     "save": lambda: {"path": "network.npz"},
     "solve": lambda: {"backend": Spy(), "gains": design().gains},
     "design": lambda: {"kinds": [ann_dc.PreconditionerKind.DIAGONAL]},

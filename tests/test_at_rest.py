@@ -23,7 +23,7 @@ from ann_dc.backends import ode
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.export.netlists.pack import pack_check, pack_files
 from ann_dc.export.reference.vector import reference_vector
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.error_budget import budget, sensitivity
 from ann_dc.fidelity.noise_run import control_noise
 from ann_dc.fidelity.prediction import predict, prediction_of
@@ -139,21 +139,21 @@ def oscillator(start: float = 0.8, rest: float = 0.0) -> Network:
 
 
 @cache
-def specimen(start: float = 0.8) -> Specimen:
+def instance(start: float = 0.8) -> CircuitInstance:
     circuit, probe = SpiceBackend(level=LEVEL).prepare(oscillator(start))
-    return Specimen(circuit=circuit, level=LEVEL, probe=probe)
+    return CircuitInstance(circuit=circuit, level=LEVEL, probe=probe)
 
 
 @pytest.mark.parametrize("start", [0.8, -8.0])
 def test_circuit_that_rests_at_zero_is_predicted_to_be_right(start):
-    found = prediction_of(specimen(start))
+    found = prediction_of(instance(start))
     assert found.astray == ""
     assert found.control_error < 1e-3
     assert 1e-6 < found.settling_time < 1e-3
 
 
 def test_prediction_at_rest_does_not_depend_on_the_size_of_the_swing():
-    small, large = prediction_of(specimen(0.8)), prediction_of(specimen(8.0))
+    small, large = prediction_of(instance(0.8)), prediction_of(instance(8.0))
     assert small.control_error == pytest.approx(large.control_error, abs=1e-6)
     assert small.settling_time == pytest.approx(large.settling_time, rel=0.02)
 
@@ -161,14 +161,14 @@ def test_prediction_at_rest_does_not_depend_on_the_size_of_the_swing():
 @pytest.mark.parametrize(("volts", "right"), [(1e-6, True), (1e-3, False)])
 def test_offset_at_rest_is_told_over_full_scale(volts, right):
     """1 mV at the input of an integrator moves a circuit of 1 V by 1e-3: 10 % of 1 % of it."""
-    built = specimen()
+    built = instance()
     offset = next(p.name for p in built.circuit.parameters if p.name.startswith("vos"))
     found = predict(built.circuit, LEVEL, built.probe, {offset: np.array([volts])})
     assert (found.control_error < 0.01) == right
 
 
 def test_figures_of_a_circuit_at_rest_are_finite():
-    built = specimen()
+    built = instance()
     items = budget(sensitivity(built.emulation, built.settled))
     assert 0 < max(item.error for item in items) < 10
     assert 0 < control_noise(built) < 1

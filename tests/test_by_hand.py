@@ -47,7 +47,7 @@ def test_a_chain_of_integrators_is_a_polynomial():
         ),
         stages=5,
         inputs={"drive": 1.0},
-        left={"x": "drive"},
+        left_boundary={"x": "drive"},
     )
     s = 1.7
     factorials = np.cumprod(np.arange(1.0, 6.0))

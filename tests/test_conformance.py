@@ -17,7 +17,7 @@ from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
 from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.circuit_run import CircuitRun
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.hardware.circuit.deviations import Deviations, draw
 from ann_dc.hardware.parts.datasheet import Tolerances
 from ann_dc.hardware.parts.levels import (
@@ -91,13 +91,13 @@ def errors_of(name: str, seed: int | None) -> Deviations:
 def emulated(name: str, seed: int | None = None) -> np.ndarray:
     """States (4,) in which the emulation settles."""
     circuit, probe = prepared(name)
-    specimen = Specimen(
+    instance = CircuitInstance(
         circuit=circuit,
         level=TECHNOLOGIES[name].level,
         probe=probe,
         deviations=errors_of(name, seed),
     )
-    return specimen.emulation.controls(specimen.settled)
+    return instance.emulation.controls(instance.settled)
 
 
 def largest_error(found: np.ndarray, wanted: np.ndarray) -> float:

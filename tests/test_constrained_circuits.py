@@ -32,7 +32,7 @@ from ann_dc.backends.spice.backend import simulate
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.netlist.timing import Simulation
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.fitting import fitted
 from ann_dc.fidelity.noise_run import settled_noise
 from ann_dc.fidelity.prediction import predict
@@ -73,7 +73,7 @@ MACRO = levels.macro()
 def active(network, x: np.ndarray) -> list[list[bool]]:
     """Which rows and which rails are active at a state."""
     values, found = network.unpack(x), []
-    for diode in network.cell.diodes:
+    for diode in network.cell.inequality_duals:
         z = values[network.neuron_index[diode.neuron]]
         found.append(list(z > ACTIVE * max(np.abs(x).max(), 1e-12)))
     for neuron in network.cell.neurons:
@@ -136,7 +136,7 @@ def test_controls_at_rails_are_where_their_clamps_hold_them(problem, level, seed
     circuit, probe = backend.prepare(network)
     off = backend.deviations(circuit)
     run = simulate(backend, circuit, probe, off)
-    nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     found = replace(nominal, deviations=off)
     ideal = probe.control_values[-1].ravel()
     told, given = (s.emulation.controls(s.settled) - ideal for s in (found, nominal))
@@ -278,8 +278,8 @@ def test_problems_of_the_suite_settle_as_circuits(name, level):
     assert run.settled()
     check_active(run)
     if level is MACRO:
-        specimen = Specimen(circuit=run.circuit, level=level, probe=run.probe)
-        assert run.control_error == pytest.approx(specimen.control_error, rel=0.3)
+        instance = CircuitInstance(circuit=run.circuit, level=level, probe=run.probe)
+        assert run.control_error == pytest.approx(instance.control_error, rel=0.3)
         assert run.control_error < 2.5e-4
     else:
         assert run.control_error < 5e-6
@@ -440,7 +440,7 @@ def test_a_little_capacitance_at_its_ground_hardly_changes_the_noise_of_a_diode_
     for farads in (0.0, 1e-13):
         level = levels.macro(parasitics=Parasitics(stray_capacitance=farads))
         circuit, probe = SpiceBackend(level=level).prepare(network)
-        built = Specimen(circuit=circuit, level=level, probe=probe)
+        built = CircuitInstance(circuit=circuit, level=level, probe=probe)
         lagging = [n.name for n in built.emulation.network.cell.neurons if "lagging" in n.name]
         assert bool(lagging) == (farads > 0)
         rms = settled_noise(built.emulation, built.settled, Noise(step=1.0))

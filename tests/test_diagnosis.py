@@ -9,16 +9,16 @@ from designs import designed
 import ann_dc
 from ann_dc.analysis.slowness import LIMIT, Cause
 from ann_dc.analysis.spectra import Spectrum
-from ann_dc.diagnosis import HELPS, Diagnosis, Remedy, analyse
+from ann_dc.diagnosis import HELPS, Diagnosis, Remedy, diagnose
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.gains import hand_gains
+from ann_dc.gain_design.gains import manual_gains
 from ann_dc.network.preconditioners.base import PreconditionerKind
 
 NAMES = ("car", "pendulum", "cstr", "double_integrator", "planar_quadrotor")
 
 
 def diagnosis(name: str) -> Diagnosis:
-    return analyse(designed(name))
+    return diagnose(designed(name))
 
 
 def with_ratio(found: Diagnosis, ratio: float) -> Diagnosis:
@@ -44,8 +44,8 @@ def test_remedies_are_candidates_or_the_exact_preconditioner(name):
     for remedy in compared:
         assert remedy.ratio in ratios
         assert remedy.gain == pytest.approx(found.slowness.ratio / remedy.ratio)
-    kinds = {c.recipe.kind.value for c in designed(name).candidates}
-    own = designed(name).best.recipe.kind.value
+    kinds = {c.gain_rule.kind.value for c in designed(name).candidates}
+    own = designed(name).best.gain_rule.kind.value
     assert kinds - {own} <= {remedy.change for remedy in compared}
     assert found.remedies[-1].ratio == pytest.approx(LIMIT)
 
@@ -56,7 +56,7 @@ def test_penalties_are_told_apart_from_metrics(name):
     same = [
         c.gains.rho.sum() / design.gains.rho.sum()
         for c in design.candidates
-        if c.recipe == design.best.recipe
+        if c.gain_rule == design.best.gain_rule
     ]
     changes = {remedy.change for remedy in diagnosis(name).remedies}
     assert ("more penalty" in changes) == any(factor > 1.01 for factor in same)
@@ -70,7 +70,7 @@ def test_other_row_weights_are_told():
         gains=replace(design.best.gains, rho=design.gains.rho * np.arange(len(design.gains.rho))),
         spectrum=Spectrum(eigenvalues=np.array([-3.0, -1.0])),
     )
-    found = analyse(replace(design, candidates=(design.best, rows)))
+    found = diagnose(replace(design, candidates=(design.best, rows)))
     (remedy,) = (r for r in found.remedies if r.compared)
     assert (remedy.change, remedy.ratio) == ("other row weights", 3.0)
     told = with_ratio(replace(found, remedies=(replace(remedy, gain=10.0),)), 30.0)
@@ -147,9 +147,9 @@ def test_advice_tells_where_penalty_and_preconditioner_are_needed_together():
 def test_a_solution_is_analysed_by_its_design():
     problem = ann_dc.plants.double_integrator(N=5)
     solution = ann_dc.solve(problem, kinds=[PreconditionerKind.MULTILEVEL])
-    found = ann_dc.analyse(solution)
+    found = ann_dc.diagnose(solution)
     assert solution.design is not None
-    assert str(found) == str(ann_dc.analyse(solution.design))
+    assert str(found) == str(ann_dc.diagnose(solution.design))
     slowest = found.slowness.modes[0]
     assert slowest.cause in (Cause.REACH, Cause.PRECONDITIONER)
     told = {
@@ -161,12 +161,12 @@ def test_a_solution_is_analysed_by_its_design():
 
 def test_gains_by_hand_are_refused():
     problem = ann_dc.plants.double_integrator(N=3)
-    gains = hand_gains(ann_dc.synthesize(problem), rho=1.0)
+    gains = manual_gains(ann_dc.synthesize(problem), rho=1.0)
     solution = ann_dc.solve(problem, gains=gains, backend=ann_dc.OdeBackend(verify=False))
     with pytest.raises(DesignError, match=r"given by hand.*slowness_of"):
-        ann_dc.analyse(solution)
+        ann_dc.diagnose(solution)
 
 
 def test_a_design_that_did_not_settle_is_refused():
     with pytest.raises(DesignError, match=r"did not settle in 25 steps.*limit="):
-        ann_dc.analyse(ann_dc.design(ann_dc.plants.double_integrator(N=5), limit=25))
+        ann_dc.diagnose(ann_dc.design(ann_dc.plants.double_integrator(N=5), limit=25))

@@ -13,7 +13,7 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.backends.status import Outcome
-from ann_dc.gain_design.gains import hand_gains
+from ann_dc.gain_design.gains import manual_gains
 from ann_dc.problem import plants
 from ann_dc.report.solution import report_table
 
@@ -51,7 +51,7 @@ def test_an_unbounded_problem_is_told_as_such(name):
 def test_with_gains_by_hand_too():
     problem = INFEASIBLE["twins"][0]
     network = ann_dc.synthesize(problem)
-    gains = hand_gains(network, rho=1.0, tau=1.0)
+    gains = manual_gains(network, rho=1.0, tau=1.0)
     solution = ann_dc.solve(problem, gains=gains, backend=OdeBackend(limit=300.0, verify=False))
     assert solution.status.outcome is Outcome.INFEASIBLE
 
@@ -112,7 +112,9 @@ def a_stalled_run():
     network = ann_dc.synthesize(plants.double_integrator(N=3))
     backend = OdeBackend(limit=0.01, verify=False)
     return ann_dc.solve(
-        plants.double_integrator(N=3), gains=hand_gains(network, rho=1.0, tau=1.0), backend=backend
+        plants.double_integrator(N=3),
+        gains=manual_gains(network, rho=1.0, tau=1.0),
+        backend=backend,
     )
 
 

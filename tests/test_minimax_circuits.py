@@ -13,7 +13,7 @@ from ann_dc.backends.spice.netlist.timing import Simulation
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.refinement import refined
 from ann_dc.evaluation.populations import kkt_point
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.circuit.bill import bill_of
 from ann_dc.hardware.circuit.deviations import draw
@@ -149,8 +149,8 @@ def test_parts_that_are_off_move_the_shares_as_emulated():
     off = draw(circuit.parameters, Tolerances(resistor=4e-3, offset=1e-5, gain=1e-3), seed=3)
     backend = backend_of("both count", MACRO)
     run = backend.measure(circuit, backend.deck(circuit, probe, off), probe)
-    specimen = Specimen(circuit=circuit, level=MACRO, probe=probe, deviations=off)
-    wanted = specimen.emulation.controls(specimen.settled)
+    instance = CircuitInstance(circuit=circuit, level=MACRO, probe=probe, deviations=off)
+    wanted = instance.emulation.controls(instance.settled)
     moved = np.abs(wanted - probe.control_values[-1].ravel()).max()
     assert moved > 100 * 1e-5
     np.testing.assert_allclose(run.trajectory.control_values[-1].ravel(), wanted, atol=0.02 * moved)

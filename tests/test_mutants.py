@@ -110,14 +110,16 @@ GREEDY = {
     "a long row": of_manifest(lambda table: table.update(stages=10**6)),
     "absent everywhere": of_manifest(
         lambda table: table.update(
-            stages=30_000, absent=[{"neuron": "y", "stage": k} for k in range(30_000)]
+            stages=30_000, omitted=[{"neuron": "y", "stage": k} for k in range(30_000)]
         )
     ),
     "absent twice": of_manifest(
-        lambda table: table.update(absent=[{"neuron": "y", "stage": 1}] * 50_000)
+        lambda table: table.update(omitted=[{"neuron": "y", "stage": 1}] * 50_000)
     ),
-    "empty tables": of_manifest(lambda table: table.update(absent=[{}] * 90_000)),
-    "keys": of_manifest(lambda table: table.update(left={f"{k:x}": 0 for k in range(90_000)})),
+    "empty tables": of_manifest(lambda table: table.update(omitted=[{}] * 90_000)),
+    "keys": of_manifest(
+        lambda table: table.update(left_boundary={f"{k:x}": 0 for k in range(90_000)})
+    ),
     "names": of_manifest(lambda table: table.update(inputs=[f"{k:x}" for k in range(150_000)])),
     "a header of keys": as_header(json.dumps({f"{k:x}": 0 for k in range(330_000)}).encode()),
     "a header of numbers": as_header(b"[" + b"257," * 900_000 + b"1]"),

@@ -21,7 +21,7 @@ from simulator import needs_ngspice
 from wired import neighbour_wired
 
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.hardware.parts import presets
 
 SAMPLE = ("unicycle", "river", "two_tanks", "cart")
@@ -34,7 +34,7 @@ def test_a_board_with_all_that_its_parts_do_settles_as_predicted():
     backend = board_of("tl072_ad633", network)
     assert backend.level.datasheet.parasitics.ground > 0
     circuit, probe = backend.prepare(network)
-    nominal = Specimen(circuit=circuit, level=backend.level, probe=probe)
+    nominal = CircuitInstance(circuit=circuit, level=backend.level, probe=probe)
     said, run = compared(backend, nominal)
     assert agree(said, run)
     assert run.settling_error < 0.01 * run.settling_time()

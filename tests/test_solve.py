@@ -14,11 +14,11 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.status import Outcome
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import DesignError, FormError, ProblemError, SynthesisError, UnknownNameError
-from ann_dc.gain_design.gains import hand_gains
+from ann_dc.gain_design.gains import manual_gains
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.initial_guess import line_start, random_start, zero_start
+from ann_dc.problem.initial_guess import interpolated_guess, random_guess, zero_guess
 from ann_dc.solution.solution import certificate_of
 from ann_dc.solver import synthesize
 
@@ -39,11 +39,11 @@ def assert_optimum(solution, reference) -> None:
 # ---- the paper's example -----------------------------------------------------------------------
 
 STARTS = {
-    "line": line_start,
-    "zero": zero_start,
-    "random 1": lambda problem: random_start(problem, 1),
-    "random 2": lambda problem: random_start(problem, 2),
-    "random 3": lambda problem: random_start(problem, 3),
+    "line": interpolated_guess,
+    "zero": zero_guess,
+    "random 1": lambda problem: random_guess(problem, 1),
+    "random 2": lambda problem: random_guess(problem, 2),
+    "random 3": lambda problem: random_guess(problem, 3),
 }
 
 
@@ -53,7 +53,7 @@ def test_the_papers_example(D, known, start):
     problem = plants.car(D=D)
     reference = ipopt(problem)
     np.testing.assert_allclose(reference.objective, known, rtol=1e-6)
-    assert_optimum(solve(problem, start=STARTS[start](problem), backend=QUICK), reference)
+    assert_optimum(solve(problem, initial_guess=STARTS[start](problem), backend=QUICK), reference)
 
 
 @pytest.fixture(scope="module")
@@ -204,7 +204,7 @@ def test_without_the_control_jacobian_nothing_is_solved():
 
 def test_gains_by_hand():
     problem = plants.double_integrator(N=6)
-    gains = hand_gains(synthesize(problem), rho=1.0, tau={"mu": 0.5})
+    gains = manual_gains(synthesize(problem), rho=1.0, tau={"mu": 0.5})
     answer = solve(problem, gains=gains, backend=QUICK)
     assert answer.design is None
     assert answer.as_dict()["predicted_settling_time"] is None
@@ -280,11 +280,11 @@ def test_known_optima(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("start", [zero_start, line_start])
+@pytest.mark.parametrize("start", [zero_guess, interpolated_guess])
 def test_ipopt_stays_where_the_network_settled(start):
     """The search behind the design finds cheaper optima than the network does from its starts."""
     problem = SUITE["car_g3"].problem
-    answer = solve(problem, start=start(problem), backend=QUICK)
+    answer = solve(problem, initial_guess=start(problem), backend=QUICK)
     assert answer.objective < CAR_G3[3]
     confirmed = ipopt(problem, guess=(answer["q"].T, answer["u"].T))
     assert confirmed.success

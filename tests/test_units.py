@@ -58,7 +58,7 @@ def assert_same_design(problem: OptimalControlProblem, units: Units) -> None:
     ours, theirs = design(problem), design(other)
     assert theirs.settled is ours.settled is True
     assert theirs.first.steps == ours.first.steps
-    assert theirs.best.recipe == ours.best.recipe
+    assert theirs.best.gain_rule == ours.best.gain_rule
     np.testing.assert_allclose(theirs.best.ratio, ours.best.ratio, rtol=1e-5)
     np.testing.assert_allclose(theirs.best.settling, ours.best.settling, rtol=1e-2)
     assert_same_solution(problem, units, settled_point(problem, ours), settled_point(other, theirs))

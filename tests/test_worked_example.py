@@ -12,12 +12,12 @@ from car_by_hand import DT, A, control_matrix, solved_stage, step
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import Form, LowerForm, switch
 from ann_dc.evaluation.populations import neuron_values
-from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, manual_gains
 from ann_dc.gain_design.procedure import design
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
-from ann_dc.problem.initial_guess import Start
+from ann_dc.problem.initial_guess import InitialGuess
 from ann_dc.solver import synthesize
 from ann_dc.synthesis.row import start_values
 from ann_dc.two_level.levels import TwoLevels
@@ -39,14 +39,14 @@ BETA = np.array([[0.3, 0.1, -0.2, 0.4], [-0.5, 0.6, 0.7, -0.2]])
 def network_of(form: Form) -> Network:
     """On the plain Lagrangian, in the user's units all through."""
     network = synthesize(decompose(CAR, form), rho=0.0)
-    return apply_gains(network, hand_gains(network))
+    return apply_gains(network, manual_gains(network))
 
 
 def started(network: Network, t: np.ndarray, beta: np.ndarray, stages: np.ndarray) -> np.ndarray:
     """A state: t_0 (4,), beta (2, 4) and q, u, mu of the stages (2, 10), in the user's units."""
     q, u, mu = stages[:, :4], stages[:, 4:6], stages[:, 6:]
     chain = np.column_stack([q[0], t, CAR.q_d])
-    x = start_values(network, Start(q=chain, u=u.T, mu=mu.T, beta=beta.T))
+    x = start_values(network, InitialGuess(q=chain, u=u.T, mu=mu.T, beta=beta.T))
     rows = network.unpack(x)
     for name, values in zip(CAR.states, q.T):
         place = network.neuron_index[f"q.{name}"]

@@ -66,7 +66,9 @@ class Linearisation:
         self._row, self._column = tape.places[rows, 0], tape.places[columns, 0]
         self._row_stage, self._column_stage = tape.places[rows, 1], tape.places[columns, 1]
         role, index = tape.roles, network.neuron_index
-        diodes = [(index[d.neuron], network.node_index[d.residual]) for d in network.cell.diodes]
+        diodes = [
+            (index[d.neuron], network.node_index[d.residual]) for d in network.cell.inequality_duals
+        ]
         self._diodes, self._residuals = np.array(diodes, np.int64).reshape(-1, 2).T
         objectives = network.cell.objectives
         shares = [index[objective.neuron] for objective in objectives]
@@ -203,7 +205,7 @@ def softness(network: Network, weights: np.ndarray) -> tuple[np.ndarray, np.ndar
     """
     price, compliance = np.full(network.live.shape, np.inf), np.zeros(network.live.shape)
     edges = evaluator(network).edges
-    for diode in network.cell.diodes:
+    for diode in network.cell.inequality_duals:
         row = network.neuron_index[diode.neuron]
         if diode.rail in edges:
             price[row] = -weights[edges[diode.rail]]

@@ -175,7 +175,7 @@ def shadow_rows(network: Network, saddle: Saddle, penalties: np.ndarray) -> tupl
     singular.
     """
     rows, owner = [], network.places[saddle.dual, 0]
-    for dual in (*network.cell.duals, *network.cell.diodes):
+    for dual in (*network.cell.duals, *network.cell.inequality_duals):
         index = network.neuron_index[dual.neuron]
         own = np.flatnonzero(owner == index)
         pushes = np.zeros((len(owner), len(own)))
@@ -240,8 +240,10 @@ def saddle_of(network: Network, x: State, *, among: Saddle | None = None) -> Sad
     # rows of the flow: primal -(H, A'), dual (A, 0)
     flow = evaluator.drive_jacobian(x)
     H, A = -flow[primal][:, primal], flow[dual][:, primal]
-    if network.cell.diodes:  # without penalties their rows are zero: they stand in columns alone
-        diodes = [network.neuron_index[diode.neuron] for diode in network.cell.diodes]
+    if (
+        network.cell.inequality_duals
+    ):  # without penalties their rows are zero: they stand in columns alone
+        diodes = [network.neuron_index[diode.neuron] for diode in network.cell.inequality_duals]
         of_diode = sparse.diags_array(np.isin(network.places[dual, 0], diodes).astype(float))
         A = A - of_diode @ flow[primal][:, dual].T
         _, compliance = softness(network, evaluator.tape.weights)
@@ -256,9 +258,9 @@ def saddle_of(network: Network, x: State, *, among: Saddle | None = None) -> Sad
 def _still(network: Network, x: np.ndarray) -> np.ndarray:
     """Return the inequality multipliers (n,) of bool that are inactive or at a price."""
     still = np.zeros(network.live.shape, bool)
-    if network.cell.diodes:
+    if network.cell.inequality_duals:
         values, index = fast_evaluator(network).values(x)[:, 1:-1], network.node_index
-        for diode in network.cell.diodes:
+        for diode in network.cell.inequality_duals:
             own = ~(values[index[diode.sum]] > 0)
             if diode.excess:
                 own |= values[index[diode.excess]] > 0
@@ -331,7 +333,7 @@ def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> b
 
 def _leaking(network: Network, jacobian: Any) -> np.ndarray:
     """Return the diode neurons (n,) that leak: inactive, at a price, or compliant."""
-    diodes = [network.neuron_index[diode.neuron] for diode in network.cell.diodes]
+    diodes = [network.neuron_index[diode.neuron] for diode in network.cell.inequality_duals]
     return np.isin(network.places[:, 0], diodes) & (jacobian.diagonal() < 0)
 
 

@@ -73,9 +73,9 @@ def input_sensitivity(
     _, nodes = _swept(network, x, outputs)
     rows = network.node_index
     slopes = {name: nodes[:, rows[name], 1:-1].copy() for name in network.cell.inputs}
-    for pin in network.pins:
+    for pin in network.fixed:
         slopes[pin.input][:, pin.stage] += nodes[:, rows[pin.neuron], pin.stage + 1]
-    for node, name in network.left.items():
+    for node, name in network.left_boundary.items():
         slopes[name][:, 0] += nodes[:, rows[node], 0]
     return slopes
 

@@ -247,13 +247,13 @@ def _penalties(network: Network) -> np.ndarray:
         )
     weights = {connection.name: connection.weight for connection in network.cell.connections}
     penalties = np.zeros(len(network.cell.neurons))
-    for dual in (*network.cell.duals, *network.cell.diodes):
+    for dual in (*network.cell.duals, *network.cell.inequality_duals):
         given = np.asarray(weights.get(dual.path, 0.0), float)
         penalty = float(given.flat[0])
         if not (penalty > 0 and (given == penalty).all()):
             raise NetworkError(
                 f"{network.title}: the row of {dual.neuron} has no penalty, or not one for all "
-                "stages; give it one (hand_gains(rho=...)), or design the network"
+                "stages; give it one (manual_gains(rho=...)), or design the network"
             )
         penalties[network.neuron_index[dual.neuron]] = penalty
     return penalties

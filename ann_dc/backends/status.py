@@ -254,7 +254,7 @@ def with_growth(
     found = [i for i in np.argsort(-gained) if dual[i] and gained[i] > 0]
     if not found:
         return status
-    rows = {diode.neuron for diode in network.cell.diodes}
+    rows = {diode.neuron for diode in network.cell.inequality_duals}
     names = [network.cell.neurons[i].name for i in found]
     told = ", ".join(sorted(names, key=lambda name: name not in rows)[:NAMED])
     so_far = status.message.removesuffix(f"; {elsewhere(network)}")  # from there they would, too

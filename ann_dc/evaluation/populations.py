@@ -80,7 +80,7 @@ def kkt_point(network: Network, x: np.ndarray) -> tuple[np.ndarray, ...]:
         values[population] = _in_user_units(network, neurons, said)
     point = tuple(values[name] for name in ("q", "u", "t", "mu", "beta"))
     cell, none = network.cell, np.empty((0, network.stages))
-    if cell.diodes or cell.objectives:
+    if cell.inequality_duals or cell.objectives:
         point = (*point, values.get("z", none), values.get("z_end", none)[:, -1])
     shares = [nodes[network.node_index[o.multiplier], -1] for o in cell.objectives]
     return (*point, np.array(shares)) if shares else point

@@ -104,7 +104,7 @@ class ReferenceEvaluator(Evaluator):
         """Neuron rows and multiplier rows by population (duals, diodes, objectives)."""
         rows: dict[str, list[tuple[int, int]]] = {}
         cell, index = self.network.cell, self.network.node_index
-        for dual in (*cell.duals, *cell.diodes, *cell.objectives):
+        for dual in (*cell.duals, *cell.inequality_duals, *cell.objectives):
             population = self.network.neuron(dual.neuron).population
             row = index[dual.neuron], index[dual.multiplier]
             rows.setdefault(population, []).append(row)
@@ -277,7 +277,7 @@ def tape_with_penalty(network: Network, rho: np.ndarray | float) -> Tape:
     weights, (paths, neurons) = own.tape.weights.copy(), own.penalty_paths
     given = np.broadcast_to(rho, len(index))
     weights[paths] = given[neurons, None]
-    for diode in network.cell.diodes:
+    for diode in network.cell.inequality_duals:
         for name, weight in diode.weights(float(given[index[diode.neuron]])).items():
             if name in own.edges:
                 weights[own.edges[name]] = weight

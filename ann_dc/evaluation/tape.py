@@ -188,9 +188,9 @@ def constant_values(network: Network) -> np.ndarray:
     values[nodes[ONE]] = 1.0
     for name in network.cell.inputs:
         values[nodes[name], 1:-1] = network.input_values[name]
-    for pin in network.pins:
+    for pin in network.fixed:
         values[nodes[pin.neuron], pin.stage + 1] = network.input_values[pin.input][pin.stage]
-    for node, source in network.left.items():
+    for node, source in network.left_boundary.items():
         values[nodes[node], 0] = network.input_values[source][0]
     return values
 

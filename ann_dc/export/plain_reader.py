@@ -16,41 +16,41 @@ a = dict(np.load(folder + "/network.npz"))
 """Statements that read the arrays, by file name."""
 
 NETWORK = """\
-N, names = m["stages"], [n["name"] for n in m["neurons"]]
+N, left, names = m["stages"], m["left_boundary"], [n["name"] for n in m["neurons"]]
 scales = a.get("input_scale", [(1, 0)] * len(m["inputs"]))
 inputs = {i: (a["input/" + i] - zero) / unit for i, (unit, zero) in zip(m["inputs"], scales)}
 shared = np.array(["shared" in n for n in m["neurons"]])
 live = ~shared[:, None] | (np.arange(N) == N - 1)
-for e in m["pins"] + m["absent"]: live[names.index(e["neuron"]), e["stage"]] = False
+for e in m["fixed"] + m["omitted"]: live[names.index(e["neuron"]), e["stage"]] = False
 rates = live / np.array([a["tau/" + n] * np.ones(N) for n in names])
-low, high = a["rails"].T[:, :, None]
+low, high = a["limits"].T[:, :, None]
 wires, near = collections.defaultdict(list), {"previous": -1, "self": 0, "next": 1}
 for c, n in zip(m["connections"], [n for n in m["tensors"] if n.startswith("weight/")]):
     k = np.clip(N + 1 + near.get(c["template"], c["template"]), 0, 2 * N + 1)
     wires[c["target"]].append((a[n], c["source"], k))
 M, at = np.diag(rates.ravel()), np.arange(len(names) * N).reshape(-1, N)
-for level in range(m["levels"]):  # pyramid: M += H S H' over the chains q_0, t_0, q_1, ...
+for level in range(m["preconditioner"]["levels"]):  # M += H S H' over q_0, t_0, q_1, ...
     S, p = a[f"gain/{level}"], np.arange(2 * N)[:, None] / (2 * N - 1)
     H = np.maximum(0, 1 - abs(p * (len(S) - 1) - np.arange(len(S))))
     z = [at[[names.index(n) for n in chain]].T.ravel() for chain in m["chains"]]
     for i, j in np.ndindex(S.shape[1:]): M[np.ix_(z[i], z[j])] += H * S[:, i, j] @ H.T
-if "preconditioner" in m:  # grid or tree: M = T^(1/2) S^-1 T^(1/2) over the live primal neurons
+if "stiffness/own" in a:  # M = T^(1/2) S^-1 T^(1/2) over the live primal neurons
     z = at[[n["role"] == "primal" for n in m["neurons"]]].T.ravel()
     S, k, used = np.zeros((N, len(z) // N) * 2), np.arange(N), live.ravel()[z]
-    S[k[:-1], :, k[1:]] = a[m["preconditioner"] + "/following"]
+    S[k[:-1], :, k[1:]] = a["stiffness/following"]
     S += S.transpose(2, 3, 0, 1)
-    S[k, :, k] = a[m["preconditioner"] + "/own"]
+    S[k, :, k] = a["stiffness/own"]
     z, S = z[used], np.linalg.inv(S.reshape(len(z), -1)[np.ix_(used, used)])
     M[np.ix_(z, z)] = S * np.sqrt(np.outer(rates.ravel()[z], rates.ravel()[z]))
-def state(x):  # (P, N) with pins and shared neurons filled in
+def state(x):  # (P, N) with fixed and shared neurons filled in
     x = np.where(live, x, 0.0)
-    for e in m["pins"]: x[names.index(e["neuron"]), e["stage"]] = inputs[e["input"]][e["stage"]]
+    for e in m["fixed"]: x[names.index(e["neuron"]), e["stage"]] = inputs[e["input"]][e["stage"]]
     return np.where(shared[:, None], x[:, -1:], x)
 $rails
 def moves(x):  # dx/ds (P, N)
     value = {"one": np.ones(3 * N + 1)}  # of every node: in the N cells, and beyond the two ends
     def node(n, v):
-        value[n] = np.r_[[0.0] * N, inputs[m["left"][n]][0] if n in m["left"] else 0, v, [0.0] * N]
+        value[n] = np.r_[[0.0] * N, inputs[left[n]][0] if n in left else 0, v, [0.0] * N]
     def arriving(n): return sum((w * value[s][k : k + N] for w, s, k in wires[n]), np.zeros(N))
     for n, v in [*inputs.items(), *zip(names, x)]: node(n, v)
     for b in m["blocks"]:

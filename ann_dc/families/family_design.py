@@ -29,7 +29,7 @@ from ann_dc.errors import DesignError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.families.family import Family, Over, Sample, family_of
 from ann_dc.families.race import LIMIT, ROUNDS, Runner, entered, raced, run_on, run_sample
-from ann_dc.gain_design.gain_rule import RECIPES, WITH_COORDINATORS
+from ann_dc.gain_design.gain_rule import GAIN_RULES, MULTILEVEL_RULE
 from ann_dc.gain_design.gains import Gains, apply_gains
 from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.scheduled_run import first_run
@@ -199,7 +199,7 @@ def why(network: Network, x: np.ndarray, *, lost: bool) -> Failure:
     `network` has its inputs and its start, and the run ended at `x` (n,). `lost` is True if the run
     diverged or left the domain of a function.
     """
-    found = first_run(network, WITH_COORDINATORS, limit=LONGEST_SEARCH)
+    found = first_run(network, MULTILEVEL_RULE, limit=LONGEST_SEARCH)
     if not found.settled:
         return Failure.LOST if lost else Failure.NO_POINT
     if not spectrum(network, found.state).abscissa < 0:
@@ -358,7 +358,7 @@ def _settled_points(
             prospect = Prospect(problem=family.problem_of(sample), progress=progress)
             found = first_run(
                 network,
-                WITH_COORDINATORS,
+                MULTILEVEL_RULE,
                 limit=LONGEST_RUN,
                 progress=progress,
                 knowledge=knowledge_of(prospect, network),
@@ -386,7 +386,7 @@ def _winner(
     """Return the best candidate; kinds are tried fastest first until `GOAL` is met."""
     best: Runner | None = None
     with np.errstate(all="ignore"):
-        for kind in (kind for kind in RECIPES if kind in kinds):
+        for kind in (kind for kind in GAIN_RULES if kind in kinds):
             if (
                 kind is PreconditionerKind.CYCLIC_REDUCTION
                 and PreconditionerKind.RESISTIVE_GRID in kinds

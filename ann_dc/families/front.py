@@ -30,7 +30,7 @@ from ann_dc.gain_design.procedure import Design
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.certificate import Certificate
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.initial_guess import line_start
+from ann_dc.problem.initial_guess import interpolated_guess
 from ann_dc.problem.minimax import weights_of
 from ann_dc.progress import Progress, silent
 from ann_dc.solution.solution import certificate_of
@@ -253,7 +253,7 @@ def _division(points: int, count: int) -> np.ndarray:
 def _payoff(problem: OptimalControlProblem, kinds, progress: Progress) -> np.ndarray:
     """Return (p, p) objectives (columns) at the regularised minima (rows)."""
     plain = replace(problem, weights=None)
-    line = line_start(plain)
+    line = interpolated_guess(plain)
     sizes = np.abs(plain.objective_stages(line.q, line.u)).sum(axis=1)
     sizes = np.where(sizes > 0, sizes, 1.0)
     rows = []

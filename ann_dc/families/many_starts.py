@@ -27,7 +27,7 @@ from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.existence import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.initial_guess import Start
+from ann_dc.problem.initial_guess import InitialGuess
 from ann_dc.progress import Progress, silent
 from ann_dc.si_prefixes import counted
 from ann_dc.solution.knowledge import knowledge_of
@@ -78,7 +78,7 @@ class Multistart:
     problem: OptimalControlProblem
     equations: StageEquations
     design: Design
-    starts: Annotated[tuple[Start, ...], NotEmpty()]
+    starts: Annotated[tuple[InitialGuess, ...], NotEmpty()]
     backend: RecurrentBackend
     batch: BatchRun
     optima: tuple[Optimum, ...]
@@ -180,7 +180,7 @@ class Multistart:
 @checked
 def multistart(
     problem: OptimalControlProblem,
-    starts: Annotated[int | Sequence[Start], Own()] = 64,
+    starts: Annotated[int | Sequence[InitialGuess], Own()] = 64,
     *,
     seed: Annotated[int, Own()] = 0,
     kinds: Annotated[Iterable[PreconditionerKind], NotEmpty()] | None = None,
@@ -233,7 +233,7 @@ def multistart(
     if kinds is None:
         kinds = tuple(kind for kind in backend.kinds if kind not in NEAR_ONE_OPTIMUM)
     equations = decompose(problem)
-    first = synthesize(equations, start=made[0])
+    first = synthesize(equations, initial_guess=made[0])
     designed = procedure.design(
         first,
         kinds=kinds,

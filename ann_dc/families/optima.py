@@ -15,7 +15,7 @@ from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.status import Outcome
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.families.seeded_starts import LONGEST
-from ann_dc.gain_design.gain_rule import WITH_COORDINATORS
+from ann_dc.gain_design.gain_rule import MULTILEVEL_RULE
 from ann_dc.gain_design.scheduled_run import first_run
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate
@@ -112,7 +112,7 @@ def sorted_out(
 def _own_run(network: Network) -> np.ndarray | None:
     """Return the settled state of a gain-scheduled run from the network's start."""
     with np.errstate(all="ignore"):  # a run that overflows is data
-        run = first_run(network, WITH_COORDINATORS, tolerance=TOLERANCE, limit=LONGEST)
+        run = first_run(network, MULTILEVEL_RULE, tolerance=TOLERANCE, limit=LONGEST)
     return run.state if run.settled else None
 
 

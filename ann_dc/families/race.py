@@ -15,7 +15,7 @@ from ann_dc.errors import AnnDcError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.rules import LOST, SETTLED
 from ann_dc.evaluation.tape import Tape, constant_values
-from ann_dc.gain_design.gain_rule import RECIPES, STEADIER, SWEEPS, Recipe
+from ann_dc.gain_design.gain_rule import GAIN_RULES, STEADIER, SWEEPS, GainRule
 from ann_dc.gain_design.gains import Gains, tape_with
 from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.trial_run import SETTLING, Pace, gains_of, run_with_constants, spectrum_with
@@ -52,7 +52,7 @@ class Runner:
         Settling times in fastest time constants of the samples run so far; infinite if not settled.
     """
 
-    recipe: Recipe
+    gain_rule: GainRule
     boost: float
     shared: bool
     gains: Gains
@@ -72,18 +72,21 @@ class Runner:
         return -self.share, late
 
     def __str__(self) -> str:
-        recipe, factor = self.recipe, self.recipe.penalty / RECIPES[self.recipe.kind].penalty
-        rows = "rows by reach" if recipe.by_reach else f"rows of {recipe.sweeps} sweeps"
+        gain_rule, factor = (
+            self.gain_rule,
+            self.gain_rule.penalty / GAIN_RULES[self.gain_rule.kind].penalty,
+        )
+        rows = "rows by reach" if gain_rule.by_reach else f"rows of {gain_rule.sweeps} sweeps"
         path = (
-            f", path {recipe.path:g}"
-            if recipe.kind
+            f", path {gain_rule.path:g}"
+            if gain_rule.kind
             in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
             else ""
         )
         off = "all settled points" if self.shared else "one settled point"
         return (
-            f"{recipe.kind.value} from {off}, {rows}{path}, penalty x {factor * self.boost:g}, "
-            f"rates of multipliers x {recipe.dual / RECIPES[recipe.kind].dual:g}"
+            f"{gain_rule.kind.value} from {off}, {rows}{path}, penalty x {factor * self.boost:g}, "
+            f"rates of multipliers x {gain_rule.dual / GAIN_RULES[gain_rule.kind].dual:g}"
         )
 
 
@@ -95,7 +98,7 @@ def entered(points: Sequence[SettledPoint], kind: PreconditionerKind, boost: flo
     a point, or without a preconditioner there, are omitted.
     """
     runners = []
-    for recipe in _recipes(kind):
+    for gain_rule in _recipes(kind):
         factor = (
             1.0
             if kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
@@ -103,14 +106,14 @@ def entered(points: Sequence[SettledPoint], kind: PreconditionerKind, boost: flo
         )
         for off in (points, points[:1]) if len(points) > 1 else (points,):
             try:
-                gains = gains_of(off, recipe, factor)
+                gains = gains_of(off, gain_rule, factor)
                 found = [spectrum_with(settled, gains) for settled in _spread(points)]
-            except AnnDcError:  # no such preconditioner here: another recipe may have one
+            except AnnDcError:  # no such preconditioner here: another gain_rule may have one
                 continue
             if all(np.isfinite(spectrum.ratio) for spectrum in found):
                 shared, pace = off is points, Pace.of(*found)
                 runners.append(
-                    Runner(recipe=recipe, boost=factor, shared=shared, gains=gains, pace=pace)
+                    Runner(gain_rule=gain_rule, boost=factor, shared=shared, gains=gains, pace=pace)
                 )
     return runners
 
@@ -121,8 +124,8 @@ def _spread(points: Sequence[SettledPoint]) -> Sequence[SettledPoint]:
     return [points[i] for i in chosen]
 
 
-def _recipes(kind: PreconditionerKind) -> Iterable[Recipe]:
-    own = RECIPES[kind]
+def _recipes(kind: PreconditionerKind) -> Iterable[GainRule]:
+    own = GAIN_RULES[kind]
     if kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION):
         for sweeps in SWEEPS:
             for path, penalty, dual in ON_THE_WAY:
@@ -150,7 +153,7 @@ def raced(runners: Sequence[Runner], networks: Sequence[Network], progress: Prog
     for count, through in ROUNDS:
         done = []
         for number, runner in enumerate(left, 1):
-            progress(f"race: {runner.recipe.kind.value} {number} of {len(left)}, {count} inputs")
+            progress(f"race: {runner.gain_rule.kind.value} {number} of {len(left)}, {count} inputs")
             ahead = networks[len(runner.settling) : count]
             tape = tape_with(networks[0], runner.gains)
             more = [run_sample(network, tape, runner.pace)[0] for network in ahead]

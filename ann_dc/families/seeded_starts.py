@@ -1,7 +1,7 @@
 r"""Seeded initial guesses: the straight line, then increasingly bent lines.
 
 Independent noise at every stage is smoothed within a few steps, and all guesses end in the same
-basin of attraction. A guess is therefore bent as a whole. The noise of `random_start`, which knows
+basin of attraction. A guess is therefore bent as a whole. The noise of `random_guess`, which knows
 the admissible deviation of a component, is reduced to its lowest modes between the ends,
 
 .. math:: q_k = line_k + a \sum_{j=1}^{3} \frac{c_j}{j} \sin(\pi j k / N) ,
@@ -18,20 +18,22 @@ import numpy as np
 
 from ann_dc.errors import ProblemError
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.initial_guess import Start, check_start, line_start, random_start
+from ann_dc.problem.initial_guess import InitialGuess, check_start, interpolated_guess, random_guess
 from ann_dc.problem.scales import fitting_controls
 
 MODES = 3
 """Largest number of half waves between the ends."""
 LARGEST = 10.0
-"""Amplitude of the last guess in deviations of `random_start`: about the span of a component."""
+"""Amplitude of the last guess in deviations of `random_guess`: about the span of a component."""
 LONGEST = 8_000
 """Number of batch steps after which a guess counts as not settled."""
 HALVINGS = 20
 """Largest number of halvings towards the line for a guess outside a function's domain."""
 
 
-def seeded_starts(problem: OptimalControlProblem, count: int, *, seed: int = 0) -> list[Start]:
+def seeded_starts(
+    problem: OptimalControlProblem, count: int, *, seed: int = 0
+) -> list[InitialGuess]:
     """Return the straight line and ``count - 1`` guesses around it, in user's units.
 
     The distance from the line grows and is largest for the last guess. Another seed gives other
@@ -47,7 +49,7 @@ def seeded_starts(problem: OptimalControlProblem, count: int, *, seed: int = 0) 
     True
     """
     count, seed = _whole("starts", count, least=1), _whole("seed", seed, least=0)
-    line = line_start(problem)
+    line = interpolated_guess(problem)
     return [line] + [
         _bent(problem, line, np.random.default_rng([seed, i]), LARGEST * i / (count - 1))
         for i in range(1, count)
@@ -55,17 +57,17 @@ def seeded_starts(problem: OptimalControlProblem, count: int, *, seed: int = 0) 
 
 
 def _bent(
-    problem: OptimalControlProblem, line: Start, rng: np.random.Generator, amplitude: float
-) -> Start:
+    problem: OptimalControlProblem, line: InitialGuess, rng: np.random.Generator, amplitude: float
+) -> InitialGuess:
     stages = problem.horizon
-    noise = random_start(problem, rng).q - line.q
+    noise = random_guess(problem, rng).q - line.q
     number = np.arange(1, MODES + 1)
     waves = np.sin(np.pi * np.outer(number, np.arange(stages + 1) / stages))
     bend = amplitude * (noise @ waves.T * np.sqrt(2 / stages) / number) @ waves
     bend[:, [0, -1]] = 0.0
     for _ in range(HALVINGS):
         q = line.q + bend
-        start = Start(q=q, u=fitting_controls(problem, q))
+        start = InitialGuess(q=q, u=fitting_controls(problem, q))
         try:
             check_start(problem, start)
         except ProblemError:
@@ -75,19 +77,21 @@ def _bent(
     return line
 
 
-def checked_starts(problem: OptimalControlProblem, starts: Sequence[Start]) -> list[Start]:
+def checked_starts(
+    problem: OptimalControlProblem, starts: Sequence[InitialGuess]
+) -> list[InitialGuess]:
     """Return the user's initial guesses, if a network of the problem can start there.
 
-    Raises `ProblemError` naming the guess: if there are none, or if one is not a `Start`. It is
-    also raised for arrays of another shape, for numbers that are not finite, and outside the domain
-    of the dynamics or the cost.
+    Raises `ProblemError` naming the guess: if there are none, or if one is not a `InitialGuess`. It
+    is also raised for arrays of another shape, for numbers that are not finite, and outside the
+    domain of the dynamics or the cost.
     """
     starts = list(starts)
     if not starts:
         raise ProblemError("starts: the list is empty; give a number, or one Start or more")
     for index, start in enumerate(starts):
         name = f"starts[{index}]"
-        if not isinstance(start, Start):
+        if not isinstance(start, InitialGuess):
             raise ProblemError(f"{name}: expected a Start, got {start!r}")
         _check_arrays(problem, start, name)
         try:
@@ -97,7 +101,7 @@ def checked_starts(problem: OptimalControlProblem, starts: Sequence[Start]) -> l
     return starts
 
 
-def _check_arrays(problem: OptimalControlProblem, start: Start, name: str) -> None:
+def _check_arrays(problem: OptimalControlProblem, start: InitialGuess, name: str) -> None:
     n, m, stages = problem.n, problem.m, problem.horizon
     shapes = {"q": (n, stages + 1), "u": (m, stages), "mu": (n, stages), "beta": (n, stages)}
     for field, shape in shapes.items():

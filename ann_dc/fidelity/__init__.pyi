@@ -1,4 +1,4 @@
-from .circuit_instance import Specimen as Specimen
+from .circuit_instance import CircuitInstance as CircuitInstance
 from .circuit_study import (
     measured_errors as measured_errors,
     predicted_errors as predicted_errors,
@@ -12,7 +12,7 @@ from .error_budget import (
     total_error as total_error,
 )
 from .fitting import fitting_intervals as fitting_intervals, smallest_margin as smallest_margin
-from .level_comparison import climb as climb, quick as quick
+from .level_comparison import compare_levels as compare_levels, quick as quick
 from .loop_gains import LoopGain as LoopGain, loop_gains as loop_gains
 from .model_level import Group as Group, Rung as Rung, rungs as rungs
 from .noise_run import settled_noise as settled_noise

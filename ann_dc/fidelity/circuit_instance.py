@@ -1,7 +1,7 @@
 """Circuit instance: one circuit with its part errors, emulated and solved once.
 
 Prediction, error budget, noise and Monte Carlo samples all need the network of the circuit and its
-equilibrium. A `Specimen` computes each result on first access and caches it.
+equilibrium. A `CircuitInstance` computes each result on first access and caches it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ STIFF = 5e4
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Specimen:
+class CircuitInstance:
     """Circuit instance on a level, with deviations of its parts.
 
     Attributes
@@ -55,14 +55,14 @@ class Specimen:
 
     Examples
     --------
-    >>> from ann_dc.fidelity import Specimen
+    >>> from ann_dc.fidelity import CircuitInstance
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
-    >>> nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    >>> nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     >>> nominal.control_error < 1e-3  # what finite gains cost
     True
     """
@@ -152,42 +152,42 @@ class Specimen:
 
 
 def transient_of(
-    specimen: Specimen,
+    instance: CircuitInstance,
     most_steps: int = TRANSIENT.most_steps,
     start: np.ndarray | None = None,
 ) -> Run:
-    """Integrate the transient (`Specimen.moving`) from reset or another start.
+    """Integrate the transient (`CircuitInstance.moving`) from reset or another start.
 
     The run ends after `most_steps` steps. `start` (n,) is the initial state; default: the state set
     by the reset switches.
     """
-    network = specimen.moving.network
+    network = instance.moving.network
     if start is not None:
         network = network.with_start(start)
     explicit = replace(TRANSIENT, most_steps=most_steps)
     implicit = replace(explicit, method=BDF, limit=1e9)
-    if specimen.circuit.conductances:  # nodes of a grid are far faster than the rest
+    if instance.circuit.conductances:  # nodes of a grid are far faster than the rest
         return implicit.run(network)
-    if specimen.clamped:  # other steps shake the diodes that conduct
+    if instance.clamped:  # other steps shake the diodes that conduct
         run = replace(implicit, method=RADAU).run(network)
         return run if run.status.settled else explicit.run(network)
     run = explicit.run(network)
-    late = run.status.outcome is Outcome.NOT_SETTLED and _stiff(specimen)
+    late = run.status.outcome is Outcome.NOT_SETTLED and _stiff(instance)
     return implicit.run(network) if late else run
 
 
-def settling_of(specimen: Specimen, run: Run) -> float:
+def settling_of(instance: CircuitInstance, run: Run) -> float:
     """Return the seconds until every control of a transient stays within 0.1 %.
 
     `run` comes from `transient_of`. Op amps inside the circuit do not count.
     """
-    found = control_settling(run.trajectory, controls=specimen.moving.controls)
-    return specimen.circuit.scaling.time * found
+    found = control_settling(run.trajectory, controls=instance.moving.controls)
+    return instance.circuit.scaling.time * found
 
 
-def _stiff(specimen: Specimen) -> bool:
+def _stiff(instance: CircuitInstance) -> bool:
     """Return True if the circuit would settle only after the explicit steps end."""
     try:
-        return STIFF < specimen.modes.ratio < math.inf
+        return STIFF < instance.modes.ratio < math.inf
     except NetworkError:  # it has no equilibrium
         return False

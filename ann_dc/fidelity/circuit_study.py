@@ -22,7 +22,7 @@ from ann_dc.backends.spice.refinement import read_timed
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.rules import NEAR
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.error_budget import Item, budget, sensitivity
 from ann_dc.fidelity.loop_gains import LoopGain, loop_gains, why_no_loops
 from ann_dc.fidelity.noise_run import control_noise, noisy
@@ -94,23 +94,23 @@ def predicted_errors(
     >>> (0.001 < errors).all() and (errors < 0.1).all()  # with resistors of 1 %
     np.True_
     """
-    nominal = Specimen(circuit=circuit, level=level, probe=probe, deviations=base or {})
-    drawn = specimens(nominal, seeds, progress=progress)
-    return np.array([settled_error(specimen) for specimen in drawn])
+    nominal = CircuitInstance(circuit=circuit, level=level, probe=probe, deviations=base or {})
+    drawn = instances(nominal, seeds, progress=progress)
+    return np.array([settled_error(instance) for instance in drawn])
 
 
-def undrawn(backend: SpiceBackend, circuit: Circuit, probe: Trajectory) -> Specimen:
+def undrawn(backend: SpiceBackend, circuit: Circuit, probe: Trajectory) -> CircuitInstance:
     """Return the circuit before drawing, with resistors and capacitors of the series.
 
     All circuits of a backend have these parts in common.
     """
     off = snapped(circuit, backend.series)
-    return Specimen(circuit=circuit, level=backend.level, probe=probe, deviations=off)
+    return CircuitInstance(circuit=circuit, level=backend.level, probe=probe, deviations=off)
 
 
-def specimens(
-    nominal: Specimen, seeds: Sequence[int], *, progress: Progress = silent
-) -> Iterator[Specimen]:
+def instances(
+    nominal: CircuitInstance, seeds: Sequence[int], *, progress: Progress = silent
+) -> Iterator[CircuitInstance]:
     """Yield circuits drawn from the tolerances of a level, one per seed.
 
     `nominal` gives circuit, level, probe and the common deviations.
@@ -122,16 +122,16 @@ def specimens(
         yield replace(nominal, deviations=off)
 
 
-def settled_error(specimen: Specimen) -> float:
+def settled_error(instance: CircuitInstance) -> float:
     """Return the error of the settled controls; nan if the circuit does not settle.
 
     The error is relative to the largest control.
     """
     try:
-        stable = specimen.modes.abscissa < 0
+        stable = instance.modes.abscissa < 0
     except NetworkError:
         return float("nan")
-    return specimen.control_error if stable else float("nan")
+    return instance.control_error if stable else float("nan")
 
 
 @checked
@@ -385,7 +385,7 @@ def study_circuit(
     """
     circuit, probe = backend.prepare(network)
     level, off = backend.level, snapped(circuit, backend.series)
-    nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     deviations = backend.deviations(circuit)
     built = replace(nominal, deviations=deviations) if deviations else nominal
     op_amps = level.emulated and not isinstance(level.technology, OtaC)
@@ -454,7 +454,7 @@ def _demand(network: Network, x: np.ndarray) -> tuple[PreconditionerDemand | Non
         return None, str(error)
 
 
-def _run(backend: SpiceBackend, built: Specimen, deck: Deck) -> CircuitRun:
+def _run(backend: SpiceBackend, built: CircuitInstance, deck: Deck) -> CircuitRun:
     if backend.require_stable and built.level.emulated:
         backend.check_stable(built.emulation, built.probe)
     run = backend.measure(built.circuit, deck, built.probe)
@@ -462,12 +462,12 @@ def _run(backend: SpiceBackend, built: Specimen, deck: Deck) -> CircuitRun:
     return run.timed
 
 
-def _loops(backend: SpiceBackend, built: Specimen) -> tuple[LoopGain, ...]:
+def _loops(backend: SpiceBackend, built: CircuitInstance) -> tuple[LoopGain, ...]:
     backend.progress("loop gains")
     return loop_gains(built.emulation, built.level, built.settled)
 
 
-def _budget(backend: SpiceBackend, nominal: Specimen) -> tuple[Item, ...]:
+def _budget(backend: SpiceBackend, nominal: CircuitInstance) -> tuple[Item, ...]:
     backend.progress("error budget")
     return budget(sensitivity(nominal.emulation, nominal.settled), nominal.level.tolerances)
 

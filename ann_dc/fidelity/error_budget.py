@@ -108,17 +108,17 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
     Compare the linear prediction for a resistor with an error of 0.1 % with the solved circuit:
 
     >>> import numpy as np
-    >>> from ann_dc.fidelity import Specimen, sensitivity
+    >>> from ann_dc.fidelity import CircuitInstance, sensitivity
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
-    >>> nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    >>> nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     >>> found = sensitivity(nominal.emulation, nominal.settled)
     >>> off = {"r_m_x_1": np.full(5, 1e-3)}
-    >>> built = Specimen(circuit=circuit, level=level, probe=probe, deviations=off)
+    >>> built = CircuitInstance(circuit=circuit, level=level, probe=probe, deviations=off)
     >>> bool(abs(np.abs(found.shift(off)).max() / built.control_error - 1) < 0.1)
     True
     """
@@ -158,14 +158,14 @@ def budget(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> tuple[Item, 
 
     Examples
     --------
-    >>> from ann_dc.fidelity import Specimen, budget, sensitivity
+    >>> from ann_dc.fidelity import CircuitInstance, budget, sensitivity
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
-    >>> nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    >>> nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     >>> items = budget(sensitivity(nominal.emulation, nominal.settled))
     >>> items[0].parameter.name, items[0].parameter.kind.value
     ('r_m_x_1', 'resistor')
@@ -206,7 +206,7 @@ def total_error(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> float:
     --------
     Errors of half the size cause half the control error:
 
-    >>> from ann_dc.fidelity import Specimen, sensitivity, total_error
+    >>> from ann_dc.fidelity import CircuitInstance, sensitivity, total_error
     >>> from ann_dc.hardware.parts import Tolerances
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
@@ -214,7 +214,7 @@ def total_error(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> float:
     >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
-    >>> nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    >>> nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     >>> found = sensitivity(nominal.emulation, nominal.settled)
     >>> coarse, fine = (total_error(found, Tolerances(resistor=r)) for r in (0.01, 0.005))
     >>> round(coarse / fine, 9)

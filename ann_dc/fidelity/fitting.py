@@ -19,7 +19,7 @@ import numpy as np
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.error_budget import sensitivity, total_error
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.parts.levels import Level
@@ -112,7 +112,7 @@ def fitting_intervals(backend: SpiceBackend, network: Network) -> Mapping[str, t
     --------
     >>> from dataclasses import replace
     >>> import ann_dc
-    >>> from ann_dc.fidelity import Specimen, fitting_intervals
+    >>> from ann_dc.fidelity import CircuitInstance, fitting_intervals
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
@@ -121,7 +121,8 @@ def fitting_intervals(backend: SpiceBackend, network: Network) -> Mapping[str, t
     >>> errors = []
     >>> for built in (backend, wide):
     ...     circuit, probe = built.prepare(network)
-    ...     errors.append(Specimen(circuit=circuit, level=macro(), probe=probe).control_error)
+    ...     instance = CircuitInstance(circuit=circuit, level=macro(), probe=probe)
+    ...     errors.append(instance.control_error)
     >>> errors[1] < 0.75 * errors[0]
     True
     """
@@ -131,7 +132,7 @@ def fitting_intervals(backend: SpiceBackend, network: Network) -> Mapping[str, t
     errors = []
     for intervals in tried:
         circuit = replace(backend, intervals=intervals).prepare(network)[0]
-        errors.append(_error(Specimen(circuit=circuit, level=backend.level, probe=probe)))
+        errors.append(_error(CircuitInstance(circuit=circuit, level=backend.level, probe=probe)))
     return tried[int(np.argmin(errors))]
 
 
@@ -168,14 +169,14 @@ def _intervals(
     return found
 
 
-def _error(specimen: Specimen) -> float:
+def _error(instance: CircuitInstance) -> float:
     """Return the control error with the spread by tolerances; infinite if unsettled."""
-    tolerances = specimen.level.datasheet.tolerances
+    tolerances = instance.level.datasheet.tolerances
     try:
-        nominal = specimen.control_error
+        nominal = instance.control_error
     except NetworkError:
         return np.inf
     if tolerances is None:
         return nominal
-    found = sensitivity(specimen.emulation, specimen.settled)
-    return float(np.hypot(nominal, total_error(found, specimen.level.tolerances)))
+    found = sensitivity(instance.emulation, instance.settled)
+    return float(np.hypot(nominal, total_error(found, instance.level.tolerances)))

@@ -109,7 +109,7 @@ def quick(rung: Rung) -> bool:
 
 
 @checked
-def climb(
+def compare_levels(
     network: Network,
     ladder: Ladder | None = None,
     *,
@@ -147,13 +147,13 @@ def climb(
     Examples
     --------
     >>> import ann_dc
-    >>> from ann_dc.fidelity import climb
+    >>> from ann_dc.fidelity import compare_levels
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
-    >>> first = next(climb(network))
+    >>> first = next(compare_levels(network))
     >>> first.name, first.group.value, first.error < 1e-6
     ('ODE', 'computed digitally', True)
-    >>> for measured in climb(network):  # doctest: +SKIP
+    >>> for measured in compare_levels(network):  # doctest: +SKIP
     ...     print(measured.name, measured.error, measured.settling)
     """
     ladder = ladder or Ladder()

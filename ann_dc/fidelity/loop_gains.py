@@ -106,14 +106,14 @@ def loop_gains(emulation: Emulation, level: Level, x: State) -> tuple[LoopGain, 
     Examples
     --------
     >>> import ann_dc
-    >>> from ann_dc.fidelity import Specimen
+    >>> from ann_dc.fidelity import CircuitInstance
     >>> from ann_dc.fidelity import loop_gains
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
-    >>> made = Specimen(circuit=circuit, level=level, probe=probe)
+    >>> made = CircuitInstance(circuit=circuit, level=level, probe=probe)
     >>> worst = loop_gains(made.emulation, level, made.settled)[0]
     >>> 20 < worst.phase_margin < 90, 1e5 < worst.crossover < 1e7
     (True, True)

@@ -22,7 +22,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import size_of
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
@@ -72,7 +72,7 @@ def run_with_noise(
 
 
 @checked
-def control_noise(specimen: Specimen) -> float:
+def control_noise(instance: CircuitInstance) -> float:
     """Return the rms noise of the worst settled control, relative to the largest.
 
     Noise sources are resistors and parts with known noise, at the temperature of the level. The
@@ -80,18 +80,18 @@ def control_noise(specimen: Specimen) -> float:
     settle, and for emulations of more than 1000 neurons, since the computing time grows with their
     cube.
     """
-    emulation, level = specimen.emulation, specimen.level
-    other = specimen.circuit.schematic.differential or level.technology.clocked
+    emulation, level = instance.emulation, instance.level
+    other = instance.circuit.schematic.differential or level.technology.clocked
     if other or emulation.network.size > LARGEST:
         return float("nan")
     try:
-        x = specimen.settled
+        x = instance.settled
     except NetworkError:
         return float("nan")
     parasitics, kelvin = level.datasheet.parasitics, level.conditions.kelvin
     noise = Noise.of_parts(parasitics, step=1.0, temperature=kelvin)  # no samples are drawn
     rms = emulation.controls(settled_noise(emulation, x, noise))
-    size = size_of(emulation.controls(x), specimen.probe.control_reach)
+    size = size_of(emulation.controls(x), instance.probe.control_reach)
     return float(np.abs(rms).max() / size)
 
 
@@ -118,7 +118,7 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
     --------
     Thermal noise is proportional to the root of the temperature:
 
-    >>> from ann_dc.fidelity import Specimen, settled_noise
+    >>> from ann_dc.fidelity import CircuitInstance, settled_noise
     >>> from ann_dc.hardware.emulation import Noise
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
@@ -126,7 +126,7 @@ def settled_noise(emulation: Emulation, x: np.ndarray, noise: Noise) -> np.ndarr
     >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
-    >>> nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    >>> nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     >>> cold, warm = (
     ...     settled_noise(nominal.emulation, nominal.settled, Noise(step=1.0, temperature=kelvin))
     ...     for kelvin in (75.0, 300.0)

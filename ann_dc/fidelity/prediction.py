@@ -20,7 +20,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import size_of
-from ann_dc.fidelity.circuit_instance import Specimen, settling_of, transient_of
+from ann_dc.fidelity.circuit_instance import CircuitInstance, settling_of, transient_of
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
@@ -145,15 +145,17 @@ def predict(
     >>> found.stable, found.control_error < 1e-3, 1e-5 < found.settling_time < 1e-3
     (True, True, True)
     """
-    specimen = Specimen(circuit=circuit, level=level, probe=probe, deviations=deviations or {})
-    found = prediction_of(specimen)
+    instance = CircuitInstance(
+        circuit=circuit, level=level, probe=probe, deviations=deviations or {}
+    )
+    found = prediction_of(instance)
     if isinstance(found, Unpredicted):
         raise found.error
     return found
 
 
 @checked
-def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
+def prediction_of(instance: CircuitInstance) -> Prediction | Unpredicted:
     """Predict a circuit instance, reusing its emulation and equilibrium.
 
     Returns
@@ -169,42 +171,42 @@ def prediction_of(specimen: Specimen) -> Prediction | Unpredicted:
     Examples
     --------
     >>> import ann_dc
-    >>> from ann_dc.fidelity import Specimen, prediction_of
+    >>> from ann_dc.fidelity import CircuitInstance, prediction_of
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> level = ann_dc.levels.macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
-    >>> prediction_of(Specimen(circuit=circuit, level=level, probe=probe)).stable
+    >>> prediction_of(CircuitInstance(circuit=circuit, level=level, probe=probe)).stable
     True
     """
-    missing = not_emulated(specimen)
+    missing = not_emulated(instance)
     if missing is not None:
         return missing
     try:
-        off, modes = specimen.control_error, specimen.modes
+        off, modes = instance.control_error, instance.modes
     except NetworkError as error:
         return Unpredicted(reason=Reason.NO_EQUILIBRIUM, sentence=str(error))
     told = Prediction(control_error=off, settling_time=float("nan"), spectrum=modes)
-    if why := untimed(specimen):
+    if why := untimed(instance):
         return replace(told, unknown=why)
     if not told.stable:
         return replace(told, unknown=REPELS)
-    return _timed(told, specimen, transient_of(specimen))
+    return _timed(told, instance, transient_of(instance))
 
 
-def _timed(told: Prediction, specimen: Specimen, run: Run) -> Prediction | Unpredicted:
+def _timed(told: Prediction, instance: CircuitInstance, run: Run) -> Prediction | Unpredicted:
     """Return a prediction completed with the result of its transient."""
-    if run.status.outcome not in LOST and clipped_at(specimen.moving, run.trajectory.final).any():
-        return clipping_of(specimen, specimen.moving, run.trajectory.final)
-    if lost := astray_of(specimen, run):
+    if run.status.outcome not in LOST and clipped_at(instance.moving, run.trajectory.final).any():
+        return clipping_of(instance, instance.moving, run.trajectory.final)
+    if lost := astray_of(instance, run):
         return replace(told, astray=lost, unknown=lost)
     if not run.status.settled:
         open_end = f"its transient {run.status}"
         return replace(told, astray=open_end, unknown=open_end)
-    return replace(told, settling_time=settling_of(specimen, run))
+    return replace(told, settling_time=settling_of(instance, run))
 
 
-def astray_of(specimen: Specimen, run: Run) -> str:
+def astray_of(instance: CircuitInstance, run: Run) -> str:
     """Return, as a clause, the other equilibrium to which a transient leads.
 
     The clause is empty if the run reaches the settled point, or ends before this is known. Raises
@@ -212,21 +214,21 @@ def astray_of(specimen: Specimen, run: Run) -> str:
     """
     if run.status.outcome in LOST:
         return f"its transient {run.status}"
-    wanted = specimen.emulation.controls(specimen.settled)
-    found = specimen.moving.controls(run.trajectory.final)
-    off = np.abs(found - wanted).max() / size_of(wanted, specimen.probe.control_reach)
+    wanted = instance.emulation.controls(instance.settled)
+    found = instance.moving.controls(run.trajectory.final)
+    off = np.abs(found - wanted).max() / size_of(wanted, instance.probe.control_reach)
     if run.status.settled and off > ELSEWHERE:
-        size = specimen.probe.size_in_words
+        size = instance.probe.size_in_words
         return f"its transient settles elsewhere, a control off by {off:.2g} of {size}"
     return ""
 
 
-def not_emulated(specimen: Specimen) -> Unpredicted | None:
+def not_emulated(instance: CircuitInstance) -> Unpredicted | None:
     """Return the reason for which a circuit instance has no emulation, or None.
 
     The check includes the operating conditions of its level.
     """
-    level = specimen.level
+    level = instance.level
     sentence = f"{level.name} circuits are not emulated"
     if level.emulated and level.transistors and level.conditions != NOMINAL:
         sentence = f"{level.name} circuits are emulated in a room only, at nominal supplies"
@@ -235,11 +237,11 @@ def not_emulated(specimen: Specimen) -> Unpredicted | None:
     return Unpredicted(reason=Reason.LEVEL, sentence=sentence)
 
 
-def untimed(specimen: Specimen) -> str:
+def untimed(instance: CircuitInstance) -> str:
     """Return the reason, as a clause, for which no transient is run, or ""."""
-    if specimen.level.technology.clocked:
+    if instance.level.technology.clocked:
         return CLOCKED
-    size = specimen.emulation.network.size
+    size = instance.emulation.network.size
     return f"{size} neurons are more than {LARGEST}" if size > LARGEST else ""
 
 
@@ -249,10 +251,10 @@ def clipped_at(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     return ((x <= low) | (x >= high)) & emulation.clips
 
 
-def clipping_of(specimen: Specimen, emulation: Emulation, x: np.ndarray) -> Unpredicted:
+def clipping_of(instance: CircuitInstance, emulation: Emulation, x: np.ndarray) -> Unpredicted:
     """Return a message on the clipped parts of a circuit, with the required headroom.
 
-    `emulation` is one of the two of `specimen`, and `x` (n,) its state, settled with clipped parts.
+    `emulation` is one of the two of `instance`, and `x` (n,) its state, settled with clipped parts.
     """
     network, clipped = emulation.network, np.flatnonzero(clipped_at(emulation, x))
     rails = _rails(emulation)[1]
@@ -264,14 +266,14 @@ def clipping_of(specimen: Specimen, emulation: Emulation, x: np.ndarray) -> Unpr
     names = ", ".join(f"{name} of cell {stage}" for name, stage in [*limits][:NAMED])
     more = f" and {len(limits) - NAMED} more" if len(limits) > NAMED else ""
     sentence = f"parts of the settled circuit stand at their rails: {names}{more}; "
-    return Unpredicted(reason=Reason.CLIPPED, sentence=sentence + _cure(specimen, limits))
+    return Unpredicted(reason=Reason.CLIPPED, sentence=sentence + _cure(instance, limits))
 
 
-def _cure(specimen: Specimen, limits: Mapping[tuple[str, int], float]) -> str:
+def _cure(instance: CircuitInstance, limits: Mapping[tuple[str, int], float]) -> str:
     """Return advice for clipped parts, from a transient without output limits."""
-    level = specimen.level
+    level = instance.level
     endless = replace(level.datasheet, rails=np.inf, multiplier_rails=np.inf)
-    free = replace(specimen, level=replace(level, datasheet=endless))
+    free = replace(instance, level=replace(level, datasheet=endless))
     run = transient_of(free)
     if not run.status.settled:
         return f"no headroom would do: without rails, its transient {run.status}"

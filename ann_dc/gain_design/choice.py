@@ -18,7 +18,7 @@ import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.errors import AnnDcError, DesignError, NetworkError
-from ann_dc.gain_design.gain_rule import RECIPES, Recipe, recipe_of_first_run, steadier
+from ann_dc.gain_design.gain_rule import GAIN_RULES, GainRule, recipe_of_first_run, steadier
 from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.knowledge import NOTHING, Cost
 from ann_dc.gain_design.rule_presets import COARSE, places_of
@@ -75,12 +75,12 @@ empty preset means the network's initial guess.
 class Choice:
     """Comparison of the allowed preconditioner kinds, until one is near the limit.
 
-    `kinds` are compared in turn. `recipe` is fixed by the caller, if any; `cost` returns that of a
-    settled point.
+    `kinds` are compared in turn. `gain_rule` is fixed by the caller, if any; `cost` returns that of
+    a settled point.
     """
 
     kinds: tuple[PreconditionerKind, ...]
-    recipe: Recipe | None
+    gain_rule: GainRule | None
     first: FirstRun
     progress: Progress
     cost: Cost = NOTHING.cost
@@ -120,7 +120,7 @@ class Choice:
             if found and found[0].settling < np.inf and found[0].ratio < NEAR_LIMIT:
                 break
         if not found:  # the only kind that is allowed has no preconditioner here: let it say why
-            return (candidate_of(settled, self.recipe or RECIPES[self.kinds[0]], 1.0),)
+            return (candidate_of(settled, self.gain_rule or GAIN_RULES[self.kinds[0]], 1.0),)
         return found
 
     def _rehearsed(
@@ -146,11 +146,11 @@ class Choice:
         return settled, self._at_once(settled)
 
     def _at_once(self, settled: SettledPoint) -> Candidate:
-        recipe = recipe_of_first_run(self.recipe)
-        if recipe.kind not in self.kinds and PreconditionerKind.DIAGONAL in self.kinds:
-            recipe = RECIPES[PreconditionerKind.DIAGONAL]
+        gain_rule = recipe_of_first_run(self.gain_rule)
+        if gain_rule.kind not in self.kinds and PreconditionerKind.DIAGONAL in self.kinds:
+            gain_rule = GAIN_RULES[PreconditionerKind.DIAGONAL]
         try:
-            return candidate_of(settled, recipe, self.first.boost)
+            return candidate_of(settled, gain_rule, self.first.boost)
         except DesignError as error:
             raise DesignError(
                 f"{settled.network.title}: the gains overflow ({error}); choose units in which "
@@ -180,13 +180,15 @@ class Choice:
         penalty: float = 1.0,
         is_brief: bool = False,
     ) -> tuple[Candidate, ...]:
-        fixed = self.recipe if self.recipe is not None and self.recipe.kind is kind else None
+        fixed = (
+            self.gain_rule if self.gain_rule is not None and self.gain_rule.kind is kind else None
+        )
         return compare(
             settled,
             kind,
             self.first.boost,
             self.progress,
-            recipe=fixed,
+            gain_rule=fixed,
             penalty=penalty,
             is_brief=is_brief,
             take=self._taker(settled),
@@ -203,9 +205,9 @@ class Choice:
         if found[0].settling < np.inf:
             return settled, found
         best, there = self._from_strays(settled, found)
-        for recipes in (stiffer, steadier):
+        for gain_rules in (stiffer, steadier):
             if not there and not found[0].settling < np.inf:
-                more = self._rehearsals(settled, recipes)
+                more = self._rehearsals(settled, gain_rules)
                 found = tuple(sorted((*found, *more), key=lambda c: c.rank))
                 if not found[0].settling < np.inf:
                     best, there = self._from_strays(settled, found)
@@ -214,7 +216,7 @@ class Choice:
     def _rehearsals(
         self,
         settled: SettledPoint,
-        recipes: Callable[[PreconditionerKind], tuple[Recipe, ...]],
+        gain_rules: Callable[[PreconditionerKind], tuple[GainRule, ...]],
         patience: Patience = PATIENT,
     ) -> list[Candidate]:
         """Run trials of closed-form networks of all useful kinds."""
@@ -224,8 +226,8 @@ class Choice:
             for kind in self._useful()
             if kind not in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
         ):
-            for recipe in recipes(kind):
-                candidate = candidate_of(settled, recipe, self.first.boost)
+            for gain_rule in gain_rules(kind):
+                candidate = candidate_of(settled, gain_rule, self.first.boost)
                 if np.isfinite(candidate.ratio):
                     self.progress(f"freeze: another {kind.value}")
                     tried = rehearse(settled, candidate, progress=self.progress, patience=patience)
@@ -305,7 +307,7 @@ class Choice:
             return settled, found
         second = first_run(
             settled.network,
-            recipe_of_first_run(self.recipe),
+            recipe_of_first_run(self.gain_rule),
             limit=limit,
             equal_rows=limit,
             progress=self.progress,
@@ -335,9 +337,9 @@ def anew(candidates: Iterable[Candidate]) -> list[Candidate]:
     return [replace(candidate, settling=float("nan"), stray=None) for candidate in candidates]
 
 
-def stiffer(kind: PreconditionerKind) -> tuple[Recipe, ...]:
+def stiffer(kind: PreconditionerKind) -> tuple[GainRule, ...]:
     """Return gain rules of a kind with larger penalties."""
-    own = RECIPES[kind]
+    own = GAIN_RULES[kind]
     return tuple(replace(own, penalty=factor * own.penalty) for factor in STIFFER)
 
 

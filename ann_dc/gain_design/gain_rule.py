@@ -13,8 +13,8 @@ first for equalities, then (`diode_weights`) with the active inequalities includ
 the stages of one neuron of the cell. All fast rates are then near one. With kappa an eigenvalue of
 T A'WA, a mode with negligible H satisfies s^2 + kappa s + eta kappa = 0.
 
-A gain rule (`Recipe`) consists of the factors r, eta, f, the preconditioner kind and the constraint
-weights. Two are predefined.
+A gain rule (`GainRule`) consists of the factors r, eta, f, the preconditioner kind and the
+constraint weights. Two are predefined.
 
 Weights of the constraints: by equilibration or by reachability.
 
@@ -124,10 +124,10 @@ def by_reach(linear: Linearisation | MeanLinearisation) -> np.ndarray:
     return weights
 
 
-@such_as("ann_dc.Recipe()")
+@such_as("ann_dc.GainRule()")
 @checked
 @dataclass(frozen=True, kw_only=True)
-class Recipe:
+class GainRule:
     """Gain rule: factors of the closed form.
 
     Attributes
@@ -167,7 +167,8 @@ class Recipe:
     --------
     >>> from ann_dc import design, plants
     >>> problem = plants.double_integrator(N=5)
-    >>> designed = design(problem, recipe=Recipe(penalty=2.0, kind=PreconditionerKind.DIAGONAL))
+    >>> rule = GainRule(penalty=2.0, kind=PreconditionerKind.DIAGONAL)
+    >>> designed = design(problem, gain_rule=rule)
     >>> designed.settled, designed.gains.preconditioner.kind.name
     (True, 'DIAGONAL')
     """
@@ -201,11 +202,11 @@ class Recipe:
                 )
 
 
-WITH_COORDINATORS = Recipe()
+MULTILEVEL_RULE = GainRule()
 """Gain rule of the multilevel preconditioner."""
 
 
-WITHOUT_COORDINATORS = Recipe(
+DIAGONAL_RULE = GainRule(
     penalty=0.4,
     dual=0.8,
     dual_coupling=1.3,
@@ -216,18 +217,18 @@ WITHOUT_COORDINATORS = Recipe(
 """Gain rule of the diagonal preconditioner (neighbour wiring only)."""
 
 
-RECIPES = {
+GAIN_RULES = {
     PreconditionerKind.RESISTIVE_GRID: replace(
-        WITH_COORDINATORS, kind=PreconditionerKind.RESISTIVE_GRID, dual=1.0, dual_coupling=1.0
+        MULTILEVEL_RULE, kind=PreconditionerKind.RESISTIVE_GRID, dual=1.0, dual_coupling=1.0
     ),
     PreconditionerKind.CYCLIC_REDUCTION: replace(
-        WITH_COORDINATORS, kind=PreconditionerKind.CYCLIC_REDUCTION, dual=1.0, dual_coupling=1.0
+        MULTILEVEL_RULE, kind=PreconditionerKind.CYCLIC_REDUCTION, dual=1.0, dual_coupling=1.0
     ),
     PreconditionerKind.COUPLED_MULTILEVEL: replace(
-        WITH_COORDINATORS, kind=PreconditionerKind.COUPLED_MULTILEVEL
+        MULTILEVEL_RULE, kind=PreconditionerKind.COUPLED_MULTILEVEL
     ),
-    PreconditionerKind.MULTILEVEL: WITH_COORDINATORS,
-    PreconditionerKind.DIAGONAL: WITHOUT_COORDINATORS,
+    PreconditionerKind.MULTILEVEL: MULTILEVEL_RULE,
+    PreconditionerKind.DIAGONAL: DIAGONAL_RULE,
 }
 """Initial gain rules of the preconditioner kinds, fastest kind first."""
 
@@ -241,17 +242,17 @@ at the end and oscillate less on the way.
 """
 
 
-def recipe_of_first_run(recipe: Recipe | None) -> Recipe:
+def recipe_of_first_run(gain_rule: GainRule | None) -> GainRule:
     """Return the gain rule of a first run, never a grid: no settled point is known.
 
-    `recipe` is the rule fixed by the caller, or None.
+    `gain_rule` is the rule fixed by the caller, or None.
     """
-    if recipe is None or recipe.kind in (
+    if gain_rule is None or gain_rule.kind in (
         PreconditionerKind.RESISTIVE_GRID,
         PreconditionerKind.CYCLIC_REDUCTION,
     ):
-        return WITH_COORDINATORS
-    return recipe
+        return MULTILEVEL_RULE
+    return gain_rule
 
 
 def base_penalty(linear: Linearisation | MeanLinearisation) -> float:
@@ -267,33 +268,33 @@ def base_penalty(linear: Linearisation | MeanLinearisation) -> float:
     return float(largest) if largest > 0 else 1.0
 
 
-def weights_of_rows(linear: Linearisation | MeanLinearisation, recipe: Recipe) -> np.ndarray:
+def weights_of_rows(linear: Linearisation | MeanLinearisation, gain_rule: GainRule) -> np.ndarray:
     """Return the constraint weights (P,) of the dual neurons, zero for others.
 
     `linear` must be evaluated at a state. Raises `UnknownNameError` if the rule names an unknown
     constraint; the message lists the known ones.
     """
-    start = by_reach(linear) if recipe.by_reach else None
-    weights = equilibrated(linear, base_penalty(linear), recipe.sweeps, start)
+    start = by_reach(linear) if gain_rule.by_reach else None
+    weights = equilibrated(linear, base_penalty(linear), gain_rule.sweeps, start)
     network = linear.network
     duals = [dual.neuron for dual in network.cell.duals]
-    for name, factor in recipe.row.items():
+    for name, factor in gain_rule.row.items():
         if name not in duals:
             raise UnknownNameError.of("row: dual neuron", name, duals)
         weights[network.neuron_index[name]] *= factor
     return weights
 
 
-def _factors(linear: Linearisation | MeanLinearisation, recipe: Recipe) -> np.ndarray:
+def _factors(linear: Linearisation | MeanLinearisation, gain_rule: GainRule) -> np.ndarray:
     """Return f of primal neurons and eta of duals, (P,)."""
-    named = {"q": recipe.state, "t": recipe.target, "beta": recipe.dual_coupling}
-    others = [recipe.control if primal else recipe.dual for primal in linear.primal]
+    named = {"q": gain_rule.state, "t": gain_rule.target, "beta": gain_rule.dual_coupling}
+    others = [gain_rule.control if primal else gain_rule.dual for primal in linear.primal]
     neurons = linear.network.cell.neurons
     return np.array([named.get(n.population, other) for n, other in zip(neurons, others)])
 
 
 def closed_form(
-    linear: Linearisation | MeanLinearisation, recipe: Recipe, boost: float = 1.0
+    linear: Linearisation | MeanLinearisation, gain_rule: GainRule, boost: float = 1.0
 ) -> Gains:
     """Compute the gains of a rule at the state of a linearisation.
 
@@ -301,7 +302,7 @@ def closed_form(
     ----------
     linear : Linearisation
         Linearisation evaluated at a state by `Linearisation.at`.
-    recipe : Recipe
+    gain_rule : GainRule
         Gain rule.
     boost : float
         Factor on every penalty (the watchdog's rho neuron). Default 1.
@@ -316,40 +317,40 @@ def closed_form(
     >>> from ann_dc.analysis import Linearisation, MeanLinearisation
     >>> network = synthesize(plants.double_integrator(N=5))
     >>> linear = Linearisation(network).at(network.start_state)
-    >>> gains = closed_form(linear, WITHOUT_COORDINATORS)
+    >>> gains = closed_form(linear, DIAGONAL_RULE)
     >>> bool((gains.rate > 0).all()), gains.preconditioner.kind.name
     (True, 'DIAGONAL')
     """
     network = linear.network
-    rho = recipe.penalty * base_penalty(linear) * boost * weights_of_rows(linear, recipe)
+    rho = gain_rule.penalty * base_penalty(linear) * boost * weights_of_rows(linear, gain_rule)
     curvature = np.maximum(linear.cost_curvature().max(axis=1), 0.0)
-    stiffness, factor = curvature + linear.row_sums(rho).max(axis=1), _factors(linear, recipe)
+    stiffness, factor = curvature + linear.row_sums(rho).max(axis=1), _factors(linear, gain_rule)
     if linear.diode.any():
         diodes = diode_weights(linear, factor / np.where(stiffness != 0, stiffness, 1.0))
-        rho = rho + recipe.inequality * diodes
+        rho = rho + gain_rule.inequality * diodes
         pressed = [member.row_sums(pressed_weights(member, rho)) for member in linear.members]
         stiffness = curvature + np.max(pressed, axis=(0, 2))
     felt = np.where(stiffness != 0, stiffness, 1.0)
     rate = np.where(linear.primal, factor / felt, factor * rho)
     rate[network.shared] = 1.0
     coarse = None
-    if recipe.kind in (PreconditionerKind.MULTILEVEL, PreconditionerKind.COUPLED_MULTILEVEL):
-        coupled = recipe.kind is PreconditionerKind.COUPLED_MULTILEVEL
-        coarse = pyramid(linear, rho, recipe.coarse, coupled=coupled)
+    if gain_rule.kind in (PreconditionerKind.MULTILEVEL, PreconditionerKind.COUPLED_MULTILEVEL):
+        coupled = gain_rule.kind is PreconditionerKind.COUPLED_MULTILEVEL
+        coarse = pyramid(linear, rho, gain_rule.coarse, coupled=coupled)
     gains = Gains(
         rho=rho,
         rate=np.repeat(rate[:, None], network.stages, axis=1),
         preconditioner=coarse or Diagonal(),
     )
-    return with_objectives(linear, gains, recipe.dual, recipe.away)
+    return with_objectives(linear, gains, gain_rule.dual, gain_rule.away)
 
 
-def steadier(kind: PreconditionerKind) -> tuple[Recipe, ...]:
+def steadier(kind: PreconditionerKind) -> tuple[GainRule, ...]:
     """Return gain rules that settle from more initial guesses, but later.
 
     `kind` must have a closed form: diagonal or multilevel.
     """
-    own = RECIPES[kind]
+    own = GAIN_RULES[kind]
     return tuple(
         replace(
             own,

@@ -24,7 +24,7 @@ from ann_dc.validation.checked import checked
 from ann_dc.validation.values import FloatOrNan, OrNan, Shape, such_as
 
 
-@such_as("ann_dc.hand_gains(network)")
+@such_as("ann_dc.manual_gains(network)")
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Gains:
@@ -46,7 +46,7 @@ class Gains:
 
     >>> from ann_dc import plants, synthesize
     >>> network = synthesize(plants.double_integrator(N=5))
-    >>> gains = hand_gains(network, rho=1.0)
+    >>> gains = manual_gains(network, rho=1.0)
     >>> faster = Gains(rho=gains.rho, rate=2 * gains.rate)
     >>> faster.rho.shape, faster.rate.shape
     ((9,), (9, 5))
@@ -58,7 +58,7 @@ class Gains:
 
 
 @checked
-def hand_gains(
+def manual_gains(
     network: Network,
     *,
     rho: FloatOrNan | Mapping[str, FloatOrNan] = 0.0,
@@ -90,7 +90,7 @@ def hand_gains(
     --------
     >>> from ann_dc import plants, synthesize
     >>> network = synthesize(plants.double_integrator(N=3))
-    >>> gains = hand_gains(network, rho={"mu": 2.0}, tau=0.5)
+    >>> gains = manual_gains(network, rho={"mu": 2.0}, tau=0.5)
     >>> float(gains.rho.sum()), float(gains.rate[0, 0])
     (4.0, 2.0)
     """
@@ -113,7 +113,7 @@ def hand_gains(
     weight = expand(rho, 0.0)
     if not (np.isfinite(weight).all() and (weight >= 0).all()):
         raise DesignError(f"rho: penalties must be zero or positive, got {rho!r}")
-    duals = [d.neuron for d in (*network.cell.duals, *network.cell.diodes)]
+    duals = [d.neuron for d in (*network.cell.duals, *network.cell.inequality_duals)]
     is_dual = np.isin([n.name for n in neurons], duals)
     return Gains(
         rho=np.where(is_dual, weight, 0.0),
@@ -173,7 +173,7 @@ def apply_gains(network: Network, gains: Gains) -> Network:
     --------
     >>> from ann_dc import plants, synthesize
     >>> network = synthesize(plants.double_integrator(N=3))
-    >>> frozen = apply_gains(network, hand_gains(network, rho=2.0, tau={"mu": 0.5}))
+    >>> frozen = apply_gains(network, manual_gains(network, rho=2.0, tau={"mu": 0.5}))
     >>> [frozen.neuron(name).tau for name in ("q.x", "mu.x")]
     [1.0, 0.5]
     """

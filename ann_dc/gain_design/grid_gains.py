@@ -29,7 +29,7 @@ from ann_dc.analysis.saddle import Saddle, saddle_of, threshold_of
 from ann_dc.errors import DesignError
 from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
 from ann_dc.evaluation.tape import STATE, Tape
-from ann_dc.gain_design.gain_rule import WITH_COORDINATORS, Recipe, closed_form, weights_of_rows
+from ann_dc.gain_design.gain_rule import MULTILEVEL_RULE, GainRule, closed_form, weights_of_rows
 from ann_dc.gain_design.gains import Gains, tape_with
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
@@ -109,11 +109,16 @@ class SettledPoint:
             self._stiff[key] = self.saddle.H + A.T @ (sparse.diags_array(penalty) @ A)
         return self._stiff[key]
 
-    def row_weights(self, recipe: Recipe) -> np.ndarray:
+    def row_weights(self, gain_rule: GainRule) -> np.ndarray:
         """Return read-only constraint weights (P,) of the duals; see `weights_of_rows`."""
-        key = recipe.sweeps, recipe.by_reach, recipe.inequality, frozenset(recipe.row.items())
+        key = (
+            gain_rule.sweeps,
+            gain_rule.by_reach,
+            gain_rule.inequality,
+            frozenset(gain_rule.row.items()),
+        )
         if key not in self._weights:
-            self._weights[key] = _with_diodes(self.linear, recipe)
+            self._weights[key] = _with_diodes(self.linear, gain_rule)
             self._weights[key].setflags(write=False)
         return self._weights[key]
 
@@ -132,24 +137,24 @@ def boost_of(settled: SettledPoint) -> float:
     penalties.
     """
     duals = [settled.network.neuron_index[dual.neuron] for dual in settled.network.cell.duals]
-    penalties = closed_form(settled.linear, WITH_COORDINATORS).rho[duals]
+    penalties = closed_form(settled.linear, MULTILEVEL_RULE).rho[duals]
     least = ABOVE_THRESHOLD * threshold_of(settled.saddle) / penalties.mean()
     return max(1.0, least) if np.isfinite(least) else 1.0
 
 
-def _with_diodes(linear: Linearisation, recipe: Recipe) -> np.ndarray:
+def _with_diodes(linear: Linearisation, gain_rule: GainRule) -> np.ndarray:
     """Return all weights (P,), inequalities relative to equalities as in closed form."""
-    weights = weights_of_rows(linear, recipe)
+    weights = weights_of_rows(linear, gain_rule)
     if linear.diode.any():
-        own = {"sweeps": recipe.sweeps, "inequality": recipe.inequality}
-        rho = closed_form(linear, replace(WITH_COORDINATORS, **own)).rho
+        own = {"sweeps": gain_rule.sweeps, "inequality": gain_rule.inequality}
+        rho = closed_form(linear, replace(MULTILEVEL_RULE, **own)).rho
         duals = [linear.network.neuron_index[d.neuron] for d in linear.network.cell.duals]
         weights[linear.diode] = rho[linear.diode] * weights[duals].mean() / rho[duals].mean()
     return weights
 
 
 def grid_gains_of(
-    points: Sequence[SettledPoint], weights: np.ndarray, recipe: Recipe, boost: float = 1.0
+    points: Sequence[SettledPoint], weights: np.ndarray, gain_rule: GainRule, boost: float = 1.0
 ) -> Gains:
     """Return gains with a resistive grid, or with cyclic reduction of the same matrix.
 
@@ -162,29 +167,30 @@ def grid_gains_of(
         One point, or those of several inputs, whose stiffnesses are averaged.
     weights : (P,) array
         Constraint weights of the dual neurons.
-    recipe : Recipe
+    gain_rule : GainRule
         Gain rule; its kind, path term, penalty and eta are used.
     boost : float
         Factor on every penalty.
     """
     network = points[0].network
-    _check(network, recipe.kind)
+    _check(network, gain_rule.kind)
     low, high = _shadow_range(points, weights)
     common = max(-ABOVE_THRESHOLD * low, OF_SHADOW * high)
     if not 0 < common < np.inf:  # no multiplier answers a push: any penalty will do
         common = 1.0
-    common *= recipe.penalty * boost
+    common *= gain_rule.penalty * boost
     if not common > -low:
         raise DesignError(
-            f"{network.title}: a {recipe.kind.value} needs penalties above rho* = {-low:.3g} times "
+            f"{network.title}: a {gain_rule.kind.value} needs penalties above rho* = {-low:.3g} "
+            "times "
             f"the row weights, got {common:.3g}; give a recipe with penalty > "
-            f"{-low / common * recipe.penalty:.3g} instead of {recipe.penalty:g}"
+            f"{-low / common * gain_rule.penalty:.3g} instead of {gain_rule.penalty:g}"
         )
     rho = common * weights
-    G = sum(_felt(settled, rho, recipe.path) for settled in points) / len(points)
-    diagonal, stiffness = stiffness_of(network, G, recipe.kind)
+    G = sum(_felt(settled, rho, gain_rule.path) for settled in points) / len(points)
+    diagonal, stiffness = stiffness_of(network, G, gain_rule.kind)
     eta = [
-        recipe.dual_coupling if neuron.population == "beta" else recipe.dual
+        gain_rule.dual_coupling if neuron.population == "beta" else gain_rule.dual
         for neuron in network.cell.neurons
     ]
     rate = np.broadcast_to((eta * rho)[:, None], network.live.shape).copy()

@@ -26,7 +26,7 @@ from ann_dc.analysis.saddle import threshold_of
 from ann_dc.analysis.spectra import Spectrum
 from ann_dc.errors import DesignError
 from ann_dc.gain_design.choice import Choice, FoundChoice
-from ann_dc.gain_design.gain_rule import RECIPES, Recipe, recipe_of_first_run
+from ann_dc.gain_design.gain_rule import GAIN_RULES, GainRule, recipe_of_first_run
 from ann_dc.gain_design.gains import Gains, apply_gains
 from ann_dc.gain_design.grid_gains import SettledPoint, boost_of
 from ann_dc.gain_design.knowledge import NOTHING, Knowledge
@@ -116,7 +116,7 @@ class Design:
         unsettled = "" if self.first.settled else "no optimum to read a grid off; "
         others = (
             min(found, key=lambda candidate: candidate.rank)
-            for kind in RECIPES
+            for kind in GAIN_RULES
             if kind is not self.best.kind
             and (found := [c for c in self.candidates if c.kind is kind])
         )
@@ -178,7 +178,7 @@ def design(
     network: Network,
     *,
     kinds: Annotated[Iterable[PreconditionerKind], Own()] = ALL_KINDS,
-    recipe: Recipe | None = None,
+    gain_rule: GainRule | None = None,
     refine: Objective | None = None,
     limit: int = LONGEST_RUN,
     progress: Progress = silent,
@@ -197,9 +197,9 @@ def design(
     kinds : iterable of PreconditionerKind
         Allowed preconditioner kinds; all by default. If the first run does not settle, a multilevel
         preconditioner replaces a grid or a tree.
-    recipe : Recipe, optional
+    gain_rule : GainRule, optional
         Fixes the factors of the closed form and the preconditioner kind, regardless of ``kinds``;
-        the best of `RECIPES` by default.
+        the best of `GAIN_RULES` by default.
     refine : Objective, optional
         Minimise this objective afterwards, along the gradients of the eigenvalues: `SETTLING_TIME`
         for continuous time, `STEPS` or `TWO_PHASE_STEPS` for recurrent layers. Takes about 20
@@ -224,11 +224,11 @@ def design(
             "design: this network has no PI dual neurons, so there is no rho to "
             "choose; set the time constants of its neurons by hand"
         )
-    allowed = _wirable(network, _allowed(kinds) if recipe is None else (recipe.kind,))
+    allowed = _wirable(network, _allowed(kinds) if gain_rule is None else (gain_rule.kind,))
     with np.errstate(all="ignore"):  # a run that overflows is data
         first = first_run(
             network,
-            recipe_of_first_run(recipe),
+            recipe_of_first_run(gain_rule),
             limit=limit,
             progress=progress,
             knowledge=knowledge,
@@ -237,7 +237,7 @@ def design(
         if first.found_by:
             first = replace(first, boost=boost_of(settled))
         choice = FoundChoice if first.found_by else Choice
-        freeze = choice(allowed, recipe, first, progress, knowledge.cost)
+        freeze = choice(allowed, gain_rule, first, progress, knowledge.cost)
         found, start = (), ""
         try:
             settled, found, start = _compared(freeze, settled, limit)
@@ -270,7 +270,7 @@ def _allowed(kinds: Iterable[PreconditionerKind]) -> tuple[PreconditionerKind, .
         raise DesignError(
             f"kinds: expected some of {', '.join(map(str, PreconditionerKind))}, got {given!r}"
         )
-    return tuple(kind for kind in RECIPES if kind in given)
+    return tuple(kind for kind in GAIN_RULES if kind in given)
 
 
 def _wirable(

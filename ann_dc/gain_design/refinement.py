@@ -58,7 +58,7 @@ class Freedom(enum.Enum):
     penalty, times an independent factor.
     """
 
-    RECIPE = "a rate a population, a penalty a state component, one coarse gain"
+    GAIN_RULE = "a rate a population, a penalty a state component, one coarse gain"
     NEURON = "a rate and a penalty a neuron of the cell, a coarse gain a level and component"
     EACH = "a rate a neuron and stage, a penalty a neuron of the cell, a gain a coarse neuron"
 
@@ -209,7 +209,7 @@ def best_step(network: Network, state: np.ndarray, gains: Gains, objective: Obje
     >>> 0 < h < found.spectrum.largest_step
     True
     """
-    around = Variation.of(network, state, gains, Freedom.RECIPE, objective)
+    around = Variation.of(network, state, gains, Freedom.GAIN_RULE, objective)
     flow, near = around.flow, np.log(around.gains[-1])
 
     def slowness(log_step: float) -> float:
@@ -233,17 +233,17 @@ def _share(
     """Return the coefficients (g, v) of the variables in every gain."""
     neurons = network.cell.neurons
     rates: dict[Freedom, Callable[[int, int], Hashable]] = {
-        Freedom.RECIPE: lambda neuron, stage: neurons[neuron].population,
+        Freedom.GAIN_RULE: lambda neuron, stage: neurons[neuron].population,
         Freedom.NEURON: lambda neuron, stage: neuron,
         Freedom.EACH: lambda neuron, stage: (neuron, stage),
     }
     nodes: dict[Freedom, Callable[[int, int, int], Hashable]] = {
-        Freedom.RECIPE: lambda *node: "coarse",
+        Freedom.GAIN_RULE: lambda *node: "coarse",
         Freedom.NEURON: lambda level, point, chain: (level, chain),
         Freedom.EACH: lambda *node: node,
     }
     primal, dual = (network.places[part] for part in (flow.saddle.primal, flow.saddle.dual))
-    by_component = freedom is Freedom.RECIPE
+    by_component = freedom is Freedom.GAIN_RULE
     rate = [("rate", rates[freedom](*place)) for place in (*primal, *dual)]
     penalty = [("penalty", neurons[i].component if by_component else i) for i, _ in dual]
     node = [("node", nodes[freedom](*place)) for place in coarse_neurons(preconditioner)]

@@ -25,7 +25,7 @@ from ann_dc.evaluation.domains import Bounds, safe_bounds
 from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.evaluation.rules import LOST, RAN, SETTLED
 from ann_dc.evaluation.tape import Tape
-from ann_dc.gain_design.gain_rule import Recipe, closed_form
+from ann_dc.gain_design.gain_rule import GainRule, closed_form
 from ann_dc.gain_design.gains import tape_with
 from ann_dc.gain_design.knowledge import NOTHING, Finder, Knowledge
 from ann_dc.network.network import Network
@@ -93,7 +93,7 @@ class FirstRun:
 @phase("first run")
 def first_run(
     network: Network,
-    recipe: Recipe,
+    gain_rule: GainRule,
     *,
     tolerance: float = 1e-8,
     limit: int = LONGEST_RUN,
@@ -108,7 +108,7 @@ def first_run(
 
     Parameters
     ----------
-    recipe : Recipe
+    gain_rule : GainRule
         Factors of the closed form.
     limit : int
         Largest number of steps, restarts included.
@@ -120,16 +120,16 @@ def first_run(
         Its `doubt` is called when the run stalls; its `finder` when the run is lost or has not
         settled after ``equal_rows`` steps; its `cheaper` when the run settles.
     """
-    return _Schedule(network, recipe, equal_rows, knowledge).run(tolerance, limit, progress)
+    return _Schedule(network, gain_rule, equal_rows, knowledge).run(tolerance, limit, progress)
 
 
 class _Schedule:
     """State of a first run: network state, penalty factor, slew and watchdog."""
 
     def __init__(
-        self, network: Network, recipe: Recipe, equal_rows: int, knowledge: Knowledge
+        self, network: Network, gain_rule: GainRule, equal_rows: int, knowledge: Knowledge
     ) -> None:
-        self.network, self.recipe, self.equal_rows = network, recipe, equal_rows
+        self.network, self.gain_rule, self.equal_rows = network, gain_rule, equal_rows
         self.knowledge, self.linear, self.is_asked = knowledge, Linearisation(network), False
         self.start = network.start_state
         self.guard = fast_evaluator(network).domain_guard(self.start)
@@ -200,7 +200,7 @@ class _Schedule:
             self.boost, self.slew = 1.0, self.slew / 2
             self._begin()
         late = self.steps >= self.equal_rows and outcome != SETTLED
-        if late and not self.recipe.sweeps:
+        if late and not self.gain_rule.sweeps:
             self._equilibrate()
         return outcome, last
 
@@ -219,15 +219,15 @@ class _Schedule:
         """Undo a chunk in which a weight grew too far; evaluate the next more carefully."""
         if not len(self.linear.shares):
             return
-        away = 0.9 * self.recipe.away
+        away = 0.9 * self.gain_rule.away
         most = [dual.at_rest(LARGEST_SHARE) for dual in self.network.cell.objectives]
         if not (self.x[self.linear.shares] < most).all():
-            self.x, away = before, max(2 * self.recipe.away, AWAY)
-        self.recipe = replace(self.recipe, away=away)
+            self.x, away = before, max(2 * self.gain_rule.away, AWAY)
+        self.gain_rule = replace(self.gain_rule, away=away)
 
     def _equilibrate(self) -> None:
         """Continue with equilibrated constraint weights and a new watchdog."""
-        self.recipe = replace(self.recipe, sweeps=SWEEPS)
+        self.gain_rule = replace(self.gain_rule, sweeps=SWEEPS)
         self.boost, self.age, self.window, self.best = 1.0, 0, np.inf, np.inf
 
     def _recover(self) -> None:
@@ -239,7 +239,7 @@ class _Schedule:
 
     def _chunk(self, tolerance: float) -> tuple[int, float, int]:
         """Run `CHUNK` steps with new gains; return (steps done, last residual, outcome)."""
-        gains = closed_form(self.linear.at(self.x), self.recipe, self.boost)
+        gains = closed_form(self.linear.at(self.x), self.gain_rule, self.boost)
         tape = tape_with(self.network, gains)
         trial = self._renumbered(tape)
         step = STEP / self._stiffest(trial)

@@ -29,7 +29,7 @@ from ann_dc.errors import AnnDcError
 from ann_dc.evaluation.codegen.evaluator import FastEvaluator
 from ann_dc.evaluation.domains import Bounds
 from ann_dc.evaluation.rules import RAN, SETTLED, SMALLEST_POSITION
-from ann_dc.gain_design.gain_rule import RECIPES, SWEEPS, Recipe, closed_form, weights_of_rows
+from ann_dc.gain_design.gain_rule import GAIN_RULES, SWEEPS, GainRule, closed_form, weights_of_rows
 from ann_dc.gain_design.gains import Gains, check_gains, row_with
 from ann_dc.gain_design.grid_gains import SettledPoint, grid_gains_of
 from ann_dc.network.preconditioners.base import PreconditionerKind
@@ -79,7 +79,7 @@ class Candidate:
         Other equilibrium at which a trial run settled.
     """
 
-    recipe: Recipe
+    gain_rule: GainRule
     boost: float
     gains: Gains
     spectrum: Spectrum
@@ -103,36 +103,39 @@ class Candidate:
         return float(f"{settling:.6g}"), float(f"{self.ratio:.6g}")
 
     def __str__(self) -> str:
-        start = "rows by reach" if self.recipe.by_reach else "equal rows"
-        rows = f"rows of {self.recipe.sweeps} sweeps" if self.recipe.sweeps else start
+        start = "rows by reach" if self.gain_rule.by_reach else "equal rows"
+        rows = f"rows of {self.gain_rule.sweeps} sweeps" if self.gain_rule.sweeps else start
         path = (
-            f", path {self.recipe.path:g}"
+            f", path {self.gain_rule.path:g}"
             if self.kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
             else ""
         )
-        if self.recipe.inequality != 1:
-            rows += f", inequalities x {self.recipe.inequality:g}"
+        if self.gain_rule.inequality != 1:
+            rows += f", inequalities x {self.gain_rule.inequality:g}"
         return f"{self.kind.value}, {rows}{path}, penalty x {self.boost:g}: ratio {self.ratio:.3g}"
 
 
-def gains_of(points: Sequence[SettledPoint], recipe: Recipe, boost: float) -> Gains:
+def gains_of(points: Sequence[SettledPoint], gain_rule: GainRule, boost: float) -> Gains:
     """Return the gains of a rule at one settled point or at several in common.
 
     The points belong to networks that differ in their inputs. `boost` is a factor on every penalty.
     Raises `DesignError` if a grid's penalty lies below rho* or its settled point is not isolated.
     """
     if len(points) == 1:
-        linear, weights = points[0].linear, points[0].row_weights(recipe)
+        linear, weights = points[0].linear, points[0].row_weights(gain_rule)
     else:
         linear = MeanLinearisation([settled.linear for settled in points])
-        weights = weights_of_rows(linear, recipe)
-    if recipe.kind not in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION):
-        return closed_form(linear, recipe, boost)
-    return grid_gains_of(points, weights, recipe, boost)
+        weights = weights_of_rows(linear, gain_rule)
+    if gain_rule.kind not in (
+        PreconditionerKind.RESISTIVE_GRID,
+        PreconditionerKind.CYCLIC_REDUCTION,
+    ):
+        return closed_form(linear, gain_rule, boost)
+    return grid_gains_of(points, weights, gain_rule, boost)
 
 
 def candidate_of(
-    settled: SettledPoint, recipe: Recipe, boost: float, progress: Progress = silent
+    settled: SettledPoint, gain_rule: GainRule, boost: float, progress: Progress = silent
 ) -> Candidate:
     """Return a candidate of a gain rule, with its spectrum at the settled point.
 
@@ -140,9 +143,9 @@ def candidate_of(
     `DesignError` or `NetworkError` if no grid exists at this point or the grid is not positive
     definite.
     """
-    gains = gains_of([settled], recipe, boost)
+    gains = gains_of([settled], gain_rule, boost)
     found = spectrum_with(settled, gains, progress)
-    return Candidate(recipe=recipe, boost=boost, gains=gains, spectrum=found)
+    return Candidate(gain_rule=gain_rule, boost=boost, gains=gains, spectrum=found)
 
 
 def spectrum_with(settled: SettledPoint, gains: Gains, progress: Progress = silent) -> Spectrum:
@@ -169,7 +172,7 @@ def compare(
     boost: float,
     progress: Progress = silent,
     *,
-    recipe: Recipe | None = None,
+    gain_rule: GainRule | None = None,
     penalty: float = 1.0,
     is_brief: bool = False,
     take: Callable[[Candidate], None] = lambda candidate: None,
@@ -184,7 +187,7 @@ def compare(
         Initial penalty factor: the final factor of the first run.
     progress : Progress
         Receives one line per spectrum.
-    recipe : Recipe, optional
+    gain_rule : GainRule, optional
         If given, only its penalties are compared, not other constraint weights.
     penalty : float
         Factor on the penalties of the kind's default rule.
@@ -194,24 +197,24 @@ def compare(
         Receives every candidate as soon as its spectrum is known.
     """
     tried = _Tried(settled, kind, progress, take)
-    own = replace(RECIPES[kind], penalty=penalty * RECIPES[kind].penalty)
-    rows = [recipe] if recipe else [replace(own, sweeps=sweeps) for sweeps in SWEEPS]
+    own = replace(GAIN_RULES[kind], penalty=penalty * GAIN_RULES[kind].penalty)
+    rows = [gain_rule] if gain_rule else [replace(own, sweeps=sweeps) for sweeps in SWEEPS]
     long = settled.network.stages > LONG_ROW
     if kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION):
-        paths = [recipe.path] if recipe else list(PATHS)
+        paths = [gain_rule.path] if gain_rule else list(PATHS)
         if long:
             damped = max(paths)  # it settles from the most starts
             paths.remove(damped)
             rows = [min(rows, key=lambda row: tried.ratio(replace(row, path=damped), 1.0))]
         for row, path in itertools.product(rows, paths):
             tried.ratio(replace(row, path=path), 1.0)
-        if not recipe:
+        if not gain_rule:
             _finer(tried)
             if settled.linear.diode.any():
                 _gentler(tried)
     else:
         first, is_brief = boost, is_brief or long
-        for row in rows if recipe else (*rows, replace(own, by_reach=True)):
+        for row in rows if gain_rule else (*rows, replace(own, by_reach=True)):
             if is_brief and any(found.ratio < np.inf for found in tried.candidates):
                 tried.ratio(row, boost)
             else:
@@ -223,12 +226,12 @@ def compare(
 def _finer(tried: _Tried) -> None:
     """Try smaller path terms with the best grid's weights, as long as they help."""
     best = tried.best
-    if best is None or best.recipe.path > min(PATHS):
+    if best is None or best.gain_rule.path > min(PATHS):
         return
-    path, ratio = best.recipe.path, best.ratio
+    path, ratio = best.gain_rule.path, best.ratio
     for _ in range(FINEST):
         path, before = path / FINER, ratio
-        ratio = tried.ratio(replace(best.recipe, path=path), 1.0)
+        ratio = tried.ratio(replace(best.gain_rule, path=path), 1.0)
         if not ratio < HELPS * before:
             return
 
@@ -237,8 +240,8 @@ def _gentler(tried: _Tried) -> None:
     """Try the best grid's weights with smaller inequality weights."""
     best = tried.best
     if best is not None:
-        for path in sorted({*PATHS[2:], best.recipe.path}):
-            tried.ratio(replace(best.recipe, path=path, inequality=GENTLE), 1.0)
+        for path in sorted({*PATHS[2:], best.gain_rule.path}):
+            tried.ratio(replace(best.gain_rule, path=path, inequality=GENTLE), 1.0)
 
 
 @dataclass(frozen=True)
@@ -257,14 +260,14 @@ class _Tried:
         attract = [found for found in self.candidates if np.isfinite(found.ratio)]
         return min(attract, key=lambda found: found.ratio, default=None)
 
-    def ratio(self, recipe: Recipe, boost: float) -> float:
+    def ratio(self, gain_rule: GainRule, boost: float) -> float:
         """Evaluate one more candidate and return its stiffness ratio, infinite on failure."""
         self.progress(f"freeze: spectrum {len(self.candidates) + 1} of a {self.kind.value}")
         try:
-            found = candidate_of(self.settled, recipe, boost, self.progress)
+            found = candidate_of(self.settled, gain_rule, boost, self.progress)
         except Stopped:
             raise
-        except AnnDcError:  # no such grid here: another recipe may have one
+        except AnnDcError:  # no such grid here: another gain_rule may have one
             return np.inf
         self.candidates.append(found)
         self.take(found)
@@ -462,7 +465,7 @@ def at_another(settled: SettledPoint, candidate: Candidate) -> Candidate:
     """Return a candidate with equal gains at another settled point, not yet run."""
     found = spectrum_with(settled, candidate.gains)
     return Candidate(
-        recipe=candidate.recipe, boost=candidate.boost, gains=candidate.gains, spectrum=found
+        gain_rule=candidate.gain_rule, boost=candidate.boost, gains=candidate.gains, spectrum=found
     )
 
 
@@ -496,7 +499,7 @@ def rehearsed(
         expected = at_best * candidate.ratio * np.log(1 / SETTLING)
         pace = Pace.of(candidate.spectrum)
         is_long = not expected < patience.steps * pace.step * pace.radius
-        own = candidate.kind, candidate.recipe.inequality
+        own = candidate.kind, candidate.gain_rule.inequality
         has_failed = failures.get(own, 0) >= patience.failures
         hopeless = is_long or has_failed or not expected < fastest
         if np.isnan(candidate.settling) and not hopeless:

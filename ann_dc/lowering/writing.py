@@ -84,9 +84,9 @@ class _Writer:
             own = listing.new(listing.row(neuron.name), np.zeros(len(live)))
             self.address[index, live + 1] = own
         self.address[network.shared, 1:-1] = self.address[network.shared, -2:-1]
-        for pin in network.pins:
+        for pin in network.fixed:
             self.address[nodes[pin.neuron], pin.stage + 1] = self.inputs[pin.input][pin.stage]
-        for node, source in network.left.items():
+        for node, source in network.left_boundary.items():
             self.address[nodes[node], 0] = self.inputs[source][0]
 
     def arriving(self, first: int, last: int, stage: int) -> Edges:

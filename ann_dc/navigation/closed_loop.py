@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.navigation.planner import Plan, Planner, Situation
-from ann_dc.navigation.safety_filter import Shield
-from ann_dc.navigation.scenario import World
+from ann_dc.navigation.safety_filter import SafetyFilter
+from ann_dc.navigation.scenario import Scenario
 from ann_dc.progress import Progress, silent
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count
 
-SHIELD = Shield()
+SHIELD = SafetyFilter()
 """Default safety filter of a closed-loop run."""
 HELD = 2.0
 """Duration in seconds, at the end of a journey, over which progress to the goal is tested."""
@@ -27,7 +27,7 @@ SETTLED = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Journey:
+class ClosedLoopRun:
     """Closed-loop run of one robot through one world.
 
     Attributes
@@ -54,7 +54,7 @@ class Journey:
         States of every plan.
     """
 
-    world: World
+    world: Scenario
     dt: float
     q: np.ndarray
     u: np.ndarray
@@ -114,13 +114,13 @@ class Journey:
 
 @checked
 def drive(
-    worlds: Sequence[World],
+    worlds: Sequence[Scenario],
     planner: Planner,
     *,
-    shield: Shield | None = SHIELD,
+    safety_filter: SafetyFilter | None = SHIELD,
     substeps: Count = 10,
     progress: Progress = silent,
-) -> list[Journey]:
+) -> list[ClosedLoopRun]:
     """Drive robots through worlds simultaneously, as independent closed-loop runs.
 
     Parameters
@@ -129,7 +129,7 @@ def drive(
         Worlds with robots of one kind.
     planner : Planner
         Planner of all runs.
-    shield : Shield or None
+    safety_filter : Shield or None
         Safety filter; None disables the filter.
     substeps : int
         Integration steps of the plant per control period.
@@ -143,8 +143,8 @@ def drive(
 
     Examples
     --------
-    >>> from ann_dc.navigation import design_planner, random_world
-    >>> world = random_world(1)
+    >>> from ann_dc.navigation import design_planner, random_scenario
+    >>> world = random_scenario(1)
     >>> (journey,) = drive([world], design_planner(world.robot, horizon=16))  # doctest: +SKIP
     """
     driver, dt = planner.begin(), planner.dt
@@ -153,7 +153,7 @@ def drive(
         progress(f"{running[0].time:.1f} s: {len(running)} of {len(loops)} on their way")
         situations = [loop.situation() for loop in running]
         for loop, situation, plan in zip(running, situations, driver.plan(situations)):
-            instead = None if shield is None else shield.instead(situation, plan, dt)
+            instead = None if safety_filter is None else safety_filter.instead(situation, plan, dt)
             loop.advance(plan, plan.u[:, 0] if instead is None else instead, instead is not None)
     return [loop.journey() for loop in loops]
 
@@ -161,7 +161,7 @@ def drive(
 class _Loop:
     """State of one journey, advanced period by period."""
 
-    def __init__(self, world: World, number: int, dt: float, substeps: int) -> None:
+    def __init__(self, world: Scenario, number: int, dt: float, substeps: int) -> None:
         self.world, self.number, self.dt, self.substeps = world, number, dt, substeps
         self.plant = world.robot.steps(dt / substeps)
         self.q, self.time, self.arrived = [world.start], 0.0, False
@@ -189,9 +189,9 @@ class _Loop:
         self.periods.append((u, clear, shielded, plan))
         self.arrived = bool(np.linalg.norm(way[-1][:2] - self.world.goal) < self.world.arrived)
 
-    def journey(self) -> Journey:
+    def journey(self) -> ClosedLoopRun:
         u, clearance, shielded, plans = zip(*self.periods)
-        return Journey(
+        return ClosedLoopRun(
             world=self.world,
             dt=self.dt,
             q=np.array(self.q).T,

@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from ann_dc.errors import WorldError
+from ann_dc.errors import ScenarioError
 
 Pair: TypeAlias = Sequence[float] | np.ndarray
 """Coordinates (x, y)."""
@@ -125,7 +125,7 @@ def disc(
     """Return a disc obstacle.
 
     The centre is that at time zero, the velocity is in length units per second, and ``appears`` is
-    the time in seconds from which the disc can be sensed. Raises `WorldError` if a number is not
+    the time in seconds from which the disc can be sensed. Raises `ScenarioError` if a number is not
     finite or the radius is not positive; the message names the argument.
 
     Examples
@@ -133,10 +133,10 @@ def disc(
     >>> disc((2, 1), -0.5)
     Traceback (most recent call last):
         ...
-    ann_dc.errors.WorldError: radius: expected a positive number, got -0.5
+    ann_dc.errors.ScenarioError: radius: expected a positive number, got -0.5
     """
     if not (np.ndim(radius) == 0 and np.isfinite(radius) and radius > 0):
-        raise WorldError(f"radius: expected a positive number, got {radius!r}")
+        raise ScenarioError(f"radius: expected a positive number, got {radius!r}")
     return _obstacle(_pair("centre", centre)[None], float(radius), velocity, appears)
 
 
@@ -149,7 +149,7 @@ def polygon(
     """Return a convex polygon with three or more corners.
 
     The corners are those at time zero, in order around the polygon in either direction.
-    ``velocity`` and ``appears`` are as for a `disc`. Raises `WorldError` if the polygon is not
+    ``velocity`` and ``appears`` are as for a `disc`. Raises `ScenarioError` if the polygon is not
     convex or a number is not finite.
 
     Examples
@@ -160,13 +160,13 @@ def polygon(
     """
     points = np.array([_pair(f"corners[{i}]", corner) for i, corner in enumerate(corners)])
     if len(points) < 3:
-        raise WorldError(f"corners: expected three or more, got {len(points)}")
+        raise ScenarioError(f"corners: expected three or more, got {len(points)}")
     try:
         hull = points[ConvexHull(points).vertices]
     except QhullError:
-        raise WorldError("corners: they lie on one line; a polygon has an inside") from None
+        raise ScenarioError("corners: they lie on one line; a polygon has an inside") from None
     if len(hull) < len(points):
-        raise WorldError(
+        raise ScenarioError(
             f"corners: the polygon is not convex: its hull has {len(hull)} of {len(points)} "
             "corners; cut it into convex ones"
         )
@@ -175,7 +175,7 @@ def polygon(
 
 def _obstacle(corners: np.ndarray, radius: float, velocity, appears) -> Obstacle:
     if not (np.ndim(appears) == 0 and np.isfinite(appears)):
-        raise WorldError(f"appears: expected seconds, got {appears!r}")
+        raise ScenarioError(f"appears: expected seconds, got {appears!r}")
     return Obstacle(
         corners=corners,
         radius=radius,
@@ -190,5 +190,5 @@ def _pair(field: str, given) -> np.ndarray:
     except (TypeError, ValueError):
         pair = np.array(np.nan)
     if pair.shape != (2,) or not np.isfinite(pair).all():
-        raise WorldError(f"{field}: expected two finite numbers (x, y), got {given!r}")
+        raise ScenarioError(f"{field}: expected two finite numbers (x, y), got {given!r}")
     return pair

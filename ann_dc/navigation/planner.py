@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ann_dc.navigation.scenario import World
+from ann_dc.navigation.scenario import Scenario
 
 
 class Situation(NamedTuple):
@@ -24,7 +24,7 @@ class Situation(NamedTuple):
         Time in seconds.
     """
 
-    world: World
+    world: Scenario
     number: int
     q: np.ndarray
     time: float

@@ -24,7 +24,7 @@ import numpy as np
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.decomposition.equations import decompose
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.gain_rule import WITH_COORDINATORS
+from ann_dc.gain_design.gain_rule import MULTILEVEL_RULE
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.procedure import design
@@ -32,7 +32,7 @@ from ann_dc.gain_design.trial_run import gains_of, spectrum_with
 from ann_dc.navigation.closed_loop import SETTLED, drive
 from ann_dc.navigation.network_planner import NetworkPlanner
 from ann_dc.navigation.planner import Plan, Situation
-from ann_dc.navigation.scenario import World, random_world
+from ann_dc.navigation.scenario import Scenario, random_scenario
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.robot import Robot
@@ -63,7 +63,7 @@ UNSETTLED = 10.0
 """Cost, in budgets, of a period in which a network has not settled."""
 PENALTIES = (1.4, 2.0, 2.8, 4.0)
 """Candidate penalty factors."""
-RECIPE = replace(WITH_COORDINATORS, by_reach=True, coarse=0.25, dual=3.0, dual_coupling=3.0)
+GAIN_RULE = replace(MULTILEVEL_RULE, by_reach=True, coarse=0.25, dual=3.0, dual_coupling=3.0)
 """Gain rule with multipliers twice as fast, and coarse-level neurons half as fast, as without
 active
 constraints.
@@ -81,7 +81,7 @@ def design_planner(
     slots: Count = 8,
     pull: Positive = 0.15,
     soft: Soft = SOFT,
-    worlds: Sequence[World] | None = None,
+    worlds: Sequence[Scenario] | None = None,
     progress: Progress = silent,
 ) -> NetworkPlanner:
     """Design a planning network for a robot, with gains for obstacle contacts.
@@ -134,7 +134,7 @@ def design_planner(
 
 @checked
 def planner_for(
-    planning: Planning, *, worlds: Sequence[World] | None = None, progress: Progress = silent
+    planning: Planning, *, worlds: Sequence[Scenario] | None = None, progress: Progress = silent
 ) -> NetworkPlanner:
     """Design a planning network for a planning problem of either form.
 
@@ -158,7 +158,7 @@ def planner_for(
     )
     planner = NetworkPlanner(planning=planning, network=first.network, radius=first.spectrum.radius)
     if worlds is None:
-        worlds = [random_world(FIRST_SEED + i, robot=robot) for i in range(WORLDS)]
+        worlds = [random_scenario(FIRST_SEED + i, robot=robot) for i in range(WORLDS)]
     touched = False
     for turn in range(TURNS):
         scout = _Scout(planner)
@@ -236,7 +236,7 @@ def _best(
     begun = np.array([period.begun for period in periods])
     found = [(_mean_time(planner, inputs, begun), planner)]
     for penalty in PENALTIES:
-        gains = gains_of(points, RECIPE, penalty)
+        gains = gains_of(points, GAIN_RULE, penalty)
         radius = max(spectrum_with(point, gains).radius for point in points[::JUDGED])
         tried = replace(planner, network=apply_gains(planner.network, gains), radius=radius)
         found.append((_mean_time(tried, inputs, begun), tried))

@@ -21,7 +21,7 @@ GENTLE = 0.25
 @such_as("ann_dc.navigation.Shield()")
 @checked
 @dataclass(frozen=True, kw_only=True)
-class Shield:
+class SafetyFilter:
     """Safety filter that replaces a plan with too little clearance or convergence.
 
     Escape manoeuvres are constant controls, each at zero, at one of its limits or at a quarter of a

@@ -8,21 +8,21 @@ from typing import Annotated
 
 import numpy as np
 
-from ann_dc.errors import WorldError
+from ann_dc.errors import ScenarioError
 from ann_dc.navigation.obstacles import Obstacle, disc
 from ann_dc.problem.robot import Robot, car_robot
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Index, Own, Positive, such_as
 
 
-@such_as("ann_dc.navigation.random_world(0)")
+@such_as("ann_dc.navigation.random_scenario(0)")
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
-class World:
+class Scenario:
     """Scenario of a navigation run.
 
-    Raises `WorldError` if the start or goal is malformed. The same error is raised if the start is
-    inside an obstacle that is present from the beginning, or the goal inside such a static
+    Raises `ScenarioError` if the start or goal is malformed. The same error is raised if the start
+    is inside an obstacle that is present from the beginning, or the goal inside such a static
     obstacle.
 
     Attributes
@@ -52,7 +52,9 @@ class World:
         for field, size in (("start", len(self.robot.states)), ("goal", 2)):
             value = _numbers(field, getattr(self, field))
             if value.shape != (size,) or not np.isfinite(value).all():
-                raise WorldError(f"{field}: expected {size} finite numbers, got {value.tolist()}")
+                raise ScenarioError(
+                    f"{field}: expected {size} finite numbers, got {value.tolist()}"
+                )
             object.__setattr__(self, field, value)
         for number, obstacle in enumerate(self.obstacles):
             for field, place, rests in (
@@ -61,7 +63,7 @@ class World:
             ):
                 gap = obstacle.near(place[None], np.zeros(1)).distance[0] - self.robot.radius
                 if rests and obstacle.appears <= 0.0 and gap < 0.0:
-                    raise WorldError(
+                    raise ScenarioError(
                         f"{field}: the robot (radius {self.robot.radius:g}) would stand {-gap:.3g} "
                         f"deep in obstacles[{number}]; move one of them"
                     )
@@ -93,13 +95,13 @@ def _numbers(field: str, given: object) -> np.ndarray:
     try:
         return np.array(given, float)
     except (TypeError, ValueError):
-        raise WorldError(f"{field}: expected a list of numbers, got {given!r}") from None
+        raise ScenarioError(f"{field}: expected a list of numbers, got {given!r}") from None
 
 
 @checked
-def random_world(
+def random_scenario(
     seed: Index, *, robot: Robot | None = None, counts: Sequence[int] = (3, 8)
-) -> World:
+) -> Scenario:
     """Create a world with random discs, every second one moving.
 
     The start is (0, 0) and the goal is (5, 5); the discs lie between them.
@@ -115,7 +117,7 @@ def random_world(
 
     Examples
     --------
-    >>> world = random_world(0)
+    >>> world = random_scenario(0)
     >>> len(world.obstacles), sum(obstacle.moves for obstacle in world.obstacles)
     (8, 4)
     """
@@ -137,4 +139,6 @@ def random_world(
     robot = robot or car_robot()
     state = np.zeros(len(robot.states))
     state[2:3] = np.pi / 4
-    return World(robot=robot, start=state, goal=goal, obstacles=tuple(discs), name=f"random {seed}")
+    return Scenario(
+        robot=robot, start=state, goal=goal, obstacles=tuple(discs), name=f"random {seed}"
+    )

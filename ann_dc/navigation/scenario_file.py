@@ -1,4 +1,4 @@
-"""World files: conversion of TOML text to a `World`.
+"""World files: conversion of TOML text to a `Scenario`.
 
 The content of a file is never executed::
 
@@ -28,9 +28,9 @@ from pathlib import Path
 from typing import Any
 
 from ann_dc.atomic_files import read_table
-from ann_dc.errors import AnnDcError, WorldError
+from ann_dc.errors import AnnDcError, ScenarioError
 from ann_dc.navigation.obstacles import Obstacle, disc, polygon
-from ann_dc.navigation.scenario import World
+from ann_dc.navigation.scenario import Scenario
 from ann_dc.problem.robot import Robot, car_robot, unicycle_robot
 from ann_dc.validation.checked import checked
 
@@ -41,12 +41,12 @@ OPTIONAL = ("name", "sensor", "duration", "arrived", *OBSTACLES)
 
 
 @checked
-def load_world(path: str | os.PathLike[str]) -> World:
+def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     """Read a world from a TOML file.
 
     The stem of the path is the name of the world unless the file contains ``name``. Raises
-    `FileFormatError` if the file does not exist or is not TOML. Raises `WorldError` if the content
-    does not describe a world; the message begins with the path and the field.
+    `FileFormatError` if the file does not exist or is not TOML. Raises `ScenarioError` if the
+    content does not describe a world; the message begins with the path and the field.
 
     Examples
     --------
@@ -60,7 +60,7 @@ def load_world(path: str | os.PathLike[str]) -> World:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "yard.toml")
     ...     _ = file.write_text(text, encoding="utf-8")
-    ...     len(load_world(file).obstacles)
+    ...     len(load_scenario(file).obstacles)
     1
     """
     file = Path(path)
@@ -68,25 +68,25 @@ def load_world(path: str | os.PathLike[str]) -> World:
     try:
         return _world(table, file.stem)
     except AnnDcError as error:
-        raise WorldError(f"{file}: {error}") from error
+        raise ScenarioError(f"{file}: {error}") from error
 
 
-def _world(table: Mapping[str, Any], name: str) -> World:
+def _world(table: Mapping[str, Any], name: str) -> Scenario:
     _check_keys("", table, REQUIRED + OPTIONAL, REQUIRED)
     given = _table("robot", table["robot"])
     kind = str(given.get("kind"))
     if kind not in ROBOTS:
-        raise WorldError(f"robot.kind: expected one of {', '.join(ROBOTS)}, got {kind!r}")
+        raise ScenarioError(f"robot.kind: expected one of {', '.join(ROBOTS)}, got {kind!r}")
     robot = _made("robot", ROBOTS[kind], {k: v for k, v in given.items() if k != "kind"})
     obstacles = []
     for field, make in OBSTACLES.items():
         rows = table.get(field, [])
         if not isinstance(rows, list):
-            raise WorldError(f"{field}: expected tables, each written [[{field}]], got {rows!r}")
+            raise ScenarioError(f"{field}: expected tables, each written [[{field}]], got {rows!r}")
         for number, row in enumerate(rows):
             obstacles.append(_made(f"{field}[{number}]", make, _table(field, row)))
     plain = {key: table[key] for key in ("sensor", "duration", "arrived") if key in table}
-    return World(
+    return Scenario(
         robot=robot,
         start=table["start"],
         goal=table["goal"],
@@ -103,19 +103,19 @@ def _made(field: str, make: Callable[..., Any], given: Mapping[str, Any]) -> Any
     try:
         return make(**given)
     except AnnDcError as error:
-        raise WorldError(f"{field}.{error}") from error
+        raise ScenarioError(f"{field}.{error}") from error
 
 
 def _check_keys(field: str, table: Mapping, known: tuple[str, ...], needed: tuple) -> None:
     for key in table:
         if key not in known:
-            raise WorldError(f"{field}{key}: unknown key; known are {', '.join(known)}")
+            raise ScenarioError(f"{field}{key}: unknown key; known are {', '.join(known)}")
     for key in needed:
         if key not in table:
-            raise WorldError(f"{field}{key}: missing; the keys are {', '.join(known)}")
+            raise ScenarioError(f"{field}{key}: missing; the keys are {', '.join(known)}")
 
 
 def _table(field: str, given: Any) -> Mapping[str, Any]:
     if not isinstance(given, Mapping):
-        raise WorldError(f"{field}: expected a table, got {given!r}")
+        raise ScenarioError(f"{field}: expected a table, got {given!r}")
     return given

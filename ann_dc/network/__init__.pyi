@@ -7,5 +7,5 @@ from .cell import (
     Sum as Sum,
     Template as Template,
 )
-from .duals import DiodeDual as DiodeDual
+from .duals import InequalityDual as InequalityDual
 from .network import Network as Network

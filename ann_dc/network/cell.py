@@ -31,8 +31,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ann_dc.errors import NetworkError, RangeWarning, UnknownNameError
-from ann_dc.network.duals import ONE as ONE, DiodeDual, ObjectiveDual, PIDual, wire_name
-from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.duals import ONE as ONE, InequalityDual, ObjectiveDual, PIDual, wire_name
+from ann_dc.network.ends import FixedNeuron, Omitted
 from ann_dc.network.functions import function_block
 from ann_dc.scale import IDENTITY, Scale
 
@@ -210,7 +210,7 @@ class Cell:
         Blocks in topological order: a block reads neurons, inputs and earlier blocks only.
     duals : tuple of PIDual
         PI multiplier neurons (empty in a network that is not an optimiser).
-    diodes : tuple of DiodeDual
+    inequality_duals : tuple of InequalityDual
         Multiplier neurons of inequalities.
     objectives : tuple of ObjectiveDual
         Shared neurons that compare objectives, of which the largest is minimised.
@@ -234,7 +234,7 @@ class Cell:
     blocks: tuple[Block, ...] = ()
     connections: tuple[Connection, ...] = ()
     duals: tuple[PIDual, ...] = ()
-    diodes: tuple[DiodeDual, ...] = ()
+    inequality_duals: tuple[InequalityDual, ...] = ()
     objectives: tuple[ObjectiveDual, ...] = ()
     chains: tuple[tuple[str, str], ...] = ()
 
@@ -257,7 +257,7 @@ class Cell:
         """
         plain = (*self.duals, *self.objectives)
         weights = {dual.path: float(penalties[dual.neuron]) for dual in plain}
-        for diode in self.diodes:
+        for diode in self.inequality_duals:
             weights |= diode.weights(float(penalties[diode.neuron]))
         return weights
 
@@ -444,7 +444,7 @@ def check_places(
     stages: int,
     *,
     inputs: Iterable[str],
-    ends: Iterable[Pin | Absent],
+    ends: Iterable[FixedNeuron | Omitted],
     read: Iterable[str],
     left: Iterable[str],
     start: Iterable[str],
@@ -477,17 +477,21 @@ def check_places(
             raise NetworkError(f"{end}: all cells share this neuron")
     for source in read:
         if source not in cell.inputs:
-            raise NetworkError(f"pins, left: {source!r} is not an input of the cell")
+            raise NetworkError(f"fixed, left_boundary: {source!r} is not an input of the cell")
     _check_known(
-        ("left: node", left, nodes),
+        ("left_boundary: node", left, nodes),
         ("start: neuron", start, neurons),
         ("chains: neuron", [name for chain in cell.chains for name in chain], neurons),
         ("duals: neuron", [dual.neuron for dual in cell.duals], neurons),
         ("duals: node", [n for d in cell.duals for n in (d.residual, d.multiplier)], nodes),
         ("objectives: neuron", [name for row in cell.objectives for name in row.neurons], shared),
         ("objectives: node", [name for row in cell.objectives for name in row.nodes], nodes),
-        ("diodes: neuron", [diode.neuron for diode in cell.diodes], neurons),
-        ("diodes: node", [name for diode in cell.diodes for name in diode.nodes], nodes),
+        ("inequality_duals: neuron", [diode.neuron for diode in cell.inequality_duals], neurons),
+        (
+            "inequality_duals: node",
+            [name for diode in cell.inequality_duals for name in diode.nodes],
+            nodes,
+        ),
     )
 
 

@@ -48,7 +48,7 @@ class PIDual:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DiodeDual:
+class InequalityDual:
     r"""Nodes of a rectifying multiplier neuron, m = max(0, z + w g), for a row g <= 0.
 
     .. math:: \tau\, \dot z = (m - z) / w ,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pin:
+class FixedNeuron:
     """Fixed neuron: at one stage, an input replaces the neuron.
 
     Attributes
@@ -26,7 +26,7 @@ class Pin:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Absent:
+class Omitted:
     """Omitted neuron at one stage; readers of the neuron read zero there.
 
     Attributes

@@ -88,11 +88,11 @@ def start_moves(network: Network) -> tuple[StartMove, ...]:
     remains straight. A chain with a free terminal end moves as a whole.
     """
     stages = network.stages
-    pins = {(pin.neuron, pin.stage): pin.input for pin in network.pins}
+    pins = {(pin.neuron, pin.stage): pin.input for pin in network.fixed}
     share = np.arange(stages + 1) / stages
     moves = []
     for q, t in network.cell.chains:
-        first, last = pins.get((q, 0), network.left.get(t)), pins.get((t, stages - 1))
+        first, last = pins.get((q, 0), network.left_boundary.get(t)), pins.get((t, stages - 1))
         falling = np.ones(stages + 1) if last is None else 1 - share
         for name, stage, line in ((first, 0, falling), (last, stages - 1, share)):
             if name is not None:

@@ -31,7 +31,7 @@ from ann_dc.network.cell import (
     per_stage,
     warn_outside,
 )
-from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.ends import FixedNeuron, Omitted
 from ann_dc.network.preconditioners.base import Preconditioner, PreconditionerKind, Row, Wires
 from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.scale import Scale
@@ -105,9 +105,9 @@ class Network(Record):
         Value of every input of the cell, in the user's units.
     input_scales : mapping of str to Scale
         Conversion between an input's value and its node; identity by default.
-    pins, absent : tuples of Pin and Absent
+    fixed, omitted : tuples of FixedNeuron and Omitted
         Boundary data of the array: fixed and omitted neurons.
-    left : mapping of node name to input name
+    left_boundary : mapping of node name to input name
         Inputs that PREVIOUS connections of cell 0 read; zero by default.
     start : mapping of neuron name to float or (N,) array
         Initial states in network units, zero by default.
@@ -133,7 +133,7 @@ class Network(Record):
     ...     cell=Cell(neurons=(Neuron(name="x"),), inputs=("drive",), connections=(
     ...         Connection(source="x", target="x", weight=-1.0),
     ...         Connection(source="x", target="x", template=Template.PREVIOUS))),
-    ...     stages=3, inputs={"drive": 1.0}, left={"x": "drive"})
+    ...     stages=3, inputs={"drive": 1.0}, left_boundary={"x": "drive"})
     >>> evaluator(chain).rhs([0, 0, 0]).tolist()
     [1.0, 0.0, 0.0]
     >>> chain.label(1), chain.size
@@ -144,9 +144,9 @@ class Network(Record):
     stages: int
     inputs: Mapping[str, float | np.ndarray] = field(default_factory=dict)
     input_scales: Mapping[str, Scale] = field(default_factory=dict)
-    pins: tuple[Pin, ...] = ()
-    absent: tuple[Absent, ...] = ()
-    left: Mapping[str, str] = field(default_factory=dict)
+    fixed: tuple[FixedNeuron, ...] = ()
+    omitted: tuple[Omitted, ...] = ()
+    left_boundary: Mapping[str, str] = field(default_factory=dict)
     start: Mapping[str, float | np.ndarray] = field(default_factory=dict)
     preconditioner: Preconditioner = field(default_factory=Diagonal)
     title: str = "network"
@@ -167,9 +167,9 @@ class Network(Record):
             self.cell,
             self.stages,
             inputs=self.inputs,
-            ends=(*self.pins, *self.absent),
-            read=(*(pin.input for pin in self.pins), *self.left.values()),
-            left=self.left,
+            ends=(*self.fixed, *self.omitted),
+            read=(*(pin.input for pin in self.fixed), *self.left_boundary.values()),
+            left=self.left_boundary,
             start=self.start,
         )
 
@@ -206,7 +206,7 @@ class Network(Record):
     def live(self) -> np.ndarray:
         """Booleans (neurons, N): False if fixed, omitted or shared and in another cell."""
         live = np.ones((len(self.cell.neurons), self.stages), bool)
-        for end in (*self.pins, *self.absent):
+        for end in (*self.fixed, *self.omitted):
             live[self.neuron_index[end.neuron], end.stage] = False
         live[self.shared, :-1] = False
         return live
@@ -325,7 +325,7 @@ class Network(Record):
         """
         x = np.asarray(x)
         values = np.zeros((*x.shape[:-1], *self.live.shape), x.dtype)
-        for pin in self.pins:
+        for pin in self.fixed:
             given = self.input_values[pin.input][pin.stage]
             values[..., self.neuron_index[pin.neuron], pin.stage] = given
         values[..., self.places[:, 0], self.places[:, 1]] = x

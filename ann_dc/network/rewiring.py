@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ann_dc.network.cell import ONE, Block, Connection, Function, Limiter, Neuron, Sum
-from ann_dc.network.ends import Absent
+from ann_dc.network.ends import Omitted
 from ann_dc.network.network import Network
 from ann_dc.scale import Scale
 
@@ -132,13 +132,17 @@ def _all_reading(network: Network, new: str, old: str) -> Network:
     cell = _blocks_reading(network, new, old).cell
     wires = tuple(replace(c, source=new) if c.source == old else c for c in cell.connections)
     duals = tuple(replace(d, residual=new) if d.residual == old else d for d in cell.duals)
-    diodes = tuple(replace(d, residual=new) if d.residual == old else d for d in cell.diodes)
+    diodes = tuple(
+        replace(d, residual=new) if d.residual == old else d for d in cell.inequality_duals
+    )
     objectives = tuple(
         replace(o, residual=new) if o.residual == old else o for o in cell.objectives
     )
-    left = {new: network.left[old]} if old in network.left else {}
-    cell = replace(cell, connections=wires, duals=duals, diodes=diodes, objectives=objectives)
-    return replace(network, cell=cell, left={**network.left, **left})
+    left = {new: network.left_boundary[old]} if old in network.left_boundary else {}
+    cell = replace(
+        cell, connections=wires, duals=duals, inequality_duals=diodes, objectives=objectives
+    )
+    return replace(network, cell=cell, left_boundary={**network.left_boundary, **left})
 
 
 def slowed(network: Network, name: str, tau: float, present: np.ndarray, start) -> Network:
@@ -151,13 +155,13 @@ def slowed(network: Network, name: str, tau: float, present: np.ndarray, start) 
     seen = slow if present.all() else fresh(network, "seen", name)
     scale = network.neuron(name).scale if name in network.neuron_index else Scale()
     neurons = (*network.cell.neurons, Neuron(name=slow, tau=tau, scale=scale))
-    absent = {a.stage for a in network.absent if a.neuron == name} | set(np.flatnonzero(~present))
-    pins = [pin for pin in network.pins if pin.neuron == name and present[pin.stage]]
+    absent = {a.stage for a in network.omitted if a.neuron == name} | set(np.flatnonzero(~present))
+    pins = [pin for pin in network.fixed if pin.neuron == name and present[pin.stage]]
     network = replace(
         network,
         cell=replace(network.cell, neurons=neurons),
-        pins=(*network.pins, *(replace(pin, neuron=slow) for pin in pins)),
-        absent=(*network.absent, *(Absent(neuron=slow, stage=int(k)) for k in sorted(absent))),
+        fixed=(*network.fixed, *(replace(pin, neuron=slow) for pin in pins)),
+        omitted=(*network.omitted, *(Omitted(neuron=slow, stage=int(k)) for k in sorted(absent))),
         start={**network.start, slow: start},
     )
     wires = [wire(name, slow), wire(slow, slow, -1.0)]

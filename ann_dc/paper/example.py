@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import PRINTED, switch
-from ann_dc.gain_design.gains import hand_gains
+from ann_dc.gain_design.gains import manual_gains
 from ann_dc.network.preconditioners.base import PreconditionerKind
-from ann_dc.problem.initial_guess import Start
+from ann_dc.problem.initial_guess import InitialGuess
 from ann_dc.problem.plants import car
 from ann_dc.progress import Progress, silent
 from ann_dc.solution.solution import Solution
@@ -68,7 +68,7 @@ def demonstrations(optimum: Solution, progress: Progress = silent) -> Iterator[P
     problem = optimum.problem
     brief = OdeBackend(verify=False, limit=2000, most_steps=3000)
     progress("printed D=1")
-    letter = hand_gains(synthesize(decompose(problem, PRINTED)))
+    letter = manual_gains(synthesize(decompose(problem, PRINTED)))
     printed = solve(problem, form=PRINTED, gains=letter, backend=brief)
     yield PaperRun(label="printed D=1", solution=printed)
     for label, form in {"printed, designed gains": PRINTED, "without dB/dq": switch("S3")}.items():
@@ -76,15 +76,15 @@ def demonstrations(optimum: Solution, progress: Progress = silent) -> Iterator[P
         found = solve(problem, form=form, kinds=[PreconditionerKind.MULTILEVEL], backend=brief)
         yield PaperRun(label=label, solution=found)
     progress("plain D=1")
-    gains = hand_gains(synthesize(decompose(problem)))
+    gains = manual_gains(synthesize(decompose(problem)))
     yield PaperRun(
         label="plain D=1",
-        solution=solve(problem, gains=gains, start=_near(optimum), backend=brief),
+        solution=solve(problem, gains=gains, initial_guess=_near(optimum), backend=brief),
         remark=f"started {OFF:.0%} off the optimum, moved away and ",
     )
 
 
-def _near(optimum: Solution) -> Start:
+def _near(optimum: Solution) -> InitialGuess:
     """Return an initial guess with every neuron slightly off its optimum."""
     values = {name: (1 + OFF) * rows.T for name, rows in optimum.populations.items()}
-    return Start(q=values["q"], u=values["u"], mu=values["mu"], beta=values["beta"])
+    return InitialGuess(q=values["q"], u=values["u"], mu=values["mu"], beta=values["beta"])

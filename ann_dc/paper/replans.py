@@ -15,7 +15,7 @@ import numpy as np
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import LowerForm, switch
 from ann_dc.evaluation.populations import neuron_values
-from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, manual_gains
 from ann_dc.gain_design.procedure import Design, design
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
@@ -235,7 +235,7 @@ def to_the_letter(problem: OptimalControlProblem, settled: np.ndarray) -> TwoLev
         switch("S14"), lower_level=LowerForm.LITERAL, coupling_adds=True, coupling_reads_next=True
     )
     network = synthesize(decompose(problem, form), rho=0.0)
-    network = apply_gains(network, hand_gains(network))
+    network = apply_gains(network, manual_gains(network))
     upper = OracleCoordinator(gain=OracleGain(settled=settled))
     return TwoLevels(network, upper=upper).run(settled=settled, limit=ROUNDS)
 

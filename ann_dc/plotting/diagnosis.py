@@ -43,7 +43,7 @@ BELOW = "#CFE8DF"
 
 @checked
 def diagnosis(found: Diagnosis, problem: OptimalControlProblem | None = None) -> Figure:
-    """Plot the diagnosis computed by `ann_dc.analyse`.
+    """Plot the diagnosis computed by `ann_dc.diagnose`.
 
     Left, the eigenvalues in units of the spectral radius, with the settling rate and the limit of
     half the radius. Below, the multiplier sensitivity (inverse Schur complement) of every

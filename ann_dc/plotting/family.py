@@ -62,7 +62,7 @@ def family(designed: FamilyDesign) -> Figure:
     sure = f" ({low:.1%} to {high:.1%})" if found.drawn else ""
     headline(
         figure,
-        f"{caption(problem)}\n{designed.winner.recipe.kind.value}: {found.share:.1%} of "
+        f"{caption(problem)}\n{designed.winner.gain_rule.kind.value}: {found.share:.1%} of "
         f"{len(found)} {found.inputs} settle to a certified optimum{sure}",
     )
     return figure

@@ -1,10 +1,10 @@
 from . import plants as plants
 from .declaration import OptimalControlProblem as OptimalControlProblem
 from .initial_guess import (
-    Start as Start,
-    line_start as line_start,
-    random_start as random_start,
-    zero_start as zero_start,
+    InitialGuess as InitialGuess,
+    interpolated_guess as interpolated_guess,
+    random_guess as random_guess,
+    zero_guess as zero_guess,
 )
 from .robot import car_robot as car_robot, unicycle_robot as unicycle_robot
 from .robot_planning import NONLINEAR as NONLINEAR, planning_problem as planning_problem

@@ -24,10 +24,10 @@ LEAST_SPREAD = 0.01
 """Smallest such deviation in scales, used for controls and for states whose ends are closer."""
 
 
-@such_as("ann_dc.line_start(problem)")
+@such_as("ann_dc.interpolated_guess(problem)")
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Start:
+class InitialGuess:
     """Initial values of a network, in the user's units.
 
     Attributes
@@ -45,9 +45,9 @@ class Start:
 
     >>> import ann_dc
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> line = line_start(problem)
-    >>> start = Start(q=line.q, u=line.u / 2)
-    >>> ann_dc.solve(problem, start=start).certified
+    >>> line = interpolated_guess(problem)
+    >>> start = InitialGuess(q=line.q, u=line.u / 2)
+    >>> ann_dc.solve(problem, initial_guess=start).certified
     True
     """
 
@@ -58,7 +58,7 @@ class Start:
 
 
 @checked
-def line_start(problem: OptimalControlProblem) -> Start:
+def interpolated_guess(problem: OptimalControlProblem) -> InitialGuess:
     """Return the straight line from q_0 to q_d with fitted controls.
 
     A free component has the value of its other end. A component that is free at both ends starts at
@@ -77,15 +77,15 @@ def line_start(problem: OptimalControlProblem) -> Start:
     Examples
     --------
     >>> import ann_dc
-    >>> line_start(ann_dc.plants.car()).q[0, :3]
+    >>> interpolated_guess(ann_dc.plants.car()).q[0, :3]
     array([0.        , 0.55555556, 1.11111111])
     """
     line = straight_line(problem)
-    return Start(q=line.q.copy(), u=line.u.copy())
+    return InitialGuess(q=line.q.copy(), u=line.u.copy())
 
 
 @checked
-def zero_start(problem: OptimalControlProblem) -> Start:
+def zero_guess(problem: OptimalControlProblem) -> InitialGuess:
     """Return zero values except q_0; if f is undefined there, every state is q_0.
 
     Parameters
@@ -100,7 +100,7 @@ def zero_start(problem: OptimalControlProblem) -> Start:
     Examples
     --------
     >>> import ann_dc
-    >>> zero_start(ann_dc.plants.double_integrator(N=3, q_0=(2, 0))).q
+    >>> zero_guess(ann_dc.plants.double_integrator(N=3, q_0=(2, 0))).q
     array([[2., 0., 0., 0.],
            [0., 0., 0., 0.]])
     """
@@ -111,11 +111,11 @@ def zero_start(problem: OptimalControlProblem) -> Start:
     if not (np.isfinite(F).all() and np.isfinite(B).all()):
         q += first[:, None]
     q[:, 0] = first
-    return Start(q=q, u=u)
+    return InitialGuess(q=q, u=u)
 
 
 @checked
-def random_start(problem: OptimalControlProblem, rng: np.random.Generator | Index) -> Start:
+def random_guess(problem: OptimalControlProblem, rng: np.random.Generator | Index) -> InitialGuess:
     """Return the straight line with random deviations between the same ends.
 
     Deviations are normally distributed. The standard deviation of states is a tenth of abs(q_d -
@@ -136,7 +136,7 @@ def random_start(problem: OptimalControlProblem, rng: np.random.Generator | Inde
     Examples
     --------
     >>> import ann_dc
-    >>> start = random_start(ann_dc.plants.double_integrator(N=5), 0)
+    >>> start = random_guess(ann_dc.plants.double_integrator(N=5), 0)
     >>> start.q[:, [0, -1]].T.tolist()
     [[0.0, 0.0], [1.0, 0.0]]
     """
@@ -148,10 +148,10 @@ def random_start(problem: OptimalControlProblem, rng: np.random.Generator | Inde
     q[:, 0] = np.where(problem.fixed_start, line.q[:, 0], q[:, 0])
     q[:, -1] = np.where(problem.fixed, line.q[:, -1], q[:, -1])
     push = LEAST_SPREAD * line.scales.control_factors[:, None]
-    return Start(q=q, u=line.u + push * rng.standard_normal(line.u.shape))
+    return InitialGuess(q=q, u=line.u + push * rng.standard_normal(line.u.shape))
 
 
-def check_start(problem: OptimalControlProblem, start: Start) -> None:
+def check_start(problem: OptimalControlProblem, start: InitialGuess) -> None:
     """Reject an initial guess outside the domain or of the wrong size.
 
     Raises `ProblemError` with the stage and a remedy if map, cost, an inequality or one of their
@@ -161,7 +161,7 @@ def check_start(problem: OptimalControlProblem, start: Start) -> None:
     if (start.q.shape, start.u.shape) != expected:
         raise ProblemError(
             f"start: expected q and u of shapes {expected[0]} and {expected[1]}, got "
-            f"{start.q.shape} and {start.u.shape}; line_start(problem) makes one"
+            f"{start.q.shape} and {start.u.shape}; interpolated_guess(problem) makes one"
         )
     q = start.q[:, :-1]
     for name, expressions, good in terms(problem, q, start.u):

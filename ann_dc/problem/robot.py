@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 import sympy as sp
 
-from ann_dc.errors import WorldError
+from ann_dc.errors import ScenarioError
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.functions import ProblemFunctions
 from ann_dc.validation.checked import checked
@@ -21,8 +21,8 @@ from ann_dc.validation.values import NotNegative, Positive, such_as
 class Robot:
     """Robot in continuous time, dq/dt = F(q, u), with position (x, y) as first states.
 
-    Raises `WorldError` if the position is missing, a control has no limits, or the robot moves with
-    zero controls.
+    Raises `ScenarioError` if the position is missing, a control has no limits, or the robot moves
+    with zero controls.
 
     Attributes
     ----------
@@ -49,15 +49,15 @@ class Robot:
 
     def __post_init__(self) -> None:
         if len(self.states) < 2:
-            raise WorldError("states: expected x, y and what else there is, got fewer than two")
+            raise ScenarioError("states: expected x, y and what else there is, got fewer than two")
         if not np.isfinite(self.limits).all():
-            raise WorldError(
+            raise ScenarioError(
                 "bounds: every control needs a lower and an upper one; "
                 f"got {dict(self.bounds)!r} for {', '.join(map(str, self.controls))}"
             )
         still = [sp.sympify(F).subs(dict.fromkeys(self.controls, 0)) for F in self.dynamics]
         if any(sp.simplify(F) != 0 for F in still):
-            raise WorldError(
+            raise ScenarioError(
                 "dynamics: with all controls zero the robot has to stand still, since that is how "
                 f"it brakes; it moves with {still}"
             )

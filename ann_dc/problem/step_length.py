@@ -55,8 +55,8 @@ class StepLength:
     Every realisation represents the interval as one more state, carried unchanged from stage to
     stage and free at both ends. This costs four neurons per stage; a bus along the network would
     cost one in total. However, the wires only reach the next stage, so all cells remain alike.
-    Preconditioners, circuits and weight files therefore need no extension. A `Start` has one more
-    row for z, the last one, zero at the guess.
+    Preconditioners, circuits and weight files therefore need no extension. A `InitialGuess` has one
+    more row for z, the last one, zero at the guess.
 
     Parameters
     ----------

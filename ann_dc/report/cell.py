@@ -37,8 +37,8 @@ def cell_listing(network: Network) -> list[Any]:
 
 
 def _ends(network: Network) -> str:
-    ends = [f"{p.neuron} of cell {p.stage} is the input {p.input}" for p in network.pins]
-    ends += [f"{a.neuron} of cell {a.stage} is left out" for a in network.absent]
+    ends = [f"{p.neuron} of cell {p.stage} is the input {p.input}" for p in network.fixed]
+    ends += [f"{a.neuron} of cell {a.stage} is left out" for a in network.omitted]
     return "\n".join([f"inputs: {', '.join(network.cell.inputs)}", "ends:", *ends])
 
 

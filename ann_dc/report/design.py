@@ -31,7 +31,7 @@ def candidate_table(design: Design) -> Table:
     for candidate in design.candidates[:SHOWN]:
         frozen = " (frozen)" if candidate is design.best else ""
         shown.add_row(
-            candidate.recipe.kind.value + frozen,
+            candidate.gain_rule.kind.value + frozen,
             span(_penalties(design, candidate)),
             f"{candidate.ratio:.3g}",
             _settling(candidate),
@@ -90,7 +90,7 @@ def design_dict(design: Design) -> dict[str, Any]:
         "rate": dict(zip(names, design.gains.rate.tolist())),
         "candidates": [
             {
-                "preconditioner": candidate.recipe.kind.value,
+                "preconditioner": candidate.gain_rule.kind.value,
                 "rho": _penalties(design, candidate).tolist(),
                 "ratio": candidate.ratio,
                 "settling": candidate.settling,
@@ -167,7 +167,7 @@ def family_dict(designed: FamilyDesign) -> dict[str, Any]:
     return {
         "network": designed.network.title,
         "ranges": {name: list(ends) for name, ends in designed.family.ranges.items()},
-        "preconditioner": designed.winner.recipe.kind.value,
+        "preconditioner": designed.winner.gain_rule.kind.value,
         "points": designed.points,
         "rho": dict(zip(names, designed.gains.rho.tolist())),
         "rate": dict(zip(names, designed.gains.rate.tolist())),

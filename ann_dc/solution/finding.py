@@ -17,7 +17,7 @@ from ann_dc.optimality.barrier import Caution
 from ann_dc.optimality.certificate import Certificate, certify
 from ann_dc.optimality.interior_point import RESTORATIONS, Extremum, interior_point
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.initial_guess import Start, line_start, random_start
+from ann_dc.problem.initial_guess import InitialGuess, interpolated_guess, random_guess
 from ann_dc.progress import Progress, Stopped
 from ann_dc.synthesis.row import start_values
 
@@ -62,7 +62,7 @@ def state_of(problem: OptimalControlProblem, network: Network, found: Extremum) 
     """
     beta = np.zeros_like(found.mu)
     beta[:, 1:] = -found.mu[:, :-1]
-    start = Start(q=found.q, u=found.u, mu=found.mu, beta=beta)
+    start = InitialGuess(q=found.q, u=found.u, mu=found.mu, beta=beta)
     values = network.unpack(start_values(network, start))
     for population, given in (("z", found.zeta), ("z_end", found.zeta_end[:, None])):
         neurons = evaluator(network).multipliers.get(population, ((), ()))[0]
@@ -93,7 +93,7 @@ class Search:
         If the first search fails, it is repeated from the line with more caution.
         """
         if self._from_line is None:
-            line = line_start(self.problem)
+            line = interpolated_guess(self.problem)
             paths = [] if self.problem.objectives else [(line.q, line.u)]
             self._from_line = self._from(paths, [], progress, Caution.CONTROLS)
             self._from_line = self._from_line or self._from(paths, [], progress, Caution.ALL)
@@ -103,7 +103,7 @@ class Search:
         """Return an optimum of the problem, or None if none is found; see `Knowledge`."""
         if self.problem.objectives:
             return None
-        starts = (random_start(self.problem, seed) for seed in range(RANDOM_STARTS))
+        starts = (random_guess(self.problem, seed) for seed in range(RANDOM_STARTS))
         paths = [path_of(self.network, x), *((start.q, start.u) for start in starts)]
         found = self._from(paths, self.from_line(progress), progress)
         if not found:

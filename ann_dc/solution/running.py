@@ -17,7 +17,7 @@ from ann_dc.decomposition.equations import StageEquations
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.gain_design.choice import DEARER
-from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, manual_gains
 from ann_dc.gain_design.procedure import Design
 from ann_dc.network.network import Network
 from ann_dc.optimality.boundedness import Unbounded
@@ -187,7 +187,7 @@ def _known(failed: Solution) -> Solution | None:
     design = failed.design
     if design is None or not design.settled:
         return None
-    plain = apply_gains(failed.network, hand_gains(failed.network))
+    plain = apply_gains(failed.network, manual_gains(failed.network))
     for network in (failed.network, plain):  # large penalties leave rounding errors
         try:
             state = equilibrium(network, design.state)  # a first run leaves 1e-8 of a residual

@@ -224,7 +224,7 @@ def _choice(available: Mapping[str, Any], given: Any, place: str) -> Any:
 # ---- A result as a folder, which is complete or refused
 
 FORMAT = "ann_dc solution"
-SCHEMA = 1
+SCHEMA = 2
 
 MANIFEST, ARRAYS, SUMS = "manifest.json", "arrays.npz", "SHA256SUMS"
 REMEDY = "give the path of a folder that a solution was saved to"

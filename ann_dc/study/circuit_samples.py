@@ -12,7 +12,7 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError, StudyError
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.prediction import (
     CLOCKED,
     Prediction,
@@ -34,10 +34,10 @@ class EmulatedSample(Sample):
     """Circuit with part errors, predicted by its behavioural emulation."""
 
     @cached_property
-    def specimen(self) -> Specimen:
+    def instance(self) -> CircuitInstance:
         """Circuit instance with its part errors."""
         built = self.built
-        return Specimen(
+        return CircuitInstance(
             circuit=built.circuit,
             level=built.level,
             probe=built.probe,
@@ -51,9 +51,9 @@ class EmulatedSample(Sample):
             abscissa = self.spectrum.abscissa
         except NetworkError as error:
             return NO_EQUILIBRIUM, str(error)
-        emulation = self.specimen.emulation
+        emulation = self.instance.emulation
         if clipped_at(emulation, self.state).any():
-            found = clipping_of(self.specimen, emulation, self.state)
+            found = clipping_of(self.instance, emulation, self.state)
             return found.reason.name.lower(), found.sentence
         if abscissa < 0:
             return word_of(Outcome.SETTLED), ""
@@ -75,23 +75,23 @@ class EmulatedSample(Sample):
 
         Raises `NetworkError` for a clocked circuit, which only ngspice and the recurrent layer run.
         """
-        if self.specimen.level.technology.clocked:
-            raise NetworkError(f"{self.specimen.level.name} circuits: {CLOCKED}")
-        return self.specimen.emulation.network
+        if self.instance.level.technology.clocked:
+            raise NetworkError(f"{self.instance.level.name} circuits: {CLOCKED}")
+        return self.instance.emulation.network
 
     @property
     def state(self) -> np.ndarray:
         """Final state (n,)."""
-        return self.specimen.settled
+        return self.instance.settled
 
     @property
     def controls(self) -> np.ndarray:
         """Final live controls (c,)."""
-        return self.specimen.emulation.controls(self.specimen.settled)
+        return self.instance.emulation.controls(self.instance.settled)
 
     @cached_property
     def _prediction(self) -> Prediction:
-        found = prediction_of(self.specimen)
+        found = prediction_of(self.instance)
         if not isinstance(found, Prediction):
             raise found.error
         return found

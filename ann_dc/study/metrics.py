@@ -188,7 +188,7 @@ def active_rows(sample: Sample) -> int:
     """Return the number of active inequalities and of controls at a bound at the end."""
     network, state = sample.ideal
     values = network.unpack(state)
-    diodes = values[[network.neuron_index[d.neuron] for d in network.cell.diodes]]
+    diodes = values[[network.neuron_index[d.neuron] for d in network.cell.inequality_duals]]
     active = int((diodes > ACTIVE * diodes.max(initial=1.0)).sum())
     for row, neuron in enumerate(network.cell.neurons):
         if neuron.population == "u":

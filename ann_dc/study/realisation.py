@@ -24,7 +24,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, FORMS, Form
 from ann_dc.errors import StudyError
-from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS, Recipe
+from ann_dc.gain_design.gain_rule import DIAGONAL_RULE, GainRule
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.procedure import Design
 from ann_dc.hardware import defects
@@ -343,14 +343,14 @@ def _found(
     if "kind" in factors:
         kinds = (KINDS[str(factors.pop("kind"))],)
     source = problem if form == CORRECTED else synthesize(decompose(problem, form))
-    found = design(source, kinds=kinds, recipe=_recipe(kinds, factors))
+    found = design(source, kinds=kinds, gain_rule=_recipe(kinds, factors))
     if not found.settled:
         why = f": {found.first.ended}" if found.first.ended else ""
         raise StudyError(f"design: its first run did not settle{why}")
     return found
 
 
-def _recipe(kinds: tuple[PreconditionerKind, ...], given: Mapping[str, Value]) -> Recipe | None:
+def _recipe(kinds: tuple[PreconditionerKind, ...], given: Mapping[str, Value]) -> GainRule | None:
     """Return a gain rule with the given factors; None without factors."""
     if not given:
         return None
@@ -360,5 +360,5 @@ def _recipe(kinds: tuple[PreconditionerKind, ...], given: Mapping[str, Value]) -
             f"{', '.join(KINDS)}"
         )
     kind = next(iter(kinds))
-    base = WITHOUT_COORDINATORS if kind is PreconditionerKind.DIAGONAL else Recipe()
+    base = DIAGONAL_RULE if kind is PreconditionerKind.DIAGONAL else GainRule()
     return replace(base, kind=kind, **given)

@@ -24,7 +24,7 @@ from ann_dc.dataclass_pickling import Record
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import AnnDcError, StudyError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gain_rule import Recipe
+from ann_dc.gain_design.gain_rule import GainRule
 from ann_dc.hardware.parts.datasheet import Datasheet, Kind as PartKind, Tolerances
 from ann_dc.hardware.parts.e_series import SERIES
 from ann_dc.network.network import Network
@@ -249,7 +249,7 @@ class Family(NamedTuple):
 def _design(subject: Subject) -> Iterable[str]:
     if subject.problem is None:
         return ()
-    factors = [f.name for f in fields(Recipe) if f.type == "float"]
+    factors = [f.name for f in fields(GainRule) if f.type == "float"]
     return ("form", "kind", *factors)
 
 
@@ -300,7 +300,7 @@ WORDS: dict[str, Iterable[str]] = {
 RECORDS: dict[str, Callable[..., object]] = {
     "tolerance": Tolerances,
     "circuit": Datasheet,
-    "design": Recipe,
+    "design": GainRule,
 }
 """Records whose fields a family sets; they reject numbers out of range."""
 ENDLESS = ("run.limit", "defect.leak", "defect.extra_pole", "defect.slew", "defect.rails")

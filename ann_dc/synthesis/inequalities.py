@@ -19,10 +19,10 @@ import numpy as np
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.decomposition.inequalities import InequalityRow
 from ann_dc.network.cell import ONE, Connection, Neuron
-from ann_dc.network.duals import DiodeDual, ObjectiveDual
+from ann_dc.network.duals import InequalityDual, ObjectiveDual
 from ann_dc.problem.boundary import boundary_slopes
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.initial_guess import Start
+from ann_dc.problem.initial_guess import InitialGuess
 from ann_dc.problem.scales import Scales
 from ann_dc.problem.soft import Soft
 from ann_dc.scale import IDENTITY, Scale
@@ -30,21 +30,25 @@ from ann_dc.synthesis.signals import Signal, add, divided, scaled
 from ann_dc.synthesis.wiring import Wiring
 
 
-def row_scales(equations: StageEquations, scales: Scales, start: Start) -> dict[str, Scale]:
+def row_scales(
+    equations: StageEquations, scales: Scales, initial_guess: InitialGuess
+) -> dict[str, Scale]:
     """Return the scales of row values by rectifying neuron, in the user's units.
 
     The boundary points are those nearest to the points of the initial guess.
     """
     factors = np.r_[scales.state_factors, scales.control_factors]
-    lengths = boundary_slopes(equations.problem.functions, start.q, start.u, factors)
-    names = [diode.neuron for diode in diode_duals((*equations.rows, *equations.end_rows))]
+    lengths = boundary_slopes(
+        equations.problem.functions, initial_guess.q, initial_guess.u, factors
+    )
+    names = [diode.neuron for diode in inequality_duals((*equations.rows, *equations.end_rows))]
     return dict(zip(names, map(Scale, np.concatenate(lengths).tolist())))
 
 
-def diode_duals(rows: Sequence[InequalityRow]) -> tuple[DiodeDual, ...]:
+def inequality_duals(rows: Sequence[InequalityRow]) -> tuple[InequalityDual, ...]:
     """Return the nodes of every row's rectifying neuron; end rows have distinct names."""
     return tuple(
-        DiodeDual(
+        InequalityDual(
             neuron=f"z{place}",
             residual=f"g{place}",
             sum=f"s{place}",
@@ -106,7 +110,7 @@ def objective_wires(objectives: Sequence[ObjectiveDual], stages: int) -> list[Co
 
 
 def name_diode(
-    wiring: Wiring, diode: DiodeDual, w: float, soft: Soft | None, multiplier: Scale
+    wiring: Wiring, diode: InequalityDual, w: float, soft: Soft | None, multiplier: Scale
 ) -> None:
     """Add the sum g, which is filled later, z + w g, and m.
 
@@ -130,7 +134,7 @@ def name_diode(
 
 
 def fill_residual(
-    wiring: Wiring, diode: DiodeDual, g: Signal, soft: Soft | None, units: tuple[Scale, Scale]
+    wiring: Wiring, diode: InequalityDual, g: Signal, soft: Soft | None, units: tuple[Scale, Scale]
 ) -> None:
     """Fill the sum g - d z that drives z, from g in the user's units.
 
@@ -144,7 +148,7 @@ def fill_residual(
     wiring.fill(diode.residual, value)
 
 
-def diode_drive(wiring: Wiring, diode: DiodeDual, w: float) -> Signal:
+def diode_drive(wiring: Wiring, diode: InequalityDual, w: float) -> Signal:
     """Return the net input (m - z) / w of z."""
     pull = diode.weights(w)
     ends = (diode.multiplier, diode.neuron)
@@ -160,6 +164,6 @@ def absent_diodes(equations: StageEquations) -> list[tuple[str, int]]:
     free = {s for s, fixed in zip(problem.states, problem.fixed_start) if not fixed}
     moving = free | set(problem.controls)
     still = [row for row in equations.rows if not row.expression.free_symbols & moving]
-    absent = [(diode.neuron, 0) for diode in diode_duals(still)]
-    at_end = diode_duals(equations.end_rows)
+    absent = [(diode.neuron, 0) for diode in inequality_duals(still)]
+    at_end = inequality_duals(equations.end_rows)
     return absent + [(diode.neuron, k) for diode in at_end for k in range(last)]

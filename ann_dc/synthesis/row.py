@@ -9,9 +9,9 @@ import numpy as np
 
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.network.cell import Cell
-from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.ends import FixedNeuron, Omitted
 from ann_dc.network.network import Network
-from ann_dc.problem.initial_guess import Start
+from ann_dc.problem.initial_guess import InitialGuess
 from ann_dc.problem.scales import Scales
 from ann_dc.scale import Scale
 from ann_dc.synthesis.inequalities import absent_diodes
@@ -26,9 +26,11 @@ def row_of(cell: Cell, equations: StageEquations, scales: Scales) -> Network:
     closing = equations.form.start_is_neuron
     states = [str(s) for s in problem.states]
     given = [s for s, fixed in zip(states, problem.fixed_start) if fixed]
-    pins = [] if closing else [Pin(neuron=f"q.{s}", stage=0, input=f"q_0.{s}") for s in given]
+    pins = (
+        [] if closing else [FixedNeuron(neuron=f"q.{s}", stage=0, input=f"q_0.{s}") for s in given]
+    )
     pins += [
-        Pin(neuron=f"t.{s}", stage=last, input=f"q_d.{s}")
+        FixedNeuron(neuron=f"t.{s}", stage=last, input=f"q_d.{s}")
         for s, fixed in zip(states, fixed_targets(equations))
         if fixed
     ]
@@ -41,9 +43,9 @@ def row_of(cell: Cell, equations: StageEquations, scales: Scales) -> Network:
         stages=problem.horizon,
         inputs=values,
         input_scales=_input_scales(problem, scales, values),
-        pins=tuple(pins),
-        absent=tuple(Absent(neuron=name, stage=k) for name, k in _absent(equations)),
-        left={f"t.{s}": f"q_0.{s}" for s in given} if closing else {},
+        fixed=tuple(pins),
+        omitted=tuple(Omitted(neuron=name, stage=k) for name, k in _absent(equations)),
+        left_boundary={f"t.{s}": f"q_0.{s}" for s in given} if closing else {},
         title=problem.name,
     )
 
@@ -86,7 +88,9 @@ def input_scale(values: float | Sequence[float]) -> Scale:
     return Scale(float(np.abs(np.asarray(values)).max()) or 1.0)
 
 
-def start_values(network: Network, start: Start, measured: Sequence[float] = ()) -> np.ndarray:
+def start_values(
+    network: Network, initial_guess: InitialGuess, measured: Sequence[float] = ()
+) -> np.ndarray:
     """Return the state vector (n,) of a network, in its units, from an initial guess.
 
     Multipliers that the guess does not give are zero; controls beyond their limits are clipped.
@@ -95,11 +99,11 @@ def start_values(network: Network, start: Start, measured: Sequence[float] = ())
     """
     values = np.zeros(network.live.shape)
     groups = {
-        "q": start.q[:, :-1],
-        "t": start.q[:, 1:],
-        "u": start.u,
-        "mu": start.mu,
-        "beta": start.beta,
+        "q": initial_guess.q[:, :-1],
+        "t": initial_guess.q[:, 1:],
+        "u": initial_guess.u,
+        "mu": initial_guess.mu,
+        "beta": initial_guess.beta,
     }
     position: dict[str, int] = {}
     for row, neuron in enumerate(network.cell.neurons):

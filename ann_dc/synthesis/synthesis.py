@@ -22,7 +22,7 @@ from ann_dc.decomposition.inequalities import pressed
 from ann_dc.network.cell import Cell, Connection, Template
 from ann_dc.network.duals import PIDual
 from ann_dc.network.network import Network
-from ann_dc.problem.initial_guess import Start, check_start, line_start
+from ann_dc.problem.initial_guess import InitialGuess, check_start, interpolated_guess
 from ann_dc.problem.scales import Scales, scales_of
 from ann_dc.scale import Scale
 from ann_dc.synthesis.adjoint import gradient
@@ -30,8 +30,8 @@ from ann_dc.synthesis.assembly import assemble
 from ann_dc.synthesis.expressions import check_functions, signal_of
 from ann_dc.synthesis.inequalities import (
     diode_drive,
-    diode_duals,
     fill_residual,
+    inequality_duals,
     name_diode,
     name_objective,
     objective_duals,
@@ -56,7 +56,7 @@ def synthesize(
     equations: StageEquations,
     *,
     scales: Scales | None = None,
-    start: Start | None = None,
+    initial_guess: InitialGuess | None = None,
     rho: float = 1.0,
 ) -> Network:
     """Return the network that realises stage equations of any form.
@@ -90,13 +90,13 @@ def synthesize(
     problem = equations.problem
     rows = (*equations.rows, *equations.end_rows)
     check_functions(*problem.f, problem.l, problem.l_N, *(row.expression for row in rows))
-    start = start or line_start(problem)
-    check_start(problem, start)
+    initial_guess = initial_guess or interpolated_guess(problem)
+    check_start(problem, initial_guess)
     scales = scales or scales_of(problem)
-    cell = _CellWiring(equations, scales, row_scales(equations, scales, start), rho).cell()
+    cell = _CellWiring(equations, scales, row_scales(equations, scales, initial_guess), rho).cell()
     network = row_of(cell, equations, scales)
-    measured = problem.objective_values(start.q, start.u).tolist()
-    return network.with_start(start_values(network, start, measured))
+    measured = problem.objective_values(initial_guess.q, initial_guess.u).tolist()
+    return network.with_start(start_values(network, initial_guess, measured))
 
 
 def _in_user_units(signal: Signal, scale: Scale) -> Signal:
@@ -116,7 +116,7 @@ class _CellWiring:
     ) -> None:
         self.equations, self.scales, self.of_rows, self.rho = equations, scales, of_rows, rho
         self.rows = (*equations.rows, *equations.end_rows)
-        self.diodes = diode_duals(self.rows)
+        self.diodes = inequality_duals(self.rows)
         self.problem, self.form = equations.problem, equations.form
         self.objectives = objective_duals(self.problem)
         self.states = [str(s) for s in self.problem.states]
@@ -206,7 +206,7 @@ class _CellWiring:
                 for p, c, m in DUALS
                 for s in self.states
             ),
-            diodes=self.diodes,
+            inequality_duals=self.diodes,
             objectives=self.objectives,
             chains=tuple((f"q.{s}", f"t.{s}") for s in self.states),
         )

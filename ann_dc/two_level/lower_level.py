@@ -175,7 +175,7 @@ class Linearised(LowerLevel):
 
 def _require_free_start(network: Network) -> None:
     """Raise `NetworkError` if q of cell 0 is pinned: n equations for its m controls."""
-    pinned = [pin.neuron for pin in network.pins if pin.neuron.startswith("q.")]
+    pinned = [pin.neuron for pin in network.fixed if pin.neuron.startswith("q.")]
     controls = [n for n in network.cell.neurons if n.population == "u"]
     if len(pinned) > len(controls):
         raise NetworkError(

@@ -18,7 +18,7 @@ from ann_dc.errors import FileFormatError, UnknownNameError
 from ann_dc.network.cell import Connection
 
 FORMAT = "ann_dc network"
-SCHEMA = 2
+SCHEMA = 3
 """Schema version; version 1 had no hashes and no descriptions of the arrays."""
 MOST_TABLES = 200_000
 """Maximum number of tables and lists in a text: each needs about 70 bytes of memory and two of
@@ -72,7 +72,7 @@ def read_manifest(
     form : str
         Required format name.
     schema : int
-        Newest supported schema version.
+        Supported schema version.
     place : str
         Name used in messages: the file name of the manifest.
     """
@@ -84,11 +84,10 @@ def read_manifest(
         kind = form.removeprefix("ann_dc ")
         raise FileFormatError(f"{place}: does not say {form!r}; is this a saved {kind}?")
     version = given.get("schema")
-    if type(version) is not int or not 1 <= version <= schema:
-        known = "1" if schema == 1 else f"1 to {schema}"
+    if version != schema or type(version) is not int:
         raise FileFormatError(
-            f"{place}.schema: {version!r:.60}, but this ann_dc reads {known}; load the file with "
-            "the version that saved it"
+            f"{place}.schema: expected {schema}, got {version!r:.60}; load the file with the "
+            "version of ann_dc that saved it"
         )
     return Table(place, given)
 

@@ -54,7 +54,7 @@ def to_matrix(network: Network) -> WeightMatrix:
     ...     cell=Cell(neurons=(Neuron(name="x"),), inputs=("drive",), connections=(
     ...         Connection(source="x", target="x", weight=-1.0),
     ...         Connection(source="x", target="x", template=Template.PREVIOUS))),
-    ...     stages=2, inputs={"drive": 1.0}, left={"x": "drive"})
+    ...     stages=2, inputs={"drive": 1.0}, left_boundary={"x": "drive"})
     >>> matrix = to_matrix(chain)
     >>> matrix.rows, matrix.columns
     (('x[0]', 'x[1]'), ('x[0]', 'drive[0]', 'x[1]', 'drive[1]', 'one'))
@@ -132,9 +132,9 @@ def _rows(network: Network) -> _Numbered:
 def _columns(network: Network) -> _Numbered:
     given = _numbered(network, [name != ONE for name in network.node_index])
     index, place = network.node_index, given.place
-    for pin in network.pins:
+    for pin in network.fixed:
         place[index[pin.neuron], pin.stage + 1] = place[index[pin.input], pin.stage + 1]
-    for node, name in network.left.items():
+    for node, name in network.left_boundary.items():
         place[index[node], 0] = place[index[name], 1]
     place[index[ONE]] = len(given.names)
     return _Numbered((*given.names, ONE), place)

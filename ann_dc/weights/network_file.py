@@ -10,20 +10,21 @@ file and in the uint8 entry ``manifest`` of an ``.npz`` file.
 ``weight/m.x<-c.x``    () or (N,) weight of a connection, by its name
 ``input/q_d.x``        (N,) value of an input, in the user's units
 ``start/q.x``          (N,) initial states
-``rails``, ``unit``    (P, 2) saturation limits and (P,) units of the P neurons
-``zero``               (P,) offsets of their units, if any neuron has one
+``limits``             (P, 2) saturation limits of the P neurons
+``scale_factor``       (P,) user's value of a state of one
+``scale_offset``       (P,) user's value of a state of zero, if any neuron has an offset
 ``input_scale``        (I, 2) factor and offset of every input, likewise
 ``range``              (I, 2) input ranges of the design, if it used ranges
 ``gain/0``             (points, C, C) coarse-level neurons of a level, finest first
-``grid/own``           (N, m, m) stiffness within each cell, over its m primal neurons; ``tree/own``
-``grid/following``     (N - 1, m, m) stiffness between adjacent cells; ``tree/following``
+``stiffness/own``      (N, m, m) stiffness within each cell, over its m primal neurons
+``stiffness/...``      ``following``, (N - 1, m, m): stiffness between adjacent cells
 =====================  ==========================================================
 
 The manifest has names and wiring without numbers: ``neurons``, ``inputs``, ``blocks``,
-``connections``, ``duals``, ``diodes``, ``objectives``, ``chains``, ``pins``, ``absent``, ``left``,
-``start``. ``stages`` is N, and ``levels`` and ``preconditioner`` specify the coarse levels or the
-stiffness. ``about`` has the equation and the formula of M, and ``tensors`` has the meaning, unit
-and axes of every array.
+``connections``, ``duals``, ``inequality_duals``, ``objectives``, ``chains``, ``fixed``,
+``omitted``, ``left_boundary``, ``start``. ``stages`` is N, and ``preconditioner`` has the kind of M
+and the number of coarse levels. ``about`` has the equation and the formula of M, and ``tensors``
+has the meaning, unit and axes of every array.
 
 ``hashes`` are SHA-256 values in hexadecimal digits of JSON texts with sorted keys, as written by
 Python's `json.dumps`:
@@ -36,7 +37,7 @@ Python's `json.dumps`:
 ``manifest``
     Manifest without ``hashes``.
 
-Files of schema 1 have no ``hashes``, ``about`` or ``tensors``. Equal networks give equal bytes. The
+Schema 3; other schemas are rejected by name. Equal networks give equal bytes. The
 content of a file is never executed.
 """
 
@@ -130,7 +131,7 @@ def written(network: Network) -> tuple[str, dict[str, object]]:
     if len(text) > MAX_MANIFEST:
         raise OutputError(
             f"names and wires of {network.title!r} take {len(text)} bytes, a file may have "
-            f"{MAX_MANIFEST}; give it shorter names or fewer pinned and absent neurons"
+            f"{MAX_MANIFEST}; give it shorter names or fewer fixed and omitted neurons"
         )
     return text, arrays
 

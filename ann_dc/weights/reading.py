@@ -19,10 +19,10 @@ from ann_dc.network.cell import (
     Sum,
     Template,
 )
-from ann_dc.network.duals import DiodeDual, ObjectiveDual, PIDual
-from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.duals import InequalityDual, ObjectiveDual, PIDual
+from ann_dc.network.ends import FixedNeuron, Omitted
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Preconditioner
+from ann_dc.network.preconditioners.base import Preconditioner, PreconditionerKind
 from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.network.preconditioners.stiffness import Stiffness
@@ -38,11 +38,10 @@ MAX_STAGES = 1_000_000
 """Largest number of stages in a file."""
 
 KEYS = (
-    "format schema title stages neurons inputs blocks connections duals chains pins absent left "
-    "start levels preconditioner shifted ranged diodes objectives"
+    "format schema title about stages neurons inputs blocks connections duals inequality_duals "
+    "objectives chains fixed omitted left_boundary start preconditioner shifted ranged tensors "
+    "hashes"
 )
-SEAL = "about hashes tensors"
-"""Manifest keys required from schema 2 on."""
 BLOCKS = {kind.__name__.lower(): kind for kind in (Sum, Product, Function)}
 TEMPLATES = {template.name.lower(): template for template in Template}
 ROLES = {role.value: role for role in Role}
@@ -57,19 +56,20 @@ def network_of(manifest: str, entries: Entries) -> Network:
     if len(manifest) > MAX_MANIFEST:
         raise FileFormatError(f"manifest: larger than {MAX_MANIFEST} bytes")
     table = read_manifest(manifest)
-    is_sealed = table.given["schema"] > 1
-    table.only(f"{KEYS} {SEAL}" if is_sealed else KEYS)
+    table.only(KEYS)
     stages = table.whole("stages", 1, MAX_STAGES)
     cell = _cell(table, entries, stages)
-    left = table.get("left", dict)
+    left = table.get("left_boundary", dict)
     network = Network(
         cell=cell,
         stages=stages,
         inputs={name: entries.array(f"input/{name}", (stages,)) for name in cell.inputs},
         input_scales=_input_scales(entries, cell) if _is_shifted(table) else {},
-        pins=table.records("pins", Pin),
-        absent=table.records("absent", Absent),
-        left={target: Table("manifest.left", left).get(target, str) for target in left},
+        fixed=table.records("fixed", FixedNeuron),
+        omitted=table.records("omitted", Omitted),
+        left_boundary={
+            target: Table("manifest.left_boundary", left).get(target, str) for target in left
+        },
         start={name: entries.array(f"start/{name}", (stages,)) for name in table.names("start")},
         preconditioner=_preconditioner(table, entries, cell, stages),
         title=table.get("title", str),
@@ -79,8 +79,7 @@ def network_of(manifest: str, entries: Entries) -> Network:
         with np.errstate(over="ignore"):  # of rates, where a time constant is next to nothing
             network.preconditioner.check(network.row)
     entries.finish()
-    if is_sealed:
-        check_hashes(table, entries.taken)
+    check_hashes(table, entries.taken)
     return network
 
 
@@ -93,8 +92,8 @@ def _cell(table: Table, entries: Entries, stages: int) -> Cell:
         ),
         connections=_connections(table, entries, stages),
         duals=table.records("duals", PIDual),
-        diodes=table.records("diodes", DiodeDual) if table.has("diodes") else (),
-        objectives=table.records("objectives", ObjectiveDual) if table.has("objectives") else (),
+        inequality_duals=table.records("inequality_duals", InequalityDual),
+        objectives=table.records("objectives", ObjectiveDual),
         chains=tuple(_pair(chain) for chain in table.get("chains", list)),
     )
 
@@ -104,11 +103,11 @@ def _neurons(table: Table, entries: Entries, stages: int) -> tuple[Neuron, ...]:
     for row in rows:
         row.only("name role shared")
     names = [row.get("name", str) for row in rows]
-    rails = entries.array("rails", (len(rows), 2), rails=True)
-    factors = entries.array("unit", (len(rows),))
+    rails = entries.array("limits", (len(rows), 2), rails=True)
+    factors = entries.array("scale_factor", (len(rows),))
     offsets = np.zeros(len(rows))
     if _is_shifted(table):
-        offsets = entries.array("zero", (len(rows),))
+        offsets = entries.array("scale_offset", (len(rows),))
     return tuple(
         Neuron(
             name=name,
@@ -123,7 +122,7 @@ def _neurons(table: Table, entries: Entries, stages: int) -> tuple[Neuron, ...]:
 
 
 def _is_shifted(table: Table) -> bool:
-    """Return True if neurons have offsets and inputs have scales (not in first files)."""
+    """Return True if neurons have offsets and inputs have scales."""
     return table.has("shifted") and bool(table.whole("shifted", 1, 1))
 
 
@@ -174,19 +173,20 @@ def _pair(chain) -> tuple[str, str]:
 
 
 def _preconditioner(table: Table, entries: Entries, cell: Cell, stages: int) -> Preconditioner:
-    if table.has("preconditioner"):
-        return _stiffness(table, entries, cell, stages)
-    levels, chains = table.whole("levels", 0, 64), len(cell.chains)
-    shape = (None, chains, chains)
-    gains = tuple(entries.array(f"gain/{level}", shape) for level in range(levels))
-    return Multilevel(gains=gains) if gains else Diagonal()
-
-
-def _stiffness(table: Table, entries: Entries, cell: Cell, stages: int) -> Preconditioner:
-    table.whole("levels", 0, 0)
-    kind, name = table.choice("preconditioner", STIFFNESSES), table.get("preconditioner", str)
-    m = sum(neuron.role is Role.PRIMAL for neuron in cell.neurons)
-    return kind(
-        own=entries.array(f"{name}/own", (stages, m, m)),
-        following=entries.array(f"{name}/following", (stages - 1, m, m)),
-    )
+    given = Table("manifest.preconditioner", table.get("preconditioner", dict))
+    given.only("kind levels")
+    kind = given.choice("kind", {kind.value: kind for kind in PreconditionerKind})
+    levels, chains = given.whole("levels", 0, 64), len(cell.chains)
+    if kind in STIFFNESSES:
+        m = sum(neuron.role is Role.PRIMAL for neuron in cell.neurons)
+        found: Preconditioner = STIFFNESSES[kind](
+            own=entries.array("stiffness/own", (stages, m, m)),
+            following=entries.array("stiffness/following", (stages - 1, m, m)),
+        )
+    else:
+        shape = (None, chains, chains)
+        gains = tuple(entries.array(f"gain/{level}", shape) for level in range(levels))
+        found = Multilevel(gains=gains) if gains else Diagonal()
+    if found.kind is not kind:
+        raise FileFormatError(f"{given.place}.kind: {kind.value!r}, but it is a {found.kind.value}")
+    return found

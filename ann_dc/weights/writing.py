@@ -22,23 +22,24 @@ from ann_dc.scale import Scale
 from ann_dc.weights.manifest import FORMAT, SCHEMA, weight_names
 
 ABOUT = (
-    "N equal cells in a row (stages 0 to N - 1): dx/ds = M d(x). The drive d of a neuron, and the "
-    "value of a sum, is the sum of weight * value of the source over the connections that end "
-    "there; `tensors` lists the weights in the order of `connections`. The template says in which "
-    "cell the source is: the one before (previous), the same (self), the next one (next), or one so"
-    " many stages away (a whole number). `one` is the constant 1, beyond the ends of the row too; "
-    "every other source is 0 there, except that in front of stage 0 a node of `left` has the value "
-    "of that input at stage 0. A product multiplies a and b, a function is that of x (log to base "
-    "e; rectify is max(0, x)); blocks are listed in the order of evaluation, each in all cells "
-    "before the next one. Value of an input = (given - offset) / factor with `input_scale` (without"
-    " it: as given). A pinned neuron has the value of its input at that stage, an absent one is 0; "
-    "a shared one is a single neuron, in the last cell: all cells read it, and its drive is the sum"
-    " of those of all cells. Rails: {rails}; after a step of finite length x is clipped to its "
-    "rails. M acts on live neurons: "
-    "d of pinned, absent and other cells' shared ones is 0, and they do not move. States are in "
-    "network units: user's value = zero + unit * state (zero 0 without the array). Connections "
-    "compute multipliers too, and `duals`, `diodes` and `objectives` name them only: m = mu + rho c"
-    " of a PI dual with residual c, m = max(0, z + w g) of a diode neuron z of a row g <= 0. "
+    "N equal cells in a row (stages 0 to N - 1): dx/ds = M d(x). The drive d of a neuron, and the"
+    " value of a sum, is the sum of weight * value of the source over the connections that end "
+    "there; `tensors` lists the weights in the order of `connections`. The template says in which"
+    " cell the source is: the one before (previous), the same (self), the next one (next), or one"
+    " so many stages away (a whole number). `one` is the constant 1, beyond the ends of the row "
+    "too; every other source is 0 there, except that in front of stage 0 a node of "
+    "`left_boundary` has the value of that input at stage 0. A product multiplies a and b, a "
+    "function is that of x (log to base e; rectify is max(0, x)); blocks are listed in the order "
+    "of evaluation, each in all cells before the next one. Value of an input = (given - offset) /"
+    " factor with `input_scale` (without it: as given). A `fixed` neuron has the value of its "
+    "input at that stage, an `omitted` one is 0; a shared one is a single neuron, in the last "
+    "cell: all cells read it, and its drive is the sum of those of all cells. Limits: {rails}; "
+    "after a step of finite length x is clipped to its limits. M acts on live neurons: d of "
+    "fixed, omitted and other cells' shared ones is 0, and they do not move. States are in "
+    "network units: user's value = scale_offset + scale_factor * state (offset 0 without the "
+    "array). Connections compute multipliers too, and `duals`, `inequality_duals` and "
+    "`objectives` name them only: m = mu + rho c of a PI multiplier neuron with residual c, m = "
+    "max(0, z + w g) of a rectifying multiplier neuron z of a constraint g <= 0. "
 )
 """Network equation as manifest text, with a placeholder for saturation; `PRECONDITIONERS` appends
 M.
@@ -65,16 +66,17 @@ _PYRAMID = (
 )
 _STIFFNESS = (
     "M = diag(1 / tau), but M = T^(1/2) S^-1 T^(1/2) between the primal neurons (role primal, in "
-    "the order of `neurons`) of all stages, with T = diag(1 / tau). S is symmetric: `{0}/own`[k] "
-    "is its block within stage k, `{0}/following`[k] that of stage k (rows) and stage k + 1 "
-    "(columns), all others are 0; rows and columns of neurons that are not live are left out."
+    "the order of `neurons`) of all stages, with T = diag(1 / tau). S is symmetric: "
+    "`stiffness/own`[k] is its block within stage k, `stiffness/following`[k] that of stage k "
+    "(rows) and stage k + 1 (columns), all others are 0; rows and columns of neurons that are not"
+    " live are left out."
 )
 PRECONDITIONERS: dict[PreconditionerKind, str] = {
     PreconditionerKind.DIAGONAL: "M = diag(1 / tau).",
     PreconditionerKind.MULTILEVEL: _PYRAMID,
     PreconditionerKind.COUPLED_MULTILEVEL: _PYRAMID,
-    PreconditionerKind.RESISTIVE_GRID: _STIFFNESS.format("grid"),
-    PreconditionerKind.CYCLIC_REDUCTION: _STIFFNESS.format("tree"),
+    PreconditionerKind.RESISTIVE_GRID: _STIFFNESS,
+    PreconditionerKind.CYCLIC_REDUCTION: _STIFFNESS,
 }
 """Manifest text on M for every preconditioner kind."""
 
@@ -83,13 +85,13 @@ WORDS: dict[str, tuple[str, str, str]] = {
     "weight": ("weight of connection {}", "network units of target over source", "stage"),
     "input": ("value of input {}", "the user's", "stage"),
     "start": ("initial state of neuron {}", "network units", "stage"),
-    "rails": ("lower and upper rail of every neuron", "network units", "neuron end"),
-    "unit": ("what a state of 1 of every neuron stands for", "the user's", "neuron"),
-    "zero": ("what a state of 0 of every neuron stands for", "the user's", "neuron"),
+    "limits": ("lower and upper saturation limit of every neuron", "network units", "neuron end"),
+    "scale_factor": ("user's value of a state of 1, of every neuron", "the user's", "neuron"),
+    "scale_offset": ("user's value of a state of 0, of every neuron", "the user's", "neuron"),
     "input_scale": ("factor and offset of every input", "the user's", "input part"),
     "range": ("from which to which value it was designed for", "the user's", "input end"),
     "gain": (
-        "gains of the coordinators of level {}, 0 is the finest",
+        "gains of the coarse-level neurons of level {}, 0 is the finest",
         "1 / network time",
         "point chain chain",
     ),
@@ -103,8 +105,11 @@ WORDS: dict[str, tuple[str, str, str]] = {
 """Description, unit and axes of an array, by the first part of its name (stiffness: second part).
 """
 
-STIFFNESSES: dict[str, type[Stiffness]] = {"grid": ResistiveGrid, "tree": CyclicReduction}
-"""Class of each stiffness, by its name in the manifest."""
+STIFFNESSES: dict[PreconditionerKind, type[Stiffness]] = {
+    PreconditionerKind.RESISTIVE_GRID: ResistiveGrid,
+    PreconditionerKind.CYCLIC_REDUCTION: CyclicReduction,
+}
+"""Class of each stiffness, by its kind."""
 
 
 def about(network: Network) -> str:
@@ -132,33 +137,31 @@ def manifest_of(network: Network) -> dict:
             for c in cell.connections
         ],
         "duals": [asdict(dual) for dual in cell.duals],
+        "inequality_duals": [asdict(dual) for dual in cell.inequality_duals],
+        "objectives": [asdict(objective) for objective in cell.objectives],
         "chains": [list(chain) for chain in cell.chains],
-        "pins": [asdict(pin) for pin in network.pins],
-        "absent": [asdict(absent) for absent in network.absent],
-        "left": dict(sorted(network.left.items())),
+        "fixed": [asdict(fixed) for fixed in network.fixed],
+        "omitted": [asdict(omitted) for omitted in network.omitted],
+        "left_boundary": dict(sorted(network.left_boundary.items())),
         "start": sorted(network.start),
-        "levels": len(preconditioner.gains) if isinstance(preconditioner, Multilevel) else 0,
+        "preconditioner": {
+            "kind": preconditioner.kind.value,
+            "levels": len(preconditioner.gains) if isinstance(preconditioner, Multilevel) else 0,
+        },
     }
     if is_shifted(network):
         table["shifted"] = 1
     if network.ranges:
         table["ranged"] = 1
-    if cell.diodes:
-        table["diodes"] = [asdict(diode) for diode in cell.diodes]
-    if cell.objectives:
-        table["objectives"] = [asdict(objective) for objective in cell.objectives]
-    # a pyramid and time constants are told by the levels, as the first files had it
-    return table | (
-        {"preconditioner": _name(preconditioner)} if isinstance(preconditioner, Stiffness) else {}
-    )
+    return table
 
 
 def arrays_of(network: Network) -> dict[str, object]:
     """Return all numbers of a network as arrays, by entry name."""
     cell = network.cell
     arrays: dict[str, object] = {
-        "rails": [(n.limiter.low, n.limiter.high) for n in cell.neurons],
-        "unit": [n.scale.factor for n in cell.neurons],
+        "limits": [(n.limiter.low, n.limiter.high) for n in cell.neurons],
+        "scale_factor": [n.scale.factor for n in cell.neurons],
     }
     arrays |= {f"tau/{n.name}": _one_or_each(n.tau, network) for n in cell.neurons}
     for name, connection in zip(weight_names(cell.connections), cell.connections):
@@ -166,7 +169,7 @@ def arrays_of(network: Network) -> dict[str, object]:
     arrays |= {f"input/{name}": network.inputs[name] for name in cell.inputs}
     arrays |= {f"start/{name}": network.start[name] for name in sorted(network.start)}
     if is_shifted(network):
-        arrays["zero"] = [n.scale.offset for n in cell.neurons]
+        arrays["scale_offset"] = [n.scale.offset for n in cell.neurons]
         arrays["input_scale"] = [network.input_scale(name) for name in cell.inputs]
     if network.ranges:
         open_ends = (-np.inf, np.inf)
@@ -178,14 +181,14 @@ def words_of(network: Network, arrays: Mapping[str, object]) -> dict[str, dict]:
     """Return the description, unit and axis meanings of every array, by entry name."""
     cell = network.cell
     penalties = {f"weight/{d.path}": f"rho of {d.neuron}" for d in (*cell.duals, *cell.objectives)}
-    penalties |= {f"weight/{d.path}": f"w of {d.neuron}" for d in cell.diodes}
+    penalties |= {f"weight/{d.path}": f"w of {d.neuron}" for d in cell.inequality_duals}
     table = {}
     for name, values in arrays.items():
         first, _, rest = name.partition("/")
-        what, unit, axes = WORDS[rest if first in STIFFNESSES else first]
+        description, unit, axes = WORDS[rest if first == "stiffness" else first]
         rho = f", {penalties[name]}" if name in penalties else ""
         counted = axes.split() if np.ndim(values) else []  # type: ignore[arg-type]
-        table[name] = {"what": what.format(rest) + rho, "unit": unit, "axes": counted}
+        table[name] = {"description": description.format(rest) + rho, "unit": unit, "axes": counted}
     return table
 
 
@@ -209,14 +212,9 @@ def _preconditioner_arrays(preconditioner: Preconditioner) -> dict[str, object]:
     if isinstance(preconditioner, Multilevel):
         return {f"gain/{level}": gain for level, gain in enumerate(preconditioner.gains)}
     if isinstance(preconditioner, Stiffness):
-        name = _name(preconditioner)
-        return {f"{name}/own": preconditioner.own, f"{name}/following": preconditioner.following}
+        own, following = preconditioner.own, preconditioner.following
+        return {"stiffness/own": own, "stiffness/following": following}
     return {}
-
-
-def _name(preconditioner: Preconditioner) -> str:
-    """Return the name of a stiffness in the manifest and in its array names."""
-    return next(name for name, kind in STIFFNESSES.items() if isinstance(preconditioner, kind))
 
 
 def _one_or_each(value, network: Network) -> np.ndarray:

@@ -13,13 +13,13 @@ from scipy.optimize import brentq
 from ann_dc.analysis.saddle import penalty_threshold
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, manual_gains
 from ann_dc.network.cell import Role
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import certify
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.initial_guess import Start
+from ann_dc.problem.initial_guess import InitialGuess
 from ann_dc.problem.scales import Scales
 from ann_dc.solver import synthesize
 from ann_dc.synthesis.row import start_values
@@ -27,7 +27,7 @@ from ann_dc.synthesis.row import start_values
 
 def kkt_matrices(network: Network, x: np.ndarray):
     """(H, A) dense, from the drives of the network with rho = 0 and no coordinators."""
-    plain = apply_gains(network, hand_gains(network))
+    plain = apply_gains(network, manual_gains(network))
     jacobian = evaluator(plain).jacobian(x)
     dual = np.array([plain.cell.neurons[p].role is Role.DUAL for p, _ in plain.places])
     return -jacobian[np.ix_(~dual, ~dual)], jacobian[np.ix_(dual, ~dual)]
@@ -92,7 +92,7 @@ def test_above_the_threshold_every_choice_of_rates_is_stable():
     for _ in range(5):
         rho = 1.1 * found.rho_star
         tau = {n.name: float(10 ** rng.uniform(-1, 1)) for n in found.network.cell.neurons}
-        network = apply_gains(found.network, hand_gains(found.network, rho=rho, tau=tau))
+        network = apply_gains(found.network, manual_gains(found.network, rho=rho, tau=tau))
         assert spectrum(network, found.state).abscissa < 0
 
 
@@ -103,8 +103,8 @@ def test_the_plain_flow_leaves_the_optimum():
     np.testing.assert_allclose(found.objective, 398.6315, rtol=1e-6)
     mu, beta = costates(problem, found.q, found.u)
     network = synthesize(problem, scales=Scales.none(problem))
-    network = apply_gains(network, hand_gains(network, rho=0.0, tau=1.0))
-    x = start_values(network, Start(q=found.q, u=found.u, mu=mu, beta=beta))
+    network = apply_gains(network, manual_gains(network, rho=0.0, tau=1.0))
+    x = start_values(network, InitialGuess(q=found.q, u=found.u, mu=mu, beta=beta))
     assert np.abs(evaluator(network).rhs(x)).max() < 1e-5 * np.abs(x).max()
     np.testing.assert_allclose(spectrum(network, x).abscissa, 80, rtol=0.05)
     certified = certify(problem, found.q[:, :-1], found.u, found.q[:, 1:], mu, beta)

@@ -17,7 +17,7 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
+from ann_dc.gain_design.gain_rule import DIAGONAL_RULE
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import emulated_state
@@ -25,7 +25,7 @@ from ann_dc.hardware.parts.datasheet import Datasheet, Kind
 from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.network import preconditioners
 from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Sum, Template
-from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.ends import FixedNeuron, Omitted
 from ann_dc.network.network import Network
 from ann_dc.problem.soft import Soft
 from ann_dc.solver import synthesize
@@ -51,7 +51,7 @@ def test_a_chain_of_leaky_neurons_in_closed_form():
         ),
         stages=4,
         inputs={"d": d},
-        left={"x": "d"},
+        left_boundary={"x": "d"},
     )
     x = equilibrium(chain, np.zeros(4))
     np.testing.assert_allclose(x, d / a ** np.arange(1, 5), rtol=1e-12)
@@ -159,9 +159,9 @@ def woven(function: str) -> Network:
         cell=cell,
         stages=3,
         inputs={"d": np.array([0.5, -0.2, 0.4])},
-        pins=(Pin(neuron="x", stage=0, input="d"),),
-        absent=(Absent(neuron="y", stage=2),),
-        left={"x": "d", "y": "d"},
+        fixed=(FixedNeuron(neuron="x", stage=0, input="d"),),
+        omitted=(Omitted(neuron="y", stage=2),),
+        left_boundary={"x": "d", "y": "d"},
     )
 
 
@@ -185,7 +185,7 @@ def test_functions_products_and_neighbours(function):
 @cache
 def optimum(name: str):
     """(network, its settled point) of a problem of the suite over four stages."""
-    found = design(small(name), recipe=WITHOUT_COORDINATORS)
+    found = design(small(name), gain_rule=DIAGONAL_RULE)
     return found.network, equilibrium(found.network, found.state)
 
 
@@ -206,9 +206,9 @@ def test_weights_of_nonlinear_optimisers(name):
 def test_weights_of_soft_rows():
     """Idle, pressed, and at the price, which decides where those rows are."""
     problem = integrator(N=8, dt=0.25, bounds={v: (None, 0.5)}, soft=Soft(price=2, compliance=0.1))
-    found = design(synthesize(problem), recipe=WITHOUT_COORDINATORS)
+    found = design(synthesize(problem), gain_rule=DIAGONAL_RULE)
     network, x = found.network, equilibrium(found.network, found.state)
-    (diode,) = network.cell.diodes
+    (diode,) = network.cell.inequality_duals
     node = lambda name: evaluator(network).node(x, name)  # noqa: E731
     at_price, pressed = node(diode.excess) > 0, node(diode.sum) > 0
     assert at_price.any()
@@ -266,7 +266,7 @@ def test_a_chain_answers_the_input_at_its_left_end():
         ),
         stages=4,
         inputs={"d": 2.0},
-        left={"x": "d"},
+        left_boundary={"x": "d"},
     )
     found = input_sensitivity(chain, equilibrium(chain, np.zeros(4)), np.arange(4))["d"]
     assert found[:, 0] == pytest.approx(1 / a ** np.arange(1, 5))

@@ -14,8 +14,8 @@ from problems import SUITE
 from ann_dc.analysis.slowness import LIMIT, Cause, Mode, slowness_of
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design.gain_rule import WITH_COORDINATORS
-from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gain_rule import MULTILEVEL_RULE
+from ann_dc.gain_design.gains import apply_gains, manual_gains
 from ann_dc.gain_design.procedure import Design, design
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
@@ -27,7 +27,7 @@ MEASURED = ("car", "van_der_pol", "pendulum", "double_integrator", "planar_quadr
 @cache
 def designed(name: str) -> Design:
     """With a pyramid and equal weights of the rows."""
-    return design(synthesize(SUITE[name].problem), recipe=WITH_COORDINATORS)
+    return design(synthesize(SUITE[name].problem), gain_rule=MULTILEVEL_RULE)
 
 
 def slowness(name):
@@ -250,6 +250,6 @@ def test_a_network_without_duals_is_refused():
 
 def test_a_row_without_a_penalty_is_refused():
     network = small("double_integrator")
-    plain = apply_gains(network, hand_gains(network, rho={"beta": 1.0}))
-    with pytest.raises(NetworkError, match=r"mu\.x has no penalty.*hand_gains"):
+    plain = apply_gains(network, manual_gains(network, rho={"beta": 1.0}))
+    with pytest.raises(NetworkError, match=r"mu\.x has no penalty.*manual_gains"):
         slowness_of(plain, plain.start_state)

@@ -11,13 +11,13 @@ from problems import SUITE
 from random_preconditioners import with_stiffness
 from wired import neighbour_wired
 
-from ann_dc import PreconditionerKind, Recipe, design, synthesize
+from ann_dc import GainRule, PreconditionerKind, design, synthesize
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.saddle import penalty_threshold
 from ann_dc.analysis.spectra import slowest_modes, spectrum
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gain_rule import WITH_COORDINATORS, WITHOUT_COORDINATORS, closed_form
+from ann_dc.gain_design.gain_rule import DIAGONAL_RULE, MULTILEVEL_RULE, closed_form
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import pole_spectrum
@@ -94,9 +94,9 @@ def test_a_resting_neuron_is_held_while_a_grid_couples_the_others(kind, monkeypa
 @pytest.mark.parametrize("coordinators", [True, False])
 def test_iterations_find_the_ends_of_the_dense_spectrum(name, coordinators, monkeypatch):
     found = designed(name)
-    recipe = WITH_COORDINATORS if coordinators else WITHOUT_COORDINATORS
+    gain_rule = MULTILEVEL_RULE if coordinators else DIAGONAL_RULE
     linear = Linearisation(found.network).at(found.state)
-    network = apply_gains(found.network, closed_form(linear, recipe, found.first.boost))
+    network = apply_gains(found.network, closed_form(linear, gain_rule, found.first.boost))
     dense, threshold = spectrum(network, found.state), penalty_threshold(network, found.state)
     monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
     ends = spectrum(network, found.state)
@@ -113,11 +113,11 @@ def test_slow_modes_that_swing_are_not_missed(problem, stages, boost, monkeypatc
     """Rightmost modes that iterations do not find all, further from zero than others."""
     declared = {**CONSTRAINED, **SUITE}[problem].problem.with_horizon(stages)
     plain = synthesize(declared)
-    linear, recipe = (
+    linear, gain_rule = (
         Linearisation(plain).at(plain.start_state),
-        Recipe(kind=PreconditionerKind.DIAGONAL),
+        GainRule(kind=PreconditionerKind.DIAGONAL),
     )
-    network = apply_gains(plain, closed_form(linear, recipe, boost))
+    network = apply_gains(plain, closed_form(linear, gain_rule, boost))
     expected = spectrum(network, plain.start_state).abscissa
     monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
     found = spectrum(network, plain.start_state).abscissa

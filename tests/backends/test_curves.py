@@ -13,7 +13,7 @@ from ann_dc.backends.curves import Curves, write_curves
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import OutputError, PandasMissing
 from ann_dc.network.cell import Cell, Neuron
-from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.ends import FixedNeuron, Omitted
 from ann_dc.network.network import Network
 from ann_dc.scale import Scale
 
@@ -22,8 +22,8 @@ NETWORK = Network(
     cell=Cell(neurons=(Q, U), inputs=("q_0.x",), connections=()),
     stages=3,
     inputs={"q_0.x": 5.0},
-    pins=(Pin(neuron="q.x", stage=0, input="q_0.x"),),
-    absent=(Absent(neuron="u.a", stage=2),),
+    fixed=(FixedNeuron(neuron="q.x", stage=0, input="q_0.x"),),
+    omitted=(Omitted(neuron="u.a", stage=2),),
 )
 COLUMNS = ["q.x[1]", "q.x[2]", "u.a[0]", "u.a[1]"]
 TRAJECTORY = Trajectory(

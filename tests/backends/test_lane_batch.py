@@ -15,7 +15,7 @@ from ann_dc.backends.recurrent.rules.orders import ORDERS
 from ann_dc.backends.status import Outcome
 from ann_dc.errors import NetworkError
 from ann_dc.network.cell import Cell, Connection, Function, Neuron
-from ann_dc.network.ends import Pin
+from ann_dc.network.ends import FixedNeuron
 from ann_dc.network.network import Network
 from ann_dc.progress import Stopped
 
@@ -114,7 +114,7 @@ def test_a_side_is_that_of_the_samples_own_pins():
     )
     network = Network(
         cell=cell, stages=2, inputs={"first": 1.0}, start={"x": 1.0},
-        pins=(Pin(neuron="x", stage=0, input="first"),),
+        fixed=(FixedNeuron(neuron="x", stage=0, input="first"),),
     )  # fmt: skip
     starts = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
     for backend in (ann_dc.OdeBackend(), ann_dc.RecurrentBackend()):

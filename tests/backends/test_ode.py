@@ -22,11 +22,11 @@ from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import PRINTED, SWITCHES
 from ann_dc.errors import UnknownNameError
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
-from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, manual_gains
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Product
 from ann_dc.network.network import COORDINATION, Network
 from ann_dc.problem import plants
-from ann_dc.problem.initial_guess import Start, line_start
+from ann_dc.problem.initial_guess import InitialGuess, interpolated_guess
 from ann_dc.solver import synthesize
 from ann_dc.synthesis.row import start_values
 
@@ -58,7 +58,9 @@ def test_settled_where_ipopt_is(reference):
     problem = plants.car()
     found = ipopt(problem)
     mu, beta = costates(problem, found.q, found.u)
-    expected = start_values(designed("car").network, Start(q=found.q, u=found.u, mu=mu, beta=beta))
+    expected = start_values(
+        designed("car").network, InitialGuess(q=found.q, u=found.u, mu=mu, beta=beta)
+    )
     scale = np.abs(expected).max()
     np.testing.assert_allclose(reference.trajectory.final, expected, atol=1e-6 * scale)
 
@@ -79,7 +81,7 @@ def test_trajectory_speaks_the_users_units(reference):
     trajectory = reference.trajectory
     nu = trajectory["u.nu"]
     assert nu.shape == (len(trajectory.time), 9)
-    line = line_start(plants.car())
+    line = interpolated_guess(plants.car())
     np.testing.assert_allclose(nu[0], line.u[0], rtol=1e-12)
     assert (trajectory["t.x"][:, -1] == 5.0).all()  # pinned to q_d
     assert (trajectory["beta.x"][:, 0] == 0.0).all()  # absent
@@ -122,8 +124,8 @@ def test_controls_may_be_asked_for_too(reference):
 def test_a_gain_is_a_rate_of_targets_and_couplings():
     """Without coordinators a constant gain of 2 is half the time constant of t and beta."""
     network = designed("double_integrator").network
-    network = apply_gains(network, hand_gains(network, rho=1.0))
-    fast = apply_gains(network, hand_gains(network, rho=1.0, tau={"t": 0.5, "beta": 0.5}))
+    network = apply_gains(network, manual_gains(network, rho=1.0))
+    fast = apply_gains(network, manual_gains(network, rho=1.0, tau={"t": 0.5, "beta": 0.5}))
     slow, own = network.of_population(*COORDINATION), InterpretedEvaluator(network).rhs
     by_gain = QUICK.follow(network, lambda x: np.where(slow, 2.0, 1.0) * own(x))
     by_tau = replace(QUICK, method=ode.DOP853).run(fast)
@@ -222,7 +224,7 @@ def test_the_printed_form_diverges():
 
 def test_left_the_domain_of_tan():
     """Steering just inside a right angle, and a multiplier that pushes it outward."""
-    network = apply_gains(designed("car").network, hand_gains(designed("car").network))
+    network = apply_gains(designed("car").network, manual_gains(designed("car").network))
     values = network.unpack(network.start_state)
     values[network.neuron_index["q.varphi"], 4] = np.pi / 2 - 1e-3
     values[network.neuron_index["u.nu"], 4] = 0.0

@@ -8,7 +8,7 @@ import pytest
 from ann_dc.backends.trajectory import Trajectory, control_error, control_values
 from ann_dc.errors import UnknownNameError
 from ann_dc.network.cell import Cell, Neuron
-from ann_dc.network.ends import Absent
+from ann_dc.network.ends import Omitted
 from ann_dc.network.network import Network
 from ann_dc.scale import Scale
 
@@ -60,8 +60,8 @@ def test_all_neurons_of_no_optimiser_count_as_controls():
 
 
 def test_a_control_that_is_absent_is_none():
-    absent = Absent(neuron="u.a", stage=1)
-    network = Network(cell=BOTH.cell, stages=2, absent=(absent,))
+    absent = Omitted(neuron="u.a", stage=1)
+    network = Network(cell=BOTH.cell, stages=2, omitted=(absent,))
     assert control_values(network, np.ones(network.size)).shape == (1,)
     assert control_values(network, np.ones((5, network.size))).shape == (5, 1)
 

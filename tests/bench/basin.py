@@ -38,7 +38,9 @@ def lost(name: str, kind: PreconditionerKind) -> tuple[int, float]:
     designed = ann_dc.design(problem, kinds=[kind])
     settling = []
     for seed in range(STARTS):
-        start = ann_dc.synthesize(problem, start=ann_dc.random_start(problem, seed)).start_state
+        start = ann_dc.synthesize(
+            problem, initial_guess=ann_dc.random_guess(problem, seed)
+        ).start_state
         run = ann_dc.OdeBackend(verify=False).run(designed.network.with_start(start))
         certificate = certificate_of(problem, designed.network, run.trajectory.final)
         if run.status.settled and certificate.certified:

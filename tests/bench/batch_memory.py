@@ -33,12 +33,12 @@ def settle(samples: int, horizon: int, accelerated: bool) -> None:
 
     import ann_dc
     from ann_dc.analysis.linearisation import Linearisation
-    from ann_dc.gain_design.gain_rule import WITH_COORDINATORS, closed_form
+    from ann_dc.gain_design.gain_rule import MULTILEVEL_RULE, closed_form
     from ann_dc.gain_design.gains import apply_gains
 
     plain = ann_dc.synthesize(ann_dc.plants.car(N=horizon, dt=0.9 / horizon))
     linear = Linearisation(plain).at(plain.start_state)
-    network = apply_gains(plain, closed_form(linear, WITH_COORDINATORS))
+    network = apply_gains(plain, closed_form(linear, MULTILEVEL_RULE))
     acceleration = ann_dc.Anderson() if accelerated else None
     layer = ann_dc.RecurrentLayer(network, acceleration=acceleration, dtype=torch.float32)
     targets = np.random.default_rng(0).uniform(4, 6, (2, samples))

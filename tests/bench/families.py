@@ -68,7 +68,7 @@ def of_plant(name: str, held_out: int) -> Iterator[Figure]:
         name=f"{name}: held-out inputs certified",
         value=f"{found.share:.1%}",
         remark=f"{found.certified.sum()} of {len(found)}, {low:.1%} to {high:.1%}; "
-        f"{designed.winner.recipe.kind.value}, {took:.0f} s",
+        f"{designed.winner.gain_rule.kind.value}, {took:.0f} s",
         good=found.share >= SHARE,
     )
     slowest = found.settling_quantile(0.99)

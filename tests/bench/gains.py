@@ -64,7 +64,7 @@ def of_problem(name: str) -> list[tuple[str, float, Figure]]:
             name=f"{name}, {wiring}",
             value=f"{taus:.0f} taus",
             remark=f"ratio {designed.spectrum.ratio:.2f}, {designed.best.kind.value}, rows of "
-            f"{designed.best.recipe.sweeps} sweeps, objective {certificate.objective:.4f}",
+            f"{designed.best.gain_rule.sweeps} sweeps, objective {certificate.objective:.4f}",
             good=certified,
         )
         found.append((wiring, designed.spectrum.ratio, figure))

@@ -63,7 +63,7 @@ def _sources(network: ann_dc.Network) -> np.ndarray:
     index = np.full(len(tape.drives) * stages, -1)
     index[network.places[:, 0] * stages + network.places[:, 1]] = np.arange(count)
     names = list(network.cell.inputs)
-    for pin in network.pins:
+    for pin in network.fixed:
         place = network.neuron_index[pin.neuron] * stages + pin.stage
         index[place] = count + names.index(pin.input) * stages + pin.stage
     return index

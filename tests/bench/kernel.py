@@ -15,7 +15,7 @@ import ann_dc
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.evaluation import loops
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
-from ann_dc.gain_design.gain_rule import WITH_COORDINATORS, closed_form
+from ann_dc.gain_design.gain_rule import MULTILEVEL_RULE, closed_form
 from ann_dc.gain_design.gains import apply_gains
 
 REPEATS = 7
@@ -48,7 +48,7 @@ def figures() -> Iterator[Figure]:
     for stages in (9, 90, 900):
         plain = ann_dc.synthesize(ann_dc.plants.car(N=stages))
         linear = Linearisation(plain).at(plain.start_state)
-        coarse = apply_gains(plain, closed_form(linear, WITH_COORDINATORS))
+        coarse = apply_gains(plain, closed_form(linear, MULTILEVEL_RULE))
         bare, full = microseconds(plain), microseconds(coarse)
         yield Figure(
             name=f"right-hand side of the car, N = {stages} ({plain.size} neurons)",

@@ -46,7 +46,7 @@ def figures() -> Iterator[Figure]:
         )
         began = time.process_time()
         for start in seeded_starts(problem, SINGLE):
-            ann_dc.solve(problem, start=start)
+            ann_dc.solve(problem, initial_guess=start)
         single = (time.process_time() - began) / SINGLE
         share = batch / (STARTS * single)
         yield Figure(

@@ -21,11 +21,11 @@ from bench.figure import Figure, show
 from bench.nlp_planner import NlpPlanner
 
 from ann_dc import plotting
-from ann_dc.navigation.closed_loop import Journey, drive
+from ann_dc.navigation.closed_loop import ClosedLoopRun, drive
 from ann_dc.navigation.planner import Planner
 from ann_dc.navigation.planner_design import design_planner, planner_for
-from ann_dc.navigation.safety_filter import Shield
-from ann_dc.navigation.scenario import random_world
+from ann_dc.navigation.safety_filter import SafetyFilter
+from ann_dc.navigation.scenario import random_scenario
 from ann_dc.navigation.waypoint_planner import design_waypoint_planner
 from ann_dc.plotting.worlds.journey import journey as picture
 from ann_dc.problem.robot import Robot, car_robot
@@ -107,11 +107,13 @@ def _driven(
     kind: Callable[[Robot], Kind], first: int, count: int, out: Path | None
 ) -> list[Driven]:
     robot = car_robot(reverse=0.8)
-    worlds = [random_world(first + i, robot=robot) for i in range(count)]
+    worlds = [random_scenario(first + i, robot=robot) for i in range(count)]
     found = []
     for name, planner, most in kind(robot):
         began = time.perf_counter()
-        journeys = drive(worlds[:most], planner, shield=None if kind is waypoints else Shield())
+        journeys = drive(
+            worlds[:most], planner, safety_filter=None if kind is waypoints else SafetyFilter()
+        )
         seconds = time.perf_counter() - began
         if out is not None:
             _draw(name, journeys, out)
@@ -120,7 +122,7 @@ def _driven(
     return found
 
 
-def _summary(name: str, journeys: Sequence[Journey], seconds: float) -> Driven:
+def _summary(name: str, journeys: Sequence[ClosedLoopRun], seconds: float) -> Driven:
     there = [j for j in journeys if j.arrived and not j.collided]
     pressed = np.concatenate([j.pressed[1:] for j in journeys])
     residuals = np.concatenate([j.residuals[1:] for j in journeys])
@@ -152,7 +154,7 @@ def _figure(driven: Driven, free: frozenset[str]) -> Figure:
     )
 
 
-def _draw(name: str, journeys: Sequence[Journey], out: Path) -> None:
+def _draw(name: str, journeys: Sequence[ClosedLoopRun], out: Path) -> None:
     failed = [j for j in journeys if j.collided or not j.arrived]
     for number, journey in enumerate(sorted(failed, key=lambda j: not j.collided)[:3]):
         plotting.save(picture(journey), out / f"{name.replace(' ', '_')}_{number}.png")

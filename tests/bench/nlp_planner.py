@@ -11,7 +11,7 @@ import sympy as sp
 
 from ann_dc.navigation.half_planes import Margin
 from ann_dc.navigation.planner import Plan, Situation
-from ann_dc.navigation.scenario import World
+from ann_dc.navigation.scenario import Scenario
 from ann_dc.problem.robot import Robot
 
 AWAY = np.array([100.0, 100.0, 0.5])
@@ -139,7 +139,7 @@ class _NlpDriver:
         U[:, 0] = share * np.linalg.norm(way) / (N * planner.dt)
         return Q, U
 
-    def _discs(self, world: World, situation: Situation) -> np.ndarray:
+    def _discs(self, world: Scenario, situation: Situation) -> np.ndarray:
         planner, N = self.planner, self.planner.horizon
         time = situation.time + planner.dt * np.arange(N)
         room = planner.margin.at(N) + planner.robot.radius

@@ -29,7 +29,7 @@ from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.codegen.plan import Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gain_rule import Recipe, closed_form
+from ann_dc.gain_design.gain_rule import GainRule, closed_form
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.network.preconditioners.base import PreconditionerKind
 
@@ -72,7 +72,7 @@ def wired(network: ann_dc.Network, kind: PreconditionerKind) -> ann_dc.Network:
     if kind in STIFFNESSES:
         return with_stiffness(network, kind)
     linear = Linearisation(network).at(network.start_state)
-    return apply_gains(network, closed_form(linear, Recipe(kind=kind)))
+    return apply_gains(network, closed_form(linear, GainRule(kind=kind)))
 
 
 def compiled_times(network: ann_dc.Network) -> tuple[float, float]:

@@ -22,8 +22,8 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.circuit_instance import Specimen
-from ann_dc.fidelity.circuit_study import settled_error, specimens
+from ann_dc.fidelity.circuit_instance import CircuitInstance
+from ann_dc.fidelity.circuit_study import instances, settled_error
 from ann_dc.fidelity.prediction import Prediction, predict
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts import presets
@@ -104,9 +104,9 @@ def board_of(preset: str, network: Network) -> SpiceBackend:
     return SpiceBackend(level=level, simulator=Ngspice(timeout=PATIENCE))
 
 
-def compared(backend: SpiceBackend, specimen: Specimen) -> tuple[Prediction, CircuitRun]:
+def compared(backend: SpiceBackend, instance: CircuitInstance) -> tuple[Prediction, CircuitRun]:
     """What a circuit is said to do, and what it does, with steps as fine as settling asks for."""
-    circuit, probe, off = specimen.circuit, specimen.probe, specimen.deviations
+    circuit, probe, off = instance.circuit, instance.probe, instance.deviations
     said = predict(circuit, backend.level, probe, off)
     run = simulate(backend, circuit, probe, off)
     return said, refined(run, backend.simulator, backend.level.datasheet)
@@ -141,8 +141,8 @@ def made(plant: str, preset: str, network: Network) -> Figure:
     backend = board_of(preset, network)
     try:
         circuit, probe = backend.prepare(network)
-        specimen = Specimen(circuit=circuit, level=backend.level, probe=probe)
-        said, run = compared(backend, specimen)
+        instance = CircuitInstance(circuit=circuit, level=backend.level, probe=probe)
+        said, run = compared(backend, instance)
     except NetworkError as refusal:
         text = str(refusal)
         return Figure(name=name, value="refused", remark=text, good=names_a_cure(text))
@@ -163,9 +163,9 @@ def drawn(plant: str, preset: str, count: int = DRAWN) -> Figure:
     network = network_of(plant)
     backend = board_of(preset, network)
     circuit, probe = backend.prepare(network)
-    nominal = Specimen(circuit=circuit, level=backend.level, probe=probe)
-    known = list(specimens(nominal, range(count)))
-    errors = np.array([settled_error(specimen) for specimen in known])
+    nominal = CircuitInstance(circuit=circuit, level=backend.level, probe=probe)
+    known = list(instances(nominal, range(count)))
+    errors = np.array([settled_error(instance) for instance in known])
     settling = int(np.isfinite(errors).sum())
     spots = [compared(backend, known[seed]) for seed in spread(errors)]
     off = np.abs([differences(said, run) for said, run in spots if run.settled()])

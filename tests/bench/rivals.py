@@ -21,7 +21,7 @@ from reference import casadi_functions
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT
-from ann_dc.problem.initial_guess import line_start
+from ann_dc.problem.initial_guess import interpolated_guess
 
 FUNCTIONS = {0: ca.sin, 1: ca.cos, 2: ca.tan}
 TOLERANCES = tuple((rtol, atol) for rtol in (1e-4, 1e-6) for atol in (1e-8, 1e-9, 1e-10, 1e-11))
@@ -168,7 +168,7 @@ def program_of(problem) -> tuple[dict, dict]:
     none = ca.DM(0, 1)
     q = [ca.SX.sym(f"q{k}", n) for k in range(N + 1)]
     u = [ca.SX.sym(f"u{k}", m) for k in range(N)]
-    start = line_start(problem)
+    start = interpolated_guess(problem)
     line, controls = start.q.T, start.u.T
     variables, guess, constraints = [], [], []
     for k in range(N):

@@ -27,7 +27,7 @@ from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.predicted_settling import predicted_settling
 from ann_dc.backends.decay import decay_rate
 from ann_dc.fidelity.circuit_study import predicted_errors
-from ann_dc.gain_design.gain_rule import Recipe, closed_form
+from ann_dc.gain_design.gain_rule import GainRule, closed_form
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.hardware.defects.drawing import drawn_numbers
 from ann_dc.hardware.defects.numbers import mismatch
@@ -240,8 +240,8 @@ def long_rows() -> Iterator[Figure]:
     for stages in STAGES:
         network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=stages))
         linear = Linearisation(network).at(network.start_state)
-        recipe = Recipe(kind=ann_dc.PreconditionerKind.DIAGONAL)
-        network = apply_gains(network, closed_form(linear, recipe))
+        gain_rule = GainRule(kind=ann_dc.PreconditionerKind.DIAGONAL)
+        network = apply_gains(network, closed_form(linear, gain_rule))
         backend = ann_dc.OdeBackend(verify=False, limit=TRAVELLED)
         ended = backend.run(network).status.time
         times.append(min(timed(lambda: backend.run(network)).cpu for _ in range(5)) / ended)  # noqa: B023

@@ -60,10 +60,10 @@ class Row:
 def start(problem, name: str):
     """The start of that name."""
     if name == "line":
-        return ann_dc.line_start(problem)
+        return ann_dc.interpolated_guess(problem)
     if name == "zeros":
-        return ann_dc.zero_start(problem)
-    return ann_dc.random_start(problem, int(name.split()[1]))
+        return ann_dc.zero_guess(problem)
+    return ann_dc.random_guess(problem, int(name.split()[1]))
 
 
 def is_known(objective: float, optima: tuple[float, ...]) -> bool:
@@ -81,7 +81,7 @@ def measure(name: str) -> Row:
     certified = best = known = own = 0
     first: Design | None = None
     for label in STARTS:
-        network = ann_dc.synthesize(problem, start=start(problem, label))
+        network = ann_dc.synthesize(problem, initial_guess=start(problem, label))
         designed = ann_dc.design(network)
         first = first or designed
         found = certificate_of(problem, network, designed.state)

@@ -17,8 +17,8 @@ from by_hand import BY_HAND
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.errors import AnnDcError
 from ann_dc.fidelity.boards.corners import corners
-from ann_dc.fidelity.circuit_instance import Specimen
-from ann_dc.fidelity.circuit_study import settled_error, specimens
+from ann_dc.fidelity.circuit_instance import CircuitInstance
+from ann_dc.fidelity.circuit_study import instances, settled_error
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.circuit.cost import cost_of
 from ann_dc.hardware.circuit.loads import load_power
@@ -93,8 +93,8 @@ def drawn(plant: str, area: float, *, gates: bool = True) -> Figure:
     level = replace(level, datasheet=replace(level.datasheet, tolerances=sizes))
     backend = replace(backend, level=level)
     circuit, probe = backend.prepare(network_of(plant))
-    nominal = Specimen(circuit=circuit, level=backend.level, probe=probe)
-    errors = np.array([settled_error(each) for each in specimens(nominal, range(DRAWN))])
+    nominal = CircuitInstance(circuit=circuit, level=backend.level, probe=probe)
+    errors = np.array([settled_error(each) for each in instances(nominal, range(DRAWN))])
     settling = int(np.isfinite(errors).sum())
     said = predict(circuit, backend.level, probe)
     return Figure(

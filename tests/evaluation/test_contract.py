@@ -23,10 +23,10 @@ from ann_dc.evaluation.contract import Evaluator
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import ReferenceEvaluator, evaluator
 from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
-from ann_dc.gain_design.gain_rule import Recipe, closed_form
+from ann_dc.gain_design.gain_rule import GainRule, closed_form
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Sum, Template
-from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.ends import FixedNeuron, Omitted
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
@@ -125,9 +125,11 @@ def test_diodes_that_conduct_and_others(name, preconditioner, kind):
     """Some controls beyond their rails, some multipliers of inequalities pressed."""
     plain = synthesize(CONSTRAINED[name].problem)
     linear = Linearisation(plain).at(plain.start_state)
-    network = apply_gains(plain, closed_form(linear, Recipe(kind=preconditioner)))
+    network = apply_gains(plain, closed_form(linear, GainRule(kind=preconditioner)))
     x = network.start_state + 0.5 * np.random.default_rng(3).standard_normal(network.size)
-    pressed = [evaluator(network).node(x, diode.multiplier) for diode in network.cell.diodes]
+    pressed = [
+        evaluator(network).node(x, diode.multiplier) for diode in network.cell.inequality_duals
+    ]
     assert (np.concatenate(pressed) > 0).any()
     assert_conforms(kind, network, x)
 
@@ -144,15 +146,15 @@ def test_soft_rows_idle_pressed_and_at_their_price(compliance, name, preconditio
     soft = Soft(price=price, compliance=compliance / price)
     plain = synthesize(replace(CONSTRAINED[name].problem, soft=soft))
     linear = Linearisation(plain).at(plain.start_state)
-    network = apply_gains(plain, closed_form(linear, Recipe(kind=preconditioner)))
+    network = apply_gains(plain, closed_form(linear, GainRule(kind=preconditioner)))
     x = network.start_state + 0.5 * np.random.default_rng(3).standard_normal(network.size)
     node = lambda name: evaluator(network).node(x, name)  # noqa: E731
     for states in zip(*(
         (node(d.sum) <= 0, (node(d.sum) > 0) & (node(d.excess) < 0), node(d.excess) > 0)
-        for d in network.cell.diodes
+        for d in network.cell.inequality_duals
     )):  # fmt: skip
         assert name == "end_disc" or np.concatenate(states).any()
-    for diode in network.cell.diodes:
+    for diode in network.cell.inequality_duals:
         drawn = node(diode.sum)
         ceiling = drawn - node(diode.excess)
         np.testing.assert_allclose(
@@ -184,7 +186,7 @@ def test_objectives_on_a_bus(problem, preconditioner, kind):
     """Some of them pressed, some not."""
     plain = synthesize(problem())
     linear = Linearisation(plain).at(plain.start_state)
-    network = apply_gains(plain, closed_form(linear, Recipe(kind=preconditioner)))
+    network = apply_gains(plain, closed_form(linear, GainRule(kind=preconditioner)))
     x = network.start_state + 0.5 * np.random.default_rng(3).standard_normal(network.size)
     assert_conforms(kind, network, x)
 
@@ -235,7 +237,7 @@ def row_with_ends() -> Network:
         ),
     )
     inputs = {"edge": 7.0, "held": np.array([-1.0, -2.0, -3.0])}
-    return Network(cell=cell, stages=3, inputs=inputs, left={"x": "edge"})
+    return Network(cell=cell, stages=3, inputs=inputs, left_boundary={"x": "edge"})
 
 
 @every_evaluator
@@ -259,7 +261,7 @@ def test_wires_beyond_neighbours(kind, offset):
         blocks=(Sum(name="s"), Product(name="p", a="s", b="y")),
         connections=(wire("x", "s", 3.0, offset), wire("p", "y"), wire("p", "x", 2.0, -offset)),
     )
-    network = Network(cell=cell, stages=4, inputs={"edge": 7.0}, left={"x": "edge"})
+    network = Network(cell=cell, stages=4, inputs={"edge": 7.0}, left_boundary={"x": "edge"})
     x, y = np.array([1.0, 2.0, 3.0, 4.0]), np.array([4.0, 5.0, 6.0, 8.0])
     state = network.pack(np.stack([x, y]))
     if kind is GeneratedEvaluator and abs(offset) > 1:
@@ -276,8 +278,8 @@ def test_wires_beyond_neighbours(kind, offset):
 def test_pinned_and_absent_neurons(kind):
     network = replace(
         row_with_ends(),
-        pins=(Pin(neuron="x", stage=1, input="held"),),
-        absent=(Absent(neuron="y", stage=2),),
+        fixed=(FixedNeuron(neuron="x", stage=1, input="held"),),
+        omitted=(Omitted(neuron="y", stage=2),),
     )
     state = np.array([1.0, 4.0, 5.0, 3.0])  # x_0, y_0, y_1, x_2
     assert_conforms(kind, network, state)
@@ -388,7 +390,7 @@ def test_shared_neurons_read_each_other_in_their_own_cell():
 def test_a_shared_neuron_is_at_no_end_and_in_no_chain():
     network = shared_row(wire("x", "y"))
     with pytest.raises(NetworkError, match="all cells share this neuron"):
-        replace(network, absent=(Absent(neuron="y", stage=0),))
+        replace(network, omitted=(Omitted(neuron="y", stage=0),))
     with pytest.raises(NetworkError, match="chains: y is shared"):
         shared_row(wire("x", "y"), chains=(("x", "y"),))
 

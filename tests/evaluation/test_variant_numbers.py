@@ -12,7 +12,7 @@ from ann_dc.evaluation.variant_numbers import Numbers, numbers_of
 from ann_dc.hardware.defects.numbers import detuned, mismatch
 from ann_dc.hardware.defects.parts import extra_pole
 from ann_dc.network.cell import Cell, Limiter, Neuron
-from ann_dc.network.ends import Pin
+from ann_dc.network.ends import FixedNeuron
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 
@@ -69,7 +69,7 @@ OTHERS = {
     ),
     "pins": (
         lambda: replace(
-            network(), pins=(*network().pins, Pin(neuron="u.nu", stage=0, input="q_0.x"))
+            network(), fixed=(*network().fixed, FixedNeuron(neuron="u.nu", stage=0, input="q_0.x"))
         ),
         "other pins",
     ),

@@ -10,7 +10,7 @@ import pytest
 import sympy as sp
 from reference import ipopt
 
-from ann_dc import STEPS, OdeBackend, Recipe, design, plants, synthesize
+from ann_dc import STEPS, GainRule, OdeBackend, design, plants, synthesize
 from ann_dc.errors import DesignError, RangeWarning
 from ann_dc.families.family import family_of
 from ann_dc.families.family_design import Failure, FamilyDesign, design_family, why
@@ -93,7 +93,7 @@ def test_ranges_without_a_feasible_point_are_told():
         design_family(problem, {"q_d.x": (30.0, 50.0)})
 
 
-@pytest.mark.parametrize("given", [{"recipe": Recipe()}, {"refine": STEPS}])
+@pytest.mark.parametrize("given", [{"recipe": GainRule()}, {"refine": STEPS}])
 def test_a_family_takes_neither_recipe_nor_refinement(given):
     with pytest.raises(DesignError, match="neither recipe= nor refine="):
         design(plants.double_integrator(), over=OVER, **given)

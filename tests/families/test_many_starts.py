@@ -16,7 +16,7 @@ from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.errors import ProblemError
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.initial_guess import Start, line_start
+from ann_dc.problem.initial_guess import InitialGuess, interpolated_guess
 
 BLOCKS = {name: getattr(casadi, name) for name in ("sin", "cos", "tan", "exp", "sqrt")}
 TWO = replace(plants.unicycle_soft_obstacle(N=16, dt=0.2), name="obstacle")
@@ -111,10 +111,10 @@ def test_a_start_that_the_batch_gives_up_has_a_run_of_its_own():
 
 def test_starts_of_ones_own():
     problem = plants.double_integrator(N=5)
-    line = line_start(problem)
-    found = multistart(problem, [line, Start(q=line.q, u=0 * line.u)])
+    line = interpolated_guess(problem)
+    found = multistart(problem, [line, InitialGuess(q=line.q, u=0 * line.u)])
     assert [optimum.starts for optimum in found.optima] == [(0, 1)]
-    bad = Start(q=np.full_like(line.q, np.inf), u=line.u)
+    bad = InitialGuess(q=np.full_like(line.q, np.inf), u=line.u)
     with pytest.raises(ProblemError, match=r"starts\[1\]\.q: inf"):
         multistart(problem, [line, bad])
 

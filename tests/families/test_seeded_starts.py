@@ -8,10 +8,10 @@ import pytest
 from ann_dc.errors import ArgumentError, ProblemError
 from ann_dc.families.seeded_starts import checked_starts, seeded_starts
 from ann_dc.problem import plants
-from ann_dc.problem.initial_guess import Start, line_start
+from ann_dc.problem.initial_guess import InitialGuess, interpolated_guess
 
 PROBLEM = plants.double_integrator(N=5)
-LINE = line_start(PROBLEM)
+LINE = interpolated_guess(PROBLEM)
 
 
 def test_the_first_is_the_line_and_the_others_go_further_and_further():
@@ -50,7 +50,7 @@ def test_a_seed_is_not_negative(seed):
         seeded_starts(PROBLEM, 2, seed=seed)
 
 
-LONGER = line_start(plants.double_integrator(N=6))
+LONGER = interpolated_guess(plants.double_integrator(N=6))
 
 
 def with_a_nan(array: np.ndarray) -> np.ndarray:
@@ -62,7 +62,7 @@ def with_a_nan(array: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("bad", "message"),
     [
-        (Start(q=LINE.q, u=LINE.u + np.inf), "starts[1].u: "),
+        (InitialGuess(q=LINE.q, u=LINE.u + np.inf), "starts[1].u: "),
         (LONGER, "starts[1].q: expected an array of shape (2, 6), got (2, 7)"),
         (LINE.q, "starts[1]: expected a Start, got array"),
         (None, "starts[1]: expected a Start, got None"),
@@ -85,7 +85,7 @@ def test_starts_that_are_refused(bad, message):
 )
 def test_a_start_contradicts_itself(given, message):
     with pytest.raises(ArgumentError, match=re.escape(message)):
-        Start(**{"q": LINE.q, "u": LINE.u, **given})
+        InitialGuess(**{"q": LINE.q, "u": LINE.u, **given})
 
 
 def test_no_start_at_all():
@@ -95,6 +95,6 @@ def test_no_start_at_all():
 
 def test_a_start_outside_a_domain_is_named():
     problem = plants.orbit_transfer()
-    line = line_start(problem)
+    line = interpolated_guess(problem)
     with pytest.raises(ProblemError, match=re.escape("starts[0]: start: the map f")):
-        checked_starts(problem, [Start(q=0 * line.q, u=line.u)])
+        checked_starts(problem, [InitialGuess(q=0 * line.q, u=line.u)])

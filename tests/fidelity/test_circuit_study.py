@@ -12,10 +12,10 @@ from simulator import needs_ngspice
 
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity import circuit_instance as specimen
+from ann_dc.fidelity import circuit_instance as instance
 from ann_dc.fidelity.circuit_study import NEAR, study_circuit
 from ann_dc.fidelity.prediction import Reason
-from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
+from ann_dc.gain_design.gain_rule import DIAGONAL_RULE
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.e_series import E96
@@ -30,7 +30,7 @@ SAMPLES = 3
 
 @cache
 def network() -> Network:
-    return design(synthesize(plants.double_integrator(N=4)), recipe=WITHOUT_COORDINATORS).network
+    return design(synthesize(plants.double_integrator(N=4)), gain_rule=DIAGONAL_RULE).network
 
 
 @cache
@@ -55,8 +55,8 @@ def counted(monkeypatch):
 
         monkeypatch.setattr(module, name, counting)
 
-    count(specimen, "emulate")
-    count(specimen, "equilibrium")
+    count(instance, "emulate")
+    count(instance, "equilibrium")
     count(SpiceBackend, "deck")
     silent = SimpleNamespace(timed=None)  # ngspice does not matter here
     monkeypatch.setattr(SpiceBackend, "measure", lambda *_: silent)

@@ -8,7 +8,7 @@ from preconditioner_networks import with_preconditioner
 from wired import prepared
 
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.error_budget import sensitivity, total_error
 from ann_dc.fidelity.fitting import fitted, fitting_intervals, fitting_margin, smallest_margin
 from ann_dc.hardware.parts.datasheet import Tolerances
@@ -41,7 +41,7 @@ def prepared_for_macro():
 def total_of(backend, network):
     """What `fitting_intervals` is to make small, by another way: of the circuit that is built."""
     circuit, probe = backend.prepare(network)
-    built = Specimen(circuit=circuit, level=backend.level, probe=probe)
+    built = CircuitInstance(circuit=circuit, level=backend.level, probe=probe)
     spread = backend.level.datasheet.tolerances
     if spread is None:
         return built.control_error

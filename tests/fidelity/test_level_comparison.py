@@ -11,7 +11,13 @@ from torch_free import forget_torch
 from ann_dc.backends.recurrent import in_code
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NgspiceMissing
-from ann_dc.fidelity.level_comparison import Ladder, Measured, climb, ode_rung, recurrent_rung
+from ann_dc.fidelity.level_comparison import (
+    Ladder,
+    Measured,
+    compare_levels,
+    ode_rung,
+    recurrent_rung,
+)
 from ann_dc.fidelity.model_level import Group, Rung, rungs
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts import presets
@@ -245,7 +251,7 @@ def test_the_report_has_every_rung_that_is_wanted_in_order(monkeypatch):
     lines = []
     timed = [SolverTiming(name="a solver", seconds=1e-3, iterations=5, objective=1.0)]
     ladder = Ladder(progress=lines.append)
-    done = list(climb(network(), ladder, wanted=lambda rung: False, timings=timed))
+    done = list(compare_levels(network(), ladder, wanted=lambda rung: False, timings=timed))
     assert [m.name.split(",")[0] for m in done[:2]] == ["ODE", "recurrent layer"]
     assert [(m.name, m.settling) for m in done[2:]] == [("a solver on this CPU", 1e-3)]
     assert {m.group for m in done} == {Group.DIGITAL}
@@ -259,6 +265,6 @@ def test_slow_rungs_are_left_out_unless_they_are_wanted(monkeypatch):
         Rung(name="too slow", level=BEHAVIOURAL, slow=True),
     )
     monkeypatch.setattr("ann_dc.fidelity.level_comparison.rungs", lambda *_, **__: steps)
-    names = [m.name for m in climb(network())]
+    names = [m.name for m in compare_levels(network())]
     assert "ideal" in names
     assert "too slow" not in names

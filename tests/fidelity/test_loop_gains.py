@@ -13,7 +13,7 @@ from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.fidelity.boards.effects import with_parasitics
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.circuit_study import study_circuit
 from ann_dc.fidelity.loop_gains import loop_gains
 from ann_dc.gain_design.procedure import design
@@ -28,21 +28,21 @@ GBW, A0 = 10e6, 1e6
 LEVEL = macro(gbw=GBW, a0=A0)
 
 
-def made(network: Network, level=LEVEL, margin: float = 10.0) -> Specimen:
+def made(network: Network, level=LEVEL, margin: float = 10.0) -> CircuitInstance:
     circuit, probe = SpiceBackend(level=level, margin=margin).prepare(network)
-    return Specimen(circuit=circuit, level=level, probe=probe)
+    return CircuitInstance(circuit=circuit, level=level, probe=probe)
 
 
 @cache
-def plant(margin: float = 10.0, stages: int = 2) -> Specimen:
+def plant(margin: float = 10.0, stages: int = 2) -> CircuitInstance:
     problem = plants.double_integrator(N=stages)
     return made(
         design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network, margin=margin
     )
 
 
-def loops_of(specimen: Specimen):
-    return loop_gains(specimen.emulation, specimen.level, specimen.settled)
+def loops_of(instance: CircuitInstance):
+    return loop_gains(instance.emulation, instance.level, instance.settled)
 
 
 # ---- closed forms --------------------------------------------------------------------------------
@@ -52,11 +52,11 @@ def test_a_leaking_integrator_by_hand():
     """x' = 1/2 - x: L = a(s) (s + w) / (s + g w), of two resistors and one capacitor."""
     wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), (ONE, 0.5))]
     row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
-    specimen = made(row)
-    found = {loop.node: loop for loop in loops_of(specimen)}["x"]
-    s = 2j * np.pi * found.crossover * specimen.circuit.scaling.time
-    omega = 2 * np.pi * GBW * specimen.circuit.scaling.time
-    unit = specimen.circuit.scaling.unit
+    instance = made(row)
+    found = {loop.node: loop for loop in loops_of(instance)}["x"]
+    s = 2j * np.pi * found.crossover * instance.circuit.scaling.time
+    omega = 2 * np.pi * GBW * instance.circuit.scaling.time
+    unit = instance.circuit.scaling.unit
     gamma = 1.0 + 0.5 * unit[ONE] / unit["x"]
     loop = omega / (s + omega / A0) * (s + 1) / (s + gamma)
     assert abs(loop) == pytest.approx(1, abs=1e-6)
@@ -68,14 +68,14 @@ def test_a_second_pole_lies_in_the_loop(pole):
     """The first pole held as a source, everything behind it solved for, and what comes back."""
     plain = plant()
     level = with_parasitics(LEVEL, second_pole=pole)
-    specimen = Specimen(circuit=plain.circuit, level=level, probe=plain.probe)
-    network, x = specimen.emulation.network, specimen.settled
+    instance = CircuitInstance(circuit=plain.circuit, level=level, probe=plain.probe)
+    network, x = instance.emulation.network, instance.settled
     rates = network.row.rates[tuple(network.places.T)]
     flow = rates[:, None] * fast_evaluator(network).drive_jacobian(x).toarray()
-    omega = 2 * np.pi * GBW * specimen.circuit.scaling.time
+    omega = 2 * np.pi * GBW * instance.circuit.scaling.time
     names = [(network.cell.neurons[row].name, stage) for row, stage in network.places]
-    for loop in loops_of(specimen):
-        s = 2j * np.pi * loop.crossover * specimen.circuit.scaling.time
+    for loop in loops_of(instance):
+        s = 2j * np.pi * loop.crossover * instance.circuit.scaling.time
         i = names.index((f"first.{loop.node}", loop.stage))
         rest = np.delete(np.arange(network.size), i)
         behind = s * np.eye(len(rest)) - flow[np.ix_(rest, rest)]
@@ -83,7 +83,7 @@ def test_a_second_pole_lies_in_the_loop(pole):
         broken = -back / (s + omega / A0)
         assert abs(broken) == pytest.approx(1, abs=1e-6)
         assert loop.phase_margin == pytest.approx(np.degrees(np.angle(-broken)), abs=1e-6)
-    assert loops_of(specimen)[0].crossover < GBW
+    assert loops_of(instance)[0].crossover < GBW
 
 
 def test_margins_shrink_as_op_amps_get_slower_against_the_network():
@@ -94,20 +94,20 @@ def test_margins_shrink_as_op_amps_get_slower_against_the_network():
 
 
 def test_they_are_sorted_and_each_op_amp_has_one():
-    specimen = plant()
-    found = loops_of(specimen)
+    instance = plant()
+    found = loops_of(instance)
     margins = [abs(loop.phase_margin) for loop in found]
     assert margins == sorted(margins)
-    deck = SpiceBackend(level=LEVEL).deck(specimen.circuit, specimen.probe, {})
+    deck = SpiceBackend(level=LEVEL).deck(instance.circuit, instance.probe, {})
     assert len(found) == deck.parts["op amps"]
     assert len({(loop.node, loop.stage) for loop in found}) == len(found)
 
 
 def test_what_has_no_op_amps_has_no_loops():
     level = ota_c()
-    specimen = made(plant().circuit.schematic.network, level)
+    instance = made(plant().circuit.schematic.network, level)
     with pytest.raises(NetworkError, match="ota-c circuits have no op amps"):
-        loop_gains(specimen.emulation, level, specimen.settled)
+        loop_gains(instance.emulation, level, instance.settled)
 
 
 def test_a_study_lists_the_worst():
@@ -125,13 +125,13 @@ POLE, OUTPUT_POLE = 1e-9, 2 * math.pi * GBW * 1e-9 / A0
 """Farads and siemens at the pole node of the macro model."""
 
 
-def measured_margin(specimen: Specimen, node: str, stage: int) -> tuple[float, float]:
+def measured_margin(instance: CircuitInstance, node: str, stage: int) -> tuple[float, float]:
     """Crossover and phase margin by Blackman's formula: 1 + L = Z open / Z closed.
 
     A current into the pole node of the op amp finds the impedance there with its loop closed;
     open it is that of the model's own resistor and capacitor.
     """
-    deck = SpiceBackend(level=specimen.level).deck(specimen.circuit, specimen.probe, {})
+    deck = SpiceBackend(level=instance.level).deck(instance.circuit, instance.probe, {})
     name = node.removeprefix("not.").replace(".", "_")
     prefix = "xn_" if node.startswith("not.") else "x_"
     inner = f"x_cell_{stage}.{prefix}{name}.xa.p"
@@ -153,8 +153,8 @@ def measured_margin(specimen: Specimen, node: str, stage: int) -> tuple[float, f
 @needs_ngspice
 @pytest.mark.parametrize("margin", [10.0, 6.0])
 def test_ngspice_finds_the_same_margins_at_the_settled_point(margin):
-    specimen = plant(margin)
-    for loop in (*loops_of(specimen)[:4], loops_of(specimen)[-1]):
-        hertz, degrees = measured_margin(specimen, loop.node, loop.stage)
+    instance = plant(margin)
+    for loop in (*loops_of(instance)[:4], loops_of(instance)[-1]):
+        hertz, degrees = measured_margin(instance, loop.node, loop.stage)
         assert hertz == pytest.approx(loop.crossover, rel=0.01)
         assert degrees == pytest.approx(loop.phase_margin, abs=1.0)

@@ -15,11 +15,11 @@ from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.circuit_study import study_circuit
 from ann_dc.fidelity.fitting import smallest_margin
 from ann_dc.fidelity.prediction import Prediction, Reason, Unpredicted, predict, prediction_of
-from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
+from ann_dc.gain_design.gain_rule import DIAGONAL_RULE
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.circuit.deviations import snapped
 from ann_dc.hardware.emulation.building import emulate
@@ -190,14 +190,14 @@ HEADROOM = SpiceBackend().headroom
 
 def off_by(
     share: float, start: float, headroom: float = HEADROOM
-) -> tuple[Prediction | Unpredicted, Specimen]:
+) -> tuple[Prediction | Unpredicted, CircuitInstance]:
     """The square's circuit with an offset of the multiplier: dx/ds = 1 - share - x^2."""
     network = Network(cell=SQUARE, stages=1, start={"x": start})
     circuit, probe = SpiceBackend(level=PARTS, headroom=headroom).prepare(network)
     volts = share * circuit.scaling.full_scale / circuit.scaling.unit["xx"]
     deviations = {"oz_xx": np.array([volts])}
-    specimen = Specimen(circuit=circuit, level=PARTS, probe=probe, deviations=deviations)
-    return prediction_of(specimen), specimen
+    instance = CircuitInstance(circuit=circuit, level=PARTS, probe=probe, deviations=deviations)
+    return prediction_of(instance), instance
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9])
@@ -210,17 +210,17 @@ def test_an_offset_moves_the_equilibrium_to_its_root(share):
 
 @pytest.mark.parametrize("share", [1.1, 1.3])
 def test_without_a_root_there_is_no_equilibrium(share):
-    found, specimen = off_by(share, start=0.5)
+    found, instance = off_by(share, start=0.5)
     assert isinstance(found, Unpredicted)
     assert found.reason is Reason.NO_EQUILIBRIUM
     with pytest.raises(NetworkError, match="no equilibrium near"):
-        predict(specimen.circuit, PARTS, specimen.probe, specimen.deviations)
+        predict(instance.circuit, PARTS, instance.probe, instance.deviations)
 
 
 @pytest.mark.parametrize(("share", "clipped"), [(0.1, False), (0.17, False), (0.21, True)])
 def test_a_circuit_that_starts_beyond_the_other_root_runs_to_its_rail(share, clipped):
     """From -0.9 it settles while -sqrt(1 - share), which repels, is below that: to 0.19."""
-    found, specimen = off_by(share, start=-0.9)
+    found, instance = off_by(share, start=-0.9)
     if not clipped:
         assert isinstance(found, Prediction)
         assert np.isfinite(found.settling_time)
@@ -229,7 +229,7 @@ def test_a_circuit_that_starts_beyond_the_other_root_runs_to_its_rail(share, cli
     assert found.reason is Reason.CLIPPED
     told = r"^prediction: .* at their rails: x of cell 0.*; no headroom would do: .* diverged"
     with pytest.raises(NetworkError, match=told):
-        predict(specimen.circuit, PARTS, specimen.probe, specimen.deviations)
+        predict(instance.circuit, PARTS, instance.probe, instance.deviations)
 
 
 def test_the_headroom_that_is_told_would_do():
@@ -328,7 +328,7 @@ def test_a_circuit_that_gets_lost_on_its_way_is_told():
     With the usual margin of 10 it rings.
     """
     problem = plants.bicycle(N=16)
-    network = design(synthesize(problem), recipe=WITHOUT_COORDINATORS).network
+    network = design(synthesize(problem), gain_rule=DIAGONAL_RULE).network
     study = study_circuit(network, SpiceBackend(level=macro(), margin=15), simulated=False)
     found = study.prediction
     assert found.stable

@@ -6,7 +6,7 @@ import sympy as sp
 
 import ann_dc
 from ann_dc import PreconditionerKind, StepLength
-from ann_dc.gain_design.gain_rule import WITH_COORDINATORS
+from ann_dc.gain_design.gain_rule import MULTILEVEL_RULE
 from ann_dc.gain_design.rule_presets import COARSE
 
 x, y, v, a, b, h, theta = sp.symbols("x y v a b h theta")
@@ -55,7 +55,7 @@ def test_network_of_a_found_optimum_settles_from_the_start_or_a_coarse_preset(pr
 
 def test_penalty_is_raised_where_the_grid_of_the_closed_form_does_not_settle():
     solution = ann_dc.solve(thrifty(), kinds=[PreconditionerKind.RESISTIVE_GRID])
-    assert solution.design.best.recipe.penalty > WITH_COORDINATORS.penalty
+    assert solution.design.best.gain_rule.penalty > MULTILEVEL_RULE.penalty
 
 
 def test_multipliers_of_dependent_rows_do_not_make_a_network_slow():

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from constrained import CONSTRAINED
 
-from ann_dc import PreconditionerKind, apply_gains, design, hand_gains, synthesize
+from ann_dc import PreconditionerKind, apply_gains, design, manual_gains, synthesize
 from ann_dc.analysis.linearisation import Linearisation, MeanLinearisation
 from ann_dc.analysis.saddle import saddle_of
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.coarse_gains import diode_weights, pressed_weights
-from ann_dc.gain_design.gain_rule import WITH_COORDINATORS, closed_form
+from ann_dc.gain_design.gain_rule import MULTILEVEL_RULE, closed_form
 from ann_dc.gain_design.gains import tape_with
 
 NAMES = ("dint_v", pytest.param("car_disc1", marks=pytest.mark.slow), "lander", "end_disc")
@@ -41,7 +41,7 @@ def test_rows_press_where_their_multiplier_does(settled):
     network, linear = settled.network, Linearisation(settled.network).at(settled.state)
     pressed = pressed_weights(linear, settled.gains.rho) > 0
     values = evaluator(network).values(settled.state)[:, 1:-1]
-    for diode in network.cell.diodes:
+    for diode in network.cell.inequality_duals:
         row = network.neuron_index[diode.neuron]
         live = network.live[row]
         conducts = values[network.node_index[diode.multiplier]] > 0
@@ -52,7 +52,7 @@ def test_primal_time_constants_feel_the_rows_that_press(settled):
     """1 / tau = f / (H + A'WA) on the diagonal, by the saddle's own rows."""
     network = settled.network
     linear = Linearisation(network).at(settled.state)
-    gains = closed_form(linear, WITH_COORDINATORS)
+    gains = closed_form(linear, MULTILEVEL_RULE)
     saddle = saddle_of(network, settled.state)
     neuron = network.places[:, 0]
     squares = saddle.A.multiply(saddle.A).T @ gains.rho[neuron[saddle.dual]]
@@ -70,16 +70,16 @@ def test_several_points_press_together(settled):
     network = settled.network
     one = Linearisation(network).at(settled.state)
     other = Linearisation(network).at(network.start_state)
-    both = closed_form(MeanLinearisation([one, other]), WITH_COORDINATORS)
+    both = closed_form(MeanLinearisation([one, other]), MULTILEVEL_RULE)
     assert np.isfinite(both.rate).all()
     assert (both.rate > 0).all()
-    same = closed_form(MeanLinearisation([one, one]), WITH_COORDINATORS)
-    alone = closed_form(one, WITH_COORDINATORS)
+    same = closed_form(MeanLinearisation([one, one]), MULTILEVEL_RULE)
+    alone = closed_form(one, MULTILEVEL_RULE)
     np.testing.assert_allclose(same.rate, alone.rate, rtol=1e-12)
     np.testing.assert_allclose(same.rho, alone.rho, rtol=1e-12)
 
 
 def test_penalties_of_a_tape_are_those_of_the_frozen_network(settled):
-    plain = apply_gains(settled.network, hand_gains(settled.network, rho=1.0))
+    plain = apply_gains(settled.network, manual_gains(settled.network, rho=1.0))
     frozen, trial = evaluator(settled.network).tape, tape_with(plain, settled.gains)
     np.testing.assert_array_equal(frozen.weights, trial.weights)

@@ -6,7 +6,7 @@ from designs import small
 
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.errors import DesignError, UnknownNameError
-from ann_dc.gain_design.gain_rule import Recipe, closed_form, equilibrated
+from ann_dc.gain_design.gain_rule import GainRule, closed_form, equilibrated
 
 
 def start_of(name: str) -> Linearisation:
@@ -22,13 +22,13 @@ def start_of(name: str) -> Linearisation:
 )  # fmt: skip
 def test_factors_that_are_none(wrong):
     with pytest.raises(DesignError, match=next(iter(wrong))):
-        Recipe(**wrong)
+        GainRule(**wrong)
 
 
 @pytest.mark.parametrize("name", ["mu.foo", "q.x"])
 def test_rows_are_those_of_dual_neurons(name):
     with pytest.raises(UnknownNameError, match="row: dual neuron"):
-        closed_form(start_of("car"), Recipe(row={name: 2.0}))
+        closed_form(start_of("car"), GainRule(row={name: 2.0}))
 
 
 @pytest.mark.parametrize("name", ["car", "pendulum", "cstr", "two_link_arm"])

@@ -5,7 +5,7 @@ import pytest
 
 from ann_dc.errors import DesignError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, manual_gains
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
 from ann_dc.solver import synthesize
@@ -13,7 +13,7 @@ from ann_dc.solver import synthesize
 
 def test_hand_gains_by_name_and_population():
     network = synthesize(plants.car(N=3))
-    gains = hand_gains(network, rho={"mu": 2.0, "mu.phi": 3.0}, tau={"q": 0.5})
+    gains = manual_gains(network, rho={"mu": 2.0, "mu.phi": 3.0}, tau={"q": 0.5})
     row = network.neuron_index
     assert gains.rho[row["mu.x"]] == 2.0
     assert gains.rho[row["mu.phi"]] == 3.0
@@ -40,13 +40,13 @@ def test_hand_gains_by_name_and_population():
 )
 def test_hand_gains_that_are_refused(given, error, message):
     with pytest.raises(error, match=message):
-        hand_gains(synthesize(plants.car(N=2)), **given)
+        manual_gains(synthesize(plants.car(N=2)), **given)
 
 
 def test_applied_gains_survive_a_second_time():
     network = synthesize(plants.car(N=3))
-    once = apply_gains(network, hand_gains(network, rho=2.0, tau=0.1))
-    twice = apply_gains(once, hand_gains(once, rho=3.0, tau=0.2))
-    direct = apply_gains(network, hand_gains(network, rho=3.0, tau=0.2))
+    once = apply_gains(network, manual_gains(network, rho=2.0, tau=0.1))
+    twice = apply_gains(once, manual_gains(once, rho=3.0, tau=0.2))
+    direct = apply_gains(network, manual_gains(network, rho=3.0, tau=0.2))
     x = network.start_state + 0.1
     np.testing.assert_array_equal(evaluator(twice).rhs(x), evaluator(direct).rhs(x))

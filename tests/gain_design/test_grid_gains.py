@@ -9,7 +9,7 @@ from designs import designed
 import ann_dc
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
-from ann_dc.gain_design.gain_rule import Recipe, weights_of_rows
+from ann_dc.gain_design.gain_rule import GainRule, weights_of_rows
 from ann_dc.gain_design.grid_gains import SettledPoint
 
 
@@ -19,15 +19,15 @@ def point() -> SettledPoint:
     return SettledPoint(Linearisation(found.network).at(found.state), found.state)
 
 
-@pytest.mark.parametrize("recipe", [Recipe(), Recipe(sweeps=16), Recipe(row={"mu.x": 3.0})])
-def test_row_weights_are_those_of_the_recipe(point, recipe):
-    weights = weights_of_rows(point.linear, recipe)
+@pytest.mark.parametrize("recipe", [GainRule(), GainRule(sweeps=16), GainRule(row={"mu.x": 3.0})])
+def test_row_weights_are_those_of_the_recipe(point, gain_rule):
+    weights = weights_of_rows(point.linear, gain_rule)
     for _ in range(2):
-        assert point.row_weights(recipe).tolist() == weights.tolist()
+        assert point.row_weights(gain_rule).tolist() == weights.tolist()
     # the penalty is no part of them
-    assert point.row_weights(replace(recipe, penalty=2.0)) is point.row_weights(recipe)
+    assert point.row_weights(replace(gain_rule, penalty=2.0)) is point.row_weights(gain_rule)
     with pytest.raises(ValueError, match="read-only"):
-        point.row_weights(recipe)[0] = 1.0
+        point.row_weights(gain_rule)[0] = 1.0
 
 
 def test_shadows_are_those_of_the_weights(point):

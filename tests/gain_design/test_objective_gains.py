@@ -9,7 +9,7 @@ from minimax import CASES, car, small
 import ann_dc
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gain_rule import Recipe, closed_form
+from ann_dc.gain_design.gain_rule import GainRule, closed_form
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.network.preconditioners.base import PreconditionerKind
 
@@ -22,7 +22,7 @@ def network():
 @pytest.mark.parametrize("kind", [PreconditionerKind.DIAGONAL, PreconditionerKind.MULTILEVEL])
 def test_no_combination_of_rows_is_stiffer_than_one(network, kind):
     x = network.start_state
-    gains = closed_form(Linearisation(network).at(x), Recipe(kind=kind))
+    gains = closed_form(Linearisation(network).at(x), GainRule(kind=kind))
     own = evaluator(apply_gains(network, gains))
     index = network.neuron_index
     of = lambda name: network.state_index[index[name], -1]  # noqa: E731
@@ -37,7 +37,7 @@ def test_no_combination_of_rows_is_stiffer_than_one(network, kind):
 
 def test_a_look_further_away_makes_rows_lighter(network):
     linear, row = Linearisation(network).at(network.start_state), network.neuron_index["z_J.late"]
-    weights = [closed_form(linear, Recipe(away=away)).rho[row] for away in (0.0, 0.5, 1.0)]
+    weights = [closed_form(linear, GainRule(away=away)).rho[row] for away in (0.0, 0.5, 1.0)]
     assert weights[0] > weights[1] > weights[2] > 0
 
 
@@ -45,7 +45,7 @@ def test_a_row_is_no_heavier_than_its_temperature_allows():
     rows = []
     for temperature in (0.0, 0.01, 1e3):
         own = ann_dc.synthesize(small(temperature=temperature))
-        gains = closed_form(Linearisation(own).at(own.start_state), Recipe())
+        gains = closed_form(Linearisation(own).at(own.start_state), GainRule())
         share, level = (own.neuron_index[name] for name in ("z_J.error", "E.max"))
         rows.append((gains.rho[share], gains.rate[level, -1], own.neuron("J.error").scale.factor))
     (hard, slow, _), (cold, fast, _), (hot, _, cost) = rows
@@ -58,7 +58,7 @@ def test_a_network_without_objectives_has_the_gains_it_had():
     plain = ann_dc.synthesize(ann_dc.plants.car())
     linear = Linearisation(plain).at(plain.start_state)
     assert not len(linear.shares)
-    one, other = (closed_form(linear, Recipe(away=away)) for away in (0.0, 1.0))
+    one, other = (closed_form(linear, GainRule(away=away)) for away in (0.0, 1.0))
     np.testing.assert_array_equal(one.rho, other.rho)
     np.testing.assert_array_equal(one.rate, other.rate)
 

@@ -15,7 +15,7 @@ from ann_dc.errors import DesignError
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design import trial_run as freeze
-from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
+from ann_dc.gain_design.gain_rule import DIAGONAL_RULE
 from ann_dc.gain_design.knowledge import Knowledge
 from ann_dc.gain_design.procedure import design
 from ann_dc.network.cell import Cell, Connection, Neuron
@@ -118,9 +118,9 @@ def test_kinds_that_are_none(kinds):
 
 
 def test_the_only_kind_says_why_it_is_none():
-    low = replace(freeze.RECIPES[PreconditionerKind.RESISTIVE_GRID], penalty=0.01)
+    low = replace(freeze.GAIN_RULES[PreconditionerKind.RESISTIVE_GRID], penalty=0.01)
     with pytest.raises(DesignError, match=r"needs penalties above rho\*"):
-        design(synthesize(plants.pendulum(N=10)), recipe=low)
+        design(synthesize(plants.pendulum(N=10)), gain_rule=low)
 
 
 def test_network_carries_the_gains():
@@ -157,8 +157,8 @@ def test_design_without_duals():
 
 
 def test_a_fixed_recipe_is_kept():
-    found = design(synthesize(plants.double_integrator(N=4)), recipe=WITHOUT_COORDINATORS)
-    assert found.best.recipe is WITHOUT_COORDINATORS
+    found = design(synthesize(plants.double_integrator(N=4)), gain_rule=DIAGONAL_RULE)
+    assert found.best.gain_rule is DIAGONAL_RULE
     assert found.network.preconditioner.kind is PreconditionerKind.DIAGONAL
 
 

@@ -14,7 +14,7 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, TWO_PHASE
 from ann_dc.backends.recurrent.rules.steps import FixedStep
-from ann_dc.gain_design.gain_rule import Recipe
+from ann_dc.gain_design.gain_rule import GainRule
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.procedure import design
@@ -31,12 +31,12 @@ SHORT = 2.0
 
 @cache
 def plain(kind: PreconditionerKind = PreconditionerKind.MULTILEVEL):
-    return design(synthesize(plants.double_integrator(N=6)), recipe=Recipe(kind=kind))
+    return design(synthesize(plants.double_integrator(N=6)), gain_rule=GainRule(kind=kind))
 
 
 def paper():
     """The paper's example with a pyramid."""
-    return design(synthesize(plants.car()), recipe=Recipe())
+    return design(synthesize(plants.car()), gain_rule=GainRule())
 
 
 def better(found, *, seconds=SHORT, progress=silent, **options):

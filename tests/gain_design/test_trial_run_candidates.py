@@ -11,7 +11,7 @@ from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.errors import AnnDcError, DesignError
 from ann_dc.gain_design import trial_run as freeze, trial_run as rehearsal
-from ann_dc.gain_design.gain_rule import Recipe
+from ann_dc.gain_design.gain_rule import GainRule
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.procedure import design
@@ -76,10 +76,10 @@ def test_grids_are_compared_with_gentler_inequality_rows_too():
     limited = design(synthesize(CONSTRAINED["dint_v"].problem))
     point = SettledPoint(Linearisation(limited.network).at(limited.state), limited.state)
     found = compare(point, PreconditionerKind.RESISTIVE_GRID, 1.0)
-    assert {candidate.recipe.inequality for candidate in found} == {1.0, freeze.GENTLE}
-    gentle = next(candidate for candidate in found if candidate.recipe.inequality != 1)
+    assert {candidate.gain_rule.inequality for candidate in found} == {1.0, freeze.GENTLE}
+    gentle = next(candidate for candidate in found if candidate.gain_rule.inequality != 1)
     assert "inequalities x 0.1" in str(gentle)
-    plain = candidate_of(point, replace(gentle.recipe, inequality=1.0), 1.0)
+    plain = candidate_of(point, replace(gentle.gain_rule, inequality=1.0), 1.0)
     index = point.network.neuron_index
     duals = [index[dual.neuron] for dual in point.network.cell.duals]
     diode = np.flatnonzero(point.linear.diode)
@@ -92,14 +92,15 @@ def test_grids_are_compared_with_gentler_inequality_rows_too():
 @pytest.mark.slow
 def test_path_terms_of_grids_fall_as_long_as_that_helps():
     found = compare(settled("cart_pole"), PreconditionerKind.RESISTIVE_GRID, 1.0)
-    finer = [candidate for candidate in found if candidate.recipe.path < min(freeze.PATHS)]
-    same = [c for c in found if c.recipe == replace(finer[0].recipe, path=min(freeze.PATHS))]
+    finer = [candidate for candidate in found if candidate.gain_rule.path < min(freeze.PATHS)]
+    same = [c for c in found if c.gain_rule == replace(finer[0].gain_rule, path=min(freeze.PATHS))]
     ratios = [candidate.ratio for candidate in (*same, *finer)]
     assert len(finer) == 2
     assert ratios[1] < freeze.HELPS * ratios[0]
     assert ratios[2] > freeze.HELPS * ratios[1]
     assert {
-        c.recipe.path for c in compare(settled("unicycle"), PreconditionerKind.RESISTIVE_GRID, 1.0)
+        c.gain_rule.path
+        for c in compare(settled("unicycle"), PreconditionerKind.RESISTIVE_GRID, 1.0)
     } == {*freeze.PATHS}
 
 
@@ -107,7 +108,7 @@ def test_path_terms_of_grids_fall_as_long_as_that_helps():
 def test_every_kind_is_compared_with_equal_and_equilibrated_rows(kind):
     found = compare(settled("unicycle"), kind, 1.0)
     assert {candidate.kind for candidate in found} == {kind}
-    assert {candidate.recipe.sweeps for candidate in found} == {0, 16, 60}
+    assert {candidate.gain_rule.sweeps for candidate in found} == {0, 16, 60}
     for candidate in found:
         assert candidate.gains.preconditioner.kind is kind
         assert kind.value in str(candidate)
@@ -118,18 +119,21 @@ def test_every_kind_is_compared_with_equal_and_equilibrated_rows(kind):
 def test_on_a_long_row_one_choice_is_made_after_the_other(kind, monkeypatch):
     """All weights of the rows at one path term or penalty, and the rest with the best of them."""
     point = settled("car")
-    every = {(c.recipe.sweeps, c.recipe.by_reach, c.recipe.path) for c in compare(point, kind, 1.0)}
+    every = {
+        (c.gain_rule.sweeps, c.gain_rule.by_reach, c.gain_rule.path)
+        for c in compare(point, kind, 1.0)
+    }
     monkeypatch.setattr(freeze, "LONG_ROW", point.network.stages - 1)
     found = compare(point, kind, 1.0)
     if kind is PreconditionerKind.RESISTIVE_GRID:
-        damped = [candidate for candidate in found if candidate.recipe.path == max(freeze.PATHS)]
-        best = min(damped, key=lambda candidate: candidate.ratio).recipe.sweeps
-        rest = [c.recipe.sweeps for c in found if c not in damped]
+        damped = [candidate for candidate in found if candidate.gain_rule.path == max(freeze.PATHS)]
+        best = min(damped, key=lambda candidate: candidate.ratio).gain_rule.sweeps
+        rest = [c.gain_rule.sweeps for c in found if c not in damped]
         assert rest == [best] * (len(freeze.PATHS) - 1)
-        assert {c.recipe.sweeps for c in damped} == {sweeps for sweeps, _, _ in every}
+        assert {c.gain_rule.sweeps for c in damped} == {sweeps for sweeps, _, _ in every}
     else:
-        first = [candidate for candidate in found if not candidate.recipe.sweeps]
-        first = [candidate for candidate in first if not candidate.recipe.by_reach]
+        first = [candidate for candidate in found if not candidate.gain_rule.sweeps]
+        first = [candidate for candidate in first if not candidate.gain_rule.by_reach]
         best = min(first, key=lambda candidate: candidate.ratio).boost
         rest = [candidate for candidate in found if candidate not in first]
         assert [candidate.boost for candidate in rest] == [best] * 3
@@ -166,30 +170,30 @@ def test_a_comparison_can_be_ended_in_the_middle(told, monkeypatch):
 
 
 def test_a_fixed_recipe_is_compared_by_its_penalties_only():
-    recipe = Recipe(sweeps=7, target=1.1)
-    found = compare(settled("unicycle"), PreconditionerKind.MULTILEVEL, 1.0, recipe=recipe)
-    assert all(candidate.recipe is recipe for candidate in found)
+    gain_rule = GainRule(sweeps=7, target=1.1)
+    found = compare(settled("unicycle"), PreconditionerKind.MULTILEVEL, 1.0, gain_rule=gain_rule)
+    assert all(candidate.gain_rule is gain_rule for candidate in found)
     assert len({candidate.boost for candidate in found}) == len(found) >= 3
 
 
 def test_a_candidate_tells_the_spectrum_of_its_network():
     point = settled("car")
-    found = candidate_of(point, freeze.RECIPES[PreconditionerKind.CYCLIC_REDUCTION], 1.0)
+    found = candidate_of(point, freeze.GAIN_RULES[PreconditionerKind.CYCLIC_REDUCTION], 1.0)
     flow = apply_gains(point.network, found.gains)
     assert flow.preconditioner.kind is PreconditionerKind.CYCLIC_REDUCTION
     assert found.ratio == found.spectrum.ratio < 10
 
 
 def test_a_grid_below_the_threshold_says_which_penalty_it_needs():
-    point, recipe = settled("pendulum"), freeze.RECIPES[PreconditionerKind.RESISTIVE_GRID]
-    low = replace(recipe, penalty=0.5)
+    point, gain_rule = settled("pendulum"), freeze.GAIN_RULES[PreconditionerKind.RESISTIVE_GRID]
+    low = replace(gain_rule, penalty=0.5)
     with pytest.raises(DesignError, match=r"above rho\* = .* recipe with penalty > ") as caught:
         candidate_of(point, low, 1.0)
     needed = float(str(caught.value).partition("penalty > ")[2].partition(" ")[0])
-    candidate_of(point, replace(recipe, penalty=1.01 * needed), 1.0)
+    candidate_of(point, replace(gain_rule, penalty=1.01 * needed), 1.0)
     with pytest.raises(DesignError):
-        candidate_of(point, replace(recipe, penalty=0.99 * needed), 1.0)
-    assert not compare(point, PreconditionerKind.RESISTIVE_GRID, 1.0, recipe=low)
+        candidate_of(point, replace(gain_rule, penalty=0.99 * needed), 1.0)
+    assert not compare(point, PreconditionerKind.RESISTIVE_GRID, 1.0, gain_rule=low)
 
 
 def test_where_nothing_attracts_the_next_rows_begin_where_these_did():
@@ -223,7 +227,7 @@ def test_what_is_compared_is_what_the_network_will_do(kind):
     """To the bit, though of a candidate only a tape is made."""
     settled = SettledPoint(Linearisation(designed("car").network), designed("car").state)
     settled = SettledPoint(settled.linear.at(settled.state), settled.state)
-    gains = candidate_of(settled, freeze.RECIPES[kind], 1.0).gains
+    gains = candidate_of(settled, freeze.GAIN_RULES[kind], 1.0).gains
     frozen = spectrum(apply_gains(settled.network, gains), settled.state)
     assert (freeze.spectrum_with(settled, gains).eigenvalues == frozen.eigenvalues).all()
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from ann_dc.navigation.closed_loop import Journey, drive
+from ann_dc.navigation.closed_loop import ClosedLoopRun, drive
 from ann_dc.navigation.obstacles import disc
 from ann_dc.navigation.planner import Plan
-from ann_dc.navigation.scenario import World
+from ann_dc.navigation.scenario import Scenario
 from ann_dc.problem.robot import unicycle_robot
 
 ROBOT = unicycle_robot(radius=0.2)
@@ -27,7 +27,7 @@ class Straight:
 
 def world(*obstacles, **given):
     start, goal = np.zeros(3), np.array([3.0, 0.0])
-    return World(robot=ROBOT, start=start, goal=goal, obstacles=obstacles, **given)
+    return Scenario(robot=ROBOT, start=start, goal=goal, obstacles=obstacles, **given)
 
 
 def test_a_free_way_is_driven():
@@ -43,7 +43,7 @@ def test_a_free_way_is_driven():
 def test_a_collision_between_two_instants_is_seen():
     """A small disc stands between two of the nodes, beside the way."""
     post = disc((1.1, 0.21), 0.02)
-    (journey,) = drive([world(post)], Straight(), shield=None)
+    (journey,) = drive([world(post)], Straight(), safety_filter=None)
     assert journey.collided
     assert journey.clearance.min() == pytest.approx(0.21 - 0.2 - 0.02, abs=1e-6)
     assert "collided" in str(journey)
@@ -63,7 +63,7 @@ def test_robot_before_a_wall_is_told_to_be_held_by_the_safety_filter():
     assert held.clearance.min() >= 0.05
     (late,) = drive([world(duration=0.5)], Straight())  # on its way, without an obstacle
     assert not late.held
-    (hit,) = drive([world(disc((1.6, 0), 0.5), duration=4.0)], Straight(), shield=None)
+    (hit,) = drive([world(disc((1.6, 0), 0.5), duration=4.0)], Straight(), safety_filter=None)
     assert not hit.held
 
 
@@ -81,5 +81,5 @@ def test_controls_stay_within_the_limits():
             return [Plan(q=np.zeros((3, 11)), u=u) for _ in situations]
 
     (journey,) = drive([world(duration=0.5)], Wild())
-    assert isinstance(journey, Journey)
+    assert isinstance(journey, ClosedLoopRun)
     np.testing.assert_array_equal(journey.u, np.tile([[2.0], [-2.5]], 5))

@@ -13,7 +13,7 @@ from ann_dc.navigation.half_planes import Margin
 from ann_dc.navigation.obstacles import disc
 from ann_dc.navigation.planner import Situation
 from ann_dc.navigation.planner_design import design_planner, planner_for
-from ann_dc.navigation.scenario import World, random_world
+from ann_dc.navigation.scenario import Scenario, random_scenario
 from ann_dc.problem.robot import car_robot, unicycle_robot
 from ann_dc.problem.robot_planning import NONLINEAR, planning_problem
 from ann_dc.problem.soft import Soft
@@ -23,7 +23,7 @@ ROBOT = unicycle_robot(reverse=0.5)
 
 def world(*obstacles, goal=(3.0, 0.0), **given):
     start = np.array([0.0, 0.0, 0.2])
-    return World(robot=ROBOT, start=start, goal=np.array(goal), obstacles=obstacles, **given)
+    return Scenario(robot=ROBOT, start=start, goal=np.array(goal), obstacles=obstacles, **given)
 
 
 TRAINING = [world(disc((1.4, y), 0.3), duration=2.5) for y in (0.25, -0.3)]
@@ -120,7 +120,7 @@ def test_cars_get_through_worlds_of_discs():
     """Seeds that no design and no figure uses."""
     robot = car_robot(reverse=0.8)
     planner = design_planner(robot)
-    worlds = [random_world(50_000 + i, robot=robot) for i in range(20)]
+    worlds = [random_scenario(50_000 + i, robot=robot) for i in range(20)]
     journeys = drive(worlds, planner)
     assert sum(not journey.collided for journey in journeys) >= 19
     assert sum(journey.arrived for journey in journeys) >= 15

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.optimize import minimize
 
-from ann_dc.errors import WorldError
+from ann_dc.errors import ScenarioError
 from ann_dc.navigation.obstacles import disc, polygon
 
 coordinate = st.floats(-5, 5)
@@ -80,5 +80,5 @@ def test_a_half_plane_at_its_reach_holds_no_point_of_it(angle, place):
     ],
 )
 def test_bad_input_is_refused(make, words):
-    with pytest.raises(WorldError, match=words):
+    with pytest.raises(ScenarioError, match=words):
         make()

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from seeds import seeds
 
-from ann_dc.errors import WorldError
+from ann_dc.errors import ScenarioError
 from ann_dc.navigation.obstacles import disc
-from ann_dc.navigation.scenario import World, random_world
+from ann_dc.navigation.scenario import Scenario, random_scenario
 from ann_dc.problem.robot import car_robot, unicycle_robot
 
 
 def world(obstacles, **given):
-    return World(
+    return Scenario(
         robot=unicycle_robot(radius=0.2), start=np.zeros(3), goal=np.array([4.0, 0.0]),
         obstacles=tuple(obstacles), **given,
     )  # fmt: skip
@@ -40,7 +40,7 @@ def test_room_is_from_rim_to_rim_and_of_what_is_there():
     ],
 )
 def test_start_and_goal_have_to_be_free(obstacle, words):
-    with pytest.raises(WorldError, match=words):
+    with pytest.raises(ScenarioError, match=words):
         world([obstacle])
 
 
@@ -58,18 +58,18 @@ def test_where_something_moves_through_or_appears_may_be_a_goal():
 )
 def test_bad_places_are_refused(field, value, words):
     given = {"start": np.zeros(3), "goal": np.array([4.0, 0.0]), field: value}
-    with pytest.raises(WorldError, match=words):
-        World(robot=unicycle_robot(), **given)
+    with pytest.raises(ScenarioError, match=words):
+        Scenario(robot=unicycle_robot(), **given)
 
 
 @seeds(20)
 def test_random_worlds_leave_room(seed):
-    found = random_world(seed)
+    found = random_scenario(seed)
     assert 3 <= len(found.obstacles) <= 8
     discs = [(o.centre, o.radius) for o in found.obstacles]
     for i, (centre, radius) in enumerate(discs):
         for other, its in discs[:i]:
             assert np.linalg.norm(centre - other) >= radius + its + 0.35 - 1e-12
-    again = random_world(seed, robot=car_robot(reverse=1.0))
+    again = random_scenario(seed, robot=car_robot(reverse=1.0))
     for one, other in zip(found.obstacles, again.obstacles):
         np.testing.assert_array_equal(one.corners, other.corners)

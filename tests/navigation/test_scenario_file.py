@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ann_dc.errors import FileFormatError, WorldError
-from ann_dc.navigation.scenario_file import load_world
+from ann_dc.errors import FileFormatError, ScenarioError
+from ann_dc.navigation.scenario_file import load_scenario
 
 YARD = """
 start = [0, 0, 0.5, 0]
@@ -31,7 +31,7 @@ appears = 1.0
 def read(tmp_path, text):
     path = tmp_path / "yard.toml"
     path.write_text(text, encoding="utf-8")
-    return load_world(path)
+    return load_scenario(path)
 
 
 def test_a_world_is_read(tmp_path):
@@ -45,7 +45,7 @@ def test_a_world_is_read(tmp_path):
 
 
 def test_the_demo_is_one():
-    assert len(load_world(Path(__file__).parents[2] / "demos" / "crossing.toml").obstacles) == 5
+    assert len(load_scenario(Path(__file__).parents[2] / "demos" / "crossing.toml").obstacles) == 5
 
 
 @pytest.mark.parametrize(
@@ -65,10 +65,10 @@ def test_the_demo_is_one():
     ],
 )
 def test_what_is_wrong_is_told_with_its_field(tmp_path, old, new, words):
-    with pytest.raises((WorldError, FileFormatError), match=words):
+    with pytest.raises((ScenarioError, FileFormatError), match=words):
         read(tmp_path, YARD.replace(old, new).replace("velocity = [0.1, 0]", ""))
 
 
 def test_a_missing_file_is_told(tmp_path):
     with pytest.raises(FileFormatError, match="world file"):
-        load_world(tmp_path / "nowhere.toml")
+        load_scenario(tmp_path / "nowhere.toml")

@@ -7,7 +7,7 @@ from ann_dc import apply_gains, design, synthesize
 from ann_dc.navigation.closed_loop import drive
 from ann_dc.navigation.obstacles import disc
 from ann_dc.navigation.planner import Situation
-from ann_dc.navigation.scenario import World
+from ann_dc.navigation.scenario import Scenario
 from ann_dc.navigation.waypoint_planner import WaypointPlanner
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.robot import unicycle_robot
@@ -29,19 +29,19 @@ def planner():
 
 def world(*obstacles, **given):
     start, goal = np.zeros(3), np.array([4.0, 0.5])
-    return World(robot=ROBOT, start=start, goal=goal, obstacles=obstacles, **given)
+    return Scenario(robot=ROBOT, start=start, goal=goal, obstacles=obstacles, **given)
 
 
 def test_a_leg_leads_to_its_place(planner):
     plan = planner.begin().plan([Situation(world(), 0, np.zeros(3), 0.0)])[0]
     np.testing.assert_allclose(plan.q[:2, -1], [4.0, 0.5], atol=0.1)
-    assert drive([world()], planner, shield=None)[0].arrived
+    assert drive([world()], planner, safety_filter=None)[0].arrived
 
 
 def test_what_appears_on_the_way_gets_a_waypoint(planner):
     here = world(disc((2.0, 0.2), 0.3), sensor=1.0)
-    (journey,) = drive([here], planner, shield=None)
-    (free,) = drive([world()], planner, shield=None)
+    (journey,) = drive([here], planner, safety_filter=None)
+    (free,) = drive([world()], planner, safety_filter=None)
     assert journey.length > free.length
     beside = here.obstacles[0].centre + (0.45 + 0.3) * np.array([-1, 1]) / np.sqrt(2)
     plans = [plan[:2].T for plan in journey.plans]
@@ -53,6 +53,6 @@ def test_as_printed_the_leg_to_the_waypoint_is_left_out(planner):
     printed = WaypointPlanner(
         robot=ROBOT, network=planner.network, dt=0.1, delta=planner.delta, as_printed=True
     )
-    (journey,) = drive([world(disc((2.0, 0.2), 0.3), sensor=1.0)], printed, shield=None)
+    (journey,) = drive([world(disc((2.0, 0.2), 0.3), sensor=1.0)], printed, safety_filter=None)
     jumps = [np.linalg.norm(plan[:2, 0] - q) for plan, q in zip(journey.plans, journey.q[:2].T)]
     assert max(jumps) > 0.3  # it plans from where it is not

@@ -12,7 +12,7 @@ from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Sum, Template
 from ann_dc.network.duals import PIDual
-from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.ends import FixedNeuron, Omitted
 from ann_dc.network.network import Network
 from ann_dc.scale import Scale
 
@@ -34,18 +34,18 @@ BAD_ROWS = {
     "nan input": ({"inputs": {"drive": np.nan}}, NetworkError, r"inputs\[drive\].*not finite"),
     "wrong length": ({"inputs": {"drive": [1, 2]}}, NetworkError, r"inputs\[drive\].*or 3"),
     "pin of no neuron": (
-        {"pins": (Pin(neuron="z", stage=0, input="drive"),)},
+        {"pins": (FixedNeuron(neuron="z", stage=0, input="drive"),)},
         NetworkError,
         "neuron='z'.*no such neuron or stage",
     ),
     "pin beyond the row": (
-        {"pins": (Pin(neuron="x", stage=3, input="drive"),)},
+        {"pins": (FixedNeuron(neuron="x", stage=3, input="drive"),)},
         NetworkError,
         "no such neuron or stage",
     ),
-    "negative stage": ({"absent": (Absent(neuron="x", stage=-1),)}, NetworkError, "no such"),
+    "negative stage": ({"absent": (Omitted(neuron="x", stage=-1),)}, NetworkError, "no such"),
     "pinned to no input": (
-        {"pins": (Pin(neuron="x", stage=0, input="x"),)},
+        {"pins": (FixedNeuron(neuron="x", stage=0, input="x"),)},
         NetworkError,
         "'x' is not an input",
     ),
@@ -130,10 +130,10 @@ def test_pack_and_unpack_are_inverse(name, data):
     values = row.unpack(x)
     assert values.shape == (*batch, len(row.cell.neurons), row.stages)
     np.testing.assert_array_equal(row.pack(values), x)
-    for pin in row.pins:
+    for pin in row.fixed:
         place = (..., row.neuron_index[pin.neuron], pin.stage)
         assert (values[place] == row.input_values[pin.input][pin.stage]).all()
-    for absent in row.absent:
+    for absent in row.omitted:
         assert not values[..., row.neuron_index[absent.neuron], absent.stage].any()
 
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from designs import designed
 
-from ann_dc import analyse, plants, plotting
+from ann_dc import diagnose, plants, plotting
 
 
 @pytest.fixture(scope="module")
 def found():
-    return analyse(designed("van_der_pol"))
+    return diagnose(designed("van_der_pol"))
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ def consumption(bounds=None):
 
 
 def test_line_of_a_logarithm_starts_where_the_control_holds_the_state():
-    assert ann_dc.line_start(consumption()).u == pytest.approx(np.full((1, 20), 5.0))
+    assert ann_dc.interpolated_guess(consumption()).u == pytest.approx(np.full((1, 20), 5.0))
 
 
 def test_controls_outside_the_domain_go_to_the_middle_of_their_limits():
@@ -46,7 +46,7 @@ def test_line_leaves_the_kink_of_a_norm():
         states=(k,), controls=(a, b), dynamics=(a - b,), cost=a**2 + b**2, horizon=5, dt=0.1,
         q_0=(0,), q_d=(0,), constraints={"norm": sp.sqrt(a**2 + b**2) <= 1},
     )  # fmt: skip
-    start = ann_dc.line_start(problem)
+    start = ann_dc.interpolated_guess(problem)
     assert defined(problem, start.q[:, :-1], start.u).all()
     assert ann_dc.synthesize(problem).size
 
@@ -61,6 +61,6 @@ def test_first_function_without_a_finite_slope_is_named(formula, expected):
 
 def test_start_outside_the_domain_names_the_control_and_the_term():
     problem = consumption()
-    start = ann_dc.Start(q=np.full((1, 21), 10.0), u=np.zeros((1, 20)))
+    start = ann_dc.InitialGuess(q=np.full((1, 21), 10.0), u=np.zeros((1, 20)))
     with pytest.raises(ProblemError, match=r"stage 0 \(k = 10, c = 0\), because of log\(c\)"):
-        ann_dc.synthesize(problem, start=start)
+        ann_dc.synthesize(problem, initial_guess=start)

@@ -105,5 +105,5 @@ def test_a_start_in_the_middle_of_a_distance_is_refused_by_name():
     given = problem(constraints={"disc": sp.sqrt((x - 1) ** 2 + y**2) >= 0.3})
     with pytest.raises(ProblemError, match=r"^start: the inequality disc or its slope has no fin"):
         ann_dc.synthesize(given)
-    line = ann_dc.line_start(given)
-    assert ann_dc.synthesize(given, start=replace(line, q=line.q + np.array([[0], [0.1]])))
+    line = ann_dc.interpolated_guess(given)
+    assert ann_dc.synthesize(given, initial_guess=replace(line, q=line.q + np.array([[0], [0.1]])))

@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 from scipy.integrate import solve_ivp
 
-from ann_dc.errors import AnnDcError, WorldError
+from ann_dc.errors import AnnDcError, ScenarioError
 from ann_dc.problem.robot import Robot, car_robot, unicycle_robot
 
 
@@ -46,7 +46,7 @@ x, y, v = sp.symbols("x y v")
 )
 def test_what_is_no_robot_is_refused(changes, words):
     given = {"states": (x, y), "controls": (v,), "dynamics": (v, v), "bounds": {"v": (-1, 1)}}
-    with pytest.raises(WorldError, match=words):
+    with pytest.raises(ScenarioError, match=words):
         Robot(**{**given, **changes}, radius=0.1)
 
 

@@ -13,7 +13,7 @@ from seeds import seeds
 from ann_dc.errors import ProblemError
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.initial_guess import line_start
+from ann_dc.problem.initial_guess import interpolated_guess
 from ann_dc.problem.scales import Scales, natural_scales, scales_of
 from ann_dc.scale import Scale
 
@@ -57,7 +57,7 @@ def assert_defined(problem: OptimalControlProblem) -> Scales:
     assert np.isfinite(factors).all()
     assert min(factors) > 0
     assert np.isfinite([s.offset for s in (*scales.states, *scales.controls)]).all()
-    start = line_start(problem)
+    start = interpolated_guess(problem)
     assert np.isfinite(start.q).all()
     assert np.isfinite(start.u).all()
     return scales

@@ -16,7 +16,7 @@ CART = ann_dc.plants.double_integrator(N=5)
 @pytest.mark.parametrize("bounds", [{}, {"v": (None, 9), "a": (-99, None)}], ids=str)
 def test_a_path_has_its_end_whatever_neurons_there_are(bounds):
     problem = replace(CART, bounds=bounds)
-    start = ann_dc.line_start(problem)
+    start = ann_dc.interpolated_guess(problem)
     network = ann_dc.synthesize(problem)
     q, u = path_of(network, network.start_state)
     np.testing.assert_allclose(q, start.q)

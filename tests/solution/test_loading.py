@@ -14,7 +14,7 @@ BACKEND = ann_dc.OdeBackend(verify=False)
 
 
 def by_hand(problem):
-    gains = ann_dc.hand_gains(ann_dc.synthesize(problem), rho=1.0, tau=0.5)
+    gains = ann_dc.manual_gains(ann_dc.synthesize(problem), rho=1.0, tau=0.5)
     return ann_dc.solve(problem, gains=gains, backend=BACKEND)
 
 

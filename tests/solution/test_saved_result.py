@@ -23,7 +23,7 @@ from ann_dc.solution.saved_result import opened_result, save_result
 @pytest.fixture(scope="module")
 def solution():
     problem = plants.double_integrator(N=3)
-    gains = ann_dc.hand_gains(ann_dc.synthesize(problem), rho=1.0, tau=0.5)
+    gains = ann_dc.manual_gains(ann_dc.synthesize(problem), rho=1.0, tau=0.5)
     return ann_dc.solve(problem, gains=gains, backend=ann_dc.OdeBackend(verify=False))
 
 

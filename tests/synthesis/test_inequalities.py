@@ -6,7 +6,7 @@ import sympy as sp
 from constrained import CONSTRAINED, x
 from numpy.testing import assert_allclose
 
-from ann_dc import OptimalControlProblem, apply_gains, hand_gains, synthesize
+from ann_dc import OptimalControlProblem, apply_gains, manual_gains, synthesize
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.problem.scales import Scales
 from ann_dc.scale import Scale
@@ -38,7 +38,7 @@ def test_the_drives_are_slopes_of_the_augmented_lagrangian(name):
             row = index[dual.neuron]
             c, live = values[nodes[dual.residual]], network.live[row]
             total = total + ((neurons[row] + 0.35 * c) * c)[live].sum()
-        for diode in network.cell.diodes:
+        for diode in network.cell.inequality_duals:
             row = index[diode.neuron]
             pressed = np.maximum(neurons[row] + 0.7 * values[nodes[diode.residual]], 0.0)
             both = (pressed**2 - neurons[row] ** 2) / 1.4
@@ -94,7 +94,7 @@ def test_limits_of_controls_are_rails_and_clip_the_start():
     assert neuron.scale.user(neuron.limiter.low) == pytest.approx(-3)
     start = network.unpack(network.start_state)[network.neuron_index["u.u"]]
     assert_allclose(neuron.scale.user(start), 0.5)  # a line would need 1
-    assert not network.cell.diodes
+    assert not network.cell.inequality_duals
 
 
 def test_rows_that_q_0_fixes_and_those_of_the_end_have_no_neuron_elsewhere():
@@ -108,8 +108,8 @@ def test_rows_that_q_0_fixes_and_those_of_the_end_have_no_neuron_elsewhere():
 
 def test_penalties_of_diode_neurons_move_all_their_weights():
     network = synthesize(CONSTRAINED["dint_v"].problem)
-    frozen = apply_gains(network, hand_gains(network, rho={"z": 4.0, "mu": 2.0}))
-    (diode,) = frozen.cell.diodes
+    frozen = apply_gains(network, manual_gains(network, rho={"z": 4.0, "mu": 2.0}))
+    (diode,) = frozen.cell.inequality_duals
     weights = {c.name: c.weight for c in frozen.cell.connections}
     assert weights[diode.path] == 4.0
     assert weights["z.v_high<-zeta.v_high"] == 0.25 == -weights["z.v_high<-z.v_high"]
@@ -119,5 +119,5 @@ def test_problems_without_inequalities_have_no_diodes_and_no_rails():
     from ann_dc import plants
 
     network = synthesize(plants.car())
-    assert not network.cell.diodes
+    assert not network.cell.inequality_duals
     assert not any(np.isfinite((n.limiter.low, n.limiter.high)).any() for n in network.cell.neurons)

@@ -16,7 +16,7 @@ from ann_dc.network.cell import Function, Product
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.initial_guess import Start, line_start
+from ann_dc.problem.initial_guess import InitialGuess, interpolated_guess
 from ann_dc.problem.scales import Scales, scales_of
 from ann_dc.scale import Scale
 from ann_dc.synthesis.synthesis import synthesize
@@ -95,7 +95,7 @@ def in_user_units(network: Network, rows: np.ndarray) -> np.ndarray:
     """Neurons (neurons, N) as the user measures them; absent ones stay zero."""
     by_name = zip(network.cell.neurons, rows)
     values = np.stack([neuron.scale.user(row) for neuron, row in by_name])
-    for absent in network.absent:
+    for absent in network.omitted:
         values[network.neuron_index[absent.neuron], absent.stage] = 0.0
     return values
 
@@ -260,7 +260,7 @@ def test_ends_of_the_row_are_data():
     network = small("car")
     n, stages = 4, network.stages
     assert network.size == 18 * stages - 3 * n  # q of cell 0, t of the last cell, beta of cell 0
-    assert {(pin.neuron, pin.stage) for pin in network.pins} == {
+    assert {(pin.neuron, pin.stage) for pin in network.fixed} == {
         *((f"q.{s}", 0) for s in ("x", "y", "phi", "varphi")),
         *((f"t.{s}", stages - 1) for s in ("x", "y", "phi", "varphi")),
     }
@@ -283,16 +283,18 @@ def test_a_free_start_is_a_neuron_that_nothing_ties(form):
     assert live[index["q.v"], 0]
     assert not live[index["beta.v"], 0]
     assert "q_0.v" not in network.cell.inputs
-    assert {pin.neuron for pin in network.pins if pin.stage == 0} <= {"q.x"}
+    assert {pin.neuron for pin in network.fixed if pin.stage == 0} <= {"q.x"}
     (tie,) = (c for c in network.cell.connections if c.name == "q.v<-b.v")
     assert np.asarray(tie.weight).tolist() == [0.0, -1.0, -1.0, -1.0]
 
 
 def test_start_arrives_in_network_units():
     problem = plants.car(N=4)
-    line = line_start(problem)
+    line = interpolated_guess(problem)
     mu = np.arange(16.0).reshape(4, 4)
-    network = synthesize(decompose(problem), start=Start(q=line.q, u=line.u, mu=mu, beta=-mu))
+    network = synthesize(
+        decompose(problem), initial_guess=InitialGuess(q=line.q, u=line.u, mu=mu, beta=-mu)
+    )
     values = in_user_units(network, network.unpack(network.start_state))
     rows = network.neuron_index
     np.testing.assert_allclose(values[rows["q.x"]], line.q[0, :-1], atol=1e-15)

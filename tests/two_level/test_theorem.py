@@ -15,10 +15,10 @@ from reference import casadi_functions, ipopt
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import CORRECTED, switch
 from ann_dc.evaluation.populations import neuron_values
-from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, manual_gains
 from ann_dc.network.network import COORDINATION, Network
 from ann_dc.problem import plants
-from ann_dc.problem.initial_guess import Start
+from ann_dc.problem.initial_guess import InitialGuess
 from ann_dc.solver import synthesize
 from ann_dc.synthesis.row import start_values
 from ann_dc.two_level.levels import TwoLevels
@@ -57,7 +57,7 @@ def at_optimum(problem, form):
     found = ipopt(problem)
     mu, beta = costates(problem, found.q, found.u)
     network = synthesize(decompose(problem, form))
-    start = Start(q=found.q, u=found.u, mu=mu, beta=beta)
+    start = InitialGuess(q=found.q, u=found.u, mu=mu, beta=beta)
     given = theorem_IV_2(network, start_values(network, start))
     return given, casadi_eigenvalues(problem, found.q, found.u, mu, form)
 
@@ -188,7 +188,7 @@ def test_they_are_not_the_hessians_of_the_paper_s_own_example():
 def plain() -> Network:
     """The car on the plain Lagrangian, so that a stage reads its own t and beta alone."""
     network = closed_chain(CAR).network
-    return apply_gains(network, hand_gains(network))
+    return apply_gains(network, manual_gains(network))
 
 
 def told(push: np.ndarray):

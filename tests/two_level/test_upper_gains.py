@@ -11,8 +11,8 @@ from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import switch
 from ann_dc.errors import DesignError
-from ann_dc.gain_design.gain_rule import WITH_COORDINATORS
-from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gain_rule import MULTILEVEL_RULE
+from ann_dc.gain_design.gains import apply_gains, manual_gains
 from ann_dc.gain_design.procedure import design
 from ann_dc.network.network import COORDINATION
 from ann_dc.network.preconditioners.base import PreconditionerKind
@@ -45,7 +45,7 @@ def upper_map(name: str) -> UpperMap:
 def plain_map(name: str) -> UpperMap:
     """Of the plain Lagrangian, rho = 0, at the same solution."""
     network = upper_map(name).network
-    return replace(upper_map(name), network=apply_gains(network, hand_gains(network)))
+    return replace(upper_map(name), network=apply_gains(network, manual_gains(network)))
 
 
 def observed(upper: UpperMap, gains: Gradient, size: float) -> np.ndarray:
@@ -78,7 +78,7 @@ def test_it_is_what_an_outer_iteration_does(name, size, rtol):
 def test_the_error_dies_out_at_the_radius():
     """Power iteration: |e| shrinks by the radius an iteration, on average over many."""
     network = synthesize(decompose(PROBLEMS["double_integrator"](), switch("S14")))
-    designed = design(network, recipe=WITH_COORDINATORS)
+    designed = design(network, gain_rule=MULTILEVEL_RULE)
     upper = UpperMap(
         network=designed.network, settled=equilibrium(designed.network, designed.state)
     )

@@ -7,7 +7,7 @@ from designs import designed
 from reference import ipopt
 
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, manual_gains
 from ann_dc.network.network import COORDINATION
 from ann_dc.problem import plants
 from ann_dc.solution.solution import certificate_of
@@ -21,7 +21,7 @@ from ann_dc.two_level.upper_level import Gradient, NewtonCoordinator
 def test_a_convex_problem_needs_no_rho():
     problem = plants.lq(N=4)
     found = closed_chain(problem)
-    plain = apply_gains(found.network, hand_gains(found.network))
+    plain = apply_gains(found.network, manual_gains(found.network))
     gains = UpperMap(network=plain, settled=found.state).best()
     upper = Gradient(lambda_t=gains.lambda_t, lambda_beta=gains.lambda_beta)
     run = TwoLevels(plain, upper=upper).run(tolerance=1e-5)
@@ -35,7 +35,7 @@ def test_a_convex_problem_needs_no_rho():
 def test_the_plain_car_is_repelled():
     """rho = 0: along the worst eigenvector of S the error grows by |1 + lambda s| an iteration."""
     found, gain, count = closed_chain(CAR), 0.1, 250
-    plain = apply_gains(found.network, hand_gains(found.network))
+    plain = apply_gains(found.network, manual_gains(found.network))
     values, vectors = np.linalg.eig(UpperMap(network=plain, settled=found.state).schur.T)
     worst = values.real.argmax()
     left = vectors[:, worst]

@@ -49,8 +49,9 @@ PROBLEM = ann_dc.plants.double_integrator(N=3)
             "backend: expected a Backend such as ann_dc.OdeBackend(), got the text 'ode'",
         ),
         (
-            lambda: ann_dc.solve(PROBLEM, start="zero"),
-            "start: expected a Start such as ann_dc.line_start(problem), got the text 'zero'",
+            lambda: ann_dc.solve(PROBLEM, initial_guess="zero"),
+            "initial_guess: expected an InitialGuess such as ann_dc.interpolated_guess(problem), got "
+            "the text 'zero'",
         ),
         (
             lambda: ann_dc.SpiceBackend(level="macro"),
@@ -81,7 +82,7 @@ def test_what_a_user_gets_wrong_is_told(call, message):
 
 
 def test_gains_of_another_network():
-    gains = ann_dc.hand_gains(ann_dc.synthesize(ann_dc.plants.double_integrator(N=6)))
+    gains = ann_dc.manual_gains(ann_dc.synthesize(ann_dc.plants.double_integrator(N=6)))
     with pytest.raises(DesignError, match=re.escape("rate of shape (9, 3), got (9,) and (9, 6)")):
         ann_dc.solve(PROBLEM, gains=gains)
 

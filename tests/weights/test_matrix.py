@@ -93,7 +93,7 @@ def test_wires_beyond_neighbours_and_weights_of_each_stage():
             Connection(source="d", target="x"),
         ),
     )
-    matrix = to_matrix(Network(cell=cell, stages=3, inputs={"d": 1.0}, left={"x": "d"}))
+    matrix = to_matrix(Network(cell=cell, stages=3, inputs={"d": 1.0}, left_boundary={"x": "d"}))
     table = {
         (matrix.rows[r], matrix.columns[c]): float(matrix.values[r, c])
         for r, c in zip(*matrix.values.nonzero())

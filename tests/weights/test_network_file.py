@@ -25,7 +25,7 @@ from ann_dc.errors import OutputError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron, Role, Sum, Template
-from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.ends import FixedNeuron, Omitted
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import Preconditioner, PreconditionerKind
 from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
@@ -165,9 +165,9 @@ def networks(draw) -> Network:
         ),
         stages=stages,
         inputs={drive: draw(each(FINITE)), other: 0.0},
-        pins=(Pin(neuron=a, stage=0, input=drive),) if draw(st.booleans()) else (),
-        absent=(Absent(neuron=b, stage=stages - 1),) if draw(st.booleans()) else (),
-        left={b: drive, a: other} if draw(st.booleans()) else {},
+        fixed=(FixedNeuron(neuron=a, stage=0, input=drive),) if draw(st.booleans()) else (),
+        omitted=(Omitted(neuron=b, stage=stages - 1),) if draw(st.booleans()) else (),
+        left_boundary={b: drive, a: other} if draw(st.booleans()) else {},
         start={b: draw(each(FINITE))} if draw(st.booleans()) else {},
         preconditioner=draw(
             preconditioners(stages, sum(neuron.role is Role.PRIMAL for neuron in neurons))

@@ -23,7 +23,7 @@ from network_files import (
 
 from ann_dc.errors import FileFormatError, OutputError
 from ann_dc.network.cell import Cell, Neuron
-from ann_dc.network.ends import Absent
+from ann_dc.network.ends import Omitted
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.weights.network_file import load, save
@@ -85,7 +85,7 @@ HOSTILE = {
     "a schema before the first": (setting("schema", 0), "schema: 0, but this ann_dc reads"),
     "no schema": (with_manifest(lambda t: t.pop("schema") and None), "schema: None, but"),
     "unknown key": (setting("colour", "red"), "manifest: unknown key colour"),
-    "missing key": (with_manifest(lambda t: t.pop("pins") and None), "manifest.pins: missing"),
+    "missing key": (with_manifest(lambda t: t.pop("fixed") and None), "manifest.fixed: missing"),
     "no stages": (setting("stages", 0), "manifest.stages: 0 is not in 1 .. 1000000"),
     "true stages": (setting("stages", True), "manifest.stages: expected int, got True"),
     "fractional stages": (setting("stages", 4.0), "manifest.stages: expected int, got 4.0"),
@@ -164,8 +164,8 @@ def test_headers_are_not_read_as_python(case, path):
 
 def test_fifty_thousand_absent_neurons_take_no_seconds(path):
     cell = Cell(neurons=(Neuron(name="x"), Neuron(name="y")))
-    absent = tuple(Absent(neuron="y", stage=stage) for stage in range(50_000))
-    network = Network(cell=cell, stages=60_000, absent=absent)
+    absent = tuple(Omitted(neuron="y", stage=stage) for stage in range(50_000))
+    network = Network(cell=cell, stages=60_000, omitted=absent)
     save(network, path)
     start = time.process_time()
     loaded = load(path)
@@ -175,9 +175,9 @@ def test_fifty_thousand_absent_neurons_take_no_seconds(path):
 
 def test_a_manifest_that_would_not_be_read_again(path):
     cell = Cell(neurons=(Neuron(name="x"), Neuron(name="y")))
-    absent = tuple(Absent(neuron="y", stage=stage) for stage in range(90_000))
+    absent = tuple(Omitted(neuron="y", stage=stage) for stage in range(90_000))
     with pytest.raises(OutputError, match=r"take \d+ bytes, a file may have 2000000; give it sh"):
-        save(Network(cell=cell, stages=100_000, absent=absent), path)
+        save(Network(cell=cell, stages=100_000, omitted=absent), path)
     assert not path.exists()
 
 

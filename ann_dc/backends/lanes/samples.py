@@ -47,9 +47,9 @@ def samples_of(
         given[:, 1:-1, row] = held[name]
     pins = {
         (network.neuron_index[pin.neuron], pin.stage + 1): held[pin.input][:, pin.stage]
-        for pin in network.pins
+        for pin in network.fixed
     }
-    for node, source in network.left.items():
+    for node, source in network.left_boundary.items():
         at = network.node_index[node]
         if at < plan.neurons:
             pins[at, 0] = held[source][:, 0]

@@ -270,7 +270,7 @@ def _states(circuit: Circuit, volts: Voltages, count: int) -> np.ndarray:
         if name in network.neuron_index:
             values[:, network.neuron_index[name], stage] = scaling.value(name, across)
     known = evaluator(network).values(network.pack(values))[..., 1:-1]
-    rectified = (*network.cell.diodes, *network.cell.objectives)
+    rectified = (*network.cell.inequality_duals, *network.cell.objectives)
     before = {dual.multiplier: dual.sum for dual in rectified}
     for part in circuit.schematic.parts:
         if not isinstance(part, PICell):

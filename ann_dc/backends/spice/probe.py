@@ -67,7 +67,9 @@ def probed(network: Network, rules: ScalingRules, progress: Progress) -> Probed:
     known = {n: ends for n, ends in rules.intervals.items() if n in network.node_index}
     found = _probed(network, replace(rules, intervals=known), progress)
     rows = with_rail_rows(network, found.scaling, found.rate)
-    if rows.cell.diodes == network.cell.diodes:  # every rail lies beyond full scale
+    if (
+        rows.cell.inequality_duals == network.cell.inequality_duals
+    ):  # every rail lies beyond full scale
         return _probed(rows, rules, progress)
     found = _probed(rows, rules, progress, BANDWIDTH * found.rate)
     wide = intervals_of_inputs(schematic_of(rows), found.scaling, found.rate, rules.headroom)

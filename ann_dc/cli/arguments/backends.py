@@ -140,12 +140,12 @@ def form_of(word: str):
 
 def start_of(options: StartOptions):
     """Return the function for the initial guess that --start and --seed describe."""
-    from ann_dc.problem.initial_guess import line_start, random_start, zero_start
+    from ann_dc.problem.initial_guess import interpolated_guess, random_guess, zero_guess
 
     kinds = {
-        "line": line_start,
-        "zero": zero_start,
-        "random": partial(random_start, rng=options.seed),
+        "line": interpolated_guess,
+        "zero": zero_guess,
+        "random": partial(random_guess, rng=options.seed),
     }
     return named("--start", options.start, kinds)
 

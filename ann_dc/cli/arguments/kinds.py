@@ -24,7 +24,9 @@ KindsOption = Annotated[
 
 PreconditionerOption = Annotated[
     str,
-    typer.Option("--metric", metavar="KIND", help=f"Preconditioner that is built: {', '.join(KINDS)}."),
+    typer.Option(
+        "--metric", metavar="KIND", help=f"Preconditioner that is built: {', '.join(KINDS)}."
+    ),
 ]
 
 

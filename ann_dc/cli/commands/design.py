@@ -83,7 +83,7 @@ def design(
             from ann_dc.report.design import candidate_table, write_design
 
         with arithmetic_of(declared):
-            network = solver.synthesize(declared, start=neurons(declared))
+            network = solver.synthesize(declared, initial_guess=neurons(declared))
             designed = solver.design(
                 network,
                 kinds=allowed,
@@ -91,7 +91,7 @@ def design(
                 progress=progress,
             )
             progress("looking for the slowest modes")
-            found = diagnosis.analyse(designed) if why and designed.settled else None
+            found = diagnosis.diagnose(designed) if why and designed.settled else None
         written = [] if out is None else write_design(declared, designed, found, out, progress)
     shown = console(quiet=quiet)
     shown.print(str(designed), soft_wrap=True)

@@ -57,8 +57,8 @@ def export(
         typer.Option(
             "--metric",
             metavar="KIND",
-            help=f"Preconditioner that is built: {', '.join(KINDS)}. A diagonal one needs neighbours only; "
-            "for long horizons the other kinds settle sooner.",
+            help=f"Preconditioner that is built: {', '.join(KINDS)}. A diagonal one needs "
+            "neighbours only; for long horizons the other kinds settle sooner.",
             show_default="diagonal",
         ),
     ] = None,

@@ -58,7 +58,7 @@ def ladder(
 
         from ann_dc.backends.spice.backend import SpiceBackend
         from ann_dc.cli.arguments.building import fitted_to_build, network_to_build
-        from ann_dc.fidelity.level_comparison import Ladder, climb, quick
+        from ann_dc.fidelity.level_comparison import Ladder, compare_levels, quick
         from ann_dc.hardware.parts.levels import macro
         from ann_dc.optimality.reference_solvers import time_solvers
         from ann_dc.report.level_comparison import ladder_table, write_ladder
@@ -66,7 +66,7 @@ def ladder(
         with arithmetic_of(declared):
             network = network_to_build(declared, kind, progress=progress)
             asked = SpiceBackend(level=macro(), margin=margin, progress=progress)
-            rungs = climb(
+            rungs = compare_levels(
                 network,
                 Ladder(margin=fitted_to_build(asked, network).margin, progress=progress),
                 seed=seed,

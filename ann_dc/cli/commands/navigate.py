@@ -30,7 +30,7 @@ def navigate(
     period: Annotated[
         float, typer.Option(metavar="SECONDS", help="Control period, a stage of the plan.")
     ] = 0.1,
-    shield: Annotated[
+    safety_filter: Annotated[
         bool, typer.Option(help="Whether a shield steps in where a plan would collide.")
     ] = True,
     film: Annotated[bool, typer.Option("--film", help="Write a film too (GIF).")] = False,
@@ -63,18 +63,18 @@ def navigate(
     kind = named("--planner", planner, PLANNERS)
     with progress_line() as progress:
         from ann_dc.atomic_files import make_folder
-        from ann_dc.errors import WorldError, require_positive
+        from ann_dc.errors import ScenarioError, require_positive
         from ann_dc.navigation.closed_loop import SHIELD, drive
-        from ann_dc.navigation.scenario_file import load_world
+        from ann_dc.navigation.scenario_file import load_scenario
         from ann_dc.plotting.saving import save
         from ann_dc.plotting.worlds import film as moving, journey as picture
 
-        require_positive(WorldError, **{"--budget": budget})
-        declared = load_world(world)
+        require_positive(ScenarioError, **{"--budget": budget})
+        declared = load_scenario(world)
         make_folder(out)
         chosen = _designed(kind, declared.robot, budget, horizon, period, progress)
-        shielded = SHIELD if shield and kind == "network" else None
-        (way,) = drive([declared], chosen, shield=shielded, progress=progress)
+        shielded = SHIELD if safety_filter and kind == "network" else None
+        (way,) = drive([declared], chosen, safety_filter=shielded, progress=progress)
         progress("drawing")
         written = [save(picture(way), out / "journey.png")]
         if film:

@@ -85,7 +85,7 @@ def solve(
     problem: ProblemOptions,
     backend: BackendOption = "ode",
     form: FormOption = "corrected",
-    start: StartOptions,
+    initial_guess: StartOptions,
     kinds: KindsOption = None,
     refine: Annotated[
         bool,
@@ -121,12 +121,12 @@ def solve(
     with notes(quiet), progress_line(quiet) as shown, _deadline(shown, time_limit) as progress:
         declared = problem.declared()
         files.make_room()
-        if start.starts is not None:
-            _refuse(start, backend=backend, form=form, refine=refine, time_limit=time_limit)
+        if initial_guess.starts is not None:
+            _refuse(initial_guess, backend=backend, form=form, refine=refine, time_limit=time_limit)
             backend, run, limit = "recurrent", *_for_many(run, limit)
         with phase("imports"):
             chosen = backend_of(backend, run, limit=limit, progress=progress)
-        equations, neurons = form_of(form), start_of(start)
+        equations, neurons = form_of(form), start_of(initial_guess)
 
         with phase("imports"):
             from ann_dc import solver
@@ -134,8 +134,10 @@ def solve(
 
         found = None
         with arithmetic_of(declared), needing_torch(f"--backend {backend}"):
-            if start.starts is not None:
-                found = _from_many(declared, start.starts, start.seed, kinds, chosen, progress)
+            if initial_guess.starts is not None:
+                found = _from_many(
+                    declared, initial_guess.starts, initial_guess.seed, kinds, chosen, progress
+                )
                 solution = found.solution()
             else:
                 options = {"start": neurons(declared), "kinds": kinds_of(kinds, chosen.kinds)}
@@ -172,7 +174,9 @@ def _refined(declared, form, options: Mapping[str, Any], objective, progress: Pr
     from ann_dc import solver
     from ann_dc.decomposition.equations import decompose
 
-    network = solver.synthesize(decompose(declared, form.designable), start=options["start"])
+    network = solver.synthesize(
+        decompose(declared, form.designable), initial_guess=options["start"]
+    )
     kinds = options["kinds"]
     return solver.design(network, kinds=kinds, refine=objective, progress=progress)
 

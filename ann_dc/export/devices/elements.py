@@ -68,7 +68,7 @@ class _Wiring:
         self.elements = [self._integrator(i) for i in range(network.size)]
         self.constants: dict[str, int] = {}
         self.blocks: dict[tuple[str, int], int] = {}
-        self.pins = {(pin.neuron, pin.stage): pin.input for pin in network.pins}
+        self.pins = {(pin.neuron, pin.stage): pin.input for pin in network.fixed}
         self.arriving = defaultdict(list)
         for wire in network.cell.connections:
             weight = np.broadcast_to(np.asarray(wire.weight, float), network.stages)
@@ -107,8 +107,8 @@ class _Wiring:
         if name == ONE:
             return self._constant(ONE, 1.0)
         if not 0 <= stage < network.stages:
-            outside = stage == -1 and name in network.left
-            return self._input(network.left[name], 0) if outside else None
+            outside = stage == -1 and name in network.left_boundary
+            return self._input(network.left_boundary[name], 0) if outside else None
         if name in network.neuron_index:
             component = int(network.state_index[network.neuron_index[name], stage])
             if component >= 0:

@@ -151,7 +151,7 @@ class CellBoxes:
         groups = {name: name for name in (*self._blocks, *self._neurons)}
         for dual in cell.duals:
             groups |= dict.fromkeys((dual.residual, dual.multiplier), dual.neuron)
-        for row in (*cell.diodes, *cell.objectives):
+        for row in (*cell.inequality_duals, *cell.objectives):
             groups |= dict.fromkeys(row.nodes, row.neuron)
         for name in self._blocks:  # what stands between two nodes of a multiplier is drawn there
             around = {groups.get(n, n) for n in (*self._sources_of(name), *self._readers[name])}
@@ -182,7 +182,7 @@ class CellBoxes:
 
     def _about(self, neuron: Neuron) -> str:
         """Return the kind of a multiplier neuron and its time constant as text."""
-        diode = neuron.name in {row.neuron for row in self._cell.diodes}
+        diode = neuron.name in {row.neuron for row in self._cell.inequality_duals}
         kind = "diode" if diode else "PI"
         kind = "share" if neuron.name in {o.neuron for o in self._cell.objectives} else kind
         return f"{kind}, τ {number(neuron.tau)}"

@@ -174,7 +174,7 @@ def _legend(drawn: CellBoxes) -> list[list[Entry]]:
         (cell.count(Product), ("words", "×", "product of its rows")),
         (True, ("stub", INK, "from or to cell k−1 (left), k+1 (right)")),
         (cell.duals, ("words", "PI", "multiplier m = μ + ρ c with τ dμ/ds = c, one amplifier")),
-        (cell.diodes, ("words", "diode", "multiplier that is never negative")),
+        (cell.inequality_duals, ("words", "diode", "multiplier that is never negative")),
         (cell.objectives, ("words", "share", "of an objective in the cost")),
         (shared, ("words", "shared", "one for the whole row, in its last cell; read over a bus")),
     ]

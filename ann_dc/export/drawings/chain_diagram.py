@@ -82,8 +82,8 @@ def _cells(network: Network) -> list[tuple[int, list[Entry]]]:
 
 
 def _inside(network: Network, stage: int) -> list[Entry]:
-    pins = {(pin.neuron, pin.stage): pin.input for pin in network.pins}
-    absent = {(gone.neuron, gone.stage) for gone in network.absent}
+    pins = {(pin.neuron, pin.stage): pin.input for pin in network.fixed}
+    absent = {(gone.neuron, gone.stage) for gone in network.omitted}
     groups: dict[tuple[str, str], list[str]] = defaultdict(list)
     for neuron in network.cell.neurons:
         place, part = (neuron.name, stage), neuron.component or neuron.name
@@ -99,7 +99,7 @@ def _inside(network: Network, stage: int) -> list[Entry]:
     for (population, state), parts in groups.items():
         found.append((population, _said(population, state, parts), not state))
     if stage == 0:
-        found += [("", f"left of it: {n} = {i}", False) for n, i in network.left.items()]
+        found += [("", f"left of it: {n} = {i}", False) for n, i in network.left_boundary.items()]
     return found
 
 

@@ -115,6 +115,6 @@ def node_colours(cell: Cell) -> Mapping[str, str]:
     found |= {neuron.name: populations[neuron.population] for neuron in cell.neurons}
     for dual in cell.duals:
         found |= dict.fromkeys((dual.residual, dual.multiplier), found[dual.neuron])
-    for row in (*cell.diodes, *cell.objectives):
+    for row in (*cell.inequality_duals, *cell.objectives):
         found |= dict.fromkeys(row.nodes, found[row.neuron])
     return found

@@ -135,14 +135,14 @@ def _ends(network: Network, names: Mapping[str, str]) -> Iterator[str]:
         for name in network.cell.inputs:
             yield rf"${at_stage(names[name])}$ & ${range_of(network.input_values[name])}$ \\"
         yield r"\end{longtable}"
-    if network.pins or network.absent or network.left:
+    if network.fixed or network.omitted or network.left_boundary:
         yield r"\section*{Ends of the row}"
         yield r"\begin{longtable}{ll}"
         at = lambda name, stage: names[name].replace(INDEX, str(stage))  # noqa: E731
-        for pin in network.pins:
+        for pin in network.fixed:
             yield rf"${at(pin.neuron, pin.stage)}$ & $= {at(pin.input, pin.stage)}$ \\"
-        for gone in network.absent:
+        for gone in network.omitted:
             yield rf"${at(gone.neuron, gone.stage)}$ & is absent \\"
-        for node, given in network.left.items():
+        for node, given in network.left_boundary.items():
             yield rf"${at(node, -1)}$ & $= {at(given, 0)}$ \\"
         yield r"\end{longtable}"

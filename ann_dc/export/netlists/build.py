@@ -17,7 +17,7 @@ from ann_dc.backends.spice.level_words import level_words
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import ExportError, NetworkError, UnknownNameError
-from ann_dc.fidelity.circuit_instance import Specimen, transient_of
+from ann_dc.fidelity.circuit_instance import CircuitInstance, transient_of
 from ann_dc.fidelity.circuit_study import NEAR
 from ann_dc.fidelity.fitting import fitting_intervals, fitting_margin
 from ann_dc.fidelity.prediction import LARGEST, astray_of, clipped_at, clipping_of
@@ -164,14 +164,14 @@ def _built(network: Network, level: str, series: Series) -> Build:
     try:
         made = level_of(network, level)
         backend = SpiceBackend(level=made, series=series)
-        specimen, doubts = _specimen(backend, network), []
+        instance, doubts = _specimen(backend, network), []
         if made.emulated:
-            specimen = _without_ringing(backend, specimen, network)
-            doubts += _lost(specimen)
-        error = _control_error(specimen)
-        doubts += _coarse(specimen, error)
-        circuit, probe = specimen.circuit, specimen.probe
-        deck = backend.deck(circuit, probe, specimen.deviations)
+            instance = _without_ringing(backend, instance, network)
+            doubts += _lost(instance)
+        error = _control_error(instance)
+        doubts += _coarse(instance, error)
+        circuit, probe = instance.circuit, instance.probe
+        deck = backend.deck(circuit, probe, instance.deviations)
     except NetworkError as error:
         raise ExportError(f"level {level}: {error}") from error
     for doubt in doubts:
@@ -188,40 +188,42 @@ def _built(network: Network, level: str, series: Series) -> Build:
     )
 
 
-def _specimen(backend: SpiceBackend, network: Network) -> Specimen:
+def _specimen(backend: SpiceBackend, network: Network) -> CircuitInstance:
     circuit, probe = backend.prepare(network)
     off = backend.deviations(circuit)
-    return Specimen(circuit=circuit, level=backend.level, probe=probe, deviations=off)
+    return CircuitInstance(circuit=circuit, level=backend.level, probe=probe, deviations=off)
 
 
-def _without_ringing(backend: SpiceBackend, specimen: Specimen, network: Network) -> Specimen:
+def _without_ringing(
+    backend: SpiceBackend, instance: CircuitInstance, network: Network
+) -> CircuitInstance:
     """Return a circuit with op amps fast enough to avoid ringing.
 
     Preconditioners other than the diagonal one always need more than the usual bandwidth.
     """
     usual = network.preconditioner.kind is PreconditionerKind.DIAGONAL
-    if usual and pole_spectrum(specimen.emulation, specimen.probe.final).abscissa < 0:
-        return specimen
+    if usual and pole_spectrum(instance.emulation, instance.probe.final).abscissa < 0:
+        return instance
     if not usual:
         backend = replace(backend, intervals=fitting_intervals(backend, network))
-        specimen = _specimen(backend, network)
-    margin = _margin(specimen.circuit, specimen.level, specimen.probe)
-    specimen = _specimen(replace(backend, margin=margin), network)
-    backend.check_stable(specimen.emulation, specimen.probe)
-    return specimen
+        instance = _specimen(backend, network)
+    margin = _margin(instance.circuit, instance.level, instance.probe)
+    instance = _specimen(replace(backend, margin=margin), network)
+    backend.check_stable(instance.emulation, instance.probe)
+    return instance
 
 
-def _lost(specimen: Specimen) -> list[str]:
+def _lost(instance: CircuitInstance) -> list[str]:
     """Return reasons why a stable circuit may not settle correctly.
 
     The reasons become warnings, not errors. An emulation does not model the behaviour of parts
     beyond the domain of a function.
     """
-    if specimen.emulation.network.size > LARGEST:
+    if instance.emulation.network.size > LARGEST:
         return []
-    if clipped_at(specimen.emulation, specimen.settled).any():
-        return [clipping_of(specimen, specimen.emulation, specimen.settled).sentence]
-    if astray := astray_of(specimen, transient_of(specimen, MOST_STEPS)):
+    if clipped_at(instance.emulation, instance.settled).any():
+        return [clipping_of(instance, instance.emulation, instance.settled).sentence]
+    if astray := astray_of(instance, transient_of(instance, MOST_STEPS)):
         return [
             f"it may settle to a wrong point: emulated from reset, {astray}; design the network "
             "with another preconditioner, such as PreconditionerKind.MULTILEVEL"
@@ -229,22 +231,22 @@ def _lost(specimen: Specimen) -> list[str]:
     return []
 
 
-def _control_error(specimen: Specimen) -> float:
+def _control_error(instance: CircuitInstance) -> float:
     """Return the predicted error of the settled controls; nan without an emulation."""
     try:
-        return specimen.control_error
+        return instance.control_error
     except NetworkError:
         return np.nan
 
 
-def _coarse(specimen: Specimen, error: float) -> list[str]:
+def _coarse(instance: CircuitInstance, error: float) -> list[str]:
     """Return a warning if the controls settle too far from the optimum, with a remedy."""
     if not error > NEAR:
         return []
-    size = specimen.probe.size_in_words
+    size = instance.probe.size_in_words
     told = f"its controls are predicted to be {error:.1%} of {size} off, above {NEAR:.0%}"
-    pairs = replace(specimen, deviations=snapped(specimen.circuit, E96_PAIRS))
-    better = _control_error(pairs) if specimen.deviations else np.nan
+    pairs = replace(instance, deviations=snapped(instance.circuit, E96_PAIRS))
+    better = _control_error(pairs) if instance.deviations else np.nan
     if better < NEAR:
         return [f"{told}, because of the series of its resistors; series=E96-pairs: {better:.1e}"]
     return [f"{told}; take better parts, or a slower network (ann-dc circuit has the error budget)"]

@@ -144,7 +144,7 @@ class CellReading:
         if connection.template == Template.NEXT:
             moved = graph.rows(row, 1, stages), end
         else:
-            left = self.network.left.get(connection.source)
+            left = self.network.left_boundary.get(connection.source)
             end = end if left is None else graph.rows(self._inputs[left], 0, 1)
             moved = end, graph.rows(row, 0, stages - 1)
         return self._kept(graph.stacked(*moved) if stages > 1 else end, row)
@@ -153,7 +153,10 @@ class CellReading:
         """Shift the rows of a source beyond the neighbours with a matrix."""
         graph, offset, stages = self.graph, int(connection.template), self.network.stages
         shift = graph.table(f"cells.{connection.name}", np.eye(stages, k=offset))
-        moved, left = graph.op("MatMul", shift, row), self.network.left.get(connection.source)
+        moved, left = (
+            graph.op("MatMul", shift, row),
+            self.network.left_boundary.get(connection.source),
+        )
         if left is not None:
             first = (np.arange(stages) == -1 - offset).astype(float).reshape(-1, 1)
             fed = graph.rows(self._inputs[left], 0, 1)

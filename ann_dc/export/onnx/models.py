@@ -141,7 +141,7 @@ class _Flow:
     def _pinned(self, row: str, neuron: str) -> str:
         graph, stage = self._outer, np.arange(self.network.stages)
         inputs = dict(zip(self.network.cell.inputs, self._inputs))
-        for pin in self.network.pins:
+        for pin in self.network.fixed:
             if pin.neuron == neuron:
                 here = (stage == pin.stage)[:, None]
                 here = graph.table(f"pin.{neuron}.{pin.stage}", here, np.bool_)

@@ -75,7 +75,7 @@ class _Forms:
         for name, row in network.neuron_index.items():
             own = network.state_index[row]
             self.nodes[name] = self._form([(k, int(own[k])) for k in stages if own[k] >= 0])
-        for pin in network.pins:
+        for pin in network.fixed:
             held = self._form([(pin.stage, self._column(pin.input, pin.stage))])
             self.nodes[pin.neuron] = self.nodes[pin.neuron] + held
         for block in cell.blocks:
@@ -97,8 +97,10 @@ class _Forms:
             return self.nodes[name]
         shift = sparse.diags_array(np.ones(stages), offsets=offset, shape=(stages, stages))
         moved = sparse.csr_array(shift @ self.nodes[name])
-        if -stages <= offset < 0 and name in self.network.left:
-            moved = moved + self._form([(-1 - offset, self._column(self.network.left[name], 0))])
+        if -stages <= offset < 0 and name in self.network.left_boundary:
+            moved = moved + self._form(
+                [(-1 - offset, self._column(self.network.left_boundary[name], 0))]
+            )
         return moved
 
     def _arriving(self, target: str) -> sparse.csr_array:

@@ -17,7 +17,7 @@ from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.circuit_run import CircuitRun, check_full_scale
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.circuit_study import NEAR, measured_runs, undrawn
 from ann_dc.fidelity.error_budget import Sensitivity, sensitivity, total_error
 from ann_dc.fidelity.noise_run import control_noise, noisy
@@ -152,12 +152,12 @@ def _emulated(circuit: Circuit, probe: Trajectory, there: Sequence[SpiceBackend]
         same = emulated, None if seed is None else level.tolerances
         if same not in known:
             off = backend.deviations(circuit)
-            specimen = Specimen(circuit=circuit, level=level, probe=probe, deviations=off)
-            known[same] = specimen, prediction_of(specimen)
-        specimen, predicted = known[same]
+            instance = CircuitInstance(circuit=circuit, level=level, probe=probe, deviations=off)
+            known[same] = instance, prediction_of(instance)
+        instance, predicted = known[same]
         warm = same, level.conditions.kelvin
         if warm not in noises:
-            noises[warm] = control_noise(replace(specimen, level=level))
+            noises[warm] = control_noise(replace(instance, level=level))
         found.append(_told(backend, predicted, noises[warm], slopes))
     return found
 

@@ -19,7 +19,7 @@ from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NotFiniteError, SpiceTimeoutError, UnknownNameError
 from ann_dc.fidelity.boards.passives import PASSIVES
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.prediction import Unpredicted, prediction_of
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.parts import presets
@@ -267,7 +267,7 @@ def effects_table(
 
 
 def _predicted(effect: Effect, circuit: Circuit, probe: Trajectory) -> Found:
-    found = prediction_of(Specimen(circuit=circuit, level=effect.level, probe=probe))
+    found = prediction_of(CircuitInstance(circuit=circuit, level=effect.level, probe=probe))
     if isinstance(found, Unpredicted):
         return Found(effect=effect, why=found.sentence)
     settles = found.stable and not found.astray

@@ -25,8 +25,8 @@ from ann_dc.analysis.sensitivity import input_sensitivity
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.trajectory import Trajectory, control_error, control_values
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.circuit_instance import Specimen, settling_of, transient_of
-from ann_dc.fidelity.circuit_study import settled_error, specimens, undrawn
+from ann_dc.fidelity.circuit_instance import CircuitInstance, settling_of, transient_of
+from ann_dc.fidelity.circuit_study import instances, settled_error, undrawn
 from ann_dc.fidelity.noise_run import control_noise
 from ann_dc.fidelity.prediction import CLOCKED, astray_of, not_emulated
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -146,7 +146,7 @@ def interface_cost(
     """
     built = undrawn(backend, circuit, probe)
     if backend.seed is not None:
-        (built,) = specimens(built, [backend.seed])
+        (built,) = instances(built, [backend.seed])
     missing = not_emulated(built)
     if missing is not None:
         raise NetworkError(f"interface: {missing}")
@@ -190,8 +190,8 @@ def _steps(circuit: Circuit, bits: int) -> dict[str, float]:
     A step is negative if the user's value falls while the node's value rises.
     """
     network, unit = circuit.schematic.network, circuit.scaling.unit
-    fed = {pin.input: pin.neuron for pin in network.pins}
-    fed |= {name: neuron for neuron, name in network.left.items()}
+    fed = {pin.input: pin.neuron for pin in network.fixed}
+    fed |= {name: neuron for neuron, name in network.left_boundary.items()}
     nodes = {name: fed.get(name, name) for name in network.cell.inputs}
     return {
         name: 2 * unit[node] / 2**bits * network.input_scale(name).factor
@@ -232,7 +232,7 @@ def _moved(network: Network, probe: Trajectory, steps: Mapping[str, float]) -> n
     return total
 
 
-def _settling(built: Specimen, start: np.ndarray | None) -> tuple[float, str]:
+def _settling(built: CircuitInstance, start: np.ndarray | None) -> tuple[float, str]:
     """Return the settling time (s; nan if not reached), and the other equilibrium."""
     run = transient_of(built, start=start)
     astray = astray_of(built, run)

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.hardware.circuit.circuit import CLAMP_OFFSETS, Parameter, Quantity
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, Part
 from ann_dc.network.functions import function_block
@@ -75,7 +75,7 @@ class Reading:
 
 
 @checked
-def reading_of(nominal: Specimen, parameter: Parameter, stage: int) -> Reading:
+def reading_of(nominal: CircuitInstance, parameter: Parameter, stage: int) -> Reading:
     """Return the measurement for trimming an offset or a gain of a part.
 
     `nominal` is the circuit without errors; `stage` is the index of the cell, from 0.
@@ -106,7 +106,7 @@ def reading_of(nominal: Specimen, parameter: Parameter, stage: int) -> Reading:
 
 @checked
 def misread(
-    nominal: Specimen, parameter: Parameter, stage: int, off: Mapping[Quantity, float]
+    nominal: CircuitInstance, parameter: Parameter, stage: int, off: Mapping[Quantity, float]
 ) -> float:
     """Return the deviation in volts of a reading, with all errors of the part.
 
@@ -127,11 +127,11 @@ def _told(volts: float) -> str:
     return f"{round(volts, 6) + 0.0:.5g}"
 
 
-def _part(nominal: Specimen, parameter: Parameter) -> Part:
+def _part(nominal: CircuitInstance, parameter: Parameter) -> Part:
     return nominal.circuit.schematic.by_name[parameter.part]
 
 
-def _of_multiplier(nominal: Specimen, part: Multiplier, quantity: Quantity) -> str:
+def _of_multiplier(nominal: CircuitInstance, part: Multiplier, quantity: Quantity) -> str:
     """Return the description of the inputs applied to a multiplier."""
     full = f"{nominal.circuit.scaling.full_scale:g} V"
     a, b, out = part.a, part.b, f"output of {part.name}"
@@ -144,7 +144,9 @@ def _of_multiplier(nominal: Specimen, part: Multiplier, quantity: Quantity) -> s
     }[quantity]
 
 
-def _multiplied(nominal: Specimen, quantity: Quantity, off: Mapping[Quantity, float]) -> float:
+def _multiplied(
+    nominal: CircuitInstance, quantity: Quantity, off: Mapping[Quantity, float]
+) -> float:
     """Return the reading in volts of a multiplier with these errors."""
     full, parasitics = nominal.circuit.scaling.full_scale, nominal.level.datasheet.parasitics
     bend, through = parasitics.multiplier_nonlinearity, parasitics.multiplier_feedthrough
@@ -157,7 +159,9 @@ def _multiplied(nominal: Specimen, quantity: Quantity, off: Mapping[Quantity, fl
     return total
 
 
-def _apart(nominal: Specimen, part: Generator, stage: int) -> tuple[tuple[float, float], float]:
+def _apart(
+    nominal: CircuitInstance, part: Generator, stage: int
+) -> tuple[tuple[float, float], float]:
     """Return the inputs of lowest and highest output, and the output difference."""
     schematic, scaling = nominal.circuit.schematic, nominal.circuit.scaling
     block, full = function_block(part.function), scaling.full_scale
@@ -174,7 +178,7 @@ def _apart(nominal: Specimen, part: Generator, stage: int) -> tuple[tuple[float,
     return (float(volts[low]), float(volts[high])), float(out[high] - out[low])
 
 
-def _settled(nominal: Specimen, node: str, stage: int) -> float:
+def _settled(nominal: CircuitInstance, node: str, stage: int) -> float:
     """Return the signed voltage of a node at the equilibrium of the ideal network."""
     network, scaling = nominal.circuit.schematic.network, nominal.circuit.scaling
     values = evaluator(network).values(nominal.probe.final)[..., 1:-1]

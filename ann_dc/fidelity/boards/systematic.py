@@ -12,7 +12,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from ann_dc.evaluation.rules import size_of
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.hardware.parts.parasitics import NONE, Parasitics
 from ann_dc.validation.checked import checked
 
@@ -21,7 +21,7 @@ STILL = ("bias_doubling", "multiplier_noise", "amplifier_noise")
 
 
 @checked
-def systematic(specimen: Specimen) -> dict[str, float]:
+def systematic(instance: CircuitInstance) -> dict[str, float]:
     """Return the shift of the settled controls by each parasitic, taken alone.
 
     The result maps attributes of `Parasitics` to the largest shift relative to the largest control,
@@ -31,30 +31,30 @@ def systematic(specimen: Specimen) -> dict[str, float]:
     Examples
     --------
     >>> import ann_dc
-    >>> from ann_dc.fidelity import Specimen
+    >>> from ann_dc.fidelity import CircuitInstance
     >>> from ann_dc.fidelity.boards import systematic, with_parasitics
     >>> problem = ann_dc.plants.double_integrator(N=3)
     >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
     >>> level = with_parasitics(ann_dc.levels.macro(), switch_leakage=1e9, capacitor_leakage=1e3)
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
-    >>> list(systematic(Specimen(circuit=circuit, level=level, probe=probe)))
+    >>> list(systematic(CircuitInstance(circuit=circuit, level=level, probe=probe)))
     ['switch_leakage', 'capacitor_leakage']
     """
-    parasitics = specimen.level.datasheet.parasitics
-    plain = _controls(specimen, NONE)
-    size = size_of(plain, specimen.probe.control_reach)
+    parasitics = instance.level.datasheet.parasitics
+    plain = _controls(instance, NONE)
+    size = size_of(plain, instance.probe.control_reach)
     moves = {}
     for field in fields(Parasitics):
         value = getattr(parasitics, field.name)
         if field.name not in STILL and value != getattr(NONE, field.name):
-            alone = _controls(specimen, replace(NONE, **{field.name: value}))
+            alone = _controls(instance, replace(NONE, **{field.name: value}))
             moves[field.name] = float(np.abs(alone - plain).max() / size)
     return dict(sorted(moves.items(), key=lambda move: -move[1]))
 
 
-def _controls(specimen: Specimen, parasitics: Parasitics) -> np.ndarray:
+def _controls(instance: CircuitInstance, parasitics: Parasitics) -> np.ndarray:
     """Return the settled controls (m,) of the circuit with these parasitics."""
-    level = specimen.level
+    level = instance.level
     parts = replace(level.datasheet, parasitics=parasitics)
-    built = replace(specimen, level=replace(level, datasheet=parts))
+    built = replace(instance, level=replace(level, datasheet=parts))
     return built.emulation.controls(built.settled)

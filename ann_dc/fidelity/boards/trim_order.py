@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.fidelity.boards.measurements import Reading, reading_of
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.error_budget import Sensitivity
 from ann_dc.hardware.circuit.circuit import Parameter, Quantity
 from ann_dc.hardware.circuit.deviations import draw
@@ -53,7 +53,7 @@ class Step:
 
 @checked
 def trim_steps(
-    nominal: Specimen, slopes: Sensitivity, share: Share, resolution: PositiveFinite
+    nominal: CircuitInstance, slopes: Sensitivity, share: Share, resolution: PositiveFinite
 ) -> tuple[list[Step], np.ndarray]:
     """Return all trims in order and the untrimmed errors of drawn circuits.
 
@@ -82,7 +82,7 @@ class _Drawn:
         Signed errors of all controls, relative to the largest control.
     """
 
-    def __init__(self, slopes: Sensitivity, nominal: Specimen) -> None:
+    def __init__(self, slopes: Sensitivity, nominal: CircuitInstance) -> None:
         right = nominal.probe.control_values[-1]
         lost = (nominal.emulation.controls(nominal.settled) - right) / nominal.probe.control_size
         listed, sizes = nominal.circuit.parameters, nominal.level.tolerances
@@ -111,7 +111,7 @@ class _Drawn:
 
 
 def _order(
-    known: Sequence[Parameter], slopes: Sensitivity, nominal: Specimen
+    known: Sequence[Parameter], slopes: Sensitivity, nominal: CircuitInstance
 ) -> list[tuple[Parameter, int]]:
     """Return all trims by contribution to the worst control's remaining variance.
 
@@ -140,7 +140,7 @@ def _order(
     return order
 
 
-def _gains(nominal: Specimen, places: Sequence[tuple[Parameter, int]]) -> dict[tuple, int]:
+def _gains(nominal: CircuitInstance, places: Sequence[tuple[Parameter, int]]) -> dict[tuple, int]:
     """Return the position of each function generator's gain trim, by part and cell."""
     parts = nominal.circuit.schematic.by_name
     return {

@@ -22,8 +22,8 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.boards.measurements import misread
 from ann_dc.fidelity.boards.trim_order import Step, trim_steps
-from ann_dc.fidelity.circuit_instance import Specimen
-from ann_dc.fidelity.circuit_study import settled_error, specimens, undrawn
+from ann_dc.fidelity.circuit_instance import CircuitInstance
+from ann_dc.fidelity.circuit_study import instances, settled_error, undrawn
 from ann_dc.fidelity.error_budget import sensitivity
 from ann_dc.fidelity.noise_run import control_noise, noisy
 from ann_dc.fidelity.prediction import REPELS, not_emulated
@@ -157,7 +157,7 @@ def trimming(
             nominal=nominal,
             steps=steps,
             resolution=resolution,
-            drawn=list(specimens(nominal, seeds)),
+            drawn=list(instances(nominal, seeds)),
             progress=backend.progress,
         )
         for seeds in (range(samples), range(samples, 2 * samples))
@@ -222,11 +222,11 @@ class _Boards:
 
     Attributes
     ----------
-    nominal : Specimen
+    nominal : CircuitInstance
         Nominal circuit, common to all.
     resolution : float
         Accuracy of a reading, in volts.
-    drawn : sequence of Specimen
+    drawn : sequence of CircuitInstance
         Circuit instances.
     progress : Progress
         Receives every circuit.
@@ -234,10 +234,10 @@ class _Boards:
         Errors by the number of steps.
     """
 
-    nominal: Specimen
+    nominal: CircuitInstance
     steps: Sequence[Step]
     resolution: float
-    drawn: Sequence[Specimen]
+    drawn: Sequence[CircuitInstance]
     progress: Progress
     known: dict[int, np.ndarray] = field(default_factory=dict)
 
@@ -258,7 +258,7 @@ def _held(errors: np.ndarray, share: float) -> float:
     return float(np.quantile(errors, share, method="inverted_cdf"))
 
 
-def _check_settles(backend: SpiceBackend, nominal: Specimen) -> None:
+def _check_settles(backend: SpiceBackend, nominal: CircuitInstance) -> None:
     """Raise `NetworkError` if the circuit oscillates, which trimming cannot remedy."""
     if backend.level.emulated:
         backend.check_stable(nominal.emulation, nominal.probe)
@@ -267,8 +267,8 @@ def _check_settles(backend: SpiceBackend, nominal: Specimen) -> None:
 
 
 def _trimmed(
-    nominal: Specimen, board: Specimen, steps: Sequence[Step], resolution: float
-) -> Specimen:
+    nominal: CircuitInstance, board: CircuitInstance, steps: Sequence[Step], resolution: float
+) -> CircuitInstance:
     """Return a drawn circuit after its trim steps."""
     off = {name: np.array(each, float) for name, each in board.deviations.items()}
     for step in steps:
@@ -276,7 +276,9 @@ def _trimmed(
     return replace(board, deviations=off)
 
 
-def _trim(nominal: Specimen, off: Mapping[str, np.ndarray], step: Step, resolution: float) -> None:
+def _trim(
+    nominal: CircuitInstance, off: Mapping[str, np.ndarray], step: Step, resolution: float
+) -> None:
     """Adjust one trim in place until the reading has its target value."""
     here = {p.quantity: p.name for p in nominal.circuit.parameters if p.part == step.parameter.part}
     errors = {q: float(off[name][step.stage]) for q, name in here.items() if name in off}

@@ -17,12 +17,12 @@ from ann_dc.backends.spice.ngspice.process import find_ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.boards.spec import Spec
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.circuit_study import (
+    instances,
     measured_runs,
     sample_decks,
     settled_error,
-    specimens,
     undrawn,
 )
 from ann_dc.fidelity.noise_run import control_noise, noisy
@@ -166,8 +166,8 @@ def yield_of(
     if spots:
         find_ngspice()
     seeds = range(samples)
-    drawn = specimens(common, seeds, progress=backend.progress)
-    figures = [_figures(specimen, timed) for specimen in drawn]
+    drawn = instances(common, seeds, progress=backend.progress)
+    figures = [_figures(instance, timed) for instance in drawn]
     errors, times = (np.array([each[n] for each in figures]) for n in range(2))
     noise = control_noise(common)
     columns = {"error": noisy(errors, noise), "settling_time": times}
@@ -184,11 +184,11 @@ def yield_of(
     )
 
 
-def _figures(specimen: Specimen, timed: bool) -> tuple[float, float, str]:
+def _figures(instance: CircuitInstance, timed: bool) -> tuple[float, float, str]:
     """Return control error, settling time and the reason if the time is unknown."""
     if not timed:
-        return settled_error(specimen), np.nan, ""
-    found = prediction_of(specimen)
+        return settled_error(instance), np.nan, ""
+    found = prediction_of(instance)
     if isinstance(found, Unpredicted) or not found.stable or found.astray:
         return np.nan, np.nan, ""
     return found.control_error, found.settling_time, found.unknown
@@ -196,7 +196,7 @@ def _figures(specimen: Specimen, timed: bool) -> tuple[float, float, str]:
 
 def _spots(
     backend: SpiceBackend,
-    common: Specimen,
+    common: CircuitInstance,
     spec: Spec,
     errors: np.ndarray,
     times: np.ndarray,

@@ -98,12 +98,12 @@ def loads_of(circuit: Circuit) -> dict[tuple[str, bool], np.ndarray]:
     return found
 
 
-def drawn_of(circuit: Circuit, recipe: Curves | None) -> dict[str, np.ndarray]:
+def drawn_of(circuit: Circuit, gain_rule: Curves | None) -> dict[str, np.ndarray]:
     """Return the number (N,) of multiplier inputs that draw current from each part.
 
     Rectifying neurons have none, because current mirrors supply the currents at their outputs. With
-    the fitting method ``recipe`` for function generators, the multipliers of polynomial generators
-    are included.
+    the fitting method ``gain_rule`` for function generators, the multipliers of polynomial
+    generators are included.
     """
     schematic, scaling = circuit.schematic, circuit.scaling
     found: dict[str, np.ndarray] = {}
@@ -111,8 +111,8 @@ def drawn_of(circuit: Circuit, recipe: Curves | None) -> dict[str, np.ndarray]:
         inputs: list[str] = []
         if isinstance(part, Multiplier):
             inputs = [part.a, part.b]
-        elif isinstance(part, Generator) and isinstance(recipe, Polynomial):
-            fitted = recipe.fit(part.function, *built_range(part, scaling))
+        elif isinstance(part, Generator) and isinstance(gain_rule, Polynomial):
+            fitted = gain_rule.fit(part.function, *built_range(part, scaling))
             inputs = [part.x] * fitted.inputs
         for name in map(schematic.carrier, inputs):
             if name in schematic.diode_neurons:

@@ -28,7 +28,7 @@ from ann_dc.network.cell import (
     Product,
     Sum,
 )
-from ann_dc.network.ends import Absent
+from ann_dc.network.ends import Omitted
 from ann_dc.network.network import Network
 from ann_dc.scale import IDENTITY, Scale
 
@@ -75,7 +75,7 @@ class Assembly:
         self._neurons: list[Neuron] = []
         self._blocks: list[Block] = []
         self._connections: list[Connection] = []
-        self._absent: list[Absent] = []
+        self._absent: list[Omitted] = []
         self._shared: set[str] = set()
 
     def neuron(
@@ -130,7 +130,7 @@ class Assembly:
     def leave_out(self, name: str, stages: Iterable[int]) -> None:
         """Omit a neuron at some stages; a shared neuron stays in the last cell."""
         if name not in self._shared:
-            self._absent += [Absent(neuron=name, stage=stage) for stage in stages]
+            self._absent += [Omitted(neuron=name, stage=stage) for stage in stages]
 
     def leave_out_unpinned(self, name: str, present: np.ndarray) -> None:
         """Omit outputs in cells without the part (``present``) and without a fixed value."""
@@ -230,9 +230,9 @@ class Assembly:
             stages=self.stages,
             inputs=self.ideal.inputs,
             input_scales=self.ideal.input_scales,
-            pins=self.ideal.pins,
-            absent=tuple(self._absent),
-            left=self.ideal.left,
+            fixed=self.ideal.fixed,
+            omitted=tuple(self._absent),
+            left_boundary=self.ideal.left_boundary,
             title=f"{self.ideal.title}, as a circuit",
         )
 

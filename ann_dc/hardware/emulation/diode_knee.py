@@ -82,13 +82,13 @@ def knee_shift(
     x' = 1 - x - m with x <= 1/2: the knee lets x - 1/2 be s ln(1 - exp(-m / s)), with m = 1/2:
 
     >>> from ann_dc.hardware.emulation import knee_shift
-    >>> from ann_dc.network import Cell, DiodeDual, Neuron
-    >>> dual = DiodeDual(neuron="z", residual="g", sum="y", multiplier="m")
+    >>> from ann_dc.network import Cell, InequalityDual, Neuron
+    >>> dual = InequalityDual(neuron="z", residual="g", sum="y", multiplier="m")
     >>> ends = [("one", "x", 1.0), ("x", "x", -1.0), ("m", "x", -1.0), ("x", "g", 1.0),
     ...         ("one", "g", -0.5), ("z", "y", 1.0), ("g", "y", 1.0), ("m", "z", 1.0),
     ...         ("z", "z", -1.0)]
     >>> cell = Cell(
-    ...     neurons=(Neuron(name="x"), Neuron(name="z")), diodes=(dual,),
+    ...     neurons=(Neuron(name="x"), Neuron(name="z")), inequality_duals=(dual,),
     ...     blocks=(Sum(name="g"), Sum(name="y"), Function(name="m", function="rectify", x="y")),
     ...     connections=tuple(Connection(source=s, target=t, weight=w) for s, t, w in ends))
     >>> found = knee_shift(Network(cell=cell, stages=1), np.array([0.5, 0.5]), 0.1)
@@ -113,7 +113,7 @@ def _widths(network: Network, width: float | Mapping[str, float]) -> dict[str, f
     """Return the width of every rounded rectifier, by the sum that it reads."""
     cell = network.cell
     sums = {dual.neuron: (dual.sum,) for dual in cell.objectives if not dual.is_softened}
-    sums |= {d.neuron: (d.sum, d.excess) if d.excess else (d.sum,) for d in cell.diodes}
+    sums |= {d.neuron: (d.sum, d.excess) if d.excess else (d.sum,) for d in cell.inequality_duals}
     given = width if isinstance(width, Mapping) else dict.fromkeys(sums, width)
     found = {}
     for neuron, size in given.items():

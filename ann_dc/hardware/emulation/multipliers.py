@@ -145,10 +145,10 @@ def _bent(assembly: Assembly, part: Multiplier, x: _Factor) -> _Factor:
     return replace(x, node=bent)
 
 
-def add_generator(assembly: Assembly, part: Generator, recipe: Curves | None) -> None:
+def add_generator(assembly: Assembly, part: Generator, gain_rule: Curves | None) -> None:
     """Add a function of a node, made of parts by a fitting method if one exists."""
     curve, scaling = f"curve.{part.name}", assembly.scaling
-    fitted = recipe.fit(part.function, *built_range(part, scaling)) if recipe else None
+    fitted = gain_rule.fit(part.function, *built_range(part, scaling)) if gain_rule else None
     slopes, loaded = slopes_of(assembly.schematic, scaling, part), None
     if isinstance(fitted, FittedPolynomial):
         _add_cascade(assembly, part, cascade_of(fitted, *slopes), 1 / slopes[0])

@@ -16,13 +16,13 @@ import numpy as np
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.schematic.elements import PICell, Wire
 from ann_dc.network.cell import Function, Product
-from ann_dc.network.duals import DiodeDual, ObjectiveDual, PIDual
+from ann_dc.network.duals import InequalityDual, ObjectiveDual, PIDual
 from ann_dc.network.network import Network
 
 Wires: TypeAlias = Mapping[str, tuple[Wire, ...]]
 """Incoming wires by node name."""
 
-Rectified: TypeAlias = DiodeDual | ObjectiveDual
+Rectified: TypeAlias = InequalityDual | ObjectiveDual
 """Duals that become PI cells with diodes."""
 
 
@@ -55,7 +55,7 @@ def fused_cells(
         if _is_fused(dual, wires, readers):
             cells.append(_pi_cell(dual, wires, rates[dual.neuron]))
             inside |= {dual.neuron, dual.residual, dual.multiplier}
-    rectified = (*network.cell.diodes, *network.cell.objectives)
+    rectified = (*network.cell.inequality_duals, *network.cell.objectives)
     for dual in () if differential else rectified:
         live = network.live[network.neuron_index[dual.neuron]]
         if _is_rectified(dual, wires, readers, live):

@@ -161,7 +161,7 @@ class Schematic:
     @cached_property
     def pins(self) -> dict[tuple[str, int], str]:
         """Inputs that replace neurons, by (neuron, stage)."""
-        return {(pin.neuron, pin.stage): pin.input for pin in self.network.pins}
+        return {(pin.neuron, pin.stage): pin.input for pin in self.network.fixed}
 
     @cached_property
     def railed(self) -> bool:
@@ -204,7 +204,7 @@ class Schematic:
         """Return True if a wire has a source at a stage; otherwise it has no resistor."""
         where = self.cell_of(wire.source, stage + wire.offset)
         if not 0 <= where < self.network.stages:
-            return where < 0 and wire.source in self.network.left
+            return where < 0 and wire.source in self.network.left_boundary
         given = wire.source not in self.polarity or (wire.source, where) in self.pins
         return given or self.alive(wire.source, where)
 

@@ -98,7 +98,7 @@ def following_margin(circuit: Circuit, level: Level) -> float:
     circuit may have any margin.
     """
     network, scaling = circuit.schematic.network, circuit.scaling
-    wiring = wiring_of(network) if network.cell.diodes else None
+    wiring = wiring_of(network) if network.cell.inequality_duals else None
     if wiring is None or not wiring.passive or len(wiring.moved) == 1:
         return 0.0
     between = sparse.csr_array(wiring.weights)[wiring.moved][:, wiring.moved]

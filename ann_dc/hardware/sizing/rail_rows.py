@@ -29,8 +29,8 @@ from ann_dc.hardware.schematic.elements import Integrator, PICell
 from ann_dc.hardware.schematic.preconditioner_wiring import OWN
 from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.network.cell import ONE, Cell, Function, Limiter, Neuron, Role, Sum
-from ann_dc.network.duals import DiodeDual
-from ann_dc.network.ends import Absent
+from ann_dc.network.duals import InequalityDual
+from ann_dc.network.ends import Omitted
 from ann_dc.network.network import Network
 from ann_dc.network.rewiring import wire
 from ann_dc.network.selection import clamped_rows
@@ -71,7 +71,7 @@ def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
     >>> row = Network(stages=2, cell=pushed, preconditioner=ties)
     >>> probe = ProbeRun(states=np.array([[0.0] * 2, [0.5] * 2]), times=np.arange(2.0), radius=1.0)
     >>> found = with_rail_rows(row, scale(row, probe), 1.0)
-    >>> [diode.multiplier for diode in found.cell.diodes], len(clamped_rows(found))
+    >>> [diode.multiplier for diode in found.cell.inequality_duals], len(clamped_rows(found))
     (['zeta_high.x'], 0)
     """
     coupled = {network.cell.neurons[row].name: row for row in clamped_rows(network)}
@@ -81,7 +81,7 @@ def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
     free = replace(network, cell=replace(network.cell, neurons=tuple(neurons)))
     response, pushed = _response(network), _currents(network, free)
     at = network.unpack(network.start_state)
-    cell, start, absent = free.cell, dict(network.start), list(network.absent)
+    cell, start, absent = free.cell, dict(network.start), list(network.omitted)
     for name, row in coupled.items():
         live = network.live[row]
         w = FASTER * rate / np.where(live, response[row], 1.0)
@@ -90,8 +90,8 @@ def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
             cell = _with_row(cell, diode, name, (side, rail), w, SLOWER / FASTER / rate)
             held = side * (at[row] - rail) >= 0  # elsewhere a current is a rounding error
             start[diode.neuron] = np.where(held, np.maximum(-side * pushed[row], 0.0), 0.0)
-            absent += [Absent(neuron=diode.neuron, stage=int(k)) for k in np.flatnonzero(~live)]
-    return replace(free, cell=cell, start=start, absent=tuple(absent))
+            absent += [Omitted(neuron=diode.neuron, stage=int(k)) for k in np.flatnonzero(~live)]
+    return replace(free, cell=cell, start=start, omitted=tuple(absent))
 
 
 def _rails(neuron: Neuron, scaling: Scaling) -> Iterator[tuple[str, float, float]]:
@@ -102,8 +102,8 @@ def _rails(neuron: Neuron, scaling: Scaling) -> Iterator[tuple[str, float, float
             yield word, side, rail
 
 
-def _diode(place: str) -> DiodeDual:
-    return DiodeDual(
+def _diode(place: str) -> InequalityDual:
+    return InequalityDual(
         neuron=f"z_{place}", residual=f"g_{place}", sum=f"s_{place}", multiplier=f"zeta_{place}"
     )
 
@@ -124,7 +124,12 @@ def _currents(network: Network, free: Network) -> np.ndarray:
 
 
 def _with_row(
-    cell: Cell, diode: DiodeDual, neuron: str, rail: tuple[float, float], w: np.ndarray, tau: float
+    cell: Cell,
+    diode: InequalityDual,
+    neuron: str,
+    rail: tuple[float, float],
+    w: np.ndarray,
+    tau: float,
 ) -> Cell:
     """Add the rectifying multiplier neuron of one limit, (side, value), to a cell."""
     side, value = rail
@@ -147,7 +152,7 @@ def _with_row(
         neurons=(*cell.neurons, Neuron(name=diode.neuron, tau=tau, role=Role.DUAL)),
         blocks=(*cell.blocks, *blocks),
         connections=(*cell.connections, *(end for end in ends if np.any(end.weight))),
-        diodes=(*cell.diodes, diode),
+        inequality_duals=(*cell.inequality_duals, diode),
     )
 
 

@@ -11,7 +11,7 @@ from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.patches import Circle
 
 from ann_dc.atomic_files import write_whole
-from ann_dc.navigation.closed_loop import Journey
+from ann_dc.navigation.closed_loop import ClosedLoopRun
 from ann_dc.plotting.style import BLUE, SKY, headline, new_figure, quiet
 from ann_dc.plotting.worlds.journey import ends, patch_of
 from ann_dc.validation.checked import checked
@@ -22,7 +22,7 @@ DOTS = 70
 
 
 @checked
-def film(journey: Journey, path: str | os.PathLike[str]) -> None:
+def film(journey: ClosedLoopRun, path: str | os.PathLike[str]) -> None:
     """Write a closed-loop run as a GIF: robot and plan left, neuron states right.
 
     The path must end in ``.gif``.

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 from matplotlib.ticker import NullFormatter
 
-from ann_dc.navigation.closed_loop import SETTLED, Journey
+from ann_dc.navigation.closed_loop import SETTLED, ClosedLoopRun
 from ann_dc.navigation.obstacles import Obstacle
 from ann_dc.plotting.style import (
     BLUE,
@@ -37,7 +37,7 @@ MOVING = "#E8C9A0"
 
 
 @checked
-def journey(journey: Journey) -> Figure:
+def journey(journey: ClosedLoopRun) -> Figure:
     """Plot the path of a robot and the quantities of its network.
 
     Left, the plane with the final obstacle positions; arrows are the paths of moving obstacles.
@@ -64,7 +64,7 @@ def journey(journey: Journey) -> Figure:
 
 
 @checked
-def plane(axes: Axes, journey: Journey) -> None:
+def plane(axes: Axes, journey: ClosedLoopRun) -> None:
     """Draw a scenario with the complete path in given axes.
 
     Parameters
@@ -100,7 +100,7 @@ def plane(axes: Axes, journey: Journey) -> None:
     ends(axes, journey)
 
 
-def ends(axes: Axes, journey: Journey) -> None:
+def ends(axes: Axes, journey: ClosedLoopRun) -> None:
     """Mark start and goal, and set axes that contain both."""
     world = journey.world
     axes.plot(*world.start[:2], "s", mfc="white", mec=GREEN, ms=9, label="start")
@@ -121,27 +121,27 @@ def patch_of(obstacle: Obstacle, time: float) -> Circle | Polygon:
     return Polygon(corners, closed=True, fc=colour, ec=GREY, lw=0.8)
 
 
-def _time(journey: Journey) -> np.ndarray:
+def _time(journey: ClosedLoopRun) -> np.ndarray:
     return journey.dt * np.arange(journey.u.shape[1])
 
 
-def _known(journey: Journey) -> np.ndarray:
+def _known(journey: ClosedLoopRun) -> np.ndarray:
     """Return (K,) booleans: True if the plan of a period has a residual."""
     return np.isfinite(journey.residuals) & (journey.residuals > 0)
 
 
-def _room(axes: Axes, journey: Journey) -> None:
+def _room(axes: Axes, journey: ClosedLoopRun) -> None:
     axes.plot(_time(journey), np.minimum(journey.clearance, journey.world.sensor), color=INK)
     axes.axhline(0.0, color=VERMILION, lw=0.8)
     axes.set_ylabel("room (m)")
 
 
-def _pressed(axes: Axes, journey: Journey) -> None:
+def _pressed(axes: Axes, journey: ClosedLoopRun) -> None:
     axes.plot(_time(journey), journey.pressed, color=ORANGE)
     axes.set(ylabel="largest multiplier\n(share of price)", ylim=(-0.05, 1.05))
 
 
-def _residual(axes: Axes, journey: Journey) -> None:
+def _residual(axes: Axes, journey: ClosedLoopRun) -> None:
     known = _known(journey)
     axes.semilogy(_time(journey)[known], journey.residuals[known], color=BLUE)
     axes.axhline(SETTLED, color=GREY, lw=0.8, ls=":")

@@ -127,9 +127,9 @@ def median_rho(network: Network) -> float:
 
     Examples
     --------
-    >>> from ann_dc import hand_gains, apply_gains, plants, synthesize
+    >>> from ann_dc import manual_gains, apply_gains, plants, synthesize
     >>> network = synthesize(plants.double_integrator(N=3))
-    >>> median_rho(apply_gains(network, hand_gains(network, rho=2.5)))
+    >>> median_rho(apply_gains(network, manual_gains(network, rho=2.5)))
     2.5
     """
     weights = {c.name: c.weight for c in network.cell.connections}

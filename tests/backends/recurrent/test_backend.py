@@ -29,7 +29,7 @@ from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, manual_gains
 from ann_dc.network.inputs import moved_starts
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
@@ -130,7 +130,7 @@ def test_a_wrong_sign_diverges():
 
 def steered_out(network: Network) -> Network:
     """Steering just inside a right angle, and a multiplier that pushes it outward."""
-    network = apply_gains(network, hand_gains(network))
+    network = apply_gains(network, manual_gains(network))
     values = network.unpack(network.start_state)
     values[network.neuron_index["q.varphi"], 4] = np.pi / 2 - 1e-3
     values[network.neuron_index["u.nu"], 4] = 0.0

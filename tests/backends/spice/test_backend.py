@@ -13,7 +13,7 @@ from simulator import needs_ngspice
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NetworkError, SpiceError
-from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
+from ann_dc.gain_design.gain_rule import DIAGONAL_RULE
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.circuit.deviations import combined, draw, snapped
 from ann_dc.hardware.parts.datasheet import Tolerances
@@ -227,7 +227,7 @@ def test_a_level_without_resistors_takes_no_series(level):
 @pytest.mark.slow
 def test_a_circuit_that_only_exact_parts_keep_from_ringing_is_told_so():
     """With resistors of E12 it needs a larger margin than with exact ones."""
-    network = design(synthesize(plants.two_link_arm(N=3)), recipe=WITHOUT_COORDINATORS).network
+    network = design(synthesize(plants.two_link_arm(N=3)), gain_rule=DIAGONAL_RULE).network
     backend = SpiceBackend(level=macro(), series=E12, margin=9.5)
     circuit, probe = backend.prepare(network)
     with pytest.raises(NetworkError, match=r"take closer ones, or raise the margin above 9\.5"):

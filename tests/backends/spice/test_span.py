@@ -9,7 +9,7 @@ import pytest
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.span import span_of
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import pole_spectrum
@@ -56,10 +56,10 @@ def test_a_circuit_that_is_slower_runs_for_fourteen_of_its_slowest_time_constant
 @pytest.mark.parametrize("a0", [1e6, 1e8])
 def test_span_of_circuit_with_small_error_leaves_a_fiftieth_of_it(a0):
     circuit, short = cut_short(0.1)
-    specimen = Specimen(circuit=circuit, level=macro(a0=a0), probe=short)
-    span = span_of(circuit, specimen.level, short)
-    left = np.exp(specimen.modes.abscissa * span.duration) * short.control_reach
-    assert left == pytest.approx(0.02 * specimen.control_error * short.control_size, rel=1e-3)
+    instance = CircuitInstance(circuit=circuit, level=macro(a0=a0), probe=short)
+    span = span_of(circuit, instance.level, short)
+    left = np.exp(instance.modes.abscissa * span.duration) * short.control_reach
+    assert left == pytest.approx(0.02 * instance.control_error * short.control_size, rel=1e-3)
     assert span.duration > span.wanted
     assert not span.cut
 

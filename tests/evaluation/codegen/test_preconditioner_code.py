@@ -13,7 +13,7 @@ from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.codegen.plan import Axis
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.cell import Cell, Connection, Neuron, Role
-from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.ends import FixedNeuron, Omitted
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
@@ -75,8 +75,8 @@ def lacking_some(seed: int) -> Network:
         cell=cell,
         stages=stages,
         inputs={"held": 2.0},
-        pins=tuple(Pin(neuron=n, stage=k, input="held") for n, k in ends[:3]),
-        absent=tuple(Absent(neuron=n, stage=k) for n, k in ends[3:]),
+        fixed=tuple(FixedNeuron(neuron=n, stage=k, input="held") for n, k in ends[:3]),
+        omitted=tuple(Omitted(neuron=n, stage=k) for n, k in ends[3:]),
     )
     return tied_at_random(network, seed)
 

@@ -106,7 +106,7 @@ def test_a_circuit_that_oscillates_is_refused(pyramid, monkeypatch):
 def test_a_circuit_that_gets_lost_on_its_way_is_told():
     """Stable where it should settle; on the way there a steering angle runs past tan's domain."""
     problem = ann_dc.plants.car(N=30)
-    network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    network = ann_dc.design(problem, gain_rule=ann_dc.DIAGONAL_RULE).network
     vector = reference_vector(network)
     assert ann_dc.OdeBackend().run(network).status.settled
     with pytest.warns(
@@ -119,7 +119,7 @@ def test_a_circuit_that_gets_lost_on_its_way_is_told():
 @pytest.mark.slow
 def test_a_circuit_that_would_ring_gets_the_margin_that_it_asks_for():
     problem = ann_dc.plants.bicycle(N=16)
-    network = ann_dc.design(problem, recipe=ann_dc.WITHOUT_COORDINATORS).network
+    network = ann_dc.design(problem, gain_rule=ann_dc.DIAGONAL_RULE).network
     backend = ann_dc.SpiceBackend(level=ann_dc.levels.macro())
     circuit, probe = backend.prepare(network)
     assert not predict(circuit, backend.level, probe).stable

@@ -62,7 +62,7 @@ def chain(shared: bool = False, offset: int = -1) -> Network:
             neurons=tuple(neurons), inputs=("drive",), blocks=(Sum(name="y"),),
             connections=tuple(wires),
         ),
-        stages=3, inputs={"drive": np.array([1.0, 2.0, 3.0])}, left={"y": "drive"},
+        stages=3, inputs={"drive": np.array([1.0, 2.0, 3.0])}, left_boundary={"y": "drive"},
         start={"x": 0.3},
     )  # fmt: skip
 

@@ -139,7 +139,7 @@ def test_every_effect_has_parts_of_its_own():
 
 def test_a_circuit_that_gets_lost_does_not_settle(monkeypatch):
     lost = "its transient diverged"
-    monkeypatch.setattr("ann_dc.fidelity.prediction.astray_of", lambda specimen, run: lost)
+    monkeypatch.setattr("ann_dc.fidelity.prediction.astray_of", lambda instance, run: lost)
     network = neighbour_wired("double_integrator", 3)
     (row,) = effects_table(network, known_effects()[:1], simulated=False)
     assert not row.predicted_stable

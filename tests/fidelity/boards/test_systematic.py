@@ -7,7 +7,7 @@ from wired import neighbour_wired
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.fidelity.boards.effects import with_parasitics
 from ann_dc.fidelity.boards.systematic import systematic
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.hardware.parts.levels import macro
 
 GIVEN = {
@@ -18,32 +18,32 @@ GIVEN = {
 }
 
 
-def specimen(**parasitics: float) -> Specimen:
+def instance(**parasitics: float) -> CircuitInstance:
     level = with_parasitics(macro(), **parasitics)
     circuit, probe = SpiceBackend(level=macro()).prepare(neighbour_wired("car", 3))
-    return Specimen(circuit=circuit, level=level, probe=probe)
+    return CircuitInstance(circuit=circuit, level=level, probe=probe)
 
 
 @pytest.mark.slow
 def test_moves_are_those_of_each_alone_the_largest_first():
-    moves = systematic(specimen(**GIVEN, multiplier_noise=1e-6))
+    moves = systematic(instance(**GIVEN, multiplier_noise=1e-6))
     assert set(moves) == set(GIVEN)
     assert list(moves.values()) == sorted(moves.values(), reverse=True)
-    plain = specimen()
+    plain = instance()
     ideal = plain.emulation.controls(plain.settled)
     for name, value in GIVEN.items():
-        alone = specimen(**{name: value})
+        alone = instance(**{name: value})
         move = np.abs(alone.emulation.controls(alone.settled) - ideal).max() / np.abs(ideal).max()
         assert moves[name] == pytest.approx(move, rel=1e-6)
 
 
 @pytest.mark.slow
 def test_no_circuit_is_further_off_than_its_moves_together():
-    found = specimen(**GIVEN)
-    sum_of_all = sum(systematic(found).values()) + specimen().control_error
+    found = instance(**GIVEN)
+    sum_of_all = sum(systematic(found).values()) + instance().control_error
     assert found.control_error < 1.02 * sum_of_all
 
 
 def test_capacitances_move_no_settled_point():
-    moves = systematic(specimen(switch_capacitance=5e-12, switch_charge=1e-12))
+    moves = systematic(instance(switch_capacitance=5e-12, switch_charge=1e-12))
     assert max(moves.values()) < 1e-9

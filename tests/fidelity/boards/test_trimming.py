@@ -14,7 +14,7 @@ from ann_dc.errors import ArgumentError, NetworkError
 from ann_dc.fidelity.boards.measurements import misread, reading_of
 from ann_dc.fidelity.boards.trim_order import trim_steps
 from ann_dc.fidelity.boards.trimming import Trimming, trimming
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.circuit_study import predicted_errors
 from ann_dc.fidelity.error_budget import sensitivity
 from ann_dc.fidelity.noise_run import control_noise
@@ -53,7 +53,7 @@ def test_the_first_trim_is_the_part_that_costs_most():
             for stage in np.flatnonzero(parameter.present):
                 off = np.zeros(circuit.schematic.network.stages)
                 off[stage] = GOOD.offset
-                found = Specimen(
+                found = CircuitInstance(
                     circuit=circuit,
                     level=backend.level,
                     probe=probe,
@@ -97,7 +97,7 @@ def test_a_coarse_reading_leaves_more():
 
 def test_what_is_less_than_the_noise_is_not_trimmed_for():
     backend, circuit, probe = built("double_integrator", GOOD)
-    noise = control_noise(Specimen(circuit=circuit, level=backend.level, probe=probe))
+    noise = control_noise(CircuitInstance(circuit=circuit, level=backend.level, probe=probe))
     with pytest.raises(NetworkError, match=r"trimming: noise of .* no trim brings them below"):
         trimming(backend, circuit, probe, 0.9 * noise, samples=1)
 
@@ -114,7 +114,7 @@ def bench(level):
     """A nominal pendulum on a level, and a parameter of one of its parts by quantity."""
     backend = SpiceBackend(level=level)
     circuit, probe = backend.prepare(network("pendulum"))
-    nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     return nominal, {p.quantity: p for p in circuit.parameters if p.part == "m.omega*cos(theta)"}
 
 
@@ -268,7 +268,7 @@ def test_slopes_are_of_the_circuits_that_are_emulated():
     level = macro(tolerances=Tolerances(resistor=1e-3, offset=1e-4))
     backend = SpiceBackend(level=level)
     circuit, probe = backend.prepare(network("double_integrator"))
-    nominal = Specimen(circuit=circuit, level=level, probe=probe)
+    nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     slopes = sensitivity(nominal.emulation, nominal.settled)
     _, untrimmed = trim_steps(nominal, slopes, 0.95, 1e-5)
     emulated = predicted_errors(circuit, level, probe, range(20))

@@ -11,7 +11,7 @@ from ann_dc.analysis.spectra import stability_limit
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.boards.spec import Spec
 from ann_dc.fidelity.boards.yields import yield_of
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.circuit_study import predicted_errors
 from ann_dc.fidelity.noise_run import control_noise
 from ann_dc.fidelity.prediction import predict
@@ -37,7 +37,7 @@ def built(backend):
 
 def test_the_share_within_is_that_of_predicted_errors(backend, built):
     errors = predicted_errors(built[0], backend.level, built[1], range(SAMPLES))
-    noise = control_noise(Specimen(circuit=built[0], level=backend.level, probe=built[1]))
+    noise = control_noise(CircuitInstance(circuit=built[0], level=backend.level, probe=built[1]))
     limit = float(np.hypot(np.sort(errors)[3:5].mean(), noise))
     found = yield_of(backend, *built, Spec(error=limit), samples=SAMPLES)
     assert found.errors == pytest.approx(errors, rel=1e-12)
@@ -95,7 +95,7 @@ def test_a_settling_time_that_is_not_known_is_not_asked_for(built, backend, monk
 
 
 def test_a_settling_time_that_is_not_found_is_told(built, backend, monkeypatch):
-    monkeypatch.setattr("ann_dc.fidelity.boards.yields.untimed", lambda specimen: "")
+    monkeypatch.setattr("ann_dc.fidelity.boards.yields.untimed", lambda instance: "")
     monkeypatch.setattr("ann_dc.fidelity.prediction.LARGEST", 10)
     found = yield_of(backend, *built, Spec(settling_time=1.0), samples=2)
     assert found.found.passed == 0

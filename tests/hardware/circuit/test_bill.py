@@ -16,7 +16,7 @@ from ann_dc.backends.spice.netlist.cells import cell_of
 from ann_dc.backends.spice.netlist.deck import deck_of
 from ann_dc.backends.spice.netlist.values import Nodes, Values
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
+from ann_dc.gain_design.gain_rule import DIAGONAL_RULE
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.circuit.bill import COLUMNS, bill_of
 from ann_dc.hardware.circuit.cost import CAPACITOR, GENERATOR, MULTIPLIER, OP_AMP, RESISTOR
@@ -34,7 +34,7 @@ LEVELS = {
 @cache
 def prepared(name: str, differential: bool = False):
     """A problem of the suite over four stages."""
-    network = design(small(name), recipe=WITHOUT_COORDINATORS).network
+    network = design(small(name), gain_rule=DIAGONAL_RULE).network
     return SpiceBackend(level=macro(differential=differential)).prepare(network)
 
 

@@ -9,7 +9,7 @@ from problems import SUITE
 
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gain_rule import WITH_COORDINATORS, WITHOUT_COORDINATORS
+from ann_dc.gain_design.gain_rule import DIAGONAL_RULE, MULTILEVEL_RULE
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.circuit.circuit import circuit_of
 from ann_dc.hardware.circuit.scaling import ProbeRun, scale
@@ -23,8 +23,8 @@ from ann_dc.solver import synthesize
 
 @cache
 def car(coordinated: bool) -> Network:
-    recipe = WITH_COORDINATORS if coordinated else WITHOUT_COORDINATORS
-    return design(synthesize(SUITE["car"].problem), recipe=recipe).network
+    gain_rule = MULTILEVEL_RULE if coordinated else DIAGONAL_RULE
+    return design(synthesize(SUITE["car"].problem), gain_rule=gain_rule).network
 
 
 @cache

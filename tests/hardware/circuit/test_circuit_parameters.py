@@ -7,7 +7,7 @@ from designs import small
 
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import NetworkError
-from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
+from ann_dc.gain_design.gain_rule import DIAGONAL_RULE
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.circuit.circuit import RESERVED, Quantity, aliases
 from ann_dc.hardware.parts.datasheet import Kind
@@ -20,7 +20,7 @@ PLANTS = ["car", "double_integrator", "cstr"]
 
 @cache
 def prepared(name: str):
-    network = design(small(name), recipe=WITHOUT_COORDINATORS).network
+    network = design(small(name), gain_rule=DIAGONAL_RULE).network
     return SpiceBackend(level=macro()).prepare(network)
 
 

@@ -9,7 +9,7 @@ from designs import small
 
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.netlist.deck import deck_of
-from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
+from ann_dc.gain_design.gain_rule import DIAGONAL_RULE
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.circuit.cost import (
     CAPACITOR,
@@ -34,7 +34,7 @@ CLAMPS = "clamp_low", "clamp_high"
 @cache
 def parts_at(level, name: str = "double_integrator"):
     """Parts of a problem of the suite over four stages."""
-    network = design(small(name), recipe=WITHOUT_COORDINATORS).network
+    network = design(small(name), gain_rule=DIAGONAL_RULE).network
     differential = level.technology.differential
     circuit, _ = SpiceBackend(level=macro(differential=differential)).prepare(network)
     return deck_of(circuit, level, duration=1.0).parts

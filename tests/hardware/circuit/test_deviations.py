@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
+from ann_dc.gain_design.gain_rule import DIAGONAL_RULE
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.circuit.deviations import checked_deviations, combined, draw
 from ann_dc.hardware.parts.conditions import Conditions
@@ -21,7 +21,7 @@ FULL = Tolerances(resistor=0.01, capacitor=0.02, offset=1e-3, gain=0.03, product
 
 @cache
 def prepared(name: str):
-    network = design(small(name), recipe=WITHOUT_COORDINATORS).network
+    network = design(small(name), gain_rule=DIAGONAL_RULE).network
     return SpiceBackend(level=macro()).prepare(network)
 
 

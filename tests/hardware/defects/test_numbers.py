@@ -38,7 +38,7 @@ from ann_dc.network.cell import (
     Sum,
     Template,
 )
-from ann_dc.network.ends import Absent, Pin
+from ann_dc.network.ends import FixedNeuron, Omitted
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.network.preconditioners.diagonal import Diagonal
@@ -355,9 +355,9 @@ ENDS = row(
     names=("x", "y"),
     stages=3,
     inputs={"drive": [1.5, 2.5, 3.5], "end": 7.0},
-    left={"x": "end", "p": "drive"},
-    pins=(Pin(neuron="x", stage=1, input="drive"),),
-    absent=(Absent(neuron="x", stage=2),),
+    left_boundary={"x": "end", "p": "drive"},
+    fixed=(FixedNeuron(neuron="x", stage=1, input="drive"),),
+    omitted=(Omitted(neuron="x", stage=2),),
     start={"x": 0.75, "y": 0.5},
 )
 """Everything that an end of a row may have."""
@@ -528,7 +528,7 @@ BLOCKS = row(
     names=("x", "y"),
     stages=2,
     inputs={"end": 5.0},
-    left={"p": "end"},
+    left_boundary={"p": "end"},
 )
 """A product that a sum, a function, a product and the next cell read; the first reads an input."""
 

@@ -15,7 +15,7 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.refinement import refined
 from ann_dc.backends.spice.span import span_of
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.circuit.circuit import CLAMP_RESTING, CLAMP_SATURATION
 from ann_dc.hardware.emulation.building import emulate_clamps
@@ -59,7 +59,7 @@ def board_with(preset: str) -> SpiceBackend:
 def growth(backend: SpiceBackend, network: Network) -> float:
     """Of the emulation, per unit of network time."""
     circuit, probe = backend.prepare(network)
-    return Specimen(circuit=circuit, level=backend.level, probe=probe).modes.abscissa
+    return CircuitInstance(circuit=circuit, level=backend.level, probe=probe).modes.abscissa
 
 
 @pytest.mark.parametrize("preset", ["opa828_ad734", "ad8065_ad835", "tl072_ad633"])
@@ -90,12 +90,12 @@ def collecting(rail: float) -> Network:
 def test_emulated_shared_neuron_settles_as_all_cells_send(rail, rout):
     level = macro(rout=rout)
     circuit, probe = SpiceBackend(level=level).prepare(collecting(rail))
-    specimen = Specimen(circuit=circuit, level=level, probe=probe)
-    moved = OdeBackend(method=ode.RADAU, verify=False, limit=1e9).run(specimen.moving.network)
+    instance = CircuitInstance(circuit=circuit, level=level, probe=probe)
+    moved = OdeBackend(method=ode.RADAU, verify=False, limit=1e9).run(instance.moving.network)
     assert moved.status.settled
     for emulation, x in (
-        (specimen.emulation, specimen.settled),
-        (specimen.moving, moved.trajectory.final),
+        (instance.emulation, instance.settled),
+        (instance.moving, moved.trajectory.final),
     ):
         row = emulation.network.neuron_index["x"]
         assert emulation.network.unpack(x)[row, -1] == pytest.approx(min(rail, 0.6), rel=1e-4)
@@ -136,7 +136,7 @@ def test_a_clamp_gives_way_to_what_presses(push, farads):
     """Of little gain, so that it shows: a diode's drop, and more the more it presses."""
     level = macro(a0=1e3, rout=50.0, parasitics=Parasitics(input_capacitance=farads))
     run = SpiceBackend(level=level).run(pressed(push))
-    found = Specimen(circuit=run.circuit, level=level, probe=run.probe)
+    found = CircuitInstance(circuit=run.circuit, level=level, probe=run.probe)
     row = found.emulation.network.neuron_index["x"]
     said = found.emulation.network.unpack(found.settled)[row, 0] - np.sign(push) / 2
     assert abs(said) > 5e-4
@@ -194,7 +194,7 @@ WAYS = {
 def test_clamps_move_as_in_ngspice(name, parts):
     """Those that are driven past their rails, too, by up to 0.8 V, where walls would hold."""
     run = SpiceBackend(level=parts).run(WAYS[name])
-    found = Specimen(circuit=run.circuit, level=parts, probe=run.probe)
+    found = CircuitInstance(circuit=run.circuit, level=parts, probe=run.probe)
     moved, walls = (way_of(emulation, run) for emulation in (found.moving, found.emulation))
     assert np.abs(moved).max() < 0.06
     assert np.abs(moved).max() < max(np.abs(walls).max() / 5, 3e-3)
@@ -216,7 +216,7 @@ def test_clamps_that_move_come_to_rest_where_walls_hold(name, cold):
     level = macro(tolerances=replace(TYPICAL, offset=1e-3))
     backend = SpiceBackend(level=level, seed=3)
     circuit, probe = backend.prepare(WAYS[name])
-    found = Specimen(
+    found = CircuitInstance(
         circuit=circuit, level=level, probe=probe, deviations=backend.deviations(circuit)
     )
     network = found.moving.network
@@ -229,7 +229,7 @@ def test_clamps_that_move_come_to_rest_where_walls_hold(name, cold):
 
 def test_without_rails_nothing_moves():
     circuit, probe = SpiceBackend(level=macro()).prepare(driven(rails=(-np.inf, np.inf), start=0.5))
-    found = Specimen(circuit=circuit, level=macro(), probe=probe)
+    found = CircuitInstance(circuit=circuit, level=macro(), probe=probe)
     assert found.moving is found.emulation
 
 

@@ -25,11 +25,11 @@ from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.hardware.emulation.diode_knee import knee, knee_shift
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Sum
-from ann_dc.network.duals import DiodeDual
+from ann_dc.network.duals import InequalityDual
 from ann_dc.network.network import Network
 from ann_dc.solution.solution import certificate_of
 
-DUAL = DiodeDual(neuron="z", residual="g", sum="y", multiplier="m")
+DUAL = InequalityDual(neuron="z", residual="g", sum="y", multiplier="m")
 
 
 def held(pull: float, w: float = 1.0) -> Network:
@@ -42,7 +42,7 @@ def held(pull: float, w: float = 1.0) -> Network:
         neurons=(Neuron(name="x"), Neuron(name="z")),
         blocks=(Sum(name="g"), Sum(name="y"), Function(name="m", function="rectify", x="y")),
         connections=tuple(Connection(source=a, target=b, weight=c) for a, b, c in ends),
-        diodes=(DUAL,),
+        inequality_duals=(DUAL,),
     )
     return Network(cell=cell, stages=1)
 
@@ -133,7 +133,10 @@ def settled(name):
     """A network, its settled point, and what a volt at every diode neuron stands for."""
     network = design(PROBLEMS[name](), kinds=[PreconditionerKind.DIAGONAL]).network
     circuit, probe = SpiceBackend().prepare(network)
-    volt = {d.neuron: float(circuit.scaling.value(d.multiplier, 1.0)) for d in network.cell.diodes}
+    volt = {
+        d.neuron: float(circuit.scaling.value(d.multiplier, 1.0))
+        for d in network.cell.inequality_duals
+    }
     return network, equilibrium(network, probe.final), volt
 
 
@@ -176,7 +179,7 @@ def slow(*names):
 def check_rows(network, x, width) -> None:
     """Every row rests at g = (s/w) ln(1 - exp(-m/s)), which is m = -s ln(1 - exp(w g/s))."""
     known, wires = evaluator(network), network.cell.connections
-    for dual in network.cell.diodes:
+    for dual in network.cell.inequality_duals:
         live = network.live[network.neuron_index[dual.neuron]]
         g, m = (known.node(x, node)[live] for node in (dual.residual, dual.multiplier))
         (w,) = (c.weight for c in wires if (c.source, c.target) == (dual.residual, dual.sum))

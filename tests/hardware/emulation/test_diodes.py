@@ -12,12 +12,12 @@ from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.emulation.building import emulate_clamps
 from ann_dc.hardware.emulation.states import emulated_state, pole_spectrum
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Sum
-from ann_dc.network.duals import DiodeDual
+from ann_dc.network.duals import InequalityDual
 from ann_dc.network.network import Network
 
 MACRO = levels.macro()
 SLOW = SpiceBackend(level=MACRO, margin=10.0)
-DUAL = DiodeDual(neuron="z", residual="g", sum="y", multiplier="m")
+DUAL = InequalityDual(neuron="z", residual="g", sum="y", multiplier="m")
 
 
 def ringing(pull: float, x: str = "u.x") -> Network:
@@ -30,7 +30,7 @@ def ringing(pull: float, x: str = "u.x") -> Network:
         neurons=(Neuron(name=x), Neuron(name="z")),
         blocks=(Sum(name="g"), Sum(name="y"), Function(name="m", function="rectify", x="y")),
         connections=tuple(Connection(source=a, target=b, weight=c) for a, b, c in ends),
-        diodes=(DUAL,),
+        inequality_duals=(DUAL,),
     )
     return Network(cell=cell, stages=1)
 

@@ -12,7 +12,7 @@ from ann_dc.hardware.circuit.scaling import ProbeRun, scale
 from ann_dc.hardware.emulation.noise_currents import Noise, draw_noise, noise_sources, white
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.network.cell import Cell, Connection, Neuron, Sum, Template
-from ann_dc.network.ends import Absent
+from ann_dc.network.ends import Omitted
 from ann_dc.network.network import Network
 
 BOLTZMANN = 1.380649e-23
@@ -69,7 +69,7 @@ def test_an_inverter_hears_two_resistors():
 
 def test_nothing_is_heard_where_nothing_is():
     network = chain()
-    short = replace(network, absent=(Absent(neuron="x", stage=3),))
+    short = replace(network, omitted=(Omitted(neuron="x", stage=3),))
     scaling = scale(short, ProbeRun(states=np.ones((1, short.size)), times=np.zeros(1), radius=2.0))
     found = {s.name: s.conductance for s in noise_sources(circuit_of(schematic_of(short), scaling))}
     assert found["ground.x"][3] == 0

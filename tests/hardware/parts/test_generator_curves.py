@@ -51,8 +51,8 @@ def test_an_odd_or_even_function_takes_half_as_many_multipliers(name, parity):
     [("sin", 1.3, 3, 1.9e-5, 4), ("cos", 1.3, 3, 2.0e-4, 3), ("tan", 0.75, 3, 2.2e-4, 4)],
 )
 def test_three_terms_suffice_for_the_papers_car(function, half, terms, error, multipliers):
-    recipe = Polynomial(tolerance=1.01 * error, most_terms=terms)
-    fit = recipe.fit(function, -half, half)
+    gain_rule = Polynomial(tolerance=1.01 * error, most_terms=terms)
+    fit = gain_rule.fit(function, -half, half)
     assert fit.error == pytest.approx(error, rel=0.05)
     assert fit.multipliers == multipliers
 

@@ -7,7 +7,7 @@ from preconditioner_networks import BEYOND, PYRAMIDS, with_preconditioner
 
 from ann_dc.backends.ode import DOP853, OdeBackend
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
+from ann_dc.gain_design.gain_rule import DIAGONAL_RULE
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.schematic.elements import Adder, GridNode
 from ann_dc.hardware.schematic.preconditioner_wiring import (
@@ -125,6 +125,6 @@ def test_own_integrals_are_what_moves_the_neurons(kind):
 
 
 def test_time_constants_need_no_wires():
-    network = design(designed("double_integrator").network, recipe=WITHOUT_COORDINATORS).network
+    network = design(designed("double_integrator").network, gain_rule=DIAGONAL_RULE).network
     assert wiring_of(network) is None
     assert preconditioner_values(network, network.start_state[None]) == {}

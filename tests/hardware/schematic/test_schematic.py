@@ -112,7 +112,7 @@ def test_a_diode_neuron_is_one_op_amp():
     """Residual, sum, rectifier and integrator; its diodes say with which sign it is carried."""
     network = limited_speed()
     schematic = schematic_of(network)
-    (diode,) = network.cell.diodes
+    (diode,) = network.cell.inequality_duals
     part = schematic.by_name[diode.multiplier]
     assert isinstance(part, PICell)
     assert part.rectified
@@ -124,7 +124,7 @@ def test_a_diode_neuron_is_one_op_amp():
 
 def test_a_diode_neuron_of_which_something_else_reads_stays_apart():
     network = limited_speed()
-    (diode,) = network.cell.diodes
+    (diode,) = network.cell.inequality_duals
     more = Connection(source=diode.residual, target="q.x", weight=0.1)
     cell = replace(network.cell, connections=(*network.cell.connections, more))
     schematic = schematic_of(replace(network, cell=cell))

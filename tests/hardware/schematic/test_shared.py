@@ -8,7 +8,7 @@ from simulator import needs_ngspice
 
 from ann_dc import SpiceBackend, emulate, equilibrium, levels, spectrum
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.error_budget import sensitivity
 from ann_dc.hardware.circuit.circuit import Quantity
 from ann_dc.hardware.emulation.noise_currents import Noise, Place, draw_noise, noise_sources
@@ -122,7 +122,7 @@ def test_parts_that_are_off_move_it_as_foreseen(name):
     level, off = levels.macro(a0=1e6), {name: np.broadcast_to(OFF[name], 4)}
     circuit, probe = prepared([1.0, 2.0, 0.5, 0.7], level)
     nominal, built = (
-        Specimen(circuit=circuit, level=level, probe=probe, deviations=d) for d in ({}, off)
+        CircuitInstance(circuit=circuit, level=level, probe=probe, deviations=d) for d in ({}, off)
     )
     moved = built.emulation.controls(built.settled) - nominal.emulation.controls(nominal.settled)
     found = sensitivity(nominal.emulation, nominal.settled).shift(off)

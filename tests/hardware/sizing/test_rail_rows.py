@@ -83,7 +83,7 @@ def test_loops_of_rows_cross_over_where_they_are_to():
 
 def test_a_rail_beyond_full_scale_becomes_no_row():
     found = with_rows(pushed(low=-50.0))
-    assert [diode.neuron for diode in found.cell.diodes] == ["z_high.x"]
+    assert [diode.neuron for diode in found.cell.inequality_duals] == ["z_high.x"]
     assert found.neuron("x").limiter.high == np.inf
 
 
@@ -107,7 +107,7 @@ def test_a_network_with_rows_settles_where_its_rails_let_it():
 def test_a_circuit_that_reaches_no_rail_is_as_fast_as_one_without_rails():
     network = limited(50.0)
     found = probed(network, ScalingRules(), silent)
-    assert not found.network.cell.diodes
+    assert not found.network.cell.inequality_duals
     assert found.rate == pytest.approx(spectrum(network, found.trajectory.final).radius, rel=1e-6)
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gain_rule import Recipe, closed_form
+from ann_dc.gain_design.gain_rule import GainRule, closed_form
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.network.preconditioners.multilevel import Multilevel, hat_positions
@@ -79,7 +79,7 @@ def test_hats(count, level):
 def test_number_of_neurons(stages, kind):
     network = synthesize(plants.car(N=stages, dt=0.9 / stages))
     linear = Linearisation(network).at(network.start_state)
-    coordinators = closed_form(linear, Recipe(kind=kind)).preconditioner
+    coordinators = closed_form(linear, GainRule(kind=kind)).preconditioner
     levels = int(np.log2(2 * stages - 1))
     assert len(coordinators.gains) == levels
     # both ends of the chain are fixed, so a grid of 2^j intervals has 2^j - 1 inner points
@@ -93,7 +93,7 @@ def test_a_free_end_has_a_coordinator():
     problem = plants.unicycle(N=6, q_d=(2, 1, None))
     network = synthesize(problem)
     assert network.chain_live[:, -1].tolist() == [False, False, True]
-    gains = closed_form(Linearisation(network).at(network.start_state), Recipe())
+    gains = closed_form(Linearisation(network).at(network.start_state), GainRule())
     moved = apply_gains(network, gains).preconditioner.gains[0][-1]
     assert moved.any()
     frozen = apply_gains(network, gains)
@@ -108,7 +108,7 @@ def test_a_free_end_has_a_coordinator():
 def test_a_row_too_short_has_none():
     network = synthesize(plants.double_integrator(N=1))
     assert (
-        closed_form(Linearisation(network).at(network.start_state), Recipe()).preconditioner.kind
+        closed_form(Linearisation(network).at(network.start_state), GainRule()).preconditioner.kind
         is PreconditionerKind.DIAGONAL
     )
 

@@ -5,7 +5,7 @@ import pytest
 
 import ann_dc
 from ann_dc.errors import StudyError
-from ann_dc.fidelity.circuit_instance import Specimen
+from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.study.shipped.hardware import BOARD, spot_check, yield_curves
 
@@ -46,7 +46,7 @@ def test_the_slowest_mode_is_that_of_the_emulated_board():
     ).network
     level = macro(gbw=10e6)
     circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
-    made = Specimen(circuit=circuit, level=level, probe=probe)
+    made = CircuitInstance(circuit=circuit, level=level, probe=probe)
     rightmost = np.linalg.eigvals(ann_dc.evaluator(made.emulation.network).jacobian(made.settled))
     assert found == pytest.approx(
         np.log(1000) * circuit.scaling.time / -rightmost.real.max(), rel=1e-5

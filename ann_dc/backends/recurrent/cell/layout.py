@@ -175,6 +175,6 @@ def _pins(network: Network) -> np.ndarray:
     neurons, inputs = network.neuron_index, list(network.cell.inputs)
     rows = [
         (neurons[pin.neuron] * network.stages + pin.stage, inputs.index(pin.input), pin.stage)
-        for pin in network.pins
+        for pin in network.fixed
     ]
     return np.array(rows, np.int64).reshape(-1, 3)

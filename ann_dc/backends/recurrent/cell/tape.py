@@ -52,7 +52,7 @@ class TorchTape(NamedTuple):
             drives=tape.drives.tolist(),
             sources=[[s, 0 if s == nodes[ONE] else offset] for s, offset in tape.sources.tolist()],
             slots=tape.slots.tolist(),
-            left={nodes[node]: inputs[source] for node, source in network.left.items()},
+            left={nodes[node]: inputs[source] for node, source in network.left_boundary.items()},
             guarded=[
                 (block, code, x)
                 for block, (kind, _, code, x) in enumerate(tape.blocks.tolist())

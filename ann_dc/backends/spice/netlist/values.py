@@ -97,7 +97,7 @@ class Nodes:
             return "0"
         if 0 <= where < self.network.stages:
             return self.node(wire.source, where, sign)
-        entering = self.network.left.get(wire.source) if where < 0 else None
+        entering = self.network.left_boundary.get(wire.source) if where < 0 else None
         if entering is None:
             return "0"
         volts = self.scaling.volts(wire.source, self._given(entering, 0))

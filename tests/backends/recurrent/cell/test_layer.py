@@ -112,7 +112,7 @@ def test_neighbours_and_the_left_end():
             wire("one", "x", 0.5),
         ),
     )
-    network = Network(cell=cell, stages=3, inputs={"edge": 7.0}, left={"x": "edge"})
+    network = Network(cell=cell, stages=3, inputs={"edge": 7.0}, left_boundary={"x": "edge"})
     x, y = np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0, 6.0])
     layer, state = CellLayer(network), torch.as_tensor(np.stack([x, y]))[:, :, None]
     flow = layer.flow()

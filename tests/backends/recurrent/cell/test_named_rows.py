@@ -13,7 +13,7 @@ from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, manual_gains
 from ann_dc.network.cell import Cell, Neuron, Template
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
@@ -139,7 +139,7 @@ def test_numbers_in_other_units_are_refused():
 
 def test_numbers_of_other_gains_and_inputs_are_taken():
     network = small("car")
-    gains = hand_gains(network, rho={"mu": 0.3}, tau={"u": 0.2})
+    gains = manual_gains(network, rho={"mu": 0.3}, tau={"u": 0.2})
     other = apply_gains(network, gains).with_inputs({"q_d.x": 3.0})
     layer = RecurrentLayer(network)
     layer.load_state_dict(through_a_file(RecurrentLayer(other).state_dict()))

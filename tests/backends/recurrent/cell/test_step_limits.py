@@ -41,7 +41,9 @@ def test_trained_gains_count_as_those_of_the_trained_network(name):
 def test_loaded_gains_count():
     """Those of slow duals, in a layer of fast ones."""
     network = small("car")
-    slow = ann_dc.apply_gains(network, ann_dc.hand_gains(network, rho={"mu": 0.1}, tau={"mu": 0.2}))
+    slow = ann_dc.apply_gains(
+        network, ann_dc.manual_gains(network, rho={"mu": 0.1}, tau={"mu": 0.2})
+    )
     layer = CellLayer(network)
     first = limits(layer)
     layer.load_state_dict(CellLayer(slow).state_dict())

@@ -177,7 +177,9 @@ def passed_on(times: int, template: Template) -> Network:
     )
     start = np.cos(np.arange(8.0))
     left = {"x": "edge"} if template is Template.PREVIOUS else {}
-    return Network(cell=cell, stages=8, inputs={"edge": 3.0}, left=left, start={"x": start})
+    return Network(
+        cell=cell, stages=8, inputs={"edge": 3.0}, left_boundary=left, start={"x": start}
+    )
 
 
 @pytest.mark.parametrize("template", [Template.PREVIOUS, Template.NEXT])

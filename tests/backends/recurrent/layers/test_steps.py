@@ -23,7 +23,7 @@ from ann_dc.backends.status import OVERFLOW, Outcome
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.gains import apply_gains, hand_gains
+from ann_dc.gain_design.gains import apply_gains, manual_gains
 from ann_dc.gain_design.procedure import design
 from ann_dc.network.cell import Cell, Neuron
 from ann_dc.network.network import Network
@@ -146,11 +146,11 @@ def test_at_the_limit_of_a_design_one_mode_stands():
 
 def test_the_dual_limit_is_rho_tau():
     network = small("car")
-    slow = hand_gains(
+    slow = manual_gains(
         network, rho={"mu": 0.1, "beta": 0.2, "mu.phi": 0.04}, tau={"beta": 0.3, "mu.phi": 0.5}
     )
     assert limit_of(apply_gains(network, slow)) == pytest.approx(0.02, rel=1e-12)
-    slow = hand_gains(network, rho={"mu": 0.1, "beta": 0.2}, tau={"beta": 0.3})
+    slow = manual_gains(network, rho={"mu": 0.1, "beta": 0.2}, tau={"beta": 0.3})
     assert limit_of(apply_gains(network, slow)) == pytest.approx(0.06, rel=1e-12)
 
 
@@ -162,7 +162,7 @@ def test_without_duals_the_fastest_mode_is_the_limit(k):
 def test_plain_duals_do_not_count():
     """rho = 0 has no proportional path, so nothing that could be too slow for a step."""
     network = small("double_integrator")
-    plain = apply_gains(network, hand_gains(network))
+    plain = apply_gains(network, manual_gains(network))
     assert limit_of(plain) > 0.5
 
 

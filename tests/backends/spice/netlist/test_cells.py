@@ -10,7 +10,7 @@ from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.netlist.cell_text import CellText
 from ann_dc.backends.spice.netlist.cells import cell_of
 from ann_dc.backends.spice.netlist.values import Nodes, Values
-from ann_dc.gain_design.gain_rule import WITHOUT_COORDINATORS
+from ann_dc.gain_design.gain_rule import DIAGONAL_RULE
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.levels import macro, ota_c, switched_capacitor
@@ -28,7 +28,7 @@ TECHNOLOGIES = {
 @cache
 def prepared(name: str):
     """A problem of the suite over four stages."""
-    network = design(small(name), recipe=WITHOUT_COORDINATORS).network
+    network = design(small(name), gain_rule=DIAGONAL_RULE).network
     return SpiceBackend(level=macro()).prepare(network)
 
 
