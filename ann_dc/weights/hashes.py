@@ -19,11 +19,11 @@ from ann_dc.errors import FileFormatError
 from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
 from ann_dc.weights.manifest import Table
-from ann_dc.weights.writing import STIFFNESSES, arrays_of, manifest_of
+from ann_dc.weights.writing import arrays_of, manifest_of
 
 WORDS = ("schema", "title", "about", "tensors", "hashes")
 """Manifest entries that do not depend on the wiring."""
-FRAME = ("rails", "unit", "zero", "input_scale", *STIFFNESSES)
+FRAME = ("limits", "scale_factor", "scale_offset", "input_scale", "stiffness")
 """Arrays without gains and weights, by the first part of their names."""
 
 
