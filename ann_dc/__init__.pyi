@@ -73,7 +73,7 @@ from .backends.spice import SpiceBackend as SpiceBackend
 from .two_level import TwoLevels as TwoLevels
 
 # build
-from .hardware import defects as defects
+from .hardware import nonidealities as nonidealities
 from .hardware.emulation import emulate as emulate
 from .hardware.parts import levels as levels
 from .hardware.parts import presets as presets

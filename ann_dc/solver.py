@@ -26,7 +26,7 @@ from ann_dc.gain_design.knowledge import NOTHING
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
+from ann_dc.network.preconditioners.base import ALL_KINDS, Kinds, PreconditionerKind
 from ann_dc.optimality.existence import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.initial_guess import InitialGuess
@@ -51,7 +51,9 @@ def solve(
     form: Form = CORRECTED,
     initial_guess: InitialGuess | None = None,
     gains: Gains | Design | None = None,
-    kinds: Annotated[Iterable[PreconditionerKind], NotEmpty()] | None = None,
+    preconditioner: PreconditionerKind
+    | Annotated[Iterable[PreconditionerKind], NotEmpty()]
+    | None = None,
     backend: Backend | None = None,
     limit: Positive | None = None,
     progress: Progress = silent,
@@ -70,7 +72,7 @@ def solve(
     gains : Gains or Design, optional
         Manual gains (`manual_gains`), or a `design` with another gain rule or a refinement.
         Default: designed gains.
-    kinds : iterable of PreconditionerKind, optional
+    preconditioner : PreconditionerKind or iterable of PreconditionerKind, optional
         Preconditioner kinds from which the design chooses. Default: those that suit the backend.
     backend : Backend, optional
         Default: `OdeBackend`; `RecurrentBackend` for recurrent steps.
@@ -127,7 +129,7 @@ def solve(
             )
             gains = procedure.design(
                 lent,
-                kinds=backend.kinds if kinds is None else kinds,
+                preconditioner=backend.kinds if preconditioner is None else preconditioner,
                 progress=deadline.early(OF_DESIGN),
                 knowledge=knowledge_of(prospect, lent),
             )
@@ -199,8 +201,8 @@ def synthesize(
 def design(
     source: OptimalControlProblem | Network,
     *,
-    over: None = None,
-    kinds: Iterable[PreconditionerKind] = ...,
+    ranges: None = None,
+    preconditioner: Kinds = ...,
     gain_rule: GainRule | None = ...,
     refine: Objective | None = ...,
     limit: int = ...,
@@ -212,8 +214,8 @@ def design(
 def design(
     source: OptimalControlProblem,
     *,
-    over: Over,
-    kinds: Iterable[PreconditionerKind] = ...,
+    ranges: Over,
+    preconditioner: Kinds = ...,
     progress: Progress = ...,
 ) -> FamilyDesign: ...
 
@@ -222,8 +224,8 @@ def design(
 def design(
     source: OptimalControlProblem | Network,
     *,
-    over: Annotated[Over, Own()] | None = None,
-    kinds: Iterable[PreconditionerKind] = ALL_KINDS,
+    ranges: Annotated[Over, Own()] | None = None,
+    preconditioner: PreconditionerKind | Iterable[PreconditionerKind] = ALL_KINDS,
     gain_rule: GainRule | None = None,
     refine: Objective | None = None,
     limit: Count = LONGEST_RUN,
@@ -239,7 +241,7 @@ def design(
         Operating range of the network: ranges such as {"q_d.x": (3, 7)}, a list of samples, or a
         function that draws samples (`family_of`). It requires a problem and gain rules that the
         function compares itself.
-    kinds : iterable of PreconditionerKind
+    preconditioner : PreconditionerKind or iterable of PreconditionerKind
         Preconditioner kinds from which to choose. Default: all.
     gain_rule : GainRule, optional
         Gain rule that fixes the closed-form factors and the preconditioner kind. Default: the best
@@ -274,14 +276,14 @@ def design(
     >>> design(plants.double_integrator(N=5)).settled
     True
     """
-    if over is not None:
+    if ranges is not None:
         if not (isinstance(source, OptimalControlProblem) and gain_rule is None and refine is None):
             raise DesignError(
                 "over: a family needs the problem itself, whose optima it certifies, and neither "
                 "recipe= nor refine="
             )
         source = held(source, any_start=True)
-        return design_family(source, over, kinds=kinds, progress=progress)
+        return design_family(source, ranges, preconditioner=preconditioner, progress=progress)
     if isinstance(source, Network):
         network, knowledge = source, NOTHING
     else:
@@ -290,7 +292,7 @@ def design(
         knowledge = knowledge_of(Prospect(problem=problem, progress=progress), network)
     return procedure.design(
         network,
-        kinds=kinds,
+        preconditioner=preconditioner,
         gain_rule=gain_rule,
         refine=refine,
         limit=limit,

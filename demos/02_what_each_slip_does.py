@@ -97,7 +97,7 @@ def main(out: Path | None = None, names: tuple[str, ...] = tuple(MEANING)) -> di
     problem = ann_dc.plants.car()
     print("designing the corrected network ...", flush=True)
     designed = ann_dc.design(
-        ann_dc.synthesize(problem), kinds=[ann_dc.PreconditionerKind.MULTILEVEL]
+        ann_dc.synthesize(problem), preconditioner=ann_dc.PreconditionerKind.MULTILEVEL
     )
     reference = measure("corrected", problem, designed.network)
     optimum = reference.run.trajectory.final

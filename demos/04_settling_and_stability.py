@@ -81,12 +81,12 @@ def main(out: Path | None = None, fast: bool = False) -> dict:
     print("designing the car with nine stages ...", flush=True)
     bench = Bench(9)
     few, many = (3, 9) if fast else (7, 31)
-    sweeps = {}
+    equilibration_sweeps = {}
     for name, of, low, high in (
         ("rho", with_rho, -1.0, 1.0),
         ("dual gain", with_dual_gain, -2.0, 1.5),
     ):
-        sweeps[name] = {
+        equilibration_sweeps[name] = {
             coordinated: sweep(
                 bench, lambda v, c=coordinated, f=of: f(v, c),
                 np.logspace(low, high, few), np.logspace(low, high, many), name,
@@ -94,13 +94,13 @@ def main(out: Path | None = None, fast: bool = False) -> dict:
             for coordinated in (True, False)
         }  # fmt: skip
     stages = (6, 9) if fast else (9, 18, 36)
-    sweeps["N"] = against_stages(stages)
-    print(as_text(sweeps))
+    equilibration_sweeps["N"] = against_stages(stages)
+    print(as_text(equilibration_sweeps))
     pictures = []
     if out is not None:
         path = Path(out) / "04_settling_and_stability.png"
-        pictures.append(plotting.save(picture(sweeps), path))
-    return {"sweeps": as_data(sweeps), "figures": pictures}
+        pictures.append(plotting.save(picture(equilibration_sweeps), path))
+    return {"sweeps": as_data(equilibration_sweeps), "figures": pictures}
 
 
 def with_rho(value: float, coordinated: bool) -> ann_dc.GainRule:
@@ -155,7 +155,7 @@ def against_stages(stages: tuple[int, ...]) -> dict:
     }
 
 
-def as_data(sweeps: dict) -> dict:
+def as_data(equilibration_sweeps: dict) -> dict:
     """Plain numbers of every sweep."""
     name = {True: "with coordinators", False: "without"}
     return {
@@ -166,14 +166,14 @@ def as_data(sweeps: dict) -> dict:
             }
             for c, one in both.items()
         }
-        for sweep, both in sweeps.items()
+        for sweep, both in equilibration_sweeps.items()
     }
 
 
-def as_text(sweeps: dict) -> str:
+def as_text(equilibration_sweeps: dict) -> str:
     """The measured points beside what the spectrum said."""
     lines = [f"{'':30}{'value':>9}{'abscissa':>11}{'predicted':>11}{'measured':>10}"]
-    for name, both in as_data(sweeps).items():
+    for name, both in as_data(equilibration_sweeps).items():
         for kind, one in both.items():
             for p in one["dots"]:
                 lines.append(
@@ -185,7 +185,7 @@ def as_text(sweeps: dict) -> str:
     return "\n".join(lines)
 
 
-def picture(sweeps: dict):
+def picture(equilibration_sweeps: dict):
     """Three panels, one a sweep: lines predicted, dots measured, dotted where stability begins."""
     figure = plotting.new_figure(11.0, 4.2)
     labels = {
@@ -194,14 +194,14 @@ def picture(sweeps: dict):
         "N": "stages N (1), same 0.9 s",
     }
     panels = figure.subplots(1, 3, sharey=True)
-    for axes, (name, both) in zip(panels, sweeps.items()):
+    for axes, (name, both) in zip(panels, equilibration_sweeps.items()):
         for coordinated, one in both.items():
             panel(axes, one, COLOUR[coordinated], coordinated)
         axes.set(xscale="log", yscale="log", xlabel=labels[name])
         plotting.quiet(axes)
     panels[0].set_ylim(80, 3e4)
     panels[0].set_ylabel("settling to 1e-6 (fastest time constants)")
-    ticks = [int(p.value) for p in sweeps["N"][True]["dots"]]
+    ticks = [int(p.value) for p in equilibration_sweeps["N"][True]["dots"]]
     panels[2].set_xticks(ticks, [str(N) for N in ticks])
     panels[2].minorticks_off()
     handles = {}

@@ -48,7 +48,7 @@ def steps_against_length(network, limit: float, shares) -> list[int | None]:
 
 def main(out: Path | None = None) -> dict:
     """Run every way; return the steps that each took, the scan, and the path of the picture."""
-    design = ann_dc.design(ann_dc.plants.car(), kinds=[ann_dc.PreconditionerKind.MULTILEVEL])
+    design = ann_dc.design(ann_dc.plants.car(), preconditioner=ann_dc.PreconditionerKind.MULTILEVEL)
     network, limit = design.network, design.spectrum.largest_step
     runs = {name: backend(order, fast).run(network) for name, (order, fast, _) in WAYS.items()}
     steps = {name: run.settling_steps for name, run in runs.items()}

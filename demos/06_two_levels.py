@@ -40,7 +40,7 @@ def runs_of(problem) -> tuple[dict[str, TwoLevelRun], dict]:
     """Every coordinator on the same start, and what is known before."""
     equations = ann_dc.decompose(problem, ann_dc.switch("S14"))  # q_0 a neuron: all cells alike
     design = ann_dc.design(
-        ann_dc.synthesize(equations), kinds=[ann_dc.PreconditionerKind.MULTILEVEL]
+        ann_dc.synthesize(equations), preconditioner=ann_dc.PreconditionerKind.MULTILEVEL
     )
     network, settled = design.network, design.state
     plain = ann_dc.synthesize(equations, rho=0.0)
@@ -63,7 +63,7 @@ def runs_of(problem) -> tuple[dict[str, TwoLevelRun], dict]:
     for share in (0.01, 0.05, 0.2):
         moved = {f"q_0.{s}": a + share * d for s, a, d in zip(problem.states, problem.q_0, line)}
         warm[share] = int(newton.run(settled, moved).outer_iterations[0])
-    whole = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.MULTILEVEL]).network
+    whole = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.MULTILEVEL).network
     known = {
         "predicted": gains.predicted(),
         "hypothesis": ann_dc.theorem_IV_2(network, settled),

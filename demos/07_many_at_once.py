@@ -46,7 +46,7 @@ def feedback(network: ann_dc.Network) -> np.ndarray:
 def main(out: Path | None = None, side: int = SIDE) -> dict:
     """Settle the grid; return how it went, the feedback gain and the path of the picture."""
     problem = ann_dc.plants.car()
-    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.MULTILEVEL]).network
+    network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.MULTILEVEL).network
     run = ann_dc.RecurrentBackend(limit=5_000).run_batch(network, grid(side))
     print(run)
     gain = feedback(network)

@@ -35,7 +35,7 @@ class Point:
 
 def network_of(problem) -> ann_dc.Network:
     """The network that is built: neighbours only, without coarse coordinators."""
-    return ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    return ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
 
 
 def point(backend: ann_dc.SpiceBackend, run: CircuitRun) -> Point:

@@ -22,7 +22,7 @@ from ann_dc.optimality import time_solvers
 def main(out: Path | None = None, wanted=quick) -> dict:
     """Climb the ladder; return every rung by name, and the path of the picture."""
     problem = ann_dc.plants.car()
-    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     done = []
     for found in compare_levels(network, wanted=wanted, timings=time_solvers(problem)):
         done.append(found)

@@ -60,7 +60,9 @@ def worst_of_each(items: tuple[Item, ...], count: int = 4) -> tuple[Item, ...]:
 
 def main(out: Path | None = None, samples: int = SAMPLES) -> dict:
     """Budget and samples; return them, and the path of the picture."""
-    network = ann_dc.design(ann_dc.plants.car(), kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    network = ann_dc.design(
+        ann_dc.plants.car(), preconditioner=ann_dc.PreconditionerKind.DIAGONAL
+    ).network
     level = ann_dc.presets.get(PARTS)
     circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     emulation = emulate(circuit, level)

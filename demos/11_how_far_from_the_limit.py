@@ -53,12 +53,12 @@ class Row:
     @property
     def ratio(self) -> float:
         """radius / |abscissa| at the settled point."""
-        return self.solution.spectrum.ratio
+        return self.solution.spectrum.stiffness_ratio
 
     @property
     def settling(self) -> float:
         """From the straight line, in fastest time constants."""
-        return self.solution.settling_in_fastest_time_constants
+        return self.solution.normalised_settling_time
 
     @property
     def per_cell(self) -> float:
@@ -80,9 +80,9 @@ def rows_of(problem: ann_dc.OptimalControlProblem) -> list[Row]:
 
 def row_of(problem: ann_dc.OptimalControlProblem, kind: PreconditionerKind) -> Row:
     """Design with one kind of preconditioner, run, certify."""
-    solution = ann_dc.solve(problem, kinds=[kind], backend=ann_dc.OdeBackend(verify=False))
+    solution = ann_dc.solve(problem, preconditioner=[kind], backend=ann_dc.OdeBackend(verify=False))
     network = solution.network
-    return Row(kind=kind, solution=solution, wires=network.preconditioner.wires(network.row))
+    return Row(kind=kind, solution=solution, wires=network.preconditioner.wires(network.layout))
 
 
 def as_tree(grid: Row) -> Row:
@@ -93,7 +93,7 @@ def as_tree(grid: Row) -> Row:
     return Row(
         kind=PreconditionerKind.CYCLIC_REDUCTION,
         solution=grid.solution,
-        wires=tree.wires(network.row),
+        wires=tree.wires(network.layout),
     )
 
 

@@ -78,12 +78,12 @@ class Row:
     @property
     def ratio(self) -> float:
         """radius / |abscissa| at the settled point."""
-        return self.solution.spectrum.ratio
+        return self.solution.spectrum.stiffness_ratio
 
     @property
     def settling(self) -> float:
         """From the straight line, in fastest time constants."""
-        return self.solution.settling_in_fastest_time_constants
+        return self.solution.normalised_settling_time
 
     def __str__(self) -> str:
         coolant = self.solution["T_c"]

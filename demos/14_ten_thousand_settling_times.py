@@ -39,7 +39,7 @@ def main(out: Path | None = None, cars: int = CARS) -> dict:
     problem, batches, times, rates = ann_dc.plants.car(), {}, {}, {}
     inputs = random_inputs(cars)
     for kind in KINDS:
-        design = ann_dc.design(problem, kinds=[kind])
+        design = ann_dc.design(problem, preconditioner=[kind])
         network = design.network
         ann_dc.OdeBackend().run_batch(network, {})  # so that the code is there
         began = time.perf_counter()

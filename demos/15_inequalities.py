@@ -126,7 +126,7 @@ def settling(axes, held: ann_dc.Solution) -> None:
     run, radius, end = (
         held.trajectory,
         held.spectrum.radius,
-        held.settling_in_fastest_time_constants,
+        held.normalised_settling_time,
     )
     axes.semilogy(radius * run.residual_time, run.kkt, color=plotting.INK, lw=1.2)
     axes.plot(end, held.run.tolerance, "D", color=plotting.VERMILION, label=f"settled: {end:.0f}")

@@ -76,7 +76,7 @@ def as_text(kind: str, tables: dict[str, Table], found: dict[str, tuple[float, .
     """Settled runs of a kind, how far the spectrum was off, and where it ceases to attract."""
     lines = [f"{KINDS[kind][0]}: fastest time constants to 1e-6, as designed and at best"]
     for gain, table in tables.items():
-        factors, times = table[f"gains.{gain}"], table["settling_in_fastest"]
+        factors, times = table[f"gains.{gain}"], table["normalised_settling_time"]
         ratio = times / table["settling_by_spectrum"]
         ratio = ratio[np.isfinite(ratio)]
         best, designed = np.nanargmin(times), np.argmin(np.abs(np.log(factors)))
@@ -124,7 +124,7 @@ def picture(subject: str, tables: dict, found: dict):
 def panel(axes, table: Table, gain: str, kind: str) -> None:
     """One gain with one kind of preconditioner."""
     words, colour, mark = KINDS[kind]
-    factors, times = table[f"gains.{gain}"], table["settling_in_fastest"]
+    factors, times = table[f"gains.{gain}"], table["normalised_settling_time"]
     axes.plot(
         factors, table["settling_by_spectrum"], color=colour, lw=1.3, label=f"spectrum, {words}"
     )

@@ -82,7 +82,7 @@ def series(plant: str, kind: str, sizes: Sequence[int]) -> Series:
     tables = [study.run(workers=0) for study in studies.values()]
     settling, computing = (
         np.array([table[name][0] for table in tables])
-        for name in ("settling_in_fastest", "computing_time")
+        for name in ("normalised_settling_time", "computing_time")
     )
     large = np.array(sizes) >= LARGE
     costs = exponent_of(np.array(sizes)[large], computing[large])
@@ -97,7 +97,9 @@ def rho_of_nine(plant: str) -> float:
     """Penalty that the design of nine stages chooses, with time constants alone."""
     problem = ann_dc.plants.get(plant)()
     nine = dataclasses.replace(problem.with_horizon(9), dt=problem.horizon * problem.dt / 9)
-    return median_rho(ann_dc.design(nine, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network)
+    return median_rho(
+        ann_dc.design(nine, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
+    )
 
 
 def main(

@@ -86,7 +86,7 @@ def main(
 
 def words_of(row: Row) -> tuple[str, ...]:
     """Outcome, settling, objective, error of the controls and KKT residual of a form."""
-    names = ("settling_in_fastest", "objective", "control_error", "kkt_residual")
+    names = ("normalised_settling_time", "objective", "control_error", "kkt_residual")
     settling, objective, error, residual = (float(row[name]) for name in names)  # type: ignore
     objective = round(objective, 9)
     return (

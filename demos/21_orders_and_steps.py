@@ -106,7 +106,7 @@ def main(
     limits: dict[str, np.ndarray] = {}
     for kind in kinds:
         studies = settling_against_steps(
-            subject, over=over, kind=kind, samples=samples, shares=shares
+            subject, vary=over, kind=kind, samples=samples, shares=shares
         )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # steps above the limit are the point here

@@ -96,7 +96,7 @@ def main(
 ) -> dict:
     """Round in three ways, export in every format; return errors, rows and the picture's path."""
     problem = ann_dc.plants.car()
-    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     errors = rounded(network, bits, levels, units)
     for name, found in errors.items():
         print(f"{AXES[name][0]}: within {100 * GOOD:g} % from {enough(found)} on")

@@ -96,7 +96,7 @@ def main(
 ) -> dict:
     """Look at every effect, grounds and presets; return what was found and the picture's path."""
     problem = problem or ann_dc.plants.car()
-    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     rows = effects(network, simulated)
     rows += effects_table(network, in_silicon(), simulated=False)
     rows += [mismatched(network, area) for area in AREAS]

@@ -47,4 +47,6 @@ BY_HAND = {plant.__name__: plant for plant in (river, fishing, rocket)}
 @cache
 def wired_by_hand(name: str) -> Network:
     """With time constants alone."""
-    return design(synthesize(BY_HAND[name]()), kinds=(PreconditionerKind.DIAGONAL,)).network
+    return design(
+        synthesize(BY_HAND[name]()), preconditioner=(PreconditionerKind.DIAGONAL,)
+    ).network

@@ -28,7 +28,9 @@ CAR = plants.car()
 @cache
 def closed_chain(problem: OptimalControlProblem) -> Design:
     """Closing B: q_0 is a neuron. The penalty that suits a grid makes the upper level slow."""
-    return design(synthesize(decompose(problem, NEURON)), kinds=[PreconditionerKind.MULTILEVEL])
+    return design(
+        synthesize(decompose(problem, NEURON)), preconditioner=PreconditionerKind.MULTILEVEL
+    )
 
 
 @cache
@@ -60,9 +62,9 @@ def coordination(network: Network, states: np.ndarray) -> np.ndarray:
 
 def assert_ipopts_optimum(problem, network, x) -> None:
     reference = ipopt(problem)
-    proof, values = certificate_of(problem, network, x), neuron_values(network, x)
-    assert proof.certified
-    np.testing.assert_allclose(proof.objective, reference.objective, rtol=1e-6)
+    certificate, values = certificate_of(problem, network, x), neuron_values(network, x)
+    assert certificate.certified
+    np.testing.assert_allclose(certificate.objective, reference.objective, rtol=1e-6)
     scale = np.abs(reference.q).max()
     np.testing.assert_allclose(values["t"].T, reference.q[:, 1:], atol=1e-5 * scale)
     scale = np.abs(reference.u).max()

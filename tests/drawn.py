@@ -83,7 +83,7 @@ def rows() -> ann_dc.OptimalControlProblem:
     return replace(
         problem,
         constraints={"pace": v <= 0.9 + x, "gentle": a <= 1.9},
-        soft={"gentle": ann_dc.Soft(price=30)},
+        soft={"gentle": ann_dc.Soft(weight=30)},
         bounds={a: (-2.5, 2.5)},
     )
 

@@ -43,7 +43,7 @@ def walked(
     problem = PROBLEMS[name]()
     # integers hold rails one by one: no preconditioner may couple them
     kinds = [ann_dc.PreconditionerKind.MULTILEVEL] if problem.bounds else ALL_KINDS
-    network = ann_dc.design(problem, kinds=kinds if kind is None else [kind]).network
+    network = ann_dc.design(problem, preconditioner=kinds if kind is None else [kind]).network
     return network, reference_vector(network)
 
 

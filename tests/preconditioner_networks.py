@@ -19,4 +19,4 @@ def with_preconditioner(name: str, kind: PreconditionerKind, horizon: int | None
     """A problem of the suite, designed with a kind of preconditioner."""
     problem = SUITE[name].problem
     network = synthesize(problem.with_horizon(horizon) if horizon else problem)
-    return design(network, kinds=(kind,)).network
+    return design(network, preconditioner=(kind,)).network

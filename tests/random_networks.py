@@ -52,7 +52,7 @@ def random_network(seed: int, kind: PreconditionerKind = PreconditionerKind.DIAG
         start={name: rng.uniform(-0.5, 0.5, stages) for name in NEURONS} | {SHARED: 0.3},
         title=f"random {seed}",
     )
-    return replace(network, preconditioner=random_preconditioner(kind, network.row, rng))
+    return replace(network, preconditioner=random_preconditioner(kind, network.layout, rng))
 
 
 def far_wired(seed: int) -> Network:

@@ -10,7 +10,7 @@ from scipy import sparse
 from ann_dc.analysis.saddle import saddle_of
 from ann_dc.errors import NetworkError
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Preconditioner, PreconditionerKind, Row
+from ann_dc.network.preconditioners.base import ArrayLayout, Preconditioner, PreconditionerKind
 from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
 from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.network.preconditioners.multilevel import Multilevel
@@ -24,7 +24,7 @@ STIFFNESSES = {
 
 
 def random_preconditioner(
-    kind: PreconditionerKind, row: Row, rng: np.random.Generator
+    kind: PreconditionerKind, row: ArrayLayout, rng: np.random.Generator
 ) -> Preconditioner:
     """A preconditioner of a kind that fits a row; every number of it is random."""
     if kind is PreconditionerKind.DIAGONAL:
@@ -68,7 +68,7 @@ def tridiagonal(own: np.ndarray, following: np.ndarray) -> np.ndarray:
 
 
 def with_errors(
-    preconditioner: Preconditioner, row: Row, rng: np.random.Generator, size: float
+    preconditioner: Preconditioner, row: ArrayLayout, rng: np.random.Generator, size: float
 ) -> Preconditioner:
     """The preconditioner with relative errors of every number, up to ``size`` either way, still
     valid.
@@ -92,7 +92,7 @@ def with_errors(
     raise AssertionError(f"no valid preconditioner within errors of {size}")
 
 
-def is_valid(preconditioner: Preconditioner, row: Row) -> bool:
+def is_valid(preconditioner: Preconditioner, row: ArrayLayout) -> bool:
     """Whether it fits the row and is positive definite."""
     try:
         preconditioner.check(row)
@@ -110,7 +110,7 @@ def _mirrored(blocks: np.ndarray) -> np.ndarray:
 
 def with_stiffness(network: Network, kind: PreconditionerKind, penalty: float = 4.0) -> Network:
     """A network with the stiffness G = H + penalty A'A + 1 of its start, and its time constants."""
-    saddle, row = saddle_of(network, network.start_state), network.row
+    saddle, row = saddle_of(network, network.start_state), network.layout
     identity = sparse.eye_array(len(saddle.primal))
     G = sparse.coo_array(saddle.H + penalty * saddle.A.T @ saddle.A + identity)
     neuron, stage = network.places[saddle.primal].T
@@ -133,11 +133,13 @@ def with_stiffness(network: Network, kind: PreconditionerKind, penalty: float = 
 
 
 @st.composite
-def rows(draw) -> Row:
+def rows(draw) -> ArrayLayout:
     """Rows of q, u, t, mu and beta neurons with time constants of their own, some not there."""
     stages, chains, controls = (draw(st.integers(1, top)) for top in (9, 2, 2))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     rates = 10 ** rng.uniform(-1, 1, (4 * chains + controls, stages))
     rates[rng.random(rates.shape) < draw(st.sampled_from([0.0, 0.2]))] = 0.0
     q, t = np.arange(chains), chains + controls + np.arange(chains)
-    return Row(rates=rates, primal=np.arange(2 * chains + controls), chains=np.column_stack([q, t]))
+    return ArrayLayout(
+        rates=rates, primal=np.arange(2 * chains + controls), chains=np.column_stack([q, t])
+    )

@@ -28,7 +28,7 @@ def wire(source: str, target: str, weight=1.0, template=Template.SELF) -> Connec
 @cache
 def suited(name: str) -> Design:
     """A problem of the suite, with a preconditioner that suits the simultaneous order."""
-    return design(synthesize(SUITE[name].problem), kinds=KINDS)
+    return design(synthesize(SUITE[name].problem), preconditioner=KINDS)
 
 
 @cache
@@ -39,7 +39,9 @@ def ode(name: str):
 @cache
 def short(name: str, stages: int = 6) -> Network:
     """A problem of the suite, designed over a few stages."""
-    return design(synthesize(SUITE[name].problem.with_horizon(stages)), kinds=KINDS).network
+    return design(
+        synthesize(SUITE[name].problem.with_horizon(stages)), preconditioner=KINDS
+    ).network
 
 
 def assert_same_end(run, expected: np.ndarray, relative=1e-7) -> None:

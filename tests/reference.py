@@ -82,9 +82,9 @@ def _softened(problem, rows):
     for row, kind in zip(rows, kinds):
         left = []
         for g, soft in zip(ca.vertsplit(row) if kind else (), (r.soft for r in kind)):
-            if soft and math.isfinite(soft.price):
+            if soft and math.isfinite(soft.weight):
                 slacks.append(ca.SX.sym("s"))
-                g, cost = g - slacks[-1], cost + soft.price * slacks[-1]
+                g, cost = g - slacks[-1], cost + soft.weight * slacks[-1]
             if soft and soft.compliance:
                 slacks.append(ca.SX.sym("y"))
                 g, cost = g - slacks[-1], cost + slacks[-1] ** 2 / (2 * soft.compliance)

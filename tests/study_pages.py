@@ -15,9 +15,9 @@ IDENTITY = {
     "version": 1,
     "subject": {"plant": "car", "parameters": {"N": 20, "dt": 0.1}, "inputs": {"q_d": [4.0, 1.5]}},
     "design": {"kind": "Latin hypercube", "count": 2000},
-    "over": {
+    "vary": {
         "problem.N": [10, 30, 100, 300, 1000],
-        "defect.mismatch": {"normal": [0.0, 0.01]},
+        "nonideal.mismatch": {"normal": [0.0, 0.01]},
         "input.q_d.x": {"low": 2.0, "high": 8.0},
         "gains.tau.u": {"low": 0.01, "high": 1.0, "scale": "log"},
         "backend": ["ode", "recurrent"],
@@ -32,7 +32,7 @@ IDENTITY = {
     },
     "settings": {
         "problem.N": {"unit": "", "says": "Horizon: the number of stages."},
-        "defect.mismatch": {"unit": "", "says": "Standard deviation of every weight, over it."},
+        "nonideal.mismatch": {"unit": "", "says": "Standard deviation of every weight, over it."},
         "input.q_d.x": {"unit": "m", "says": "Where the car is to be in the end."},
         "gains.tau.u": {"unit": "", "says": "Time constant of the controls."},
         "backend": {"unit": "", "says": "What runs the network."},
@@ -66,7 +66,7 @@ def frame(count, seed=0):
     ]  # fmt: skip
     return pandas.DataFrame({
         "point": np.arange(count), "seed": draw.integers(0, 2**63, count),
-        "problem.N": horizon, "defect.mismatch": mismatch, "input.q_d.x": target,
+        "problem.N": horizon, "nonideal.mismatch": mismatch, "input.q_d.x": target,
         "gains.tau.u": tau, "backend": backend, "coordinators": pyramid,
         "settling_time": np.where(good, settling, np.nan),
         "predicted_settling_time": np.where(failed, np.nan, settling * draw.normal(1, 0.04, count)),
@@ -112,7 +112,7 @@ def hostile(count=60):
     words = {"unit": HOSTILE, "says": HOSTILE, "definition": HOSTILE}
     identity = IDENTITY | {
         "title": HOSTILE, "subject": {HOSTILE: [HOSTILE]}, "design": HOSTILE,
-        "over": {HOSTILE: HOSTILE, "backend": HOSTILE}, "fixed": {HOSTILE: HOSTILE},
+        "vary": {HOSTILE: HOSTILE, "backend": HOSTILE}, "fixed": {HOSTILE: HOSTILE},
         "metrics": {"settling_time": words, f"o{HOSTILE}": words},
         "settings": {HOSTILE: words, "backend": words}, "spec": {f"o{HOSTILE}": 0.2},
         "seed": HOSTILE, "version": HOSTILE,

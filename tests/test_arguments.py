@@ -100,17 +100,17 @@ def problem():
 
 @cache
 def design():
-    return ann_dc.design(problem(), kinds=[ann_dc.PreconditionerKind.DIAGONAL])
+    return ann_dc.design(problem(), preconditioner=ann_dc.PreconditionerKind.DIAGONAL)
 
 
 @cache
 def solution():
-    return ann_dc.solve(problem(), kinds=[ann_dc.PreconditionerKind.DIAGONAL])
+    return ann_dc.solve(problem(), preconditioner=ann_dc.PreconditionerKind.DIAGONAL)
 
 
 @cache
 def family():
-    return ann_dc.design(problem(), over=[{"q_d.x": 0.5}, {"q_d.x": 1.0}])
+    return ann_dc.design(problem(), ranges=[{"q_d.x": 0.5}, {"q_d.x": 1.0}])
 
 
 @cache
@@ -266,7 +266,7 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "CellLayer.forward": lambda: {"x": torch.as_tensor(settled())[None], "step": 0.1},
     "Solution.save": lambda: {"folder": "saved"},
     "StepLength": lambda: {"low": 0.1},
-    "Soft": lambda: {"price": 30.0},
+    "Soft": lambda: {"weight": 30.0},
     "SpiceBackend.check_stable": lambda: {"emulation": emulation(), "probe": prepared()[1]},
     "SpiceBackend.deck": lambda: {**circuit(), "probe": prepared()[1], "deviations": {}},
     "SpiceBackend.deviations": circuit,

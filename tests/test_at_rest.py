@@ -59,7 +59,7 @@ def problem(other: bool = False) -> OptimalControlProblem:
 
 @cache
 def network(other: bool = False) -> Network:
-    return design(problem(other), kinds=[PreconditionerKind.DIAGONAL]).network
+    return design(problem(other), preconditioner=PreconditionerKind.DIAGONAL).network
 
 
 def started(share: float, other: bool = False) -> Network:

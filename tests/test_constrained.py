@@ -39,7 +39,7 @@ def test_the_frozen_network_settles_at_an_optimum(name):
 def test_backends_agree(name):
     """Continuous time, recurrent steps, and SciPy's integrator."""
     network = ann_dc.design(
-        CONSTRAINED[name].problem, kinds=[ann_dc.PreconditionerKind.MULTILEVEL]
+        CONSTRAINED[name].problem, preconditioner=ann_dc.PreconditionerKind.MULTILEVEL
     ).network
     backends = (
         ann_dc.OdeBackend(verify=False),

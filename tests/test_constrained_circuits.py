@@ -59,7 +59,7 @@ ACTIVE = 2e-3
 @cache
 def network_of(name):
     build = SMALL[name] if name in SMALL else CONSTRAINED[name].build
-    return design(build(), kinds=[PreconditionerKind.DIAGONAL]).network
+    return design(build(), preconditioner=PreconditionerKind.DIAGONAL).network
 
 
 @cache
@@ -131,7 +131,7 @@ def test_op_amps_settle_where_their_emulation_says(name, share, sooner):
 )
 def test_controls_at_rails_are_where_their_clamps_hold_them(problem, level, seed):
     """Beside them by the clamps' own offsets; what the op amp itself is off by, rails stop."""
-    network = design(problem(), kinds=[PreconditionerKind.DIAGONAL]).network
+    network = design(problem(), preconditioner=PreconditionerKind.DIAGONAL).network
     backend = SpiceBackend(level=level, seed=seed)
     circuit, probe = backend.prepare(network)
     off = backend.deviations(circuit)
@@ -181,7 +181,7 @@ def test_a_board_with_rails_is_as_it_is_emulated(name):
     """Some rang by what idle clamps drive; some were too late, by their diodes, or too early."""
     problem, kind, preset = BOARDS[name]
     level = replace(presets.get(preset), full_scale=1.0)
-    network = design(problem(), kinds=[kind]).network
+    network = design(problem(), preconditioner=[kind]).network
     run = SpiceBackend(level=level, simulation=Simulation(patience=1800.0)).run(network)
     found = predict(run.circuit, level, run.probe)
     assert found.stable
@@ -207,7 +207,7 @@ def test_clamps_that_conduct_come_to_rest(kind):
         cost=(h - 1) ** 2 + u**2 / 10, horizon=8, q_0=(0.1,), bounds={"u": (0.0, 1.2)},
     )  # fmt: skip
     level = replace(presets.get("tl072_ad633"), full_scale=1.0)
-    run = SpiceBackend(level=level).run(design(problem, kinds=[kind]).network)
+    run = SpiceBackend(level=level).run(design(problem, preconditioner=[kind]).network)
     found = predict(run.circuit, level, run.probe)
     assert not found.astray
     assert run.settling_time() == pytest.approx(found.settling_time, rel=0.01)
@@ -215,7 +215,7 @@ def test_clamps_that_conduct_come_to_rest(kind):
 
 def test_a_network_that_does_not_settle_is_told_of_a_preconditioner_that_may():
     problem = two_tanks().with_horizon(12)
-    network = design(problem, kinds=[PreconditionerKind.DIAGONAL]).network
+    network = design(problem, preconditioner=PreconditionerKind.DIAGONAL).network
     network = network.with_start(synthesize(problem).start_state)  # the design found presets
     with pytest.raises(NetworkError, match=r"has to settle to be scaled; .*--metric multilevel"):
         SpiceBackend().prepare(network)
@@ -233,7 +233,7 @@ def test_a_network_that_does_not_settle_is_told_of_a_preconditioner_that_may():
 )
 def test_rows_that_do_not_press_push_nothing(level):
     """A diode neuron that is off has 10 kohm to ground, where base currents of multipliers show."""
-    network = design(past_disc(), kinds=[PreconditionerKind.DIAGONAL]).network
+    network = design(past_disc(), preconditioner=PreconditionerKind.DIAGONAL).network
     run = SpiceBackend(level=level).run(network)
     found = predict(run.circuit, level, run.probe)
     assert run.settled()
@@ -247,7 +247,7 @@ SPEEDS = {
     "compliant": lambda: (
         design(
             integrator(N=8, dt=0.25, bounds={v: (None, 0.6)}, soft=Soft(compliance=0.05)),
-            kinds=[PreconditionerKind.DIAGONAL],
+            preconditioner=PreconditionerKind.DIAGONAL,
         ).network
     ),
 }
@@ -309,7 +309,7 @@ COUPLED = SMALL | {"scalar": scalar, "cart": cart, "bioreactor": bioreactor}
 @cache
 def coupled(name, kind):
     build = COUPLED[name] if name in COUPLED else CONSTRAINED[name].build
-    return design(build(), kinds=[kind]).network
+    return design(build(), preconditioner=[kind]).network
 
 
 @needs_ngspice
@@ -350,7 +350,7 @@ def test_states_follow_the_projection_as_closely_as_they_follow_clamps():
     """At a margin of 60, rows are up to 1.9 % off and clamps 1.5 %; at 10, 4.9 % and 8.8 %."""
     problem = integrator(N=4, dt=0.5, bounds={a: (-1.1, 1.1)})
     for kind in (PreconditionerKind.DIAGONAL, PreconditionerKind.RESISTIVE_GRID):
-        network = design(problem, kinds=[kind]).network
+        network = design(problem, preconditioner=[kind]).network
         run = SpiceBackend(level=MACRO, margin=60.0).run(network)
         ideal = OdeBackend(method=ode.DOP853, verify=False).run(network).trajectory
         wanted, found = states_over(ideal, run)
@@ -402,7 +402,8 @@ def test_rails_beyond_one_volt_are_refused():
 
 def test_a_rail_beyond_full_scale_is_not_built():
     network = design(
-        integrator(N=6, dt=0.3, bounds={a: (-50, 1.5)}), kinds=[PreconditionerKind.DIAGONAL]
+        integrator(N=6, dt=0.3, bounds={a: (-50, 1.5)}),
+        preconditioner=PreconditionerKind.DIAGONAL,
     )
     circuit, probe = SpiceBackend().prepare(network.network)
     text = SpiceBackend().deck(circuit, probe, {}).text
@@ -435,7 +436,7 @@ def test_the_bill_has_the_parts_of_clamps_and_diodes():
 
 def test_a_little_capacitance_at_its_ground_hardly_changes_the_noise_of_a_diode_neuron():
     """The same resistors: what they bring goes by way of another node."""
-    network = design(SMALL["limited speed"](), kinds=[PreconditionerKind.DIAGONAL]).network
+    network = design(SMALL["limited speed"](), preconditioner=PreconditionerKind.DIAGONAL).network
     heard = []
     for farads in (0.0, 1e-13):
         level = levels.macro(parasitics=Parasitics(stray_capacitance=farads))

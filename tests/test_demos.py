@@ -302,10 +302,10 @@ def test_settling_against_gains(tmp_path):
     assert edge == pytest.approx(0.03, rel=0.1)
     assert (table["outcome"] == "settled").tolist() == [False, True, True, True]
     assert (table["resting_decay_rate"] > 0).tolist() == [False, True, True, True]
-    ratio = (table["settling_in_fastest"] / table["settling_by_spectrum"])[1:]
+    ratio = (table["normalised_settling_time"] / table["settling_by_spectrum"])[1:]
     assert (ratio > 0.55).all()
     assert (ratio < 1.15).all()
-    assert np.nanargmin(table["settling_in_fastest"]) == 2  # as designed
+    assert np.nanargmin(table["normalised_settling_time"]) == 2  # as designed
 
 
 @pytest.mark.slow

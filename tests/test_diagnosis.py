@@ -38,7 +38,7 @@ def test_it_fits_on_a_page(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_remedies_are_candidates_or_the_exact_preconditioner(name):
     found, ratios = diagnosis(name), {c.ratio for c in designed(name).candidates}
-    assert found.slowness.ratio == designed(name).spectrum.ratio
+    assert found.slowness.ratio == designed(name).spectrum.stiffness_ratio
     compared = [remedy for remedy in found.remedies if remedy.compared]
     assert compared
     for remedy in compared:
@@ -146,7 +146,7 @@ def test_advice_tells_where_penalty_and_preconditioner_are_needed_together():
 
 def test_a_solution_is_analysed_by_its_design():
     problem = ann_dc.plants.double_integrator(N=5)
-    solution = ann_dc.solve(problem, kinds=[PreconditionerKind.MULTILEVEL])
+    solution = ann_dc.solve(problem, preconditioner=PreconditionerKind.MULTILEVEL)
     found = ann_dc.diagnose(solution)
     assert solution.design is not None
     assert str(found) == str(ann_dc.diagnose(solution.design))

@@ -76,7 +76,7 @@ def met_first() -> dict[str, object]:
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("ann_dc."):
                 room = __import__(node.module, fromlist=["*"])
                 found |= {alias.name: getattr(room, alias.name) for alias in node.names}
-    found |= {name: getattr(ann_dc.defects, name) for name in ann_dc.defects.__all__}
+    found |= {name: getattr(ann_dc.nonidealities, name) for name in ann_dc.nonidealities.__all__}
     for module in (ann_dc.levels, ann_dc.presets, ann_dc.ode):
         found |= {n: t for n, t in vars(module).items() if getattr(t, "__module__", "") ==
                   module.__name__ and not n.startswith("_")}  # fmt: skip

@@ -28,6 +28,6 @@ def test_the_exact_preconditioner_has_ratio_two(name):
     shadow = np.linalg.eigvalsh(exact.saddle.shadow)
     w = max(-2 * shadow[0], shadow[-1])
     network = exact.with_gains(np.where(is_dual(exact.network), w, 0.0), eta=0.5)
-    assert spectrum(network, exact.state).ratio == pytest.approx(
+    assert spectrum(network, exact.state).stiffness_ratio == pytest.approx(
         2.0, abs=4e-3 if name in LONG else 1e-3
     )

@@ -54,7 +54,7 @@ def test_a_cold_network_is_the_one_of_the_largest_itself():
     """Where it settles, and about as fast: heat is no stiffness."""
     hard = small()
     plain, cold = (ann_dc.design(replace(hard, temperature=t)) for t in (0.0, 1e-3))
-    assert cold.spectrum.ratio < 3 * plain.spectrum.ratio
+    assert cold.spectrum.stiffness_ratio < 3 * plain.spectrum.stiffness_ratio
     one, other = (kkt_point(d.network, d.state)[1] for d in (plain, cold))
     np.testing.assert_allclose(one, other, atol=1e-2 * np.abs(one).max())
 
@@ -142,7 +142,7 @@ def test_what_objectives_exclude_is_refused_by_name():
     with pytest.raises(FormError, match="effort, error"):
         ann_dc.solve(problem, form=ann_dc.PRINTED)
     with pytest.raises(DesignError, match="kinds: a grid or a tree"):
-        ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.RESISTIVE_GRID])
+        ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.RESISTIVE_GRID)
     with pytest.raises(ProblemError, match="objectives: cart has effort, error"):
         ipopt_point(problem)
     network = ann_dc.synthesize(problem)

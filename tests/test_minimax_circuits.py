@@ -39,7 +39,7 @@ POINTS = {"one stage": 1200}  # it rings for long: a quarter of ngspice's larges
 
 @cache
 def network_of(name):
-    return design(PROBLEMS[name](), kinds=SpiceBackend().kinds).network
+    return design(PROBLEMS[name](), preconditioner=SpiceBackend().kinds).network
 
 
 def backend_of(name, level) -> SpiceBackend:

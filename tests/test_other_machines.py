@@ -45,7 +45,7 @@ WORK = """
 import ann_dc
 folder = sys.argv[1]
 study = ann_dc.Study(
-    subject="double_integrator", over={"defect.mismatch": [0.003]}, samples=2,
+    subject="double_integrator", vary={"nonideal.mismatch": [0.003]}, samples=2,
     metrics=["settling_time"])
 print(study.run(folder + "/study", workers=1).outcomes)
 network = study.subject.wired

@@ -62,7 +62,7 @@ def threads():
 WAYS = {
     "solve": lambda problem, network: ann_dc.solve(problem),
     "design": lambda problem, network: ann_dc.design(problem),
-    "family": lambda problem, network: ann_dc.design(problem, over=[{"q_d.x": 1.0}]),
+    "family": lambda problem, network: ann_dc.design(problem, ranges=[{"q_d.x": 1.0}]),
     "run": lambda problem, network: ann_dc.OdeBackend().run(network),
     "batch": lambda problem, network: ann_dc.OdeBackend().run_batch(network, {"q_d.x": [1.0]}),
     "study": lambda problem, network: ann_dc.Study(subject=network).run(workers=0),

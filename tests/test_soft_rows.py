@@ -16,7 +16,7 @@ from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.schematic.elements import PICell
 from ann_dc.solution.solution import certificate_of
 
-PRICED = Soft(price=1, compliance=0.02)
+PRICED = Soft(weight=1, compliance=0.02)
 
 
 def softened(name, soft):
@@ -28,9 +28,9 @@ SOFT = {
     "a price above it": lambda: softened("dint_v", 30),
     "compliance": lambda: softened("dint_v", Soft(compliance=0.01)),
     "price and compliance": lambda: softened("dint_v", PRICED),
-    "steering": lambda: softened("car_steer", {"phi_low": 2, "phi_high": Soft(price=3)}),
+    "steering": lambda: softened("car_steer", {"phi_low": 2, "phi_high": Soft(weight=3)}),
     "a curved row": lambda: softened("lander", {"thrust": 1e-3}),
-    "a disc at the end": lambda: softened("end_disc", Soft(price=2, compliance=0.05)),
+    "a disc at the end": lambda: softened("end_disc", Soft(weight=2, compliance=0.05)),
     "a free start": lambda: softened("free_start", {"x_low": 0.05}),
     "not to be met": lambda: integrator(N=30, dt=0.1, bounds={v: (None, 0.3)}, soft=5),
 }
@@ -125,17 +125,19 @@ def test_what_is_no_optimum_is_not_certified(kind):
     *primal, mu, beta, zeta, end = kkt_point(point.network, point.trajectory.final)
     other = {"violated": CONSTRAINED["dint_v"].problem, "dear": softened("dint_v", 0.6)}
     problem = other.get(kind, softened("dint_v", 0.4))
-    proof = ann_dc.certify(problem, *primal, mu, beta, zeta, end)
-    assert not proof.certified
-    assert proof.complementarity is not None
-    assert (proof.complementarity.wrong_sign > 1e-3) == (kind == "cheap")
-    assert proof.complementarity.violation > 1e-3
+    certificate = ann_dc.certify(problem, *primal, mu, beta, zeta, end)
+    assert not certificate.certified
+    assert certificate.complementarity is not None
+    assert (certificate.complementarity.wrong_sign > 1e-3) == (kind == "cheap")
+    assert certificate.complementarity.violation > 1e-3
 
 
 @pytest.mark.parametrize("name", QUICK)
 def test_backends_agree(name, tmp_path):
     """Continuous time in generated code and in SciPy, recurrent steps, and a saved network."""
-    network = ann_dc.design(SOFT[name](), kinds=[ann_dc.PreconditionerKind.MULTILEVEL]).network
+    network = ann_dc.design(
+        SOFT[name](), preconditioner=ann_dc.PreconditionerKind.MULTILEVEL
+    ).network
     ann_dc.save(network, tmp_path / "soft.npz")
     runs = [
         ann_dc.OdeBackend(verify=False).run(network),
@@ -154,7 +156,7 @@ def test_backends_agree(name, tmp_path):
 def test_many_samples_at_once_are_each_as_if_alone():
     """Targets that break the row more and more, in lanes and in layers."""
     network = ann_dc.design(
-        SOFT["price and compliance"](), kinds=[ann_dc.PreconditionerKind.MULTILEVEL]
+        SOFT["price and compliance"](), preconditioner=ann_dc.PreconditionerKind.MULTILEVEL
     ).network
     targets = {"q_d.x": np.linspace(0.8, 1.2, 5)}
     runs = [backend.run_batch(network, targets) for backend in (
@@ -203,9 +205,9 @@ def test_a_frozen_network_names_the_multipliers_that_grow(backend):
     run = backend.run(soft)
     assert run.status.settled, run.status
     problem = softened("dint_v", 20).with_inputs(q_d=(1.5, 0))
-    proof = ann_dc.certify(problem, *kkt_point(soft, run.trajectory.final))
-    assert proof.certified
-    assert proof.soft_rows.excess > 0.1
+    certificate = ann_dc.certify(problem, *kkt_point(soft, run.trajectory.final))
+    assert certificate.certified
+    assert certificate.soft_rows.excess > 0.1
 
 
 @pytest.mark.slow
@@ -221,20 +223,20 @@ def test_what_is_slow_but_feasible_is_not_said_to_contradict_itself():
     "soft",
     [
         PRICED,
-        *(pytest.param(s, marks=pytest.mark.slow) for s in (Soft(price=1), Soft(compliance=0.05))),
+        *(pytest.param(s, marks=pytest.mark.slow) for s in (Soft(weight=1), Soft(compliance=0.05))),
     ],
     ids=str,
 )
 @pytest.mark.parametrize("level", [ann_dc.levels.BEHAVIOURAL, ann_dc.levels.macro()])
 def test_soft_rows_as_circuits(soft, level):
     problem = integrator(N=8, dt=0.25, bounds={v: (None, 0.6)}, soft=soft)
-    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     run = ann_dc.SpiceBackend(level=level).run(network)
     assert run.settled()
     fused = run.circuit.schematic.count(PICell) - len(network.cell.duals) * network.stages
-    assert fused == (0 if np.isfinite(soft.price) else network.stages)
+    assert fused == (0 if np.isfinite(soft.weight) else network.stages)
     zeta = kkt_point(network, run.probe.final)[5]
-    assert (zeta.max() == pytest.approx(1)) == np.isfinite(soft.price)
+    assert (zeta.max() == pytest.approx(1)) == np.isfinite(soft.weight)
     if level.name == "behavioural":
         assert run.control_error < 1e-6
     else:

@@ -66,7 +66,7 @@ def assert_same_design(problem: OptimalControlProblem, units: Units) -> None:
 
 def assert_same_solution(problem: OptimalControlProblem, units: Units, ours, theirs) -> None:
     """States, controls and multipliers as the user of either problem reads them."""
-    (point, proof), (told, other_proof) = ours, theirs
+    (point, certificate), (told, other_proof) = ours, theirs
     scales = scales_of(problem)
     state, control = scales.state_factors[:, None], scales.control_factors[:, None]
     shift = np.broadcast_to(units.shift, problem.n)[:, None]
@@ -80,9 +80,9 @@ def assert_same_solution(problem: OptimalControlProblem, units: Units, ours, the
         (point[4][:, 1:], (units.cost / in_state * told[4])[:, 1:], scales.cost / state),
     ):
         np.testing.assert_allclose(other / size, own / size, rtol=1e-6, atol=1e-6)
-    assert other_proof.certified == proof.certified
-    assert other_proof.verdict == proof.verdict
-    assert units.cost * other_proof.objective == pytest.approx(proof.objective, rel=1e-7)
+    assert other_proof.certified == certificate.certified
+    assert other_proof.verdict == certificate.verdict
+    assert units.cost * other_proof.objective == pytest.approx(certificate.objective, rel=1e-7)
 
 
 @seeds(2)
@@ -111,7 +111,7 @@ def test_every_plant_in_random_units(name):
 def test_mixed_units_of_one_problem(name):
     """It is certified as its user wrote it, and is the same network in random units."""
     problem = MIXED[name]
-    _, proof = settled_point(problem, design(problem))
-    assert proof.certified
+    _, certificate = settled_point(problem, design(problem))
+    assert certificate.certified
     for seed in (0, 1):
         assert_same_design(problem, Units.random(problem, seed))

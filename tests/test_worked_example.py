@@ -100,7 +100,8 @@ def test_two_gains_solve_two_stages_of_a_linear_plant():
     distance = 0.02
     problem = plants.double_integrator(N=2, q_d=(distance, 0.0))
     found = design(
-        synthesize(decompose(problem, switch("S14"))), kinds=[PreconditionerKind.MULTILEVEL]
+        synthesize(decompose(problem, switch("S14"))),
+        preconditioner=PreconditionerKind.MULTILEVEL,
     )
     gains = UpperMap(network=found.network, settled=found.state).best()
     upper = Gradient(lambda_t=gains.lambda_t, lambda_beta=gains.lambda_beta)

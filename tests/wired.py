@@ -17,7 +17,7 @@ from ann_dc.solver import synthesize
 def neighbour_wired(name: str, horizon: int | None = None) -> Network:
     problem = SUITE[name].problem
     problem = problem.with_horizon(horizon) if horizon else problem
-    return design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
+    return design(synthesize(problem), preconditioner=(PreconditionerKind.DIAGONAL,)).network
 
 
 @cache

@@ -99,7 +99,7 @@ class _Path:
         self.settled, self.tolerance = settled, tolerance
         drive_jacobian = self.evaluator.drive_jacobian(settled)
         self.free = self.evaluator.free(settled)
-        self.flow = dense_flow(network.preconditioner, network.row, drive_jacobian, self.free)
+        self.flow = dense_flow(network.preconditioner, network.layout, drive_jacobian, self.free)
         self.modes = Modes.of(self.flow)
         self.deviation = (start - settled)[self.free]
         largest = max(*self.evaluator.residuals(start), 1 / BEYOND * tolerance)

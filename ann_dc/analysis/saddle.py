@@ -327,7 +327,7 @@ def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> b
         primal, dual = np.flatnonzero(role != DUAL), np.flatnonzero(role == DUAL)
         H, A = -inside[primal][:, primal], inside[dual][:, primal]
         return Saddle(primal=primal, dual=dual, H=0.5 * (H + H.T), A=A).is_minimum
-    flow = dense_flow(network.preconditioner, network.row, jacobian, ~resting)
+    flow = dense_flow(network.preconditioner, network.layout, jacobian, ~resting)
     return bool((np.real(np.linalg.eigvals(flow)) < 0).all())
 
 

@@ -171,7 +171,7 @@ class Slowness:
     >>> found = slowness_of(designed.network, designed.state)
     >>> [row.neuron for row in found.rows]
     ['mu.x', 'mu.v', 'beta.x', 'beta.v']
-    >>> found.ratio == designed.spectrum.ratio, found.exact_ratio() >= LIMIT
+    >>> found.ratio == designed.spectrum.stiffness_ratio, found.exact_ratio() >= LIMIT
     (True, True)
     """
 
@@ -185,7 +185,7 @@ class Slowness:
     @property
     def ratio(self) -> float:
         """Stiffness ratio of the spectrum."""
-        return self.spectrum.ratio
+        return self.spectrum.stiffness_ratio
 
     @property
     def distance(self) -> float:
@@ -270,7 +270,7 @@ class _Modes:
     @cached_property
     def _unmove(self) -> Callable[[np.ndarray], np.ndarray]:
         """Operator v -> M^{-1} v."""
-        return self.network.preconditioner.inverse(self.network.row)
+        return self.network.preconditioner.inverse(self.network.layout)
 
     def mode(self, s: complex, v: np.ndarray) -> Mode:
         saddle = self.saddle

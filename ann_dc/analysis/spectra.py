@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -34,7 +35,7 @@ import scipy.sparse.linalg
 
 from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Preconditioner, PreconditionerKind, Row
+from ann_dc.network.preconditioners.base import ArrayLayout, Preconditioner, PreconditionerKind
 from ann_dc.progress import Paced, Progress, silent
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count, State
@@ -68,7 +69,7 @@ SLOWEST, RIGHTMOST = 12, 6
 def spectrum_ends(
     evaluator: FastEvaluator,
     preconditioner: Preconditioner,
-    row: Row,
+    row: ArrayLayout,
     drive_jacobian: Any,
     free: np.ndarray,
     progress: Progress = silent,
@@ -104,7 +105,7 @@ def spectrum_ends(
 def slow_modes(
     evaluator: FastEvaluator,
     preconditioner: Preconditioner,
-    row: Row,
+    row: ArrayLayout,
     drive_jacobian: Any,
     free: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -143,7 +144,7 @@ def _flow(
 
 
 def _inverse(
-    preconditioner: Preconditioner, row: Row, drive_jacobian: Any, free: np.ndarray
+    preconditioner: Preconditioner, row: ArrayLayout, drive_jacobian: Any, free: np.ndarray
 ) -> Any:
     """Return the operator v -> (M ``drive_jacobian``)^{-1} v.
 
@@ -167,7 +168,7 @@ def _padded(v: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 
 def _smallest(
-    preconditioner: Preconditioner, row: Row, drive_jacobian: Any, free: np.ndarray
+    preconditioner: Preconditioner, row: ArrayLayout, drive_jacobian: Any, free: np.ndarray
 ) -> np.ndarray:
     try:
         inverse = _inverse(preconditioner, row, drive_jacobian, free)
@@ -177,7 +178,7 @@ def _smallest(
 
 
 def _swinging(
-    row: Row,
+    row: ArrayLayout,
     drive_jacobian: Any,
     free: np.ndarray,
     band: tuple[float, float],
@@ -270,7 +271,7 @@ class Spectrum:
     Examples
     --------
     >>> modes = Spectrum(eigenvalues=np.array([-4.0, -0.5 + 1j, -0.5 - 1j]))
-    >>> modes.radius, modes.abscissa, modes.ratio, modes.largest_step
+    >>> modes.radius, modes.abscissa, modes.stiffness_ratio, modes.largest_step
     (4.0, -0.5, 8.0, 0.5)
     """
 
@@ -287,9 +288,15 @@ class Spectrum:
         return float(np.real(self.eigenvalues).max(initial=-np.inf))
 
     @property
-    def ratio(self) -> float:
+    def stiffness_ratio(self) -> float:
         """Stiffness ratio: radius / |abscissa|; infinite if the point is not stable."""
         return self.radius / -self.abscissa if self.abscissa < 0 else float("inf")
+
+    @property
+    def ratio(self) -> float:
+        """Deprecated name of `stiffness_ratio`; removed in 0.2."""
+        warnings.warn("ratio: use stiffness_ratio", DeprecationWarning, stacklevel=2)
+        return self.stiffness_ratio
 
     def moving(self) -> Spectrum:
         """Return the modes with eigenvalues not zero to rounding; self if all are such."""
@@ -341,14 +348,14 @@ def spectrum(
     """
     evaluator = fast_evaluator(network)
     return spectrum_of(
-        evaluator, network.preconditioner, network.row, x, dense=dense, progress=progress
+        evaluator, network.preconditioner, network.layout, x, dense=dense, progress=progress
     )
 
 
 def spectrum_of(
     evaluator: FastEvaluator,
     preconditioner: Preconditioner,
-    row: Row,
+    row: ArrayLayout,
     x: np.ndarray,
     *,
     dense: int | None = None,
@@ -394,11 +401,11 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
     drive_jacobian = evaluator.drive_jacobian(x)
     free = evaluator.free(x)
     if network.size <= DENSE_LIMIT:
-        flow: Any = dense_flow(network.preconditioner, network.row, drive_jacobian, free)
+        flow: Any = dense_flow(network.preconditioner, network.layout, drive_jacobian, free)
         values, found = np.linalg.eig(flow)
     else:
         values, found = slow_modes(
-            evaluator, network.preconditioner, network.row, drive_jacobian, free
+            evaluator, network.preconditioner, network.layout, drive_jacobian, free
         )
     vectors = np.zeros((network.size, len(values)), complex)
     vectors[free] = found
@@ -411,7 +418,7 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
 
 
 def dense_flow(
-    preconditioner: Preconditioner, row: Row, drive_jacobian: Any, free: np.ndarray
+    preconditioner: Preconditioner, row: ArrayLayout, drive_jacobian: Any, free: np.ndarray
 ) -> np.ndarray:
     """Return the preconditioner times ``drive_jacobian`` among the free neurons."""
     return preconditioner.among(row, ~free)(drive_jacobian.toarray().T).T[np.ix_(free, free)]

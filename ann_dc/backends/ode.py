@@ -88,7 +88,7 @@ class OdeBackend:
     --------
     >>> import ann_dc
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> run = ann_dc.OdeBackend(method=ann_dc.ode.DOP853, verify=False).run(network)
     >>> run.status.settled
     True

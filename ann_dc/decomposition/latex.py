@@ -46,7 +46,7 @@ def _condition(row: InequalityRow, zeta: str, g: str) -> str:
     """Return the condition of a row and its multiplier; soft: between zero and P."""
     if row.soft is None:
         return rf"0 &\le {zeta} \;\perp\; {g} \le 0"
-    price = r"\infty" if np.isinf(row.soft.price) else sp.latex(sp.Float(row.soft.price, 6))
+    price = r"\infty" if np.isinf(row.soft.weight) else sp.latex(sp.Float(row.soft.weight, 6))
     leak = f" - {row.soft.compliance:g} {zeta}" if row.soft.compliance else ""
     return rf"{zeta} &= \min({price}, \max(0, {zeta} + {g}{leak}))"
 

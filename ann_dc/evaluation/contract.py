@@ -77,7 +77,7 @@ class Evaluator(ABC):
         other neurons (`Preconditioner.among`). Held neurons that the preconditioner does not couple
         make no difference.
         """
-        return self.network.preconditioner.among(self.network.row, held)
+        return self.network.preconditioner.among(self.network.layout, held)
 
     @abstractmethod
     def residuals(self, x: np.ndarray) -> tuple[float, float]:

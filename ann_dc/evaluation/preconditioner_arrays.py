@@ -9,12 +9,14 @@ from __future__ import annotations
 import numpy as np
 
 from ann_dc.evaluation.formulas import index, inner
-from ann_dc.network.preconditioners.base import Preconditioner, Row
+from ann_dc.network.preconditioners.base import ArrayLayout, Preconditioner
 from ann_dc.network.preconditioners.multilevel import Multilevel, hat_positions
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
 
-def preconditioner_arrays(preconditioner: Preconditioner, row: Row) -> dict[str, np.ndarray]:
+def preconditioner_arrays(
+    preconditioner: Preconditioner, row: ArrayLayout
+) -> dict[str, np.ndarray]:
     """Return the fields of `Tape` from ``chains`` on for a preconditioner.
 
     The row needs the rates of the tape. Raises `NetworkError` if the preconditioner does not fit
@@ -44,7 +46,7 @@ _EMPTY = {
 }
 
 
-def _pyramid(pyramid: Multilevel, row: Row) -> dict[str, np.ndarray]:
+def _pyramid(pyramid: Multilevel, row: ArrayLayout) -> dict[str, np.ndarray]:
     sizes = [len(gain) for gain in pyramid.gains]
     hats, shares = hat_positions(2 * row.stages, sizes[0] - 1)
     return {
@@ -56,7 +58,7 @@ def _pyramid(pyramid: Multilevel, row: Row) -> dict[str, np.ndarray]:
     }
 
 
-def _stiffness(stiffness: Stiffness, row: Row) -> dict[str, np.ndarray]:
+def _stiffness(stiffness: Stiffness, row: ArrayLayout) -> dict[str, np.ndarray]:
     """Return the arrays of a stiffness: K of K K' = T^{-1/2} S T^{-1/2} in row order.
 
     In this order, the factor reaches no further than the neighbours.
@@ -82,7 +84,7 @@ def _stiffness(stiffness: Stiffness, row: Row) -> dict[str, np.ndarray]:
     }
 
 
-def _band(stiffness: Stiffness, row: Row, live: np.ndarray) -> np.ndarray:
+def _band(stiffness: Stiffness, row: ArrayLayout, live: np.ndarray) -> np.ndarray:
     """Return T^{-1/2} S T^{-1/2} over the live neurons in bands, diagonal last."""
     band = stiffness.banded(row)
     below, column = np.nonzero(band)
@@ -96,7 +98,7 @@ def _band(stiffness: Stiffness, row: Row, live: np.ndarray) -> np.ndarray:
     return rows
 
 
-def _places(row: Row) -> np.ndarray:
+def _places(row: ArrayLayout) -> np.ndarray:
     """Return neuron and stage (n, 2) of the components of the state vector."""
     stage, neuron = np.nonzero(row.rates.T)
     return np.column_stack([neuron, stage])

@@ -143,7 +143,11 @@ class ReferenceEvaluator(Evaluator):
     def rhs(self, x: np.ndarray) -> np.ndarray:
         """Return dx/ds (..., n), the projection of M times the net inputs on the limits."""
         x = _state(x)
-        preconditioner, row, pack = self.network.preconditioner, self.network.row, self.network.pack
+        preconditioner, row, pack = (
+            self.network.preconditioner,
+            self.network.layout,
+            self.network.pack,
+        )
         arriving, outward = self._arriving(x)
         drives = pack(np.where(outward & ~self._coupled, 0, arriving))
         moves = preconditioner.moves(row, drives)
@@ -160,11 +164,11 @@ class ReferenceEvaluator(Evaluator):
     @cached_property
     def _coupled(self) -> np.ndarray:
         """Mask (P, 1) of neurons that also move with the net inputs of other neurons."""
-        return self.network.preconditioner.reach(self.network.row)[:, None]
+        return self.network.preconditioner.reach(self.network.layout)[:, None]
 
     def move(self, drive: np.ndarray) -> np.ndarray:
         """Multiply net inputs (..., n), real or complex, by M."""
-        return self.network.preconditioner.moves(self.network.row, _state(drive))
+        return self.network.preconditioner.moves(self.network.layout, _state(drive))
 
     def residuals(self, x: np.ndarray) -> tuple[float, float]:
         """Return the relative (constraint, stationarity) residuals."""
@@ -208,7 +212,7 @@ class ReferenceEvaluator(Evaluator):
     @cached_property
     def preconditioner(self) -> Any:
         """Preconditioner M of dx/ds = M d, sparse (n, n), symmetric positive definite."""
-        return self.network.preconditioner.factors(self.network.row).matrix()
+        return self.network.preconditioner.factors(self.network.layout).matrix()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Return the dense Jacobian (n, n) of `rhs` with saturated neurons held.

@@ -225,10 +225,10 @@ def projected(
     --------
     A neuron at its lower limit is pushed outward, but the other neuron pulls it off:
 
-    >>> from ann_dc.network.preconditioners import ResistiveGrid, Row
+    >>> from ann_dc.network.preconditioners import ResistiveGrid, ArrayLayout
     >>> own = np.array([[[1.0, -0.5], [-0.5, 1.0]]])
     >>> grid = ResistiveGrid(own=own, following=np.zeros((0, 2, 2)))
-    >>> row = Row(rates=np.ones((2, 1)), primal=np.arange(2), chains=np.zeros((0, 2), int))
+    >>> row = ArrayLayout(rates=np.ones((2, 1)), primal=np.arange(2), chains=np.zeros((0, 2), int))
     >>> low, high, coupled = np.zeros(2), np.full(2, np.inf), np.ones(2, bool)
     >>> clamp = lambda held: grid.clamp(row, held)
     >>> projected(clamp, np.array([-1.0, 4.0]), np.array([0.0, 1.0]), low, high, coupled).tolist()

@@ -147,7 +147,7 @@ def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
         drives=drives,
         sources=sources,
         weights=weights,
-        rates=network.row.rates,
+        rates=network.layout.rates,
         limits=np.array([(n.limiter.low, n.limiter.high) for n in cell.neurons], float),
         roles=_roles(network),
         places=np.ascontiguousarray(network.places, np.int64),
@@ -156,7 +156,7 @@ def build_tape(network: Network) -> tuple[Tape, dict[str, int]]:
         slots=_integers(slots.operations, 5),
         slot_start=slots.start(),
         entries=_entries(slots.drives, network),
-        **preconditioner_arrays(network.preconditioner, network.row),
+        **preconditioner_arrays(network.preconditioner, network.layout),
     )
     return tape, {edge.name: row for row, edge in enumerate(edges)}
 

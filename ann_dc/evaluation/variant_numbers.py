@@ -37,9 +37,9 @@ class Numbers:
 
     Examples
     --------
-    >>> from ann_dc import defects, plants, synthesize
+    >>> from ann_dc import nonidealities, plants, synthesize
     >>> network = synthesize(plants.double_integrator(N=3))
-    >>> numbers = numbers_of([network, defects.mismatch(network, 0.01, seed=1)])
+    >>> numbers = numbers_of([network, nonidealities.mismatch(network, 0.01, seed=1)])
     >>> len(numbers), numbers.rates.shape[1:] == network.live.shape
     (2, True)
     """
@@ -116,7 +116,7 @@ def numbers_of(networks: Annotated[Sequence[Network], NotEmpty(), Own()]) -> Num
     --------
     >>> import ann_dc
     >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
-    >>> drawn = [ann_dc.defects.mismatch(network, 0.01, seed=seed) for seed in range(4)]
+    >>> drawn = [ann_dc.nonidealities.mismatch(network, 0.01, seed=seed) for seed in range(4)]
     >>> batch = ann_dc.OdeBackend().run_batch(network, {}, numbers=numbers_of(drawn))
     >>> batch.settled.tolist()
     [True, True, True, True]
@@ -133,5 +133,5 @@ def numbers_of(networks: Annotated[Sequence[Network], NotEmpty(), Own()]) -> Num
     for sample, network in enumerate(networks):
         for row, connection in zip(order, network.cell.connections):
             weights[sample, row] = connection.weight
-        rates[sample] = network.row.rates
+        rates[sample] = network.layout.rates
     return Numbers(weights=weights, rates=rates)

@@ -43,7 +43,7 @@ class Family:
     ----------
     network : Network
         Network of the problem, whose inputs are replaced by the samples.
-    over : Over
+    operating_range : Over
         Operating range as declared.
     ranges : dict of str to (float, float)
         Lowest and highest value of every input, declared or observed.
@@ -51,7 +51,7 @@ class Family:
 
     problem: OptimalControlProblem
     network: Network
-    over: Over
+    operating_range: Over
     ranges: Mapping[str, tuple[float, float]]
 
     def samples(self, count: int, *, seed: int) -> list[Sample]:
@@ -59,16 +59,16 @@ class Family:
 
         The same seed gives the same samples on any machine.
         """
-        return _drawn(self.network, self.over, count, seed)
+        return _drawn(self.network, self.operating_range, count, seed)
 
     def held_out(self, count: int, *, seed: int) -> list[Sample]:
         """Draw independent samples, so that fractions have an interval; or the list."""
-        return _drawn(self.network, self.over, count, seed, independent=True)
+        return _drawn(self.network, self.operating_range, count, seed, independent=True)
 
     @property
     def is_listed(self) -> bool:
         """True if the declared samples are the only samples."""
-        return not callable(self.over) and not isinstance(self.over, Mapping)
+        return not callable(self.operating_range) and not isinstance(self.operating_range, Mapping)
 
     def network_of(self, sample: Sample) -> Network:
         """Return the network with a sample's inputs and the sample's straight-line start."""
@@ -115,40 +115,40 @@ def family_of(
     """
     if isinstance(over, Mapping):
         ranges = _checked_ranges(network, over)
-        return Family(problem=problem, network=network, over=ranges, ranges=ranges)
+        return Family(problem=problem, network=network, operating_range=over, ranges=ranges)
     is_list = isinstance(over, Sequence) and not isinstance(over, (str, bytes)) and len(over) > 0
     if isinstance(over, type) or not (callable(over) or is_list):
         raise ProblemError(
-            f"over: expected ranges {{'q_d.x': (3, 7)}}, a list of samples [{{'q_d.x': 3}}], or a "
+            f"ranges: expected {{'q_d.x': (3, 7)}}, a list of samples [{{'q_d.x': 3}}], or a "
             f"function (generator, count) that returns one; got {over!r}"
         )
     met = _drawn(network, over, BOUNDING, 0)
     ranges = {
         name: (min(s[name].min() for s in met), max(s[name].max() for s in met)) for name in met[0]
     }
-    return Family(problem=problem, network=network, over=over, ranges=ranges)
+    return Family(problem=problem, network=network, operating_range=over, ranges=ranges)
 
 
-def _checked_ranges(network: Network, over: Mapping) -> dict[str, tuple[float, float]]:
-    if not over:
+def _checked_ranges(network: Network, ranges: Mapping) -> dict[str, tuple[float, float]]:
+    if not ranges:
         raise ProblemError(
-            f"over: no input is given a range; there are {', '.join(network.cell.inputs)}"
+            f"ranges: no input is given a range; there are {', '.join(network.cell.inputs)}"
         )
-    return {name: _checked_range(network, name, given) for name, given in over.items()}
+    return {name: _checked_range(network, name, given) for name, given in ranges.items()}
 
 
 def _checked_range(network: Network, name: str, given: Any) -> tuple[float, float]:
     if name not in network.cell.inputs:
-        raise UnknownNameError.of("over: input", str(name), network.cell.inputs)
+        raise UnknownNameError.of("ranges: input", str(name), network.cell.inputs)
     try:
         low, high = (float(end) for end in given)
     except (TypeError, ValueError) as error:
         raise ProblemError(
-            f"over[{name}]: expected its lowest and highest value, (low, high), got {given!r}"
+            f"ranges[{name}]: expected its lowest and highest value, (low, high), got {given!r}"
         ) from error
     if not (np.isfinite([low, high]).all() and low < high):
         raise ProblemError(
-            f"over[{name}]: the range from {low:g} to {high:g} is empty or not finite; give "
+            f"ranges[{name}]: the range from {low:g} to {high:g} is empty or not finite; give "
             "(low, high) with low < high, and leave out inputs that do not change"
         )
     return low, high
@@ -170,22 +170,22 @@ def _checked_samples(network: Network, given: Iterable[Mapping[str, Any]]) -> li
     for number, sample in enumerate(given):
         if not isinstance(sample, Mapping):
             raise ProblemError(
-                f"over[{number}]: expected a sample such as {{'q_d.x': 3}}, got {sample!r}"
+                f"ranges[{number}]: expected a sample such as {{'q_d.x': 3}}, got {sample!r}"
             )
         values: Sample = {}
         for name, value in sample.items():
             if name not in network.cell.inputs:
-                raise UnknownNameError.of(f"over[{number}]: input", name, network.cell.inputs)
+                raise UnknownNameError.of(f"ranges[{number}]: input", name, network.cell.inputs)
             try:
                 values[name] = np.broadcast_to(np.asarray(value, float), network.stages)
             except (TypeError, ValueError) as error:
                 raise ProblemError(
-                    f"over[{number}][{name}]: expected one number or {network.stages} of them, "
+                    f"ranges[{number}][{name}]: expected one number or {network.stages} of them, "
                     f"got {value!r}"
                 ) from error
             if not np.isfinite(values[name]).all():
-                raise ProblemError(f"over[{number}][{name}]: {value!r} is not finite")
+                raise ProblemError(f"ranges[{number}][{name}]: {value!r} is not finite")
         samples.append(values)
     if len({frozenset(sample) for sample in samples}) != 1:
-        raise ProblemError("over: every sample has to name the same inputs, and one at least")
+        raise ProblemError("ranges: every sample has to name the same inputs, and one at least")
     return samples

@@ -35,7 +35,7 @@ from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.scheduled_run import first_run
 from ann_dc.gain_design.trial_run import ELSEWHERE, Pace, distance
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
+from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind, several
 from ann_dc.optimality.existence import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
@@ -277,9 +277,9 @@ class FamilyDesign:
 @checked
 def design_family(
     problem: OptimalControlProblem,
-    over: Annotated[Over, Own()],
+    ranges: Annotated[Over, Own()],
     *,
-    kinds: Iterable[PreconditionerKind] = ALL_KINDS,
+    preconditioner: PreconditionerKind | Iterable[PreconditionerKind] = ALL_KINDS,
     held_out: int = HELD_OUT,
     seed: int = 0,
     progress: Progress = silent,
@@ -292,7 +292,7 @@ def design_family(
         Problem whose inputs count as one sample; they set the scales of the network.
     over : Over
         Operating range; see `family_of`.
-    kinds : iterable of PreconditionerKind
+    preconditioner : PreconditionerKind or iterable of PreconditionerKind
         Preconditioner kinds to choose from. Default: all.
     held_out : int
         Number of inputs in the validation. Default 1000.
@@ -325,12 +325,12 @@ def design_family(
     """
     if held_out < 1:
         raise DesignError(f"held_out: expected a number of inputs from 1 on, got {held_out!r}")
-    family = family_of(problem, synthesize(decompose(problem)), over)
-    points, boost = _settled_points(family, seed, progress)
+    family = family_of(problem, synthesize(decompose(problem)), ranges)
+    points, penalty_factor = _settled_points(family, seed, progress)
     networks = [
         family.network_of(sample) for sample in family.samples(ROUNDS[-1][0], seed=seed + 1)
     ]
-    winner = _winner(points, boost, networks, tuple(kinds), progress)
+    winner = _winner(points, penalty_factor, networks, several(preconditioner), progress)
     network = replace(apply_gains(family.network, winner.gains), ranges=dict(family.ranges))
     frozen = replace(family, network=network)
     seen = family.held_out(held_out, seed=seed + 2)
@@ -350,7 +350,7 @@ def _settled_points(
 ) -> tuple[list[SettledPoint], float]:
     """Return settled points of problem and inputs, and the largest penalty factor."""
     samples: list[Sample] = [{}, *family.samples(POINTS - 1, seed=seed)[: POINTS - 1]]
-    points, boost, why = [], 1.0, ""
+    points, penalty_factor, why = [], 1.0, ""
     with np.errstate(all="ignore"):  # a run that overflows is data
         for number, sample in enumerate(samples, 1):
             progress(f"settled point {number} of {len(samples)}")
@@ -367,18 +367,18 @@ def _settled_points(
                 why = f"{told(sample)}: {found.ended}" if sample else str(found.ended)
             elif found.settled:
                 points.append(SettledPoint(Linearisation(network).at(found.state), found.state))
-                boost = max(boost, found.boost)
+                penalty_factor = max(penalty_factor, found.penalty_factor)
     if not points:
         raise DesignError(
-            f"over: none of {len(samples)} inputs leads to a settled point "
+            f"ranges: none of {len(samples)} inputs leads to a settled point "
             f"({why or told(samples[-1])}); is there a feasible one in these ranges?"
         )
-    return points, boost
+    return points, penalty_factor
 
 
 def _winner(
     points: list[SettledPoint],
-    boost: float,
+    penalty_factor: float,
     networks: list[Network],
     kinds: tuple[PreconditionerKind, ...],
     progress: Progress,
@@ -392,7 +392,7 @@ def _winner(
                 and PreconditionerKind.RESISTIVE_GRID in kinds
             ):  # the same preconditioner
                 continue
-            runners = entered(points, kind, boost)
+            runners = entered(points, kind, penalty_factor)
             if runners:
                 raced_best = raced(runners, networks, progress)
                 best = raced_best if best is None else min(best, raced_best, key=lambda r: r.rank)
@@ -400,7 +400,7 @@ def _winner(
                 break
     if best is None:
         raise DesignError(
-            "over: no network holds the settled points of these ranges at once; narrow them, or "
+            "ranges: no network holds the settled points of these ranges at once; narrow them, or "
             "allow other kinds of preconditioner"
         )
     return best

@@ -14,7 +14,7 @@ of all objectives, since one objective alone may leave controls undetermined.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -127,7 +127,8 @@ def pareto(
     problem: OptimalControlProblem,
     points: Annotated[int | Sequence | np.ndarray, Own()] = 21,
     *,
-    kinds: Annotated[Sequence[PreconditionerKind], NotEmpty()] = KINDS,
+    preconditioner: PreconditionerKind
+    | Annotated[Iterable[PreconditionerKind], NotEmpty()] = KINDS,
     progress: Progress = silent,
 ) -> Front:
     """Compute the Pareto front with one network and a batch of weights.
@@ -141,7 +142,7 @@ def pareto(
     points : int or (B, p) array
         Number of evenly distributed directions, or the positive weights, one row per point. Default
         21.
-    kinds : sequence of PreconditionerKind
+    preconditioner : PreconditionerKind or iterable of PreconditionerKind
         Preconditioner kinds from which designs choose. Default: `KINDS`.
     progress : Progress
         Receives one line per step. Default: silent.
@@ -177,7 +178,7 @@ def pareto(
     """
     _check(problem)
     weights = _weights_of(problem, points)
-    payoff = _payoff(problem, kinds, progress)
+    payoff = _payoff(problem, preconditioner, progress)
     ideal, nadir = payoff.min(axis=0), payoff.max(axis=0)
     if not (nadir > ideal).all():
         raise ProblemError(
@@ -186,7 +187,7 @@ def pareto(
         )
     related = problem.related(ideal, nadir)
     network = synthesize(decompose(related))
-    designed = procedure.design(network, kinds=kinds, progress=progress)
+    designed = procedure.design(network, preconditioner=preconditioner, progress=progress)
     inputs = {f"weight_{name}": w for name, w in zip(related.objective_names, weights.T)}
     progress(f"front: {len(weights)} points")
     batch = OdeBackend(progress=progress).run_batch(designed.network, inputs)
@@ -260,7 +261,9 @@ def _payoff(problem: OptimalControlProblem, kinds, progress: Progress) -> np.nda
     for own, name in enumerate(plain.objective_names):
         progress(f"front: the least {name}")
         alone = plain.weighed((np.eye(len(sizes))[own] + REGULAR) / sizes)
-        designed = procedure.design(synthesize(decompose(alone)), kinds=kinds, progress=progress)
+        designed = procedure.design(
+            synthesize(decompose(alone)), preconditioner=kinds, progress=progress
+        )
         end = designed.state
         if not designed.settled:
             raise ProblemError(

@@ -118,7 +118,7 @@ class Multistart:
             return self._ran(network, self.design)
         known = knowledge_of(Prospect(problem=self.problem), network)
         known = known._replace(finder=NOTHING.finder)  # it could lead to another optimum
-        designed = procedure.design(network, kinds=self.backend.kinds, knowledge=known)
+        designed = procedure.design(network, preconditioner=self.backend.kinds, knowledge=known)
         own = self._ran(designed.network, designed)
         for other in designed.alternatives():
             if np.isclose(own.objective, self.optima[index].objective, rtol=SAME):
@@ -183,7 +183,9 @@ def multistart(
     starts: Annotated[int | Sequence[InitialGuess], Own()] = 64,
     *,
     seed: Annotated[int, Own()] = 0,
-    kinds: Annotated[Iterable[PreconditionerKind], NotEmpty()] | None = None,
+    preconditioner: PreconditionerKind
+    | Annotated[Iterable[PreconditionerKind], NotEmpty()]
+    | None = None,
     backend: RecurrentBackend | None = None,
     progress: Progress = silent,
 ) -> Multistart:
@@ -198,7 +200,7 @@ def multistart(
         from the first. Default 64.
     seed : int
         Seed of the generated guesses. Default 0.
-    kinds : iterable of PreconditionerKind, optional
+    preconditioner : PreconditionerKind or iterable of PreconditionerKind, optional
         Preconditioner kinds from which the design chooses. Default: those that suit the backend,
         without those derived from one optimum (`NEAR_ONE_OPTIMUM`).
     backend : RecurrentBackend, optional
@@ -230,13 +232,13 @@ def multistart(
     backend = replace(
         backend or RecurrentBackend(order=TWO_PHASE, limit=LONGEST), progress=progress
     )
-    if kinds is None:
-        kinds = tuple(kind for kind in backend.kinds if kind not in NEAR_ONE_OPTIMUM)
+    if preconditioner is None:
+        preconditioner = tuple(kind for kind in backend.kinds if kind not in NEAR_ONE_OPTIMUM)
     equations = decompose(problem)
     first = synthesize(equations, initial_guess=made[0])
     designed = procedure.design(
         first,
-        kinds=kinds,
+        preconditioner=preconditioner,
         progress=progress,
         knowledge=knowledge_of(Prospect(problem=problem, progress=progress), first),
     )

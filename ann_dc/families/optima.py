@@ -125,17 +125,18 @@ def _entered(
 ) -> bool:
     """Return True if a state (default: that of the batch) is an optimum, and count it."""
     x, frozen = (batch.states[sample], 1) if state is None else (state, 0)
-    proof = certificate_of(problem, batch.network, x)
-    if not proof.certified:
+    certificate = certificate_of(problem, batch.network, x)
+    if not certificate.certified:
         return False
     q, u, t, *_ = kkt_point(batch.network, x)
     for place, known in enumerate(found):
-        if _same(known, proof.objective, u):
+        if _same(known, certificate.objective, u):
             starts = (*known.starts, sample)
             found[place] = replace(known, starts=starts, frozen=known.frozen + frozen)
             return True
     optimum = Optimum(
-        state=x, q=np.c_[q, t[:, -1:]], u=u, certificate=proof, starts=(sample,), frozen=frozen,
+        state=x, q=np.c_[q, t[:, -1:]], u=u, certificate=certificate, starts=(sample,),
+        frozen=frozen,
         share=0.0,
     )  # fmt: skip
     found.append(optimum)

@@ -44,7 +44,7 @@ class Runner:
 
     Attributes
     ----------
-    boost : float
+    penalty_factor : float
         Factor on every penalty.
     shared : bool
         True if the gains come from all settled points, False if from the first one alone.
@@ -53,7 +53,7 @@ class Runner:
     """
 
     gain_rule: GainRule
-    boost: float
+    penalty_factor: float
     shared: bool
     gains: Gains
     pace: Pace
@@ -76,33 +76,40 @@ class Runner:
             self.gain_rule,
             self.gain_rule.penalty / GAIN_RULES[self.gain_rule.kind].penalty,
         )
-        rows = "rows by reach" if gain_rule.by_reach else f"rows of {gain_rule.sweeps} sweeps"
+        rows = (
+            "rows by reach"
+            if gain_rule.by_reachability
+            else f"rows of {gain_rule.equilibration_sweeps} sweeps"
+        )
         path = (
-            f", path {gain_rule.path:g}"
+            f", path {gain_rule.path_weight:g}"
             if gain_rule.kind
             in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
             else ""
         )
         off = "all settled points" if self.shared else "one settled point"
         return (
-            f"{gain_rule.kind.value} from {off}, {rows}{path}, penalty x {factor * self.boost:g}, "
+            f"{gain_rule.kind.value} from {off}, {rows}{path}, "
+            f"penalty x {factor * self.penalty_factor:g}, "
             f"rates of multipliers x {gain_rule.dual / GAIN_RULES[gain_rule.kind].dual:g}"
         )
 
 
-def entered(points: Sequence[SettledPoint], kind: PreconditionerKind, boost: float) -> list[Runner]:
+def entered(
+    points: Sequence[SettledPoint], kind: PreconditionerKind, penalty_factor: float
+) -> list[Runner]:
     """Return the candidates of one preconditioner kind.
 
-    The first of `points` is that of the problem itself. `boost` is the factor on closed-form
-    penalties: the largest factor that a gain-scheduled run reached. Candidates that are unstable at
-    a point, or without a preconditioner there, are omitted.
+    The first of `points` is that of the problem itself. `penalty_factor` is the factor on
+    closed-form penalties: the largest factor that a gain-scheduled run reached. Candidates that are
+    unstable at a point, or without a preconditioner there, are omitted.
     """
     runners = []
     for gain_rule in _recipes(kind):
         factor = (
             1.0
             if kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
-            else boost
+            else penalty_factor
         )
         for off in (points, points[:1]) if len(points) > 1 else (points,):
             try:
@@ -110,10 +117,16 @@ def entered(points: Sequence[SettledPoint], kind: PreconditionerKind, boost: flo
                 found = [spectrum_with(settled, gains) for settled in _spread(points)]
             except AnnDcError:  # no such preconditioner here: another gain_rule may have one
                 continue
-            if all(np.isfinite(spectrum.ratio) for spectrum in found):
+            if all(np.isfinite(spectrum.stiffness_ratio) for spectrum in found):
                 shared, pace = off is points, Pace.of(*found)
                 runners.append(
-                    Runner(gain_rule=gain_rule, boost=factor, shared=shared, gains=gains, pace=pace)
+                    Runner(
+                        gain_rule=gain_rule,
+                        penalty_factor=factor,
+                        shared=shared,
+                        gains=gains,
+                        pace=pace,
+                    )
                 )
     return runners
 
@@ -130,11 +143,20 @@ def _recipes(kind: PreconditionerKind) -> Iterable[GainRule]:
         for sweeps in SWEEPS:
             for path, penalty, dual in ON_THE_WAY:
                 yield replace(
-                    own, sweeps=sweeps, path=path, penalty=penalty * own.penalty,
+                    own,
+                    equilibration_sweeps=sweeps,
+                    path_weight=path,
+                    penalty=penalty * own.penalty,
                     dual=dual * own.dual, dual_coupling=dual * own.dual_coupling,
                 )  # fmt: skip
         return
-    for rows in (*(replace(own, sweeps=sweeps) for sweeps in SWEEPS), replace(own, by_reach=True)):
+    for rows in (
+        *(
+            replace(own, equilibration_sweeps=equilibration_sweeps)
+            for equilibration_sweeps in SWEEPS
+        ),
+        replace(own, by_reachability=True),
+    ):
         for penalty, state, dual in ((1.0, 1.0, 1.0), *STEADIER):
             yield replace(
                 rows, penalty=penalty * own.penalty, state=state * own.state,

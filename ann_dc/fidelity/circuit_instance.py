@@ -59,7 +59,7 @@ class CircuitInstance:
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
@@ -188,6 +188,6 @@ def settling_of(instance: CircuitInstance, run: Run) -> float:
 def _stiff(instance: CircuitInstance) -> bool:
     """Return True if the circuit would settle only after the explicit steps end."""
     try:
-        return STIFF < instance.modes.ratio < math.inf
+        return STIFF < instance.modes.stiffness_ratio < math.inf
     except NetworkError:  # it has no equilibrium
         return False

@@ -112,7 +112,7 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
@@ -162,7 +162,7 @@ def budget(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> tuple[Item, 
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
@@ -211,7 +211,7 @@ def total_error(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> float:
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)

@@ -71,7 +71,7 @@ def smallest_margin(
     >>> import ann_dc
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> round(smallest_margin(circuit, level, probe))  # it was built with 10
@@ -115,7 +115,7 @@ def fitting_intervals(backend: SpiceBackend, network: Network) -> Mapping[str, t
     >>> from ann_dc.fidelity import CircuitInstance, fitting_intervals
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> backend = ann_dc.SpiceBackend(level=macro())
     >>> wide = replace(backend, intervals=fitting_intervals(backend, network))
     >>> errors = []

@@ -149,7 +149,7 @@ def compare_levels(
     >>> import ann_dc
     >>> from ann_dc.fidelity import compare_levels
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> first = next(compare_levels(network))
     >>> first.name, first.group.value, first.error < 1e-6
     ('ODE', 'computed digitally', True)

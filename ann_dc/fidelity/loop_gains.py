@@ -110,7 +110,7 @@ def loop_gains(emulation: Emulation, level: Level, x: State) -> tuple[LoopGain, 
     >>> from ann_dc.fidelity import loop_gains
     >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> level = macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> made = CircuitInstance(circuit=circuit, level=level, probe=probe)
@@ -168,7 +168,7 @@ def _op_amps(
     network = emulation.network
     compiled = fast_evaluator(network)
     free = compiled.free(x)
-    flow = dense_flow(network.preconditioner, network.row, compiled.drive_jacobian(x), free)
+    flow = dense_flow(network.preconditioner, network.layout, compiled.drive_jacobian(x), free)
     places = network.places[free]
     rows = [
         (i, row, stage)

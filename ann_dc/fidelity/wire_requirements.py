@@ -83,7 +83,7 @@ def preconditioner_demand(
     >>> from ann_dc.analysis import equilibrium
     >>> from ann_dc.network.preconditioners import PreconditionerKind
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[PreconditionerKind.MULTILEVEL]).network
+    >>> network = ann_dc.design(problem, preconditioner=PreconditionerKind.MULTILEVEL).network
     >>> found = preconditioner_demand(network, equilibrium(network, network.start_state))
     >>> 1e-3 < found.lag < 1, 1e-2 < found.error < 1
     (True, True)
@@ -145,7 +145,7 @@ class _LinearFlow:
     def __init__(self, network: Network, x: np.ndarray, wiring: PreconditionerWiring) -> None:
         self.wiring = wiring
         self.drives = evaluator(network).drive_jacobian(x).toarray()
-        rates = network.row.state_rates
+        rates = network.layout.state_rates
         nodes = [wiring.nodes[i] for i in wiring.moved]
         self.moved = np.array([network.state_index[network.neuron_index[n], k] for n, k in nodes])
         self.others = np.setdiff1d(np.arange(network.size), self.moved)

@@ -150,7 +150,7 @@ class Choice:
         if gain_rule.kind not in self.kinds and PreconditionerKind.DIAGONAL in self.kinds:
             gain_rule = GAIN_RULES[PreconditionerKind.DIAGONAL]
         try:
-            return candidate_of(settled, gain_rule, self.first.boost)
+            return candidate_of(settled, gain_rule, self.first.penalty_factor)
         except DesignError as error:
             raise DesignError(
                 f"{settled.network.title}: the gains overflow ({error}); choose units in which "
@@ -186,7 +186,7 @@ class Choice:
         return compare(
             settled,
             kind,
-            self.first.boost,
+            self.first.penalty_factor,
             self.progress,
             gain_rule=fixed,
             penalty=penalty,
@@ -227,7 +227,7 @@ class Choice:
             if kind not in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
         ):
             for gain_rule in gain_rules(kind):
-                candidate = candidate_of(settled, gain_rule, self.first.boost)
+                candidate = candidate_of(settled, gain_rule, self.first.penalty_factor)
                 if np.isfinite(candidate.ratio):
                     self.progress(f"freeze: another {kind.value}")
                     tried = rehearse(settled, candidate, progress=self.progress, patience=patience)

@@ -22,7 +22,7 @@ import scipy.linalg
 
 from ann_dc.analysis.objectives import SETTLING_TIME, Objective
 from ann_dc.analysis.saddle import Saddle
-from ann_dc.network.preconditioners.base import Preconditioner, Row
+from ann_dc.network.preconditioners.base import ArrayLayout, Preconditioner
 from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
@@ -79,7 +79,7 @@ class _Between(DenseMetric):
 
 
 def dense_preconditioner(
-    preconditioner: Preconditioner, row: Row, primal: np.ndarray
+    preconditioner: Preconditioner, row: ArrayLayout, primal: np.ndarray
 ) -> DenseMetric:
     """Return a preconditioner as a function of its gains.
 

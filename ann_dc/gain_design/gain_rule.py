@@ -59,7 +59,7 @@ WINDOWS = 4
 def equilibrated(
     linear: Linearisation | MeanLinearisation,
     penalty: float,
-    sweeps: int,
+    equilibration_sweeps: int,
     weights: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the equilibrated weights (P,) of the dual neurons, zero for others.
@@ -70,7 +70,7 @@ def equilibrated(
         Linearisation evaluated at a state.
     penalty : float
         Base penalty rho_0, the unit of the cost's curvature.
-    sweeps : int
+    equilibration_sweeps : int
         Number of iterations; fewer sweeps stay nearer to the initial weights.
     weights : (P,) array, optional
         Initial weights; equal by default.
@@ -84,7 +84,7 @@ def equilibrated(
     start = dual.astype(float) if weights is None else weights
     weights = np.array(start)
     curvature = np.maximum(linear.cost_curvature().max(axis=1), 0.0) / penalty
-    for _ in range(sweeps):
+    for _ in range(equilibration_sweeps):
         stiffness = curvature + linear.row_sums(weights).max(axis=1)
         rate = np.where(
             linear.primal & (stiffness > 0), 1 / np.where(stiffness > 0, stiffness, 1), 0
@@ -97,7 +97,7 @@ def equilibrated(
     return weights
 
 
-def by_reach(linear: Linearisation | MeanLinearisation) -> np.ndarray:
+def by_reachability(linear: Linearisation | MeanLinearisation) -> np.ndarray:
     """Return the reachability weights (P,) of the dual neurons, zero for others.
 
     Both constraints of a chain have the same weight, a chain that no control moves has the mean
@@ -143,19 +143,19 @@ class GainRule:
     kind : PreconditionerKind
         Preconditioner kind: diagonal or multilevel here, resistive grid or cyclic reduction in
         `grid_gains`.
-    sweeps : int
+    equilibration_sweeps : int
         Equilibration sweeps of the constraint weights; zero leaves the weights unchanged.
-    by_reach : bool
+    by_reachability : bool
         True if the constraint weights before any sweep are reachability weights; otherwise they are
         equal.
-    path : float
+    path_weight : float
         theta of a grid: weight of the change of A between initial guess and settled point.
-    away : float
+    linearisation_radius : float
         Linearisation radius in scales: distance from the state of evaluation at which the weights
         of objectives must still be suitable.
     inequality : float
         Factor on the weights of inequalities.
-    row : mapping of dual neuron name to float
+    row_factors : mapping of dual neuron name to float
         Further factors on the penalties of single constraints; default 1.
 
     Raises
@@ -181,21 +181,24 @@ class GainRule:
     target: float = 1.2
     coarse: float = 0.5
     kind: PreconditionerKind = PreconditionerKind.MULTILEVEL
-    sweeps: Annotated[int, Own()] = 0
-    by_reach: bool = False
-    path: float = 0.3
-    away: float = 0.0
+    equilibration_sweeps: Annotated[int, Own()] = 0
+    by_reachability: bool = False
+    path_weight: float = 0.3
+    linearisation_radius: float = 0.0
     inequality: float = 1.0
-    row: Mapping[str, float] = field(default_factory=dict)
+    row_factors: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         names = "penalty", "dual", "dual_coupling", "state", "control", "target", "coarse"
         factors = {name: getattr(self, name) for name in (*names, "inequality")}
-        factors |= {f"row[{name}]": weight for name, weight in self.row.items()}
+        factors |= {f"row_factors[{name}]": weight for name, weight in self.row_factors.items()}
         require_positive(DesignError, **factors)
-        if not (isinstance(self.sweeps, int) and self.sweeps >= 0):
-            raise DesignError(f"sweeps: expected a whole number from zero on, got {self.sweeps!r}")
-        for name in ("path", "away"):
+        if not (isinstance(self.equilibration_sweeps, int) and self.equilibration_sweeps >= 0):
+            raise DesignError(
+                "equilibration_sweeps: expected a whole number from zero on, got "
+                f"{self.equilibration_sweeps!r}"
+            )
+        for name in ("path_weight", "linearisation_radius"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise DesignError(
                     f"{name}: expected a number from zero on, got {getattr(self, name)!r}"
@@ -274,11 +277,11 @@ def weights_of_rows(linear: Linearisation | MeanLinearisation, gain_rule: GainRu
     `linear` must be evaluated at a state. Raises `UnknownNameError` if the rule names an unknown
     constraint; the message lists the known ones.
     """
-    start = by_reach(linear) if gain_rule.by_reach else None
-    weights = equilibrated(linear, base_penalty(linear), gain_rule.sweeps, start)
+    start = by_reachability(linear) if gain_rule.by_reachability else None
+    weights = equilibrated(linear, base_penalty(linear), gain_rule.equilibration_sweeps, start)
     network = linear.network
     duals = [dual.neuron for dual in network.cell.duals]
-    for name, factor in gain_rule.row.items():
+    for name, factor in gain_rule.row_factors.items():
         if name not in duals:
             raise UnknownNameError.of("row: dual neuron", name, duals)
         weights[network.neuron_index[name]] *= factor
@@ -294,7 +297,7 @@ def _factors(linear: Linearisation | MeanLinearisation, gain_rule: GainRule) -> 
 
 
 def closed_form(
-    linear: Linearisation | MeanLinearisation, gain_rule: GainRule, boost: float = 1.0
+    linear: Linearisation | MeanLinearisation, gain_rule: GainRule, penalty_factor: float = 1.0
 ) -> Gains:
     """Compute the gains of a rule at the state of a linearisation.
 
@@ -304,7 +307,7 @@ def closed_form(
         Linearisation evaluated at a state by `Linearisation.at`.
     gain_rule : GainRule
         Gain rule.
-    boost : float
+    penalty_factor : float
         Factor on every penalty (the watchdog's rho neuron). Default 1.
 
     Returns
@@ -322,7 +325,12 @@ def closed_form(
     (True, 'DIAGONAL')
     """
     network = linear.network
-    rho = gain_rule.penalty * base_penalty(linear) * boost * weights_of_rows(linear, gain_rule)
+    rho = (
+        gain_rule.penalty
+        * base_penalty(linear)
+        * penalty_factor
+        * weights_of_rows(linear, gain_rule)
+    )
     curvature = np.maximum(linear.cost_curvature().max(axis=1), 0.0)
     stiffness, factor = curvature + linear.row_sums(rho).max(axis=1), _factors(linear, gain_rule)
     if linear.diode.any():
@@ -342,7 +350,7 @@ def closed_form(
         rate=np.repeat(rate[:, None], network.stages, axis=1),
         preconditioner=coarse or Diagonal(),
     )
-    return with_objectives(linear, gains, gain_rule.dual, gain_rule.away)
+    return with_objectives(linear, gains, gain_rule.dual, gain_rule.linearisation_radius)
 
 
 def steadier(kind: PreconditionerKind) -> tuple[GainRule, ...]:
@@ -354,13 +362,13 @@ def steadier(kind: PreconditionerKind) -> tuple[GainRule, ...]:
     return tuple(
         replace(
             own,
-            sweeps=sweeps,
+            equilibration_sweeps=equilibration_sweeps,
             penalty=penalty * own.penalty,
             state=state * own.state,
             target=state * own.target,
             dual=dual * own.dual,
             dual_coupling=dual * own.dual_coupling,
         )
-        for sweeps in SWEEPS[:2]
+        for equilibration_sweeps in SWEEPS[:2]
         for penalty, state, dual in STEADIER
     )

@@ -18,7 +18,7 @@ from ann_dc.evaluation.preconditioner_arrays import preconditioner_arrays
 from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.evaluation.tape import Tape
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Preconditioner, Row
+from ann_dc.network.preconditioners.base import ArrayLayout, Preconditioner
 from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import FloatOrNan, OrNan, Shape, such_as
@@ -127,10 +127,10 @@ def tape_with(network: Network, gains: Gains) -> Tape:
     return tape._replace(rates=row.rates, **preconditioner_arrays(gains.preconditioner, row))
 
 
-def row_with(network: Network, gains: Gains) -> Row:
+def row_with(network: Network, gains: Gains) -> ArrayLayout:
     """Return the cell array layout of a preconditioner for these gains."""
     tau = 1.0 / gains.rate  # rounded as the network itself will be
-    return replace(network.row, rates=np.where(network.live, 1.0 / tau, 0.0))
+    return replace(network.layout, rates=np.where(network.live, 1.0 / tau, 0.0))
 
 
 def check_gains(network: Network, gains: Gains) -> None:

@@ -112,10 +112,10 @@ class SettledPoint:
     def row_weights(self, gain_rule: GainRule) -> np.ndarray:
         """Return read-only constraint weights (P,) of the duals; see `weights_of_rows`."""
         key = (
-            gain_rule.sweeps,
-            gain_rule.by_reach,
+            gain_rule.equilibration_sweeps,
+            gain_rule.by_reachability,
             gain_rule.inequality,
-            frozenset(gain_rule.row.items()),
+            frozenset(gain_rule.row_factors.items()),
         )
         if key not in self._weights:
             self._weights[key] = _with_diodes(self.linear, gain_rule)
@@ -146,7 +146,7 @@ def _with_diodes(linear: Linearisation, gain_rule: GainRule) -> np.ndarray:
     """Return all weights (P,), inequalities relative to equalities as in closed form."""
     weights = weights_of_rows(linear, gain_rule)
     if linear.diode.any():
-        own = {"sweeps": gain_rule.sweeps, "inequality": gain_rule.inequality}
+        own = {"sweeps": gain_rule.equilibration_sweeps, "inequality": gain_rule.inequality}
         rho = closed_form(linear, replace(MULTILEVEL_RULE, **own)).rho
         duals = [linear.network.neuron_index[d.neuron] for d in linear.network.cell.duals]
         weights[linear.diode] = rho[linear.diode] * weights[duals].mean() / rho[duals].mean()
@@ -154,7 +154,10 @@ def _with_diodes(linear: Linearisation, gain_rule: GainRule) -> np.ndarray:
 
 
 def grid_gains_of(
-    points: Sequence[SettledPoint], weights: np.ndarray, gain_rule: GainRule, boost: float = 1.0
+    points: Sequence[SettledPoint],
+    weights: np.ndarray,
+    gain_rule: GainRule,
+    penalty_factor: float = 1.0,
 ) -> Gains:
     """Return gains with a resistive grid, or with cyclic reduction of the same matrix.
 
@@ -169,7 +172,7 @@ def grid_gains_of(
         Constraint weights of the dual neurons.
     gain_rule : GainRule
         Gain rule; its kind, path term, penalty and eta are used.
-    boost : float
+    penalty_factor : float
         Factor on every penalty.
     """
     network = points[0].network
@@ -178,7 +181,7 @@ def grid_gains_of(
     common = max(-ABOVE_THRESHOLD * low, OF_SHADOW * high)
     if not 0 < common < np.inf:  # no multiplier answers a push: any penalty will do
         common = 1.0
-    common *= gain_rule.penalty * boost
+    common *= gain_rule.penalty * penalty_factor
     if not common > -low:
         raise DesignError(
             f"{network.title}: a {gain_rule.kind.value} needs penalties above rho* = {-low:.3g} "
@@ -187,7 +190,7 @@ def grid_gains_of(
             f"{-low / common * gain_rule.penalty:.3g} instead of {gain_rule.penalty:g}"
         )
     rho = common * weights
-    G = sum(_felt(settled, rho, gain_rule.path) for settled in points) / len(points)
+    G = sum(_felt(settled, rho, gain_rule.path_weight) for settled in points) / len(points)
     diagonal, stiffness = stiffness_of(network, G, gain_rule.kind)
     eta = [
         gain_rule.dual_coupling if neuron.population == "beta" else gain_rule.dual
@@ -273,7 +276,7 @@ def stiffness_of(
     entries = sparse.coo_array(G)
     i, j = entries.coords
     values = entries.data / (root[i] * root[j])
-    row, place = network.row, network.places
+    row, place = network.layout, network.places
     live = np.isin(place[:, 0], row.primal)
     neuron = np.searchsorted(row.primal, place[live, 0])
     stage = place[live, 1]

@@ -35,7 +35,7 @@ from ann_dc.gain_design.rule_presets import presets_of
 from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
 from ann_dc.gain_design.trial_run import Candidate
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
+from ann_dc.network.preconditioners.base import ALL_KINDS, Kinds, PreconditionerKind, several
 from ann_dc.progress import Progress, Stopped, silent
 from ann_dc.timing import phase
 from ann_dc.validation.checked import checked
@@ -177,7 +177,7 @@ def _ending(first: FirstRun) -> str:
 def design(
     network: Network,
     *,
-    kinds: Annotated[Iterable[PreconditionerKind], Own()] = ALL_KINDS,
+    preconditioner: PreconditionerKind | Annotated[Iterable[PreconditionerKind], Own()] = ALL_KINDS,
     gain_rule: GainRule | None = None,
     refine: Objective | None = None,
     limit: int = LONGEST_RUN,
@@ -194,7 +194,7 @@ def design(
     ----------
     network : Network
         Network with proportional-integral multiplier neurons (PI duals).
-    kinds : iterable of PreconditionerKind
+    preconditioner : PreconditionerKind or iterable of PreconditionerKind
         Allowed preconditioner kinds; all by default. If the first run does not settle, a multilevel
         preconditioner replaces a grid or a tree.
     gain_rule : GainRule, optional
@@ -216,7 +216,7 @@ def design(
     --------
     >>> from ann_dc import plants, synthesize
     >>> network = synthesize(plants.double_integrator(N=5))
-    >>> design(network, kinds=[PreconditionerKind.MULTILEVEL]).best.kind
+    >>> design(network, preconditioner=PreconditionerKind.MULTILEVEL).best.kind
     <PreconditionerKind.MULTILEVEL: 'multilevel'>
     """
     if not network.cell.duals:
@@ -224,7 +224,9 @@ def design(
             "design: this network has no PI dual neurons, so there is no rho to "
             "choose; set the time constants of its neurons by hand"
         )
-    allowed = _wirable(network, _allowed(kinds) if gain_rule is None else (gain_rule.kind,))
+    allowed = _wirable(
+        network, _allowed(preconditioner) if gain_rule is None else (gain_rule.kind,)
+    )
     with np.errstate(all="ignore"):  # a run that overflows is data
         first = first_run(
             network,
@@ -235,7 +237,7 @@ def design(
         )
         settled = SettledPoint(Linearisation(network).at(first.state), first.state)
         if first.found_by:
-            first = replace(first, boost=boost_of(settled))
+            first = replace(first, penalty_factor=boost_of(settled))
         choice = FoundChoice if first.found_by else Choice
         freeze = choice(allowed, gain_rule, first, progress, knowledge.cost)
         found, start = (), ""
@@ -261,14 +263,13 @@ def _compared(
     return freeze.best(settled, limit)
 
 
-def _allowed(kinds: Iterable[PreconditionerKind]) -> tuple[PreconditionerKind, ...]:
-    if isinstance(kinds, PreconditionerKind):
-        raise DesignError(f"kinds: expected several, got {kinds}; write [{kinds}]")
-    given = tuple(kinds)
+def _allowed(kinds: Kinds) -> tuple[PreconditionerKind, ...]:
+    given = several(kinds)
     strange = [kind for kind in given if not isinstance(kind, PreconditionerKind)]
     if strange or not given:
         raise DesignError(
-            f"kinds: expected some of {', '.join(map(str, PreconditionerKind))}, got {given!r}"
+            f"preconditioner: expected some of {', '.join(map(str, PreconditionerKind))}, "
+            f"got {given!r}"
         )
     return tuple(kind for kind in GAIN_RULES if kind in given)
 

@@ -143,7 +143,7 @@ class Variation:
     ) -> Variation:
         """Return the variation allowed by ``freedom`` at a settled state (n,)."""
         saddle = saddle_of(network, state)
-        row = replace(network.row, rates=np.where(network.live, given.rate, 0.0))
+        row = replace(network.layout, rates=np.where(network.live, given.rate, 0.0))
         flow = DenseFlow(
             saddle=saddle,
             preconditioner=dense_preconditioner(given.preconditioner, row, saddle.primal),

@@ -74,7 +74,7 @@ class FirstRun:
     ----------
     settled : bool
         True if the relative KKT residual at the last `state` (n,) is below the tolerance.
-    boost : float
+    penalty_factor : float
         Final penalty factor of the watchdog.
     ended : Stopped or None
         Cause of an end before the run settled.
@@ -85,7 +85,7 @@ class FirstRun:
     state: np.ndarray
     settled: bool
     steps: int
-    boost: float
+    penalty_factor: float
     ended: Stopped | None = None
     found_by: str = ""
 
@@ -135,7 +135,7 @@ class _Schedule:
         self.guard = fast_evaluator(network).domain_guard(self.start)
         self.box = safe_bounds(network, self.start)
         self.slew = self._slew()
-        self.boost = 1.0
+        self.penalty_factor = 1.0
         self.trial: FastEvaluator | None = None
         self.direction = np.random.default_rng(0).standard_normal(network.size)
         self.steps = 0
@@ -165,7 +165,7 @@ class _Schedule:
                 found_by = self._found_by(ask, progress) if outcome == LOST or late else ""
                 progress(
                     f"first run: step {self.steps}, KKT residual {last:.1e}, "
-                    f"penalty x {self.boost:g}"
+                    f"penalty x {self.penalty_factor:g}"
                 )
             if outcome == SETTLED and saddle_of(self.network, self.x).is_minimum:
                 found_by = self._found_by(self.knowledge.cheaper, progress)
@@ -178,7 +178,7 @@ class _Schedule:
             state=self.x,
             settled=outcome == SETTLED or bool(found_by),
             steps=self.steps,
-            boost=self.boost,
+            penalty_factor=self.penalty_factor,
             ended=ended,
             found_by=found_by,
         )
@@ -194,13 +194,13 @@ class _Schedule:
             self._recover()
         elif outcome != SETTLED:
             self._watch(last)
-        if self.boost > LARGEST_BOOST and last < ADRIFT:
-            self.boost = LARGEST_BOOST
-        elif self.boost > LARGEST_BOOST:
-            self.boost, self.slew = 1.0, self.slew / 2
+        if self.penalty_factor > LARGEST_BOOST and last < ADRIFT:
+            self.penalty_factor = LARGEST_BOOST
+        elif self.penalty_factor > LARGEST_BOOST:
+            self.penalty_factor, self.slew = 1.0, self.slew / 2
             self._begin()
         late = self.steps >= self.equal_rows and outcome != SETTLED
-        if late and not self.gain_rule.sweeps:
+        if late and not self.gain_rule.equilibration_sweeps:
             self._equilibrate()
         return outcome, last
 
@@ -212,34 +212,34 @@ class _Schedule:
         found = ask(self.x, progress)
         if found is None:
             return ""
-        self.x, self.boost = found.state, 1.0
+        self.x, self.penalty_factor = found.state, 1.0
         return found.by
 
     def _look_ahead(self, before: np.ndarray) -> None:
         """Undo a chunk in which a weight grew too far; evaluate the next more carefully."""
         if not len(self.linear.shares):
             return
-        away = 0.9 * self.gain_rule.away
+        away = 0.9 * self.gain_rule.linearisation_radius
         most = [dual.at_rest(LARGEST_SHARE) for dual in self.network.cell.objectives]
         if not (self.x[self.linear.shares] < most).all():
-            self.x, away = before, max(2 * self.gain_rule.away, AWAY)
-        self.gain_rule = replace(self.gain_rule, away=away)
+            self.x, away = before, max(2 * self.gain_rule.linearisation_radius, AWAY)
+        self.gain_rule = replace(self.gain_rule, linearisation_radius=away)
 
     def _equilibrate(self) -> None:
         """Continue with equilibrated constraint weights and a new watchdog."""
-        self.gain_rule = replace(self.gain_rule, sweeps=SWEEPS)
-        self.boost, self.age, self.window, self.best = 1.0, 0, np.inf, np.inf
+        self.gain_rule = replace(self.gain_rule, equilibration_sweeps=SWEEPS)
+        self.penalty_factor, self.age, self.window, self.best = 1.0, 0, np.inf, np.inf
 
     def _recover(self) -> None:
         """Restart with smaller steps and more penalty after an overflow or domain error."""
         self.slew = self.slew / 2
-        self.boost *= 2
+        self.penalty_factor *= 2
         self.steps += CHUNK  # so that a run which is lost at its first step ends too
         self._begin()
 
     def _chunk(self, tolerance: float) -> tuple[int, float, int]:
         """Run `CHUNK` steps with new gains; return (steps done, last residual, outcome)."""
-        gains = closed_form(self.linear.at(self.x), self.gain_rule, self.boost)
+        gains = closed_form(self.linear.at(self.x), self.gain_rule, self.penalty_factor)
         tape = tape_with(self.network, gains)
         trial = self._renumbered(tape)
         step = STEP / self._stiffest(trial)
@@ -279,7 +279,7 @@ class _Schedule:
             return
         if self.window > IMPROVEMENT * self.best:
             self.knowledge.doubt(self.x)
-            self.boost *= 2
+            self.penalty_factor *= 2
             if self.window > ADRIFT:
                 self._begin()
                 return

@@ -67,7 +67,7 @@ class Candidate:
 
     Attributes
     ----------
-    boost : float
+    penalty_factor : float
         Factor on every penalty of the gain rule.
     gains, spectrum : Gains and Spectrum
         Gains of the rule at the settled point (refined gains are near these), and the spectrum of
@@ -80,7 +80,7 @@ class Candidate:
     """
 
     gain_rule: GainRule
-    boost: float
+    penalty_factor: float
     gains: Gains
     spectrum: Spectrum
     settling: float = float("nan")
@@ -94,7 +94,7 @@ class Candidate:
     @property
     def ratio(self) -> float:
         """Stiffness ratio at the settled point; infinite if the point is unstable."""
-        return self.spectrum.ratio
+        return self.spectrum.stiffness_ratio
 
     @property
     def rank(self) -> tuple[float, float]:
@@ -103,23 +103,29 @@ class Candidate:
         return float(f"{settling:.6g}"), float(f"{self.ratio:.6g}")
 
     def __str__(self) -> str:
-        start = "rows by reach" if self.gain_rule.by_reach else "equal rows"
-        rows = f"rows of {self.gain_rule.sweeps} sweeps" if self.gain_rule.sweeps else start
+        start = "rows by reach" if self.gain_rule.by_reachability else "equal rows"
+        rows = (
+            f"rows of {self.gain_rule.equilibration_sweeps} sweeps"
+            if self.gain_rule.equilibration_sweeps
+            else start
+        )
         path = (
-            f", path {self.gain_rule.path:g}"
+            f", path {self.gain_rule.path_weight:g}"
             if self.kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
             else ""
         )
         if self.gain_rule.inequality != 1:
             rows += f", inequalities x {self.gain_rule.inequality:g}"
-        return f"{self.kind.value}, {rows}{path}, penalty x {self.boost:g}: ratio {self.ratio:.3g}"
+        penalty = f"penalty x {self.penalty_factor:g}"
+        return f"{self.kind.value}, {rows}{path}, {penalty}: ratio {self.ratio:.3g}"
 
 
-def gains_of(points: Sequence[SettledPoint], gain_rule: GainRule, boost: float) -> Gains:
+def gains_of(points: Sequence[SettledPoint], gain_rule: GainRule, penalty_factor: float) -> Gains:
     """Return the gains of a rule at one settled point or at several in common.
 
-    The points belong to networks that differ in their inputs. `boost` is a factor on every penalty.
-    Raises `DesignError` if a grid's penalty lies below rho* or its settled point is not isolated.
+    The points belong to networks that differ in their inputs. `penalty_factor` is a factor on every
+    penalty. Raises `DesignError` if a grid's penalty lies below rho* or its settled point is not
+    isolated.
     """
     if len(points) == 1:
         linear, weights = points[0].linear, points[0].row_weights(gain_rule)
@@ -130,22 +136,24 @@ def gains_of(points: Sequence[SettledPoint], gain_rule: GainRule, boost: float) 
         PreconditionerKind.RESISTIVE_GRID,
         PreconditionerKind.CYCLIC_REDUCTION,
     ):
-        return closed_form(linear, gain_rule, boost)
-    return grid_gains_of(points, weights, gain_rule, boost)
+        return closed_form(linear, gain_rule, penalty_factor)
+    return grid_gains_of(points, weights, gain_rule, penalty_factor)
 
 
 def candidate_of(
-    settled: SettledPoint, gain_rule: GainRule, boost: float, progress: Progress = silent
+    settled: SettledPoint, gain_rule: GainRule, penalty_factor: float, progress: Progress = silent
 ) -> Candidate:
     """Return a candidate of a gain rule, with its spectrum at the settled point.
 
-    `boost` is a factor on every penalty of the rule; `progress` receives occasional lines. Raises
-    `DesignError` or `NetworkError` if no grid exists at this point or the grid is not positive
-    definite.
+    `penalty_factor` is a factor on every penalty of the rule; `progress` receives occasional lines.
+    Raises `DesignError` or `NetworkError` if no grid exists at this point or the grid is not
+    positive definite.
     """
-    gains = gains_of([settled], gain_rule, boost)
+    gains = gains_of([settled], gain_rule, penalty_factor)
     found = spectrum_with(settled, gains, progress)
-    return Candidate(gain_rule=gain_rule, boost=boost, gains=gains, spectrum=found)
+    return Candidate(
+        gain_rule=gain_rule, penalty_factor=penalty_factor, gains=gains, spectrum=found
+    )
 
 
 def spectrum_with(settled: SettledPoint, gains: Gains, progress: Progress = silent) -> Spectrum:
@@ -169,7 +177,7 @@ def spectrum_with(settled: SettledPoint, gains: Gains, progress: Progress = sile
 def compare(
     settled: SettledPoint,
     kind: PreconditionerKind,
-    boost: float,
+    penalty_factor: float,
     progress: Progress = silent,
     *,
     gain_rule: GainRule | None = None,
@@ -183,7 +191,7 @@ def compare(
 
     Parameters
     ----------
-    boost : float
+    penalty_factor : float
         Initial penalty factor: the final factor of the first run.
     progress : Progress
         Receives one line per spectrum.
@@ -198,40 +206,47 @@ def compare(
     """
     tried = _Tried(settled, kind, progress, take)
     own = replace(GAIN_RULES[kind], penalty=penalty * GAIN_RULES[kind].penalty)
-    rows = [gain_rule] if gain_rule else [replace(own, sweeps=sweeps) for sweeps in SWEEPS]
+    rows = (
+        [gain_rule]
+        if gain_rule
+        else [
+            replace(own, equilibration_sweeps=equilibration_sweeps)
+            for equilibration_sweeps in SWEEPS
+        ]
+    )
     long = settled.network.stages > LONG_ROW
     if kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION):
-        paths = [gain_rule.path] if gain_rule else list(PATHS)
+        paths = [gain_rule.path_weight] if gain_rule else list(PATHS)
         if long:
             damped = max(paths)  # it settles from the most starts
             paths.remove(damped)
-            rows = [min(rows, key=lambda row: tried.ratio(replace(row, path=damped), 1.0))]
+            rows = [min(rows, key=lambda row: tried.ratio(replace(row, path_weight=damped), 1.0))]
         for row, path in itertools.product(rows, paths):
-            tried.ratio(replace(row, path=path), 1.0)
+            tried.ratio(replace(row, path_weight=path), 1.0)
         if not gain_rule:
             _finer(tried)
             if settled.linear.diode.any():
                 _gentler(tried)
     else:
-        first, is_brief = boost, is_brief or long
-        for row in rows if gain_rule else (*rows, replace(own, by_reach=True)):
+        first, is_brief = penalty_factor, is_brief or long
+        for row in rows if gain_rule else (*rows, replace(own, by_reachability=True)):
             if is_brief and any(found.ratio < np.inf for found in tried.candidates):
-                tried.ratio(row, boost)
+                tried.ratio(row, penalty_factor)
             else:
                 at = lambda factor, row=row: tried.ratio(row, factor)  # noqa: E731
-                boost = downhill(at, boost, around=first)
+                penalty_factor = downhill(at, penalty_factor, around=first)
     return tuple(tried.candidates)
 
 
 def _finer(tried: _Tried) -> None:
     """Try smaller path terms with the best grid's weights, as long as they help."""
     best = tried.best
-    if best is None or best.gain_rule.path > min(PATHS):
+    if best is None or best.gain_rule.path_weight > min(PATHS):
         return
-    path, ratio = best.gain_rule.path, best.ratio
+    path, ratio = best.gain_rule.path_weight, best.ratio
     for _ in range(FINEST):
         path, before = path / FINER, ratio
-        ratio = tried.ratio(replace(best.gain_rule, path=path), 1.0)
+        ratio = tried.ratio(replace(best.gain_rule, path_weight=path), 1.0)
         if not ratio < HELPS * before:
             return
 
@@ -240,8 +255,8 @@ def _gentler(tried: _Tried) -> None:
     """Try the best grid's weights with smaller inequality weights."""
     best = tried.best
     if best is not None:
-        for path in sorted({*PATHS[2:], best.gain_rule.path}):
-            tried.ratio(replace(best.gain_rule, path=path, inequality=GENTLE), 1.0)
+        for path in sorted({*PATHS[2:], best.gain_rule.path_weight}):
+            tried.ratio(replace(best.gain_rule, path_weight=path, inequality=GENTLE), 1.0)
 
 
 @dataclass(frozen=True)
@@ -260,11 +275,11 @@ class _Tried:
         attract = [found for found in self.candidates if np.isfinite(found.ratio)]
         return min(attract, key=lambda found: found.ratio, default=None)
 
-    def ratio(self, gain_rule: GainRule, boost: float) -> float:
+    def ratio(self, gain_rule: GainRule, penalty_factor: float) -> float:
         """Evaluate one more candidate and return its stiffness ratio, infinite on failure."""
         self.progress(f"freeze: spectrum {len(self.candidates) + 1} of a {self.kind.value}")
         try:
-            found = candidate_of(self.settled, gain_rule, boost, self.progress)
+            found = candidate_of(self.settled, gain_rule, penalty_factor, self.progress)
         except Stopped:
             raise
         except AnnDcError:  # no such grid here: another gain_rule may have one
@@ -275,7 +290,7 @@ class _Tried:
 
 
 def downhill(
-    ratio: Callable[[float], float], boost: float, *, around: float | None = None
+    ratio: Callable[[float], float], penalty_factor: float, *, around: float | None = None
 ) -> float:
     """Return the penalty factor of the smallest ratio found by octave steps.
 
@@ -286,30 +301,31 @@ def downhill(
     ----------
     ratio : callable
         Stiffness ratio as a function of a penalty factor.
-    boost : float
+    penalty_factor : float
         Initial factor, returned if no factor gives a stable point.
     around : float, optional
-        Reference that limits the search to `LARGEST_FACTOR` either way; ``boost`` by default.
+        Reference that limits the search to `LARGEST_FACTOR` either way; ``penalty_factor`` by
+        default.
     """
     known: dict[float, float] = {}
 
     def at(factor: float) -> float:
         if factor not in known:
-            known[factor] = ratio(factor * boost)
+            known[factor] = ratio(factor * penalty_factor)
         return known[factor]
 
     factor = 1.0
     while not np.isfinite(at(factor)):
         factor *= 2
         if factor > 2 * LARGEST_FACTOR:
-            return boost
+            return penalty_factor
     direction = min(0.5, 2.0, key=lambda step: at(factor * step))
-    away = boost / (around or boost)
+    away = penalty_factor / (around or penalty_factor)
     while at(factor * direction) < at(factor) and (
         1 / LARGEST_FACTOR < factor * away < LARGEST_FACTOR
     ):
         factor *= direction
-    return min((factor, factor * HALF_OCTAVE, factor / HALF_OCTAVE), key=at) * boost
+    return min((factor, factor * HALF_OCTAVE, factor / HALF_OCTAVE), key=at) * penalty_factor
 
 
 STEP = 0.2
@@ -465,7 +481,10 @@ def at_another(settled: SettledPoint, candidate: Candidate) -> Candidate:
     """Return a candidate with equal gains at another settled point, not yet run."""
     found = spectrum_with(settled, candidate.gains)
     return Candidate(
-        gain_rule=candidate.gain_rule, boost=candidate.boost, gains=candidate.gains, spectrum=found
+        gain_rule=candidate.gain_rule,
+        penalty_factor=candidate.penalty_factor,
+        gains=candidate.gains,
+        spectrum=found,
     )
 
 

@@ -1,7 +1,7 @@
 from . import (
     circuit as circuit,
-    defects as defects,
     emulation as emulation,
+    nonidealities as nonidealities,
     parts as parts,
     sizing as sizing,
 )

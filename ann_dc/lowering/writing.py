@@ -54,7 +54,7 @@ def check_rails(network: Network, parts: str) -> None:
         raise ExportError(
             f"{network.title}: its {network.preconditioner.kind.value} couples neurons with rails "
             f"({', '.join(coupled)}), which {parts} hold one by one; design it with "
-            "kinds=[PreconditionerKind.DIAGONAL] (--kinds diagonal), or take "
+            "preconditioner=PreconditionerKind.DIAGONAL (--kinds diagonal), or take "
             "dataclasses.replace(network, preconditioner=Diagonal())"
         )
 

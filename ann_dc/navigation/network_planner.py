@@ -259,5 +259,5 @@ class NetworkDriver:
             u=np.zeros((len(self._u), values.shape[1])) if lost else values[self._u],
             residual=np.inf if lost else residual,
             spent=budget if np.isnan(time) else float(time),
-            pressed=float(values[self._rows].max()) / planning.soft.price,
+            pressed=float(values[self._rows].max()) / planning.soft.weight,
         )

@@ -43,7 +43,7 @@ from ann_dc.synthesis.synthesis import synthesize
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count, Positive
 
-SOFT = Soft(price=100.0, compliance=0.002)
+SOFT = Soft(weight=100.0, compliance=0.002)
 """Soft constraint: price above the gain from a violation, small compliance for dependent rows."""
 TURNS = 3
 """Number of gain designs from contacts."""
@@ -63,7 +63,7 @@ UNSETTLED = 10.0
 """Cost, in budgets, of a period in which a network has not settled."""
 PENALTIES = (1.4, 2.0, 2.8, 4.0)
 """Candidate penalty factors."""
-GAIN_RULE = replace(MULTILEVEL_RULE, by_reach=True, coarse=0.25, dual=3.0, dual_coupling=3.0)
+GAIN_RULE = replace(MULTILEVEL_RULE, by_reachability=True, coarse=0.25, dual=3.0, dual_coupling=3.0)
 """Gain rule with multipliers twice as fast, and coarse-level neurons half as fast, as without
 active
 constraints.
@@ -121,9 +121,9 @@ def design_planner(
     >>> from ann_dc.problem import car_robot
     >>> planner = design_planner(car_robot(), horizon=16)  # doctest: +SKIP
     """
-    if not np.isfinite(soft.price):
+    if not np.isfinite(soft.weight):
         raise DesignError(
-            f"soft: a robot between two obstacles needs a finite price, got {soft.price!r}"
+            f"soft: a robot between two obstacles needs a finite price, got {soft.weight!r}"
         )
     reach = float(robot.limits[0, 1]) * horizon * dt
     planning = planning_problem(
@@ -147,14 +147,16 @@ def planner_for(
     >>> from ann_dc.problem import NONLINEAR, planning_problem, unicycle_robot
     >>> size = {"horizon": 10, "dt": 0.1, "slots": 1, "pull": 0.1, "reach": 2.0}
     >>> discs = planning_problem(
-    ...     unicycle_robot(), **size, soft=Soft(price=100.0, compliance=0.002), form=NONLINEAR
+    ...     unicycle_robot(), **size, soft=Soft(weight=100.0, compliance=0.002), form=NONLINEAR
     ... )
     >>> planner = planner_for(discs)  # doctest: +SKIP
     """
     robot = planning.robot
     network = synthesize(decompose(planning.problem))
     first = design(
-        _on_a_straight(planning, network), kinds=[PreconditionerKind.MULTILEVEL], progress=progress
+        _on_a_straight(planning, network),
+        preconditioner=PreconditionerKind.MULTILEVEL,
+        progress=progress,
     )
     planner = NetworkPlanner(planning=planning, network=first.network, radius=first.spectrum.radius)
     if worlds is None:

@@ -119,7 +119,7 @@ def design_waypoint_planner(
     designed = design_family(
         problem,
         legs,
-        kinds=[PreconditionerKind.MULTILEVEL],
+        preconditioner=PreconditionerKind.MULTILEVEL,
         held_out=TRIED,
         seed=seed,
         progress=progress,

@@ -32,7 +32,12 @@ from ann_dc.network.cell import (
     warn_outside,
 )
 from ann_dc.network.ends import FixedNeuron, Omitted
-from ann_dc.network.preconditioners.base import Preconditioner, PreconditionerKind, Row, Wires
+from ann_dc.network.preconditioners.base import (
+    ArrayLayout,
+    Preconditioner,
+    PreconditionerKind,
+    Wires,
+)
 from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.scale import Scale
 from ann_dc.si_prefixes import counted
@@ -281,10 +286,10 @@ class Network(Record):
         return f"{name.population}[{stage}]{suffix}"
 
     @cached_property
-    def row(self) -> Row:
+    def layout(self) -> ArrayLayout:
         """Layout of the cell array, the input of the preconditioner."""
         tau = [np.broadcast_to(np.asarray(n.tau, float), self.stages) for n in self.cell.neurons]
-        return Row(
+        return ArrayLayout(
             rates=np.where(self.live, 1.0 / np.array(tau).reshape(self.live.shape), 0.0),
             primal=np.flatnonzero([n.role is Role.PRIMAL for n in self.cell.neurons]),
             chains=self.chain_rows,
@@ -399,5 +404,5 @@ class Network(Record):
     # ---- summary -----------------------------------------------------------------------------
 
     def __str__(self) -> str:
-        wires = self.preconditioner.wires(self.row)
+        wires = self.preconditioner.wires(self.layout)
         return listing(self.title, self.cell, self.live, wires, self.preconditioner.kind)

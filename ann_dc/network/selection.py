@@ -36,9 +36,10 @@ class Selection:
     --------
     Only the duals of the first stage leak:
 
-    >>> from ann_dc import defects, plants, synthesize
+    >>> from ann_dc import nonidealities, plants, synthesize
     >>> network = synthesize(plants.double_integrator(N=5))
-    >>> spoilt = defects.leak(network, 1e3, Selection(populations=("mu", "beta"), stages=(0,)))
+    >>> first = Selection(populations=("mu", "beta"), stages=(0,))
+    >>> spoilt = nonidealities.leak(network, 1e3, first)
     >>> spoilt.size == network.size
     True
     """
@@ -94,7 +95,7 @@ def clamped_rows(network: Network) -> np.ndarray:
     limits = [(n.limiter.low, n.limiter.high) for n in network.cell.neurons]
     railed = np.isfinite(np.reshape(limits, (-1, 2))).any(axis=1) & network.live.any(axis=1)
     with np.errstate(over="ignore"):  # a saved network may have time constants of any length
-        return np.flatnonzero(railed & network.preconditioner.reach(network.row))
+        return np.flatnonzero(railed & network.preconditioner.reach(network.layout))
 
 
 def chosen(network: Network, where: Selection, known: Known) -> tuple[list[str], np.ndarray]:

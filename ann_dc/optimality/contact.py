@@ -202,7 +202,7 @@ def rows_of(
         for slot, row in enumerate(group):
             if row.soft:
                 slots.compliance[stages, slot] = row.soft.compliance * cost
-                slots.price[stages, slot] = row.soft.price / cost
+                slots.price[stages, slot] = row.soft.weight / cost
     slots.value[:] -= slots.compliance * slots.zeta
     return slots
 

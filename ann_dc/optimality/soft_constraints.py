@@ -73,7 +73,7 @@ class SoftRows:
         for row, g, stages, zeta in rows:
             soft = row.soft
             assert soft is not None
-            there = (g > soft.compliance * soft.price) & (zeta >= (1 - AT_PRICE) * soft.price)
+            there = (g > soft.compliance * soft.weight) & (zeta >= (1 - AT_PRICE) * soft.weight)
             at_price += int(there.sum())
             below = (g > 0) & ~there & (zeta > 0)
             yielding += int(below.sum()) if soft.compliance else 0
@@ -123,8 +123,8 @@ class Slacks:
         """Return one slack per finite penalty weight and per compliance of r constraints."""
         found = []
         for place, soft in enumerate(row.soft for row in rows):
-            if soft is not None and math.isfinite(soft.price):
-                found.append((place, soft.price, 0.0))
+            if soft is not None and math.isfinite(soft.weight):
+                found.append((place, soft.weight, 0.0))
             if soft is not None and soft.compliance:
                 found.append((place, 0.0, 1.0 / soft.compliance))
         places, prices, stiffness = np.array(found).reshape(-1, 3).T

@@ -73,7 +73,9 @@ def demonstrations(optimum: Solution, progress: Progress = silent) -> Iterator[P
     yield PaperRun(label="printed D=1", solution=printed)
     for label, form in {"printed, designed gains": PRINTED, "without dB/dq": switch("S3")}.items():
         progress(label)
-        found = solve(problem, form=form, kinds=[PreconditionerKind.MULTILEVEL], backend=brief)
+        found = solve(
+            problem, form=form, preconditioner=PreconditionerKind.MULTILEVEL, backend=brief
+        )
         yield PaperRun(label=label, solution=found)
     progress("plain D=1")
     gains = manual_gains(synthesize(decompose(problem)))

@@ -166,7 +166,7 @@ def iterations(
     problem = problem or car()
     progress("two levels: designing")
     equations = decompose(problem, switch("S14"))
-    designed = design(synthesize(equations), kinds=[PreconditionerKind.MULTILEVEL])
+    designed = design(synthesize(equations), preconditioner=PreconditionerKind.MULTILEVEL)
     network, settled = designed.network, polished(designed)
     two, one = best_gradient(network, settled)[0], one_gain(network, settled)
     line = network.start_state

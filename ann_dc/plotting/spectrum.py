@@ -85,7 +85,7 @@ def _eigenvalues(axes: Axes, found: Spectrum) -> None:
     )
     axes.add_patch(Circle((0, 0), found.radius, fill=False, color=GREEN, lw=1.2))
     axes.plot([], [], color=GREEN, lw=1.2, label=f"radius {found.radius:.3g}")
-    axes.plot([], [], " ", label=f"radius / |abscissa| {found.ratio:.3g}")
+    axes.plot([], [], " ", label=f"radius / |abscissa| {found.stiffness_ratio:.3g}")
     axes.set_aspect("equal")
     right = max(found.abscissa, 0.0)
     axes.set_xlim(-1.08 * found.radius, max(1.1 * right, 0.15 * found.radius))

@@ -58,11 +58,11 @@ class WrittenSoft:
 
     Attributes
     ----------
-    price : float or None
+    weight : float or None
         Penalty weight; None if infinite.
     """
 
-    price: float | None
+    weight: float | None
     compliance: float
 
 
@@ -170,13 +170,13 @@ def _written_step(dt: float | StepLength) -> WrittenStep | None:
 
 
 def _written_soft(soft: Soft) -> WrittenSoft:
-    price = None if math.isinf(soft.price) else soft.price
-    return WrittenSoft(price=price, compliance=soft.compliance)
+    price = None if math.isinf(soft.weight) else soft.weight
+    return WrittenSoft(weight=price, compliance=soft.compliance)
 
 
 def _soft(given: WrittenSoft) -> Soft:
-    price = math.inf if given.price is None else given.price
-    return Soft(price=price, compliance=given.compliance)
+    price = math.inf if given.weight is None else given.weight
+    return Soft(weight=price, compliance=given.compliance)
 
 
 def declared(given: WrittenProblem) -> OptimalControlProblem:

@@ -6,9 +6,9 @@ A soft row is replaced by a penalty (Huber function of the violation)
     p(g) = \begin{cases} 0 & g \le 0 \\ g^2 / (2 d) & 0 < g \le d P \\
     P g - d P^2 / 2 & d P < g \end{cases}
 
-with the penalty weight P (`price`) and the compliance d. Without compliance p(g) = P max(0, g), the
-exact L1 penalty. The multiplier zeta lies between 0 and P, and g = d zeta if zeta < P. The row is
-therefore satisfied exactly, or to g = d zeta, wherever that costs less than P per unit.
+with the penalty weight P (`weight`) and the compliance d. Without compliance p(g) = P max(0, g),
+the exact L1 penalty. The multiplier zeta lies between 0 and P, and g = d zeta if zeta < P. The row
+is therefore satisfied exactly, or to g = d zeta, wherever that costs less than P per unit.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ Softness: TypeAlias = Any
 
 @dataclass(frozen=True, kw_only=True)
 class Soft:
-    """Penalty of a violated inequality: ``soft=Soft(price=30)``.
+    """Penalty of a violated inequality: ``soft=Soft(weight=30)``.
 
     Parameters
     ----------
-    price : float
+    weight : float
         Penalty weight P, positive, in units of the cost per unit of the row (the left side of ``<=
         0``). Infinite, the default, if only the compliance is used.
     compliance : float
@@ -43,22 +43,23 @@ class Soft:
     Raises
     ------
     ProblemError
-        If the price is not positive, the compliance is negative or not finite, or both are missing.
+        If the weight is not positive, the compliance is negative or not finite, or both are
+        missing.
 
     Examples
     --------
-    >>> soft = Soft(price=30.0, compliance=0.01)
+    >>> soft = Soft(weight=30.0, compliance=0.01)
     >>> soft.cost(np.array([-1.0, 0.15, 0.3, 1.3])).round(6).tolist()
     [0.0, 1.125, 4.5, 34.5]
     """
 
-    price: float = math.inf
+    weight: float = math.inf
     compliance: float = 0.0
 
     def __post_init__(self) -> None:
         put = lambda key, value: object.__setattr__(self, key, value)  # noqa: E731
-        unlimited = isinstance(self.price, (float, sp.Expr)) and self.price == math.inf
-        put("price", math.inf if unlimited else positive("soft.price", self.price))
+        unlimited = isinstance(self.weight, (float, sp.Expr)) and self.weight == math.inf
+        put("weight", math.inf if unlimited else positive("soft.weight", self.weight))
         if not (is_finite(self.compliance) and self.compliance >= 0):
             raise ProblemError(
                 f"soft.compliance: expected a number from zero on, got {self.compliance!r}"
@@ -66,7 +67,7 @@ class Soft:
         put("compliance", float(self.compliance))
         if unlimited and not self.compliance:
             raise ProblemError(
-                "soft: neither a finite price nor a compliance; give one of them, or leave the row "
+                "soft: neither a finite weight nor a compliance; give one, or leave the row "
                 "as it is: it has to hold then"
             )
 
@@ -80,14 +81,14 @@ class Soft:
         """
         over = np.maximum(g, 0.0)
         if not self.compliance:
-            return self.price * over
-        bent = np.minimum(over, self.compliance * self.price)
+            return self.weight * over
+        bent = np.minimum(over, self.compliance * self.weight)
         beyond = over - bent
-        straight = np.where(beyond > 0.0, beyond, 0.0) * min(self.price, np.finfo(float).max)
+        straight = np.where(beyond > 0.0, beyond, 0.0) * min(self.weight, np.finfo(float).max)
         return bent**2 / (2.0 * self.compliance) + straight
 
     def __str__(self) -> str:
-        told = [f"{self.price:g} a unit"] if self.price < math.inf else []
+        told = [f"{self.weight:g} a unit"] if self.weight < math.inf else []
         told += [f"compliance {self.compliance:g}"] if self.compliance else []
         return f"soft ({', '.join(told)})"
 
@@ -134,7 +135,7 @@ def _soft(where: str, given: Any) -> Soft:
     """Return a `Soft` given as such, as penalty weight, or as table of both numbers."""
     if isinstance(given, Soft):
         return given
-    table = given if isinstance(given, Mapping) else {"price": given}
+    table = given if isinstance(given, Mapping) else {"weight": given}
     for key in table:
         if key not in (known := [field.name for field in fields(Soft)]):
             raise ProblemError(f"{where}: unknown key {key!r}; a soft row has {', '.join(known)}")

@@ -41,7 +41,7 @@ tables::
     a = [-2, "none"]
 
     [soft]                  # optional; rows that may be violated, each with its penalty weight
-    wall = 30.0             # or {price = 30.0, compliance = 0.001}, one of them or both
+    wall = 30.0             # or {weight = 30.0, compliance = 0.001}, one of them or both
 
     [objectives]            # with or without cost; the largest is minimised; or a list, with
     effort = "a**2"         # weights = [0.4, 0.6] of the same form if there are weights

@@ -54,7 +54,7 @@ class CircuitReport:
     found: CircuitStudy
 
     @cached_property
-    def proof(self) -> Certificate | None:
+    def certificate(self) -> Certificate | None:
         """Optimality certificate of the settled state; None without a simulation."""
         if self.found.run is None:
             return None
@@ -148,8 +148,8 @@ class CircuitReport:
         return f"{resistors}C {small} to {large}{strays}{beside}"
 
     def _behaviour(self) -> dict[str, object]:
-        run, proof = self.found.run, self.proof
-        if run is None or proof is None:
+        run, certificate = self.found.run, self.certificate
+        if run is None or certificate is None:
             return {"simulated": "no", "predicted": self._predicted(), **self._verdict()}
         micros = 1e6 * run.settling_time(), 1e6 * run.settling_error
         return {
@@ -161,10 +161,10 @@ class CircuitReport:
             "trajectory": f"normalised mean square error {run.mean_square_error:.1e}, against "
             "the ODE",
             "predicted": self._predicted(),
-            "objective": f"{proof.objective:.8g} {self.problem.cost_unit}".rstrip()
-            + f", KKT residual {proof.kkt_residual:.1e}"
-            + f" (constraints are violated by {proof.constraint_residual:.1e}: it may be below the "
-            "optimum's)" * bool(proof.constraint_residual > KEPT),
+            "objective": f"{certificate.objective:.8g} {self.problem.cost_unit}".rstrip()
+            + f", KKT residual {certificate.kkt_residual:.1e}"
+            + f" (constraint violation {certificate.constraint_residual:.1e}: it may be below the "
+            "optimum's)" * bool(certificate.constraint_residual > KEPT),
             "overload": "; ".join(map(str, run.overloads[:3])) or "none",
             **self._verdict(),
         }
@@ -292,8 +292,8 @@ class CircuitReport:
         return None if found is None else {name: getattr(found, name) for name in told}
 
     def _measured(self) -> dict:
-        run, proof = self.found.run, self.proof
-        if run is None or proof is None:
+        run, certificate = self.found.run, self.certificate
+        if run is None or certificate is None:
             return {"settled": None}
         return {
             "settled": not run.unsettled,
@@ -301,8 +301,8 @@ class CircuitReport:
             "settling_error": run.settling_error,
             "control_error": run.control_error,
             "mean_square_error": run.mean_square_error,
-            "objective": proof.objective,
-            "kkt_residual": proof.kkt_residual,
+            "objective": certificate.objective,
+            "kkt_residual": certificate.kkt_residual,
             "overloads": [str(overload) for overload in run.overloads],
         }
 

@@ -32,7 +32,7 @@ def coordination_table(found: Coordination | Undesigned) -> Table | Text:
     """Return the table that ``ann-dc coordinate`` prints."""
     if isinstance(found, Undesigned):
         return Text(found.message, "red")
-    proof = found.certificate
+    certificate = found.certificate
     return named_rows(
         {
             "problem": found.problem,
@@ -43,8 +43,8 @@ def coordination_table(found: Coordination | Undesigned) -> Table | Text:
             "Theorem IV.2": found.hypothesis,
             "status": found.message,
             "certified": verdict_text(found.certified, found.verdict),
-            "objective": f"{proof.objective:.10g} {found.problem.cost_unit}".rstrip(),
-            "KKT residual": f"{proof.kkt_residual:.1e}, relative, in the problem's natural scales",
+            "objective": f"{certificate.objective:.10g} {found.problem.cost_unit}".rstrip(),
+            "KKT residual": f"{certificate.kkt_residual:.1e}, relative, in natural scales",
             "outer iterations": _needed(found),
             **_predicted(found),
             "inner steps": _inner(found),
@@ -128,7 +128,7 @@ def as_dict(found: Coordination | Undesigned) -> dict[str, Any]:
             "settled": False,
             "certified": False,
         }
-    proof, gains, hypothesis = found.certificate, found.gains, found.hypothesis
+    certificate, gains, hypothesis = found.certificate, found.gains, found.hypothesis
     states = np.array([found.values[str(s)] for s in found.problem.states])
     return {
         "problem": found.problem.name,
@@ -139,11 +139,11 @@ def as_dict(found: Coordination | Undesigned) -> dict[str, Any]:
         "settled": found.outcome is Outcome.SETTLED,
         "certified": found.certified,
         "verdict": found.verdict,
-        "objective": proof.objective,
-        "kkt_residual": proof.kkt_residual,
-        "second_order": proof.second_order if proof.first_order else None,
-        "newton_step": proof.newton_step,
-        "rollout_error": proof.rollout_error,
+        "objective": certificate.objective,
+        "kkt_residual": certificate.kkt_residual,
+        "second_order": certificate.second_order if certificate.first_order else None,
+        "newton_step": certificate.newton_step,
+        "rollout_error": certificate.rollout_error,
         "theorem_IV_1_rates": [found.following.v, found.following.mu],
         "theorem_IV_1_largest_ratios": list(ratios(found)),
         "theorem_IV_2_holds": hypothesis.holds,

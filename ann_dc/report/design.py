@@ -84,7 +84,7 @@ def design_dict(design: Design) -> dict[str, Any]:
         "rho_star": design.rho_star,
         "radius": design.spectrum.radius,
         "abscissa": design.spectrum.abscissa,
-        "ratio": design.spectrum.ratio,
+        "ratio": design.spectrum.stiffness_ratio,
         "preconditioner": design.gains.preconditioner.kind.value,
         "rho": dict(zip(names, design.gains.rho.tolist())),
         "rate": dict(zip(names, design.gains.rate.tolist())),

@@ -40,7 +40,7 @@ def _row(run: PaperRun) -> tuple[str, ...]:
     if not solution.status.settled:
         message = solution.status.message.partition(";")[0]
         return ("-", *residuals, "-", "-", run.remark + message)
-    constants = solution.settling_in_fastest_time_constants
+    constants = solution.normalised_settling_time
     times = f"{solution.settling_time:.1f}", f"{constants:.0f}"
     return (f"{solution.objective:.4f}", *residuals, *times, f"settled: {solution.verdict}")
 

@@ -24,7 +24,7 @@ def report_table(solution: Solution, backend: Backend | None = None) -> Table:
 
     Rows of the backend are omitted if the backend is unknown.
     """
-    proof = solution.certificate
+    certificate = solution.certificate
     rows = {
         "problem": solution.problem,
         "units": unit_list(solution.problem),
@@ -33,14 +33,14 @@ def report_table(solution: Solution, backend: Backend | None = None) -> Table:
         "certified": verdict_text(solution.certified, solution.verdict),
         "objective": f"{solution.objective:.10g} {solution.problem.cost_unit}".rstrip(),
         **({} if isinstance(solution.problem.dt, float) else {"step length": solution.chosen_step}),
-        "KKT residual": f"{proof.kkt_residual:.1e}, relative, in the problem's natural scales "
-        f"(constraints {proof.constraint_residual:.1e}, "
-        f"stationarity {proof.stationarity_residual:.1e})",
-        **_inequalities(proof.complementarity),
-        **({} if proof.soft_rows is None else {"soft rows": proof.soft_rows.told}),
-        **({} if proof.largest is None else {"objectives": proof.largest.counts}),
-        "second order": proof.verdict,
-        "Newton step": f"{proof.newton_step:.1e} of a component's range, at most",
+        "KKT residual": f"{certificate.kkt_residual:.1e}, relative, in natural scales "
+        f"(constraints {certificate.constraint_residual:.1e}, "
+        f"stationarity {certificate.stationarity_residual:.1e})",
+        **_inequalities(certificate.complementarity),
+        **({} if certificate.soft_rows is None else {"soft rows": certificate.soft_rows.told}),
+        **({} if certificate.largest is None else {"objectives": certificate.largest.counts}),
+        "second order": certificate.verdict,
+        "Newton step": f"{certificate.newton_step:.1e} of a component's range, at most",
         "roll-out error": f"{solution.rollout_error:.1e} of a state's scale, from where the "
         "controls alone arrive to q_d",
         **_times(solution, _recurrence(backend)),
@@ -69,7 +69,7 @@ def _times(solution: Solution, recurrence: str | None) -> dict[str, str]:
     if recurrence is not None:
         times["recurrence"] = recurrence
     if solution.status.settled:
-        constants = solution.settling_in_fastest_time_constants
+        constants = solution.normalised_settling_time
         times["settling time"] = told(solution.settling_time, constants)
         if recurrence is not None:
             times["settling steps"] = f"{run.settling_steps} recurrent steps of {run.steps} done"

@@ -122,13 +122,13 @@ def _stayed(found: Solution, backend: Backend) -> Solution:
     time = settling_time(run.trajectory, settling)
     if not (1.0 + STAY) * time <= found.status.time:
         return found
-    proof = _proof_beside(found)
-    if proof is None:
+    certificate = _proof_beside(found)
+    if certificate is None:
         return found
     told = status.settled(float(run.trajectory.kkt[-1]), found.status.time)
     why = "the residual stayed below tolerance; rounding kept it from falling further"
     settled = replace(run, status=told, settling_time=time, verified=why)
-    return replace(found, run=settled, certificate=proof)
+    return replace(found, run=settled, certificate=certificate)
 
 
 def _proof_beside(found: Solution) -> Certificate | None:
@@ -137,10 +137,10 @@ def _proof_beside(found: Solution) -> Certificate | None:
     if not found.certificate.newton_step < LARGEST_STEP:
         return None
     try:
-        proof = certificate_of(found.problem, network, equilibrium(network, final))
+        certificate = certificate_of(found.problem, network, equilibrium(network, final))
     except NetworkError:
         return None
-    return proof if proof.certified else None
+    return certificate if certificate.certified else None
 
 
 def _closer(found: Solution, backend: Backend) -> Solution:
@@ -149,11 +149,15 @@ def _closer(found: Solution, backend: Backend) -> Solution:
     If the cost is flat, a small residual leaves a large Newton step. The settling time is
     unchanged, since it is the last exit from the tolerance.
     """
-    proof, settling = found.certificate, getattr(backend, "settling", None)
-    is_far = proof.first_order and proof.second_order and LARGEST_STEP <= proof.newton_step < 1.0
+    certificate, settling = found.certificate, getattr(backend, "settling", None)
+    is_far = (
+        certificate.first_order
+        and certificate.second_order
+        and LARGEST_STEP <= certificate.newton_step < 1.0
+    )
     if not (found.status.settled and is_far and isinstance(settling, Settling)):
         return found
-    confirm = settling.confirm * LARGEST_STEP / proof.newton_step * CLOSER
+    confirm = settling.confirm * LARGEST_STEP / certificate.newton_step * CLOSER
     record: Any = backend
     longer = replace(record, settling=replace(settling, confirm=confirm))
     run = _run(longer, found.network, found.design)

@@ -150,7 +150,7 @@ class Reader:
         preconditioner = self.record(kind, table, place)
         if self.network is not None:
             with np.errstate(over="ignore"):  # of rates, where a time constant is next to nothing
-                preconditioner.check(self.network.row)
+                preconditioner.check(self.network.layout)
         return preconditioner
 
     def _array(self, given: Any, place: str) -> np.ndarray:

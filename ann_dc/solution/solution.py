@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -152,9 +153,19 @@ class Solution(Record):
         return spectrum(self.network, self.trajectory.final)
 
     @property
-    def settling_in_fastest_time_constants(self) -> float:
+    def normalised_settling_time(self) -> float:
         """Settling time times the spectral radius: the requirement on hardware speed."""
         return self.settling_time * self.spectrum.radius if self.status.settled else float("nan")
+
+    @property
+    def settling_in_fastest_time_constants(self) -> float:
+        """Deprecated name of `normalised_settling_time`; removed in 0.2."""
+        warnings.warn(
+            "settling_in_fastest_time_constants: use normalised_settling_time",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return self.normalised_settling_time
 
     @cached_property
     def populations(self) -> Mapping[str, np.ndarray]:
@@ -259,7 +270,7 @@ class Solution(Record):
         """Return status, figures and values as plain data for JSON."""
         settled, kept = self.status.settled, self.certificate.complementarity
         soft, largest = self.certificate.soft_rows, self.certificate.largest
-        fastest = self.settling_in_fastest_time_constants if settled else None
+        fastest = self.normalised_settling_time if settled else None
         return {
             "problem": self.problem.name,
             "form": str(self.equations.form),
@@ -278,7 +289,7 @@ class Solution(Record):
             "second_order": self.certificate.second_order if self.certificate.first_order else None,
             "rollout_error": self.rollout_error,
             "settling_time": self.settling_time if settled else None,
-            "settling_in_fastest_time_constants": fastest,
+            "normalised_settling_time": fastest,
             "steps": self.run.steps,
             "settling_steps": self.run.settling_steps,
             "settling_verified": self.run.verified,
@@ -298,7 +309,7 @@ class Solution(Record):
             lines.append(f"step length            {self.chosen_step}")
         if self.status.settled:
             lines.append(
-                f"settling to tolerance  {self.settling_in_fastest_time_constants:.0f} fastest "
+                f"settling to tolerance  {self.normalised_settling_time:.0f} fastest "
                 f"time constants = {self.settling_time:.4g} unit time constants"
             )
         if (predicted := self.predicted_settling) is not None:

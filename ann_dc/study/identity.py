@@ -23,8 +23,8 @@ def as_text(identity: Mapping[str, Any]) -> str:
 
     Examples
     --------
-    >>> as_text({"over": {"problem.N": (9, 18)}, "seed": 0})
-    '{"over": {"problem.N": [9, 18]}, "seed": 0}'
+    >>> as_text({"vary": {"problem.N": (9, 18)}, "seed": 0})
+    '{"vary": {"problem.N": [9, 18]}, "seed": 0}'
     """
     try:
         return json.dumps(dict(identity), default=_plain)
@@ -56,8 +56,8 @@ def differences(stored: str, given: str) -> str:
 
     Examples
     --------
-    >>> differences('{"over": {"N": [9, 18]}, "seed": 0}', '{"over": {"N": [9, 36, 72]}}')
-    'over.N[1]: 18 -> 36; over.N[2]: none -> 72; seed: 0 -> none'
+    >>> differences('{"vary": {"N": [9, 18]}, "seed": 0}', '{"vary": {"N": [9, 36, 72]}}')
+    'vary.N[1]: 18 -> 36; vary.N[2]: none -> 72; seed: 0 -> none'
     """
     if stored == given:
         return ""

@@ -48,7 +48,7 @@ def settling_time(sample: Sample) -> float:
     return sample.settling_time
 
 
-def settling_in_fastest(sample: Sample) -> float:
+def normalised_settling_time(sample: Sample) -> float:
     """Return the settling time times the largest final absolute eigenvalue."""
     return sample.settling_time * sample.spectrum.radius
 
@@ -295,7 +295,7 @@ _UNITS: dict[str, tuple[Callable[[Sample], Value], ...]] = {
         predicted_settling_time,
         largest_step,
     ),
-    "fastest time constants": (settling_in_fastest,),
+    "fastest time constants": (normalised_settling_time,),
     "1 / unit time constant": (
         measured_decay_rate,
         predicted_decay_rate,

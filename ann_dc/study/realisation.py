@@ -27,7 +27,7 @@ from ann_dc.errors import StudyError
 from ann_dc.gain_design.gain_rule import DIAGONAL_RULE, GainRule
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.procedure import Design
-from ann_dc.hardware import defects
+from ann_dc.hardware import nonidealities
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import cost_of
 from ann_dc.hardware.circuit.deviations import Deviations, combined, draw
@@ -45,7 +45,7 @@ from ann_dc.study.model_levels import level_of
 from ann_dc.study.records import Value
 from ann_dc.study.settings import KINDS, Subject, behind, chosen, is_built
 
-# ---- A designed network as a point of a study has it: other gains, inputs, start and defects
+# ---- A designed network as a point of a study has it: other gains, inputs, start and nonidealities
 
 TOGETHER = ("mismatch", "time_constants")
 """Non-idealities that change only numbers and can be drawn for many cases at once."""
@@ -66,15 +66,15 @@ def stream(seed: int, name: str) -> int:
 
 
 BRINGERS: dict[str, Callable[[Network, float, int], Network]] = {
-    "bits": lambda network, value, seed: defects.quantised(network, bits=value),
-    "mismatch": lambda network, value, seed: defects.mismatch(network, value, seed=seed),
-    "time_constants": lambda network, value, seed: defects.detuned(network, value, seed=seed),
-    "gain_error": lambda network, value, seed: defects.gain_error(network, value, seed=seed),
-    "offset": lambda network, value, seed: defects.offset(network, value, seed=seed),
-    "leak": lambda network, value, seed: defects.leak(network, value),
-    "extra_pole": lambda network, value, seed: defects.extra_pole(network, value),
-    "slew": lambda network, value, seed: defects.slew(network, value),
-    "rails": lambda network, value, seed: defects.rails(network, value),
+    "bits": lambda network, value, seed: nonidealities.quantised(network, bits=value),
+    "mismatch": lambda network, value, seed: nonidealities.mismatch(network, value, seed=seed),
+    "time_constants": lambda network, value, seed: nonidealities.detuned(network, value, seed=seed),
+    "gain_error": lambda network, value, seed: nonidealities.gain_error(network, value, seed=seed),
+    "offset": lambda network, value, seed: nonidealities.offset(network, value, seed=seed),
+    "leak": lambda network, value, seed: nonidealities.leak(network, value),
+    "extra_pole": lambda network, value, seed: nonidealities.extra_pole(network, value),
+    "slew": lambda network, value, seed: nonidealities.slew(network, value),
+    "rails": lambda network, value, seed: nonidealities.rails(network, value),
 }
 """Functions by non-ideality, in a valid order of application."""
 
@@ -139,20 +139,20 @@ def started(start: np.ndarray, given: Mapping[str, Any], seed: int) -> np.ndarra
     return start + given.get("spread", SPREAD) * rng.standard_normal(start.size)
 
 
-def with_defects(network: Network, sizes: Mapping[str, float], seed: int) -> Network:
+def with_nonidealities(network: Network, sizes: Mapping[str, float], seed: int) -> Network:
     """Return the network with non-idealities of the given sizes, drawn from the seed."""
     for name, bring in BRINGERS.items():
         if name in sizes:
-            network = bring(network, float(sizes[name]), defect_stream(seed, name))
+            network = bring(network, float(sizes[name]), nonideal_stream(seed, name))
     return network
 
 
-def defect_stream(seed: int, name: str) -> int:
+def nonideal_stream(seed: int, name: str) -> int:
     """Return the seed of a non-ideality from the seed of the case.
 
     Weights and time constants use separate streams within one seed.
     """
-    return stream(seed, "defect" if name in TOGETHER else f"defect.{name}")
+    return stream(seed, "nonideal" if name in TOGETHER else f"nonideal.{name}")
 
 
 def network_at(designed: Network, setting: Mapping[str, Any], seed: int) -> Network:
@@ -163,7 +163,7 @@ def network_at(designed: Network, setting: Mapping[str, Any], seed: int) -> Netw
     network = with_inputs(with_gains(designed, behind(setting, "gains")), behind(setting, "input"))
     if given := behind(setting, "start"):
         network = network.with_start(started(network.start_state, given, seed))
-    return with_defects(network, behind(setting, "defect"), seed)
+    return with_nonidealities(network, behind(setting, "nonideal"), seed)
 
 
 # ---- what stands behind the points of a study: problems, designs and circuits, each made once
@@ -343,7 +343,7 @@ def _found(
     if "kind" in factors:
         kinds = (KINDS[str(factors.pop("kind"))],)
     source = problem if form == CORRECTED else synthesize(decompose(problem, form))
-    found = design(source, kinds=kinds, gain_rule=_recipe(kinds, factors))
+    found = design(source, preconditioner=kinds, gain_rule=_recipe(kinds, factors))
     if not found.settled:
         why = f": {found.first.ended}" if found.first.ended else ""
         raise StudyError(f"design: its first run did not settle{why}")

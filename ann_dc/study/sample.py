@@ -140,7 +140,9 @@ class Sample(ABC):
         """
         near = self.made.designed(self.setting).settled
         if near.shape != (self.network.size,):
-            raise StudyError("its defects add neurons, so that the designed point is none of its")
+            raise StudyError(
+                "its non-idealities add neurons, so that the designed point is none of its"
+            )
         return spectrum(self.network, equilibrium(self.network, near))
 
     @cached_property
@@ -235,7 +237,7 @@ class _NetworkSample(Sample):
     def ideal(self) -> tuple[Network, np.ndarray]:
         network = self.made.nominal(self.setting)
         if network.size != self.network.size:
-            raise StudyError("its defects add neurons that the problem knows nothing of")
+            raise StudyError("its non-idealities add neurons that the problem knows nothing of")
         return network, self.state
 
 

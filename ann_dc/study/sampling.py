@@ -134,7 +134,7 @@ def seeds_of(seed: int, count: int) -> list[int]:
 
 
 def plan_of(
-    over: Mapping[str, object],
+    vary: Mapping[str, object],
     *,
     fixed: Mapping[str, Value],
     samples: int,
@@ -143,47 +143,47 @@ def plan_of(
 ) -> Plan:
     """Return the plan of the cases that a user requests.
 
-    In `over`, a pair (low, high) is a range. Raises `StudyError` if a list or range is empty, a
+    In `vary`, a pair (low, high) is a range. Raises `StudyError` if a list or range is empty, a
     setting is both varied and fixed, or there are too many cases.
 
     Examples
     --------
-    >>> over = {"problem.N": [9, 18], "defect.mismatch": (0.0, 0.02)}
-    >>> plan = plan_of(over, fixed={}, samples=3, sampling=Sampling.SOBOL, seed=0)
+    >>> vary = {"problem.N": [9, 18], "nonideal.mismatch": (0.0, 0.02)}
+    >>> plan = plan_of(vary, fixed={}, samples=3, sampling=Sampling.SOBOL, seed=0)
     >>> len(plan), [point.setting["problem.N"] for point in plan.points()]
     (6, [9, 9, 9, 18, 18, 18])
     """
     listed: dict[str, Sequence[Value]] = {}
     spans: dict[str, Span] = {}
-    for name, given in over.items():
+    for name, given in vary.items():
         if isinstance(given, tuple):
             spans[name] = _span(name, given)
         else:
             listed[name] = _listed(name, given)
-    both = sorted({*over} & {*fixed})
+    both = sorted({*vary} & {*fixed})
     if both:
         raise StudyError(f"fixed: {both[0]} is varied too; leave it out of one of them")
     plan = Plan(listed, spans, samples, sampling, seed, dict(fixed))
     if len(plan) > MOST:
-        raise StudyError(f"over: {len(plan)} points are more than {MOST}; list fewer values")
+        raise StudyError(f"vary: {len(plan)} points are more than {MOST}; list fewer values")
     return plan
 
 
 def _span(name: str, given: tuple) -> Span:
     if not isinstance(given, Span) and len(given) != 2:
         raise StudyError(
-            f"over: {name}: a range is (low, high), or Span(low, high, is_log=True); a list has "
+            f"vary: {name}: a range is (low, high), or Span(low, high, is_log=True); a list has "
             f"values; got {given!r}"
         )
     try:
         span = given if isinstance(given, Span) else Span(given[0], given[1])
         low, high = float(span.low), float(span.high)
     except (TypeError, ValueError):
-        raise StudyError(f"over: {name}: a range is (low, high), got {given!r}") from None
+        raise StudyError(f"vary: {name}: a range is (low, high), got {given!r}") from None
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise StudyError(f"over: {name}: the range {low:g} to {high:g} is empty or not finite")
+        raise StudyError(f"vary: {name}: the range {low:g} to {high:g} is empty or not finite")
     if span.is_log and low <= 0:
-        raise StudyError(f"over: {name}: a logarithmic range begins above zero, not at {low:g}")
+        raise StudyError(f"vary: {name}: a logarithmic range begins above zero, not at {low:g}")
     return span._replace(low=low, high=high)
 
 
@@ -193,8 +193,8 @@ def _listed(name: str, given: object) -> list[Value]:
     values = given.tolist() if isinstance(given, np.ndarray) else list(given)  # type: ignore
     values = [value.item() if isinstance(value, np.generic) else value for value in values]
     if not values:
-        raise StudyError(f"over: {name}: there are no values; give one at least")
+        raise StudyError(f"vary: {name}: there are no values; give one at least")
     twice = [value for i, value in enumerate(values) if i and value in values[:i]]
     if twice and len(values) < LONG:
-        raise StudyError(f"over: {name}: {twice[0]!r} is listed twice; samples draw more of each")
+        raise StudyError(f"vary: {name}: {twice[0]!r} is listed twice; samples draw more of each")
     return values

@@ -1,6 +1,6 @@
 """Settings that a study can vary, by name 'family.name' (``input.q_d.x``).
 
-Another example is ``defect.mismatch``.
+Another example is ``nonideal.mismatch``.
 
 Subject of a study: a plant by name, a declared problem or a network.
 """
@@ -197,9 +197,9 @@ ORDERS = {name.replace(" ", "-"): order for name, order in orders.ORDERS.items()
 """Update orders by name."""
 CIRCUITS = ("emulation", "spice")
 """Backends that run circuits."""
-OF_NETWORKS = ("defect.", "start.", "run.order", "run.step", "run.tolerance", "run.limit")
+OF_NETWORKS = ("nonideal.", "start.", "run.order", "run.step", "run.tolerance", "run.limit")
 """Settings that circuits do not use."""
-DEFECTS = {
+NONIDEAL = {
     "mismatch": "relative error of every synapse weight, one standard deviation, drawn",
     "time_constants": "relative error of every time constant, one standard deviation, drawn",
     "gain_error": "relative error of every product and function, one standard deviation, drawn",
@@ -213,7 +213,7 @@ DEFECTS = {
 """Non-idealities of the ideal network, in order of application."""
 
 
-DRAWN = tuple(f"defect.{name}" for name, says in DEFECTS.items() if "drawn" in says)
+DRAWN = tuple(f"nonideal.{name}" for name, says in NONIDEAL.items() if "drawn" in says)
 """Settings whose value is the size of a random quantity drawn from the seed of the case."""
 
 
@@ -273,7 +273,7 @@ FAMILIES: dict[str, Family] = {
     "gains": Family(Effect.NUMBERS, "factors on penalties, time constants, coordinators", _gains),
     "input": Family(Effect.NUMBERS, "inputs of the frozen network", lambda s: s.wired.cell.inputs),
     "start": Family(Effect.NUMBERS, "where neurons start", lambda _: ("kind", "spread")),
-    "defect": Family(Effect.NUMBERS, "defects of the ideal network", lambda _: DEFECTS),
+    "nonideal": Family(Effect.NUMBERS, "non-idealities of the ideal network", lambda _: NONIDEAL),
     "circuit": Family(Effect.PARTS, "level, parts and margin of a circuit", _datasheet),
     "tolerance": Family(
         Effect.PARTS,
@@ -303,7 +303,7 @@ RECORDS: dict[str, Callable[..., object]] = {
     "design": GainRule,
 }
 """Records whose fields a family sets; they reject numbers out of range."""
-ENDLESS = ("run.limit", "defect.leak", "defect.extra_pole", "defect.slew", "defect.rails")
+ENDLESS = ("run.limit", "nonideal.leak", "nonideal.extra_pole", "nonideal.slew", "nonideal.rails")
 """Settings that an infinite value switches off."""
 POSITIVE = (
     *ENDLESS,
@@ -312,10 +312,10 @@ POSITIVE = (
     "circuit.margin",
     "run.step",
     "run.tolerance",
-    "defect.bits",
+    "nonideal.bits",
 )
 """Prefixes of settings with positive values."""
-SIZES = ("defect.", "tolerance.", "problem.temperature")
+SIZES = ("nonideal.", "tolerance.", "problem.temperature")
 """Prefixes of settings with non-negative values."""
 LEAST = {SEED: (0, "zero"), "problem.N": (1, "one")}
 """Smallest value of integer settings, and its name."""
@@ -364,7 +364,7 @@ def is_drawn(setting: Mapping[str, Value]) -> bool:
 
     Examples
     --------
-    >>> is_drawn({"defect.mismatch": 0.01}), is_drawn({"defect.mismatch": 0.0, "gains.rho": 2.0})
+    >>> is_drawn({"nonideal.mismatch": 0.01}), is_drawn({"nonideal.mismatch": 0.0})
     (True, False)
     """
     start = behind(setting, "start")

@@ -63,7 +63,7 @@ class Study(Record):
     ----------
     subject : str, OptimalControlProblem or Network
         Plant name, problem or network under study.
-    over : mapping of str to list, pair or Span
+    vary : mapping of str to list, pair or Span
         Varied settings by name 'family.name', see `FAMILIES`. Of listed values every combination is
         taken. A range (low, high) is sampled. Default: none.
     metrics : sequence of str or Metric
@@ -100,7 +100,7 @@ class Study(Record):
     >>> import ann_dc
     >>> study = ann_dc.Study(
     ...     subject="double_integrator",
-    ...     over={"defect.mismatch": [0.01, 0.1]},
+    ...     vary={"nonideal.mismatch": [0.01, 0.1]},
     ...     samples=20,
     ...     metrics=["settling_time", "control_error"],
     ... )
@@ -110,7 +110,7 @@ class Study(Record):
     """
 
     subject: str | OptimalControlProblem | Network | Subject
-    over: Mapping[str, Any] = field(default_factory=dict)
+    vary: Mapping[str, Any] = field(default_factory=dict)
     metrics: Sequence[Any] = DEFAULT
     fixed: Mapping[str, Value] = field(default_factory=dict)
     samples: Count = 1
@@ -155,29 +155,29 @@ class Study(Record):
             )
 
     def _check_settings(self, subject: Subject) -> None:
-        for name in self.over:
-            check_name(subject, "over", name)
+        for name in self.vary:
+            check_name(subject, "vary", name)
         for name, value in self.fixed.items():
             check_name(subject, "fixed", name)
             check_value("fixed", name, value)
         for name in self.plan.spans:
             if name in (*WORDS, *WHOLE):
-                raise StudyError(f"over: {name} takes words or whole numbers; list them")
+                raise StudyError(f"vary: {name} takes words or whole numbers; list them")
         ends = {name: (span.low or span.high, span.high) for name, span in self.plan.spans.items()}
         for name, values in {**ends, **self.plan.listed}.items():
             for value in values:
-                check_value("over", name, value)
+                check_value("vary", name, value)
         words = self.plan.listed.get("run.backend", [self.fixed.get("run.backend")])
-        told = {n: None for n in (*self.fixed, *self.over) if n != "run.backend"}
+        told = {n: None for n in (*self.fixed, *self.vary) if n != "run.backend"}
         backends = [str(word) if word else backend_of(told) for word in words]
-        check_together("over", self.over, backends)
+        check_together("vary", self.vary, backends)
         check_together("fixed", self.fixed, backends)
 
     @cached_property
     def plan(self) -> Plan:
         """Plan of the study: its cases, generated on demand."""
         return plan_of(
-            self.over,
+            self.vary,
             fixed=self.fixed,
             samples=self.samples,
             sampling=self.sampling,
@@ -194,7 +194,7 @@ class Study(Record):
     @property
     def settings(self) -> tuple[str, ...]:
         """Names of the settings of a case, fixed ones first."""
-        return tuple(name for name in (*self.fixed, *self.over) if name not in HEAD)
+        return tuple(name for name in (*self.fixed, *self.vary) if name not in HEAD)
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -209,7 +209,7 @@ class Study(Record):
                 "version": LAYOUT,
                 "title": self.title,
                 "subject": self._subject.identity(),
-                "over": {name: self._told(name) for name in self.over},
+                "vary": {name: self._told(name) for name in self.vary},
                 "design": {"samples": self.samples, "sampling": self.sampling.value},
                 "fixed": dict(self.fixed),
                 "seed": self.seed,

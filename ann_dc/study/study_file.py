@@ -11,8 +11,8 @@ Nothing in the file is executed::
     curves = 0                     # states over time stored per case
     limit = 60.0                   # seconds per case
 
-    [over]                         # varied settings; names: ann-dc study --settings SUBJECT
-    defect.mismatch = [0.003, 0.01, 0.03]
+    [vary]                         # varied settings; names: ann-dc study --settings SUBJECT
+    nonideal.mismatch = [0.003, 0.01, 0.03]
     input.q_d.x = {low = 3, high = 7}
     gains.rho = {low = 0.1, high = 10, log = true, count = 9}   # nine values instead of samples
 
@@ -91,7 +91,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     >>> import tempfile
     >>> text = '''
     ... subject = "car"
-    ... over.defect.mismatch = [0.003, 0.01]
+    ... vary.nonideal.mismatch = [0.003, 0.01]
     ... samples = 100
     ... '''
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -109,7 +109,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
 
 
 def _study(table: dict[str, Any], file: Path) -> Study:
-    known = {*PLAIN, "subject", "over", "fixed", "sampling"}
+    known = {*PLAIN, "subject", "vary", "fixed", "sampling"}
     for name in table:
         if name not in known:
             raise StudyError(
@@ -121,7 +121,7 @@ def _study(table: dict[str, Any], file: Path) -> Study:
     given.setdefault("title", file.stem.replace("_", " "))
     return Study(
         subject=_subject(_typed("subject", table["subject"], str), file.parent),
-        over={n: _axis(n, v) for n, v in flattened(_typed("over", table.get("over", {}), dict))},
+        vary={n: _axis(n, v) for n, v in flattened(_typed("vary", table.get("vary", {}), dict))},
         fixed=dict(flattened(_typed("fixed", table.get("fixed", {}), dict))),
         sampling=_sampling(_typed("sampling", table.get("sampling", Sampling.RANDOM.value), str)),
         **_limits(given),
@@ -181,17 +181,17 @@ def _axis(name: str, given: Any) -> Any:
     strange = sorted({*given} - {*RANGE})
     if strange or not {"low", "high"} <= {*given}:
         raise StudyError(
-            f"over: {name}: a range is {{low = .., high = ..}}, with log = true and count = .. "
+            f"vary: {name}: a range is {{low = .., high = ..}}, with log = true and count = .. "
             f"where they are wanted; got {dict(given)!r}"
         )
-    low, high = (_typed(f"over: {name}", given[end], (int, float)) for end in ("low", "high"))
-    is_log = _typed(f"over: {name}: log", given.get("log", False), bool)
+    low, high = (_typed(f"vary: {name}", given[end], (int, float)) for end in ("low", "high"))
+    is_log = _typed(f"vary: {name}: log", given.get("log", False), bool)
     if "count" not in given:
         return Span(low, high, bool(is_log))
-    count = _typed(f"over: {name}: count", given["count"], int)
+    count = _typed(f"vary: {name}: count", given["count"], int)
     if count < 1 or not -math.inf < low < high < math.inf or (is_log and not low > 0):
         raise StudyError(
-            f"over: {name}: count is 1 or more, low below high, both finite, and log needs "
+            f"vary: {name}: count is 1 or more, low below high, both finite, and log needs "
             f"low > 0; got {dict(given)!r}"
         )
     return (np.geomspace if is_log else np.linspace)(low, high, count).tolist()
@@ -211,11 +211,11 @@ def study_from(identity: Mapping[str, Any]) -> Study:
         )
     over = {
         name: Span(**value) if isinstance(value, Mapping) else value
-        for name, value in identity["over"].items()
+        for name, value in identity["vary"].items()
     }
     return Study(
         subject=subject_from(identity["subject"]),
-        over=over,
+        vary=over,
         metrics=list(identity.get("metrics", DEFAULT)),
         fixed=identity["fixed"],
         samples=identity["design"]["samples"],

@@ -26,7 +26,7 @@ from ann_dc.backends.spice.backend import simulate
 from ann_dc.errors import AnnDcError, StudyError
 from ann_dc.evaluation.variant_numbers import Numbers, numbers_of
 from ann_dc.evaluation.variant_wiring import require_one_wiring
-from ann_dc.hardware.defects.drawing import drawn_numbers
+from ann_dc.hardware.nonidealities.drawing import drawn_numbers
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
 from ann_dc.resources import one_thread
@@ -36,11 +36,11 @@ from ann_dc.study.planning import is_batched
 from ann_dc.study.realisation import (
     TOGETHER,
     Realisation,
-    defect_stream,
     network_at,
+    nonideal_stream,
     started,
-    with_defects,
     with_gains,
+    with_nonidealities,
 )
 from ann_dc.study.records import (
     FAILED,
@@ -62,7 +62,7 @@ from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
 
 CURVES = 200
 """Number of recorded states over time that metrics read."""
-NUMBERED = ("gains.", "defect.")
+NUMBERED = ("gains.", "nonideal.")
 """Setting families that may give each case different weights and time constants."""
 SWITCHED_GAIN = 1e-3
 """Smallest gain of (33), for erratum S16."""
@@ -301,12 +301,12 @@ def _drawn(designed: Network, own: Mapping[str, Value], seeds: Sequence[int]) ->
 
     Raises `NetworkError` or `StudyError` if the wiring changes or a value is out of range.
     """
-    network, sizes = with_gains(designed, behind(own, "gains")), behind(own, "defect")
+    network, sizes = with_gains(designed, behind(own, "gains")), behind(own, "nonideal")
     require_one_wiring(designed, network, 1)
     if {*sizes} <= {*TOGETHER}:
-        streams = [defect_stream(seed, TOGETHER[0]) for seed in seeds]
+        streams = [nonideal_stream(seed, TOGETHER[0]) for seed in seeds]
         weights, time_constants = (sizes.get(name, 0.0) for name in TOGETHER)
         return drawn_numbers(network, streams, weights=weights, time_constants=time_constants)
-    networks = [with_defects(network, sizes, seed) for seed in seeds]
+    networks = [with_nonidealities(network, sizes, seed) for seed in seeds]
     require_one_wiring(designed, networks[0], 1)
     return numbers_of(networks)

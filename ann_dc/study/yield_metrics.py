@@ -44,7 +44,7 @@ def draws_of(columns: Mapping[str, np.ndarray]) -> int | None:
 
     Examples
     --------
-    >>> columns = {"seed": np.array([5, 6, 5, 6]), "defect.mismatch": np.array([0, 0, 0.1, 0.1])}
+    >>> columns = {"seed": np.array([5, 6, 5, 6]), "nonideal.mismatch": np.array([0, 0, 0.1, 0.1])}
     >>> draws_of(columns), draws_of({name: column[:2] for name, column in columns.items()})
     (2, 0)
     """

@@ -53,7 +53,7 @@ def inequality_duals(rows: Sequence[InequalityRow]) -> tuple[InequalityDual, ...
             residual=f"g{place}",
             sum=f"s{place}",
             multiplier=f"zeta{place}",
-            excess=f"excess{place}" if row.soft and np.isfinite(row.soft.price) else "",
+            excess=f"excess{place}" if row.soft and np.isfinite(row.soft.weight) else "",
         )
         for row, place in ((row, f"{'_end' if row.at_end else ''}.{row.name}") for row in rows)
     )
@@ -124,7 +124,7 @@ def name_diode(
         wiring.named_function(diode.multiplier, "rectify", diode.sum)
         return
     wiring.named_sum(diode.excess)
-    wiring.fill(diode.excess, add(inside, {(): -soft.price / multiplier.factor}))
+    wiring.fill(diode.excess, add(inside, {(): -soft.weight / multiplier.factor}))
     place = diode.multiplier.removeprefix("zeta")
     for name, source in ((f"inside{place}", diode.sum), (f"beyond{place}", diode.excess)):
         wiring.named_function(name, "rectify", source)

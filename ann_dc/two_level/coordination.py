@@ -309,7 +309,7 @@ def coordinate(
     equations = decompose(problem, Form(start_is_neuron=True))
     # neither level has a preconditioner; the penalty of a grid makes the upper level slow
     designed = design(
-        synthesize(equations), kinds=[PreconditionerKind.MULTILEVEL], progress=progress
+        synthesize(equations), preconditioner=PreconditionerKind.MULTILEVEL, progress=progress
     )
     if not designed.settled:
         return Undesigned(problem=problem, steps=designed.first.steps)

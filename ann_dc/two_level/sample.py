@@ -150,13 +150,13 @@ class Sample:
         for path, neuron in zip(*own.penalty_paths):
             rho, live = own.tape.weights[path], network.live[neuron]
             counts = live & (rho > 0)
-            found += (rho[counts] / network.row.rates[neuron][counts]).tolist()
+            found += (rho[counts] / network.layout.rates[neuron][counts]).tolist()
         return min(found)
 
     @cached_property
     def rates(self) -> np.ndarray:
         """Rates 1 / tau of every neuron (n,)."""
-        return self.network.pack(self.network.row.rates)
+        return self.network.pack(self.network.layout.rates)
 
     def stage_steps(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
         """Return the Newton steps (L,) of the lower level, each stage separately.

@@ -89,7 +89,7 @@ class UpperMap:
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> equations = ann_dc.decompose(problem, ann_dc.Form(start_is_neuron=True))
     >>> network = ann_dc.synthesize(equations)
-    >>> designed = ann_dc.design(network, kinds=[ann_dc.PreconditionerKind.MULTILEVEL])
+    >>> designed = ann_dc.design(network, preconditioner=ann_dc.PreconditionerKind.MULTILEVEL)
     >>> upper = ann_dc.UpperMap(network=designed.network, settled=designed.state)
     >>> best = upper.best()
     >>> best.radius < upper.radius(0.01, 0.1) < 1  # both converge, one of them faster

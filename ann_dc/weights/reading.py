@@ -77,7 +77,7 @@ def network_of(manifest: str, entries: Entries) -> Network:
     )
     if isinstance(network.preconditioner, Stiffness):
         with np.errstate(over="ignore"):  # of rates, where a time constant is next to nothing
-            network.preconditioner.check(network.row)
+            network.preconditioner.check(network.layout)
     entries.finish()
     check_hashes(table, entries.taken)
     return network

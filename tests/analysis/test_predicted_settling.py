@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from ann_dc.analysis.predicted_settling import predicted_settling
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.defects.numbers import detuned, mismatch
+from ann_dc.hardware.nonidealities.numbers import detuned, mismatch
 from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Sum, Template
 from ann_dc.network.network import Network
 

@@ -205,7 +205,7 @@ def test_weights_of_nonlinear_optimisers(name):
 @pytest.mark.slow
 def test_weights_of_soft_rows():
     """Idle, pressed, and at the price, which decides where those rows are."""
-    problem = integrator(N=8, dt=0.25, bounds={v: (None, 0.5)}, soft=Soft(price=2, compliance=0.1))
+    problem = integrator(N=8, dt=0.25, bounds={v: (None, 0.5)}, soft=Soft(weight=2, compliance=0.1))
     found = design(synthesize(problem), gain_rule=DIAGONAL_RULE)
     network, x = found.network, equilibrium(found.network, found.state)
     (diode,) = network.cell.inequality_duals
@@ -362,7 +362,8 @@ def test_parts_move_the_emulation_as_their_slopes_say(name, every):
 @cache
 def prepared(name: str):
     network = design(
-        synthesize(SUITE[name].problem), kinds=[preconditioners.PreconditionerKind.DIAGONAL]
+        synthesize(SUITE[name].problem),
+        preconditioner=[preconditioners.PreconditionerKind.DIAGONAL],
     ).network
     return SpiceBackend(level=LEVEL).prepare(network)
 

@@ -53,7 +53,7 @@ def test_modes_are_the_slowest_of_the_spectrum(name):
     rates = [mode.rate for mode in found.modes]
     assert rates == sorted(rates)
     assert found.spectrum.abscissa == pytest.approx(-rates[0], rel=1e-4)
-    assert found.ratio == designed(name).spectrum.ratio
+    assert found.ratio == designed(name).spectrum.stiffness_ratio
     for mode in found.modes:
         assert mode.shares.sum() == pytest.approx(1.0)
         assert (mode.shares >= 0).all()
@@ -153,10 +153,10 @@ def test_the_ratio_of_the_exact_preconditioner_with_given_penalties(name):
     exact, rho = exact_and_weights(name, above=1.2)
     frozen = slowness_of(exact.with_gains(rho, eta=0.5), exact.state)
     best = 0.25 * (1 + frozen.highest)
-    reached = spectrum(exact.with_gains(rho, best), exact.state).ratio
+    reached = spectrum(exact.with_gains(rho, best), exact.state).stiffness_ratio
     assert reached == pytest.approx(frozen.exact_ratio(), rel=1e-4)
     for eta in (0.9 * best, 1.1 * best):  # no other rate of the duals does better
-        assert spectrum(exact.with_gains(rho, eta), exact.state).ratio > reached - 1e-4
+        assert spectrum(exact.with_gains(rho, eta), exact.state).stiffness_ratio > reached - 1e-4
 
 
 @pytest.mark.parametrize("name", ["car", "pendulum", "cstr", "double_integrator"])
@@ -167,7 +167,9 @@ def test_needed_is_where_the_limit_is_reached(name):
     exact = exact_preconditioner(designed(name).network, designed(name).state)
     rho = found.needed * np.array(designed(name).gains.rho)
     eta = 0.25 * (1 + found.highest / found.needed)
-    assert spectrum(exact.with_gains(rho, eta), exact.state).ratio == pytest.approx(2.0, abs=1e-3)
+    assert spectrum(exact.with_gains(rho, eta), exact.state).stiffness_ratio == pytest.approx(
+        2.0, abs=1e-3
+    )
 
 
 def test_below_the_threshold_there_is_no_exact_preconditioner():

@@ -34,7 +34,7 @@ def test_spectrum_is_that_of_the_jacobian():
     np.testing.assert_allclose(found.spectrum.radius, np.abs(expected).max(), rtol=1e-9)
     np.testing.assert_allclose(found.spectrum.abscissa, expected.real.max(), rtol=1e-6)
     np.testing.assert_allclose(
-        found.spectrum.ratio, np.abs(expected).max() / -expected.real.max(), rtol=1e-6
+        found.spectrum.stiffness_ratio, np.abs(expected).max() / -expected.real.max(), rtol=1e-6
     )
 
 
@@ -52,7 +52,9 @@ def test_largest_step_is_the_edge_of_forward_euler():
 @pytest.mark.parametrize("name", ["dint_u", pytest.param("car_steer", marks=pytest.mark.slow)])
 def test_a_neuron_at_its_rail_has_no_mode(name, monkeypatch):
     """The modes are those of the flow among the others, dense and by iterations."""
-    found = design(synthesize(CONSTRAINED[name].problem), kinds=[PreconditionerKind.MULTILEVEL])
+    found = design(
+        synthesize(CONSTRAINED[name].problem), preconditioner=PreconditionerKind.MULTILEVEL
+    )
     network, own = found.network, evaluator(found.network)
     resting = own.resting(found.state, own.drives(found.state))
     assert resting.any()
@@ -76,7 +78,9 @@ def test_a_neuron_at_its_rail_has_no_mode(name, monkeypatch):
 )
 def test_a_resting_neuron_is_held_while_a_grid_couples_the_others(kind, monkeypatch):
     """The modes are those of the flow with its rails, by complex step, dense and by iterations."""
-    found = design(synthesize(CONSTRAINED["dint_u"].problem), kinds=[PreconditionerKind.MULTILEVEL])
+    found = design(
+        synthesize(CONSTRAINED["dint_u"].problem), preconditioner=PreconditionerKind.MULTILEVEL
+    )
     network, x = with_stiffness(found.network, kind), found.state
     own = evaluator(network)
     free = ~own.resting(x, own.drives(x))
@@ -96,7 +100,7 @@ def test_iterations_find_the_ends_of_the_dense_spectrum(name, coordinators, monk
     found = designed(name)
     gain_rule = MULTILEVEL_RULE if coordinators else DIAGONAL_RULE
     linear = Linearisation(found.network).at(found.state)
-    network = apply_gains(found.network, closed_form(linear, gain_rule, found.first.boost))
+    network = apply_gains(found.network, closed_form(linear, gain_rule, found.first.penalty_factor))
     dense, threshold = spectrum(network, found.state), penalty_threshold(network, found.state)
     monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
     ends = spectrum(network, found.state)
@@ -109,7 +113,7 @@ def test_iterations_find_the_ends_of_the_dense_spectrum(name, coordinators, monk
 @pytest.mark.parametrize(
     ("problem", "stages", "boost"), [("crane", 20, 64.0), ("cart_pole", 25, 4.0)]
 )
-def test_slow_modes_that_swing_are_not_missed(problem, stages, boost, monkeypatch):
+def test_slow_modes_that_swing_are_not_missed(problem, stages, penalty_factor, monkeypatch):
     """Rightmost modes that iterations do not find all, further from zero than others."""
     declared = {**CONSTRAINED, **SUITE}[problem].problem.with_horizon(stages)
     plain = synthesize(declared)
@@ -117,7 +121,7 @@ def test_slow_modes_that_swing_are_not_missed(problem, stages, boost, monkeypatc
         Linearisation(plain).at(plain.start_state),
         GainRule(kind=PreconditionerKind.DIAGONAL),
     )
-    network = apply_gains(plain, closed_form(linear, gain_rule, boost))
+    network = apply_gains(plain, closed_form(linear, gain_rule, penalty_factor))
     expected = spectrum(network, plain.start_state).abscissa
     monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
     found = spectrum(network, plain.start_state).abscissa

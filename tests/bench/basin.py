@@ -35,7 +35,7 @@ KINDS = (
 def lost(name: str, kind: PreconditionerKind) -> tuple[int, float]:
     """How many of the starts are lost, and the median settling in fastest time constants."""
     problem = SUITE[name].problem
-    designed = ann_dc.design(problem, kinds=[kind])
+    designed = ann_dc.design(problem, preconditioner=[kind])
     settling = []
     for seed in range(STARTS):
         start = ann_dc.synthesize(

@@ -49,7 +49,7 @@ BACKENDS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class ArrayLayout:
     """A line of the table."""
 
     name: str
@@ -113,7 +113,7 @@ def layers(network: ann_dc.Network, device: str) -> Iterator[tuple[str, ann_dc.R
             yield f"{kind} Anderson", layer
 
 
-def recurrent_row(name: str, layer: ann_dc.RecurrentLayer, inputs, bandwidth: float) -> Row:
+def recurrent_row(name: str, layer: ann_dc.RecurrentLayer, inputs, bandwidth: float) -> ArrayLayout:
     """A batch through a layer."""
     on_gpu = layer.cell.layout.live.is_cuda
     check = CHECK_ON_GPU if on_gpu else CHECK
@@ -135,7 +135,7 @@ def recurrent_row(name: str, layer: ann_dc.RecurrentLayer, inputs, bandwidth: fl
     moved = sum(sample_steps[:-1]) * bytes_a_step(layer, "compiled" in name)
     done = ended.settled.cpu().numpy()
     steps = ended.settling_steps.cpu().numpy()[done]
-    return Row(
+    return ArrayLayout(
         name=name,
         cars=len(done),
         settled=int(done.sum()),
@@ -187,7 +187,7 @@ def bandwidth_of(device: str, size: int = 1 << 26) -> float:
     return 2 * source.nbytes / measured(copy, clock, 9)
 
 
-def ode_rows(networks: list[ann_dc.Network]) -> Iterator[Row]:
+def ode_rows(networks: list[ann_dc.Network]) -> Iterator[ArrayLayout]:
     """Each network by itself in continuous time."""
     for method in (ann_dc.ode.RK45, ann_dc.ode.DOP853):
         for verify in (False, True):
@@ -198,7 +198,7 @@ def ode_rows(networks: list[ann_dc.Network]) -> Iterator[Row]:
             seconds = time.process_time() - began
             done = [run for run in runs if run.status.settled]
             steps = [run.steps for run in done]
-            yield Row(
+            yield ArrayLayout(
                 name=f"OdeBackend {method.name}{' verified' if verify else ''}",
                 cars=len(runs),
                 settled=len(done),
@@ -208,7 +208,7 @@ def ode_rows(networks: list[ann_dc.Network]) -> Iterator[Row]:
             )
 
 
-def diffrax_rows(network, inputs, end: float, states: np.ndarray) -> Iterator[Row]:
+def diffrax_rows(network, inputs, end: float, states: np.ndarray) -> Iterator[ArrayLayout]:
     """diffrax's Tsit5 under vmap, all cars and a quarter of them; tells whether it agrees."""
     import diffrax
     import jax
@@ -251,7 +251,7 @@ def diffrax_rows(network, inputs, end: float, states: np.ndarray) -> Iterator[Ro
         cars = [InterpretedEvaluator(car_of(network, inputs, i)) for i in range(count)]
         worst = np.array([max(car.residuals(x)) for car, x in zip(cars, final)])
         steps = np.array(found.stats["num_steps"])
-        yield Row(
+        yield ArrayLayout(
             name=f"diffrax Tsit5 {rtol:g} {atol:g}",
             cars=count,
             settled=int((worst < 1e-6).sum()),
@@ -285,7 +285,7 @@ def backend_row(name: str, backend, network, inputs, clock=time.process_time):
     run = backend.run_batch(network, inputs)
     print(f"{name}: {run}")
     steps = run.settling_steps[run.settled]
-    row = Row(
+    row = ArrayLayout(
         name=name,
         cars=len(run),
         settled=int(run.settled.sum()),
@@ -296,7 +296,7 @@ def backend_row(name: str, backend, network, inputs, clock=time.process_time):
     return row, run.states
 
 
-def on_cpu(network, count: int) -> Iterator[Row]:
+def on_cpu(network, count: int) -> Iterator[ArrayLayout]:
     """The rows of one core."""
     inputs = random_cars(count)
     runs = [backend_row(name, backend, network, inputs) for name, backend in BACKENDS.items()]
@@ -311,7 +311,7 @@ def on_cpu(network, count: int) -> Iterator[Row]:
     yield from diffrax_rows(network, inputs, settled_time(network, inputs), runs[0][1])
 
 
-def on_gpu(network, counts: tuple[int, ...]) -> Iterator[Row]:
+def on_gpu(network, counts: tuple[int, ...]) -> Iterator[ArrayLayout]:
     """The rows of the GPU."""
     bandwidth = bandwidth_of("cuda", 1 << 28)
     print(f"{torch.cuda.get_device_name()}: a copy moves {bandwidth / 1e9:.0f} GB/s")
@@ -332,7 +332,7 @@ def figures(cars: int = CARS) -> Iterator[Figure]:
     # Every dtype, layout and batch of one counts; above 8 torch would go on in eager mode.
     torch._dynamo.config.recompile_limit = 64
     kinds = ann_dc.RecurrentBackend().kinds  # what suits the simultaneous order
-    network = ann_dc.design(ann_dc.plants.car(), kinds=kinds).network
+    network = ann_dc.design(ann_dc.plants.car(), preconditioner=kinds).network
     for row in on_cpu(network, cars):
         yield row.figure()
     os.sched_setaffinity(0, cores)

@@ -38,7 +38,7 @@ def median(work: Callable[[], object], repeats: int = 3) -> float:
 
 def network_of(problem) -> ann_dc.Network:
     """The network that is built."""
-    return ann_dc.design(problem, kinds=[PreconditionerKind.DIAGONAL]).network
+    return ann_dc.design(problem, preconditioner=PreconditionerKind.DIAGONAL).network
 
 
 def simulated(network, level, repeats: int = 3) -> Figure:

@@ -27,7 +27,7 @@ AGREE = 1e-5
 
 
 @dataclass(frozen=True)
-class Row:
+class ArrayLayout:
     """One problem: its first run, and its frozen network."""
 
     name: str
@@ -49,24 +49,24 @@ class Row:
         )
 
 
-def measure(name: str) -> Row:
+def measure(name: str) -> ArrayLayout:
     """Design a problem from the line and run the frozen network."""
     problem, began = CONSTRAINED[name].problem, time.perf_counter()
     answer = ann_dc.solve(problem, backend=ann_dc.OdeBackend(verify=False))
-    designed, run, proof = answer.design, answer.run, answer.certificate
-    frozen, remark = run.status.settled and proof.certified, str(run.status)
+    designed, run, certificate = answer.design, answer.run, answer.certificate
+    frozen, remark = run.status.settled and certificate.certified, str(run.status)
     if frozen:
         best = ipopt(problem, guess=(answer["q"].T, answer["u"].T)).objective
-        apart = (proof.objective - best) / abs(best)
+        apart = (certificate.objective - best) / abs(best)
         frozen = apart < AGREE
         remark = (
-            f"{'certified' if frozen else 'NOT the optimum'}, E = {proof.objective:.6g}, "
-            f"{apart:+.0e} of it from IPOPT's; {proof.complementarity.counts}; "
-            f"ratio {designed.spectrum.ratio:.1f}; from {designed.start or 'the line'}"
+            f"{'certified' if frozen else 'NOT the optimum'}, E = {certificate.objective:.6g}, "
+            f"{apart:+.0e} of it from IPOPT's; {certificate.complementarity.counts}; "
+            f"ratio {designed.spectrum.stiffness_ratio:.1f}; from {designed.start or 'the line'}"
         )
     elif run.status.settled:
-        remark = proof.reason
-    return Row(
+        remark = certificate.reason
+    return ArrayLayout(
         name=name, first=designed.settled, steps=designed.first.steps, frozen=frozen,
         settling=run.settling_time * designed.spectrum.radius, remark=remark,
         seconds=time.perf_counter() - began,

@@ -47,7 +47,7 @@ UNSIMULATED = {("car", 80, kind) for kind in KINDS} | {
 def measured(name: str, stages: int, kind: PreconditionerKind) -> Figure:
     """One circuit."""
     problem = getattr(ann_dc.plants, name)(N=stages)
-    network = ann_dc.design(problem, kinds=[kind]).network
+    network = ann_dc.design(problem, preconditioner=[kind]).network
     backend = SpiceBackend(level=macro(a0=1e6), simulation=Simulation(patience=PATIENCE))
     plain = kind is PreconditionerKind.DIAGONAL
     backend = replace(backend, margin=PLAIN) if plain else fitted(backend, network)

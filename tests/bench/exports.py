@@ -115,7 +115,9 @@ def figures() -> Iterator[Figure]:
     """Writing first."""
     torch.set_num_threads(1)
     yield from map(written, STAGES)
-    network = ann_dc.design(ann_dc.plants.car(), kinds=ann_dc.RecurrentBackend().kinds).network
+    network = ann_dc.design(
+        ann_dc.plants.car(), preconditioner=ann_dc.RecurrentBackend().kinds
+    ).network
     vector = reference_vector(network)
     for count in CARS:
         yield from compared(network, vector, count)

@@ -58,7 +58,7 @@ def of_plant(name: str, held_out: int) -> Iterator[Figure]:
     """Share and settling of one family."""
     problem = ann_dc.plants.get(name)()
     single = ann_dc.solve(problem, backend=ann_dc.OdeBackend(verify=False))
-    alone = single.settling_in_fastest_time_constants
+    alone = single.normalised_settling_time
     began = time.process_time()
     designed = design_family(problem, FAMILIES[name], held_out=held_out)
     took = time.process_time() - began

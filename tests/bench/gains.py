@@ -55,7 +55,7 @@ def of_problem(name: str) -> list[tuple[str, float, Figure]]:
     """Wiring, ratio and figure, one a wiring."""
     problem, found = PROBLEMS[name](), []
     for wiring, kinds in WIRINGS.items():
-        designed = ann_dc.design(problem, kinds=kinds)
+        designed = ann_dc.design(problem, preconditioner=kinds)
         run = ann_dc.OdeBackend(verify=False).run(designed.network)
         certificate = certificate_of(problem, designed.network, run.trajectory.final)
         certified = run.status.settled and certificate.certified
@@ -63,11 +63,12 @@ def of_problem(name: str) -> list[tuple[str, float, Figure]]:
         figure = Figure(
             name=f"{name}, {wiring}",
             value=f"{taus:.0f} taus",
-            remark=f"ratio {designed.spectrum.ratio:.2f}, {designed.best.kind.value}, rows of "
-            f"{designed.best.gain_rule.sweeps} sweeps, objective {certificate.objective:.4f}",
+            remark=f"ratio {designed.spectrum.stiffness_ratio:.2f}, {designed.best.kind.value}, rows of "
+            f"{designed.best.gain_rule.equilibration_sweeps} sweeps, "
+            f"objective {certificate.objective:.4f}",
             good=certified,
         )
-        found.append((wiring, designed.spectrum.ratio, figure))
+        found.append((wiring, designed.spectrum.stiffness_ratio, figure))
     return found
 
 

@@ -206,7 +206,7 @@ def figures(
         declared, ranges = FAMILIES[name]
         problem = declared()
         saved = Path(networks) / f"{name}.npz"
-        network = ann_dc.load(saved) if networks else ann_dc.design(problem, over=ranges).network
+        network = ann_dc.load(saved) if networks else ann_dc.design(problem, ranges=ranges).network
         yield from of_family(name, problem, network, count, seed)
 
 

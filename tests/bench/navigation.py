@@ -40,7 +40,7 @@ PROCESSES = 3
 """In which planners are designed and drive."""
 SETTING = {"horizon": 20, "dt": 0.1, "pull": 0.15}
 """Of all planners."""
-SOFT = Soft(price=100.0, compliance=0.002)
+SOFT = Soft(weight=100.0, compliance=0.002)
 BUDGETS = (1000.0, 300.0, 100.0, 30.0)
 """Fastest time constants (tau_min) a period."""
 BARS = {"network, 1000 tau_min a period": 0.96, "network, 300 tau_min a period": 0.9}

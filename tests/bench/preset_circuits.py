@@ -77,7 +77,7 @@ def network_of(plant: str) -> Network:
     """With time constants alone, but for some that have bounds."""
     if plant in BOUNDED:
         build, kind = BOUNDED[plant]
-        return design(synthesize(build()), kinds=(kind,)).network
+        return design(synthesize(build()), preconditioner=(kind,)).network
     return wired_by_hand(plant) if plant in BY_HAND else neighbour_wired(plant, PLANTS[plant])
 
 
@@ -95,7 +95,9 @@ def below(share: float) -> Network:
     """Return the regulator's network with a bound of which the largest control misses a share."""
     free = solve(regulator())
     largest = np.abs(free.populations["u"]).max() / (1 - share)
-    return design(synthesize(regulator(largest)), kinds=(PreconditionerKind.DIAGONAL,)).network
+    return design(
+        synthesize(regulator(largest)), preconditioner=(PreconditionerKind.DIAGONAL,)
+    ).network
 
 
 def board_of(preset: str, network: Network) -> SpiceBackend:

@@ -78,7 +78,7 @@ class End:
 
 
 @dataclass(frozen=True)
-class Row:
+class ArrayLayout:
     """One problem and how every way of stepping ended on it."""
 
     name: str
@@ -89,13 +89,13 @@ class Row:
     seconds: float
 
 
-def measure(name: str, limit: int) -> Row:
+def measure(name: str, limit: int) -> ArrayLayout:
     """Design a problem and step its network in every way."""
     torch.set_num_threads(1)
     began = time.perf_counter()
     problem = SUITE[name.partition(" ")[0]].problem
     kinds = [ann_dc.PreconditionerKind.MULTILEVEL] if name in REFINED else ALL_KINDS
-    designed = ann_dc.design(problem, kinds=kinds, refine=REFINED.get(name))
+    designed = ann_dc.design(problem, preconditioner=kinds, refine=REFINED.get(name))
     network = designed.network
 
     def end(run: Run, share: float = float("nan")) -> End:
@@ -121,10 +121,10 @@ def measure(name: str, limit: int) -> Row:
     ends |= {way: best_fixed(order, min(most, limit)) for way, order in FIXED.items()}
     designed_for = certificate_of(problem, network, designed.state).objective
     seconds = time.perf_counter() - began
-    return Row(name, network.stages, network.size, designed_for, ends, seconds)
+    return ArrayLayout(name, network.stages, network.size, designed_for, ends, seconds)
 
 
-def remarks(row: Row):
+def remarks(row: ArrayLayout):
     """What is not as it should be, a line each."""
     for way, end in row.ends.items():
         if end.outcome is not Outcome.SETTLED:
@@ -135,14 +135,14 @@ def remarks(row: Row):
             yield f"{row.name}, {way}: another optimum, E = {end.objective:.6g}"
 
 
-def is_good(row: Row, way: str) -> bool:
+def is_good(row: ArrayLayout, way: str) -> bool:
     """Whether a way meets its bars: steps of the refined cars, certified when accelerated."""
     end, bar = row.ends[way], BARS.get(row.name, {}).get(way, np.inf)
     certified = end.certified or (way not in ACCELERATED and bar == np.inf)
     return certified and end.steps <= bar
 
 
-def table(rows: Sequence[Row]) -> Table:
+def table(rows: Sequence[ArrayLayout]) -> Table:
     """One row a problem."""
     found = Table("problem", "N", "neurons", "E", *COLUMNS, "s")
     found.title = "recurrent steps to 1e-6; @ share of the largest stable simultaneous step"
@@ -158,7 +158,7 @@ def figures(
     names: Sequence[str] = (*REFINED, *SUITE), limit: int = 20_000, processes: int = 2
 ) -> Iterator[Figure]:
     """Steps of the cars, and how many of each way are certified; the table is printed."""
-    rows: list[Row] = []
+    rows: list[ArrayLayout] = []
     with ProcessPoolExecutor(processes) as pool:
         for row in pool.map(measure, names, [limit] * len(names)):
             rows.append(row)

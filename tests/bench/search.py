@@ -32,7 +32,7 @@ EASY = "", *COARSE
 
 
 @dataclass(frozen=True)
-class Row:
+class ArrayLayout:
     """One problem."""
 
     name: str
@@ -80,7 +80,7 @@ def is_false(given, solution) -> bool:
     return bool(cheaper and np.abs(there.u - u).max() < 0.1 * size)
 
 
-def measure(given) -> Row | None:
+def measure(given) -> ArrayLayout | None:
     """Solve a problem; None where IPOPT knows no optimum."""
     best = known(given)
     if not np.isfinite(best):
@@ -89,12 +89,12 @@ def measure(given) -> Row | None:
     try:
         solution = ann_dc.solve(given, limit=LIMIT)
     except ann_dc.errors.AnnDcError as error:
-        return Row(given.name, False, False, False, False, False, 0.0, 0.0, str(error)[:90])
+        return ArrayLayout(given.name, False, False, False, False, False, 0.0, 0.0, str(error)[:90])
     seconds, wall = time.process_time() - began, time.perf_counter() - wall
     near = solution.objective <= best + SAME * max(abs(best), 1e-3)
     settled = solution.certified and solution.status.settled
     start = solution.design.start if solution.design is not None else ""
-    return Row(
+    return ArrayLayout(
         name=given.name,
         certified=solution.certified,
         best=solution.certified and near,
@@ -123,7 +123,7 @@ def figures(
     families: Sequence[str] = tuple(FAMILIES), seeds: Sequence[int] = SEEDS
 ) -> Iterator[Figure]:
     """Shares of all problems, and the median of CPU time, without and with limits."""
-    rows: dict[str, list[Row]] = {"without limits": [], "with limits": []}
+    rows: dict[str, list[ArrayLayout]] = {"without limits": [], "with limits": []}
     for kind, given in problems(families, seeds):
         row = measure(given)
         if row is None:
@@ -135,7 +135,7 @@ def figures(
         yield from _shares(kind, found)
 
 
-def _shares(kind: str, rows: list[Row]) -> Iterator[Figure]:
+def _shares(kind: str, rows: list[ArrayLayout]) -> Iterator[Figure]:
     """Figures of the problems of a kind."""
     kind = f"random problems {kind}"
     count, certified = len(rows), sum(row.certified for row in rows)

@@ -64,7 +64,7 @@ def own(network) -> Iterator[tuple[Contestant, float]]:
 def contestants(problem) -> Iterator[tuple[str, Contestant]]:
     """Everybody, with what they work on."""
     for wiring, kind in WIRINGS.items():
-        network = ann_dc.design(problem, kinds=[kind]).network
+        network = ann_dc.design(problem, preconditioner=[kind]).network
         runs = [*own(network)]
         yield from ((wiring, one) for one, _ in runs)
         if wiring in FOR_CVODES:

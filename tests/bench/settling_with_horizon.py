@@ -44,7 +44,10 @@ def figures() -> Iterator[Figure]:
     for name, (plant, seconds) in PLANTS.items():
         networks = [ann_dc.synthesize(partial(plant, N=N, dt=seconds / N)()) for N in STAGES]
         for choice, kinds in CHOICES.items():
-            found = [settling(ann_dc.design(network, kinds=kinds).network) for network in networks]
+            found = [
+                settling(ann_dc.design(network, preconditioner=kinds).network)
+                for network in networks
+            ]
             settled = [time for time in found if np.isfinite(time)]
             yield Figure(
                 name=f"{name}, {choice}, N = {stages}",

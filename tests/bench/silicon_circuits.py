@@ -38,7 +38,7 @@ class Chip:
     def __init__(self, name: str, stages: int) -> None:
         self.name = f"{name}, N = {stages}"
         problem = getattr(ann_dc.plants, name)(N=stages)
-        network = ann_dc.design(problem, kinds=[PreconditionerKind.DIAGONAL]).network
+        network = ann_dc.design(problem, preconditioner=PreconditionerKind.DIAGONAL).network
         self.backend = SpiceBackend(level=SKY130)
         self.circuit, self.probe = self.backend.prepare(network)
 

@@ -29,8 +29,8 @@ from ann_dc.backends.decay import decay_rate
 from ann_dc.fidelity.circuit_study import predicted_errors
 from ann_dc.gain_design.gain_rule import GainRule, closed_form
 from ann_dc.gain_design.gains import apply_gains
-from ann_dc.hardware.defects.drawing import drawn_numbers
-from ann_dc.hardware.defects.numbers import mismatch
+from ann_dc.hardware.nonidealities.drawing import drawn_numbers
+from ann_dc.hardware.nonidealities.numbers import mismatch
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.network.inputs import input_batch, moved_starts
 
@@ -75,7 +75,9 @@ def timed(call: Callable[[], Any]) -> Taken:
 @cache
 def car(*kinds: ann_dc.PreconditionerKind) -> ann_dc.Network:
     problem = ann_dc.plants.car()
-    return (ann_dc.design(problem, kinds=kinds) if kinds else ann_dc.design(problem)).network
+    return (
+        ann_dc.design(problem, preconditioner=kinds) if kinds else ann_dc.design(problem)
+    ).network
 
 
 def run_chips(count: int) -> ann_dc.backends.BatchRun:

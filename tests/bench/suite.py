@@ -37,7 +37,7 @@ PROBLEMS = SUITE | LITERATURE
 
 
 @dataclass(frozen=True)
-class Row:
+class ArrayLayout:
     """One problem: what its five design runs and its frozen network did."""
 
     name: str
@@ -72,7 +72,7 @@ def is_known(objective: float, optima: tuple[float, ...]) -> bool:
     return near or objective < min(optima)
 
 
-def measure(name: str) -> Row:
+def measure(name: str) -> ArrayLayout:
     """Design a problem from every start and run the frozen network of the first."""
     entry, problem = PROBLEMS[name], PROBLEMS[name].problem
     least = best_of(problem, IPOPT_STARTS).objective
@@ -101,9 +101,9 @@ def measure(name: str) -> Row:
     frozen = run.status.settled and end.second_order
     if not frozen:
         remark.append(f"frozen: {run.status}")
-    return Row(
+    return ArrayLayout(
         name=name, designs=tuple(meaning), certified=certified, best=best, known=known, own=own,
-        frozen=frozen, objective=end.objective, ratio=first.spectrum.ratio,
+        frozen=frozen, objective=end.objective, ratio=first.spectrum.stiffness_ratio,
         settling=run.settling_time * first.spectrum.radius,
         predicted=first.predicted_settling() * first.spectrum.radius,
         rehearsed=first.best.settling, steps=run.steps,
@@ -111,7 +111,7 @@ def measure(name: str) -> Row:
     )  # fmt: skip
 
 
-def table(rows: Sequence[Row]) -> Table:
+def table(rows: Sequence[ArrayLayout]) -> Table:
     """One row a problem."""
     columns = ("frozen E", "ratio", "settling", "predicted", "steps", "s")
     found = Table("problem", "certified", "known", *STARTS, *columns)

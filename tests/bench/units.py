@@ -37,7 +37,7 @@ def figure_of(name: str, seed: int) -> Figure:
         ann_dc.solve(each, backend=ann_dc.OdeBackend(verify=False))
         for each in (problem, written_in(problem, units))
     )
-    settling = theirs.settling_in_fastest_time_constants / ours.settling_in_fastest_time_constants
+    settling = theirs.normalised_settling_time / ours.normalised_settling_time
     steps = theirs.design.first.steps / ours.design.first.steps
     worst = deviation(problem, ours, theirs, units)
     certified = ours.certified and theirs.certified

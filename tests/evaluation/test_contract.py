@@ -143,7 +143,7 @@ def test_diodes_that_conduct_and_others(name, preconditioner, kind):
 @pytest.mark.sampled
 def test_soft_rows_idle_pressed_and_at_their_price(compliance, name, preconditioner, kind):
     price = {"car_steer": 300.0, "lander": 1.0, "end_disc": 30.0}[name]
-    soft = Soft(price=price, compliance=compliance / price)
+    soft = Soft(weight=price, compliance=compliance / price)
     plain = synthesize(replace(CONSTRAINED[name].problem, soft=soft))
     linear = Linearisation(plain).at(plain.start_state)
     network = apply_gains(plain, closed_form(linear, GainRule(kind=preconditioner)))

@@ -34,7 +34,7 @@ from ann_dc.evaluation.codegen.plan import Axis
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import ReferenceEvaluator, evaluator
 from ann_dc.evaluation.rules import projected
-from ann_dc.network.preconditioners.base import Preconditioner, PreconditionerKind, Row
+from ann_dc.network.preconditioners.base import ArrayLayout, Preconditioner, PreconditionerKind
 
 CODE = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_void_p] * 3)
 EVALUATORS = (ReferenceEvaluator, InterpretedEvaluator, GeneratedEvaluator, TorchEvaluator)
@@ -44,7 +44,7 @@ every_coupled = pytest.mark.parametrize(
 )
 
 
-def inverse_of(preconditioner: Preconditioner, row: Row) -> np.ndarray:
+def inverse_of(preconditioner: Preconditioner, row: ArrayLayout) -> np.ndarray:
     """M^{-1} (n, n)."""
     return np.linalg.inv(preconditioner.moves(row, np.eye(len(row.state_rates))))
 
@@ -91,9 +91,9 @@ def test_projection_at_random_rails_is_bounded_least_squares(preconditioner, row
 def test_clamp_of_no_neuron_is_the_preconditioner(preconditioner):
     network = wired_with("car", preconditioner)
     drive = np.random.default_rng(1).standard_normal(network.size)
-    clamp = network.preconditioner.clamp(network.row, np.zeros(network.size, bool))
+    clamp = network.preconditioner.clamp(network.layout, np.zeros(network.size, bool))
     moves, currents = clamp(drive)
-    assert_close(moves, network.preconditioner.moves(network.row, drive))
+    assert_close(moves, network.preconditioner.moves(network.layout, drive))
     assert not currents.any()
 
 
@@ -108,7 +108,7 @@ def test_clamp_of_no_neuron_is_the_preconditioner(preconditioner):
 def test_moves_at_rails_are_bounded_least_squares(name, populations, preconditioner, kind):
     network = railed(wired_with(name, preconditioner), 0.5, *populations)
     ours, low_high = kind(network), rails_of(network)
-    inverse = inverse_of(network.preconditioner, network.row)
+    inverse = inverse_of(network.preconditioner, network.layout)
     for seed in range(5):
         x = at_rails(network, seed)
         drive = network.pack(evaluator(unrailed(network)).drives(x))
@@ -135,7 +135,7 @@ def test_moves_of_time_constants_are_those_of_cut_drives_bit_for_bit(name, kind)
     ours = kind(network)
     for seed in range(5):
         x = at_rails(network, seed)
-        expected = network.row.state_rates * network.pack(ours.drives(x))
+        expected = network.layout.state_rates * network.pack(ours.drives(x))
         assert (expected == 0).any()
         np.testing.assert_array_equal(ours.rhs(x), expected)
 
@@ -144,11 +144,11 @@ def test_moves_of_time_constants_are_those_of_cut_drives_bit_for_bit(name, kind)
 @every_coupled
 def test_neurons_that_no_preconditioner_couples_keep_their_rule_bit_for_bit(preconditioner, kind):
     network = railed(wired_with("car", preconditioner), 0.5)
-    alone = ~network.preconditioner.reach(network.row)[network.places[:, 0]]
+    alone = ~network.preconditioner.reach(network.layout)[network.places[:, 0]]
     ours = kind(network)
     for seed in range(5):
         x = at_rails(network, seed)
-        expected = network.row.state_rates * network.pack(ours.drives(x))
+        expected = network.layout.state_rates * network.pack(ours.drives(x))
         np.testing.assert_array_equal(ours.rhs(x)[alone], expected[alone])
 
 
@@ -211,7 +211,7 @@ def test_derivatives_of_the_flow_hold_neurons_that_rest(population, precondition
     stepped = reference.rhs(x + 1e-30j * np.eye(len(x))).imag.T / 1e-30
     assert_close(reference.jacobian(x), stepped, 1e-10)
     ours, push = kind(network), np.random.default_rng(3).standard_normal(len(x))
-    expected = network.preconditioner.clamp(network.row, resting)(push)[0]
+    expected = network.preconditioner.clamp(network.layout, resting)(push)[0]
     assert_close(ours.clamped(resting)(push)[~resting], expected[~resting])
     v = np.random.default_rng(0).standard_normal(len(x))
     for _ in range(20):
@@ -295,7 +295,7 @@ def test_lanes_with_time_constants_of_their_own_hold_neurons(preconditioner):
         factors = rng.uniform(0.5, 2.0, (lanes.lanes, *network.live.shape))
         group, expected = states[first :: lanes.lanes][: lanes.lanes], []
         for lane, (factor, x) in enumerate(zip(factors, group)):
-            rates[:, :, lane] = (network.row.rates * factor).T
+            rates[:, :, lane] = (network.layout.rates * factor).T
             if "roots" in lanes.tables:
                 roots = lanes.tables["roots"][: lanes.size].reshape(rates.shape)
                 roots[:, :, lane] = np.sqrt(factor).T

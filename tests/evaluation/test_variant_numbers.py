@@ -9,8 +9,8 @@ from designs import coordinated, small, wired_with
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.variant_numbers import Numbers, numbers_of
-from ann_dc.hardware.defects.numbers import detuned, mismatch
-from ann_dc.hardware.defects.parts import extra_pole
+from ann_dc.hardware.nonidealities.numbers import detuned, mismatch
+from ann_dc.hardware.nonidealities.parts import extra_pole
 from ann_dc.network.cell import Cell, Limiter, Neuron
 from ann_dc.network.ends import FixedNeuron
 from ann_dc.network.network import Network

@@ -13,8 +13,8 @@ PROBLEM = plants.double_integrator(N=5)
 NETWORK = synthesize(PROBLEM)
 
 
-def family(over) -> Family:
-    return family_of(PROBLEM, NETWORK, over)
+def family(ranges) -> Family:
+    return family_of(PROBLEM, NETWORK, ranges)
 
 
 @settings(max_examples=30, deadline=None)

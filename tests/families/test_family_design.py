@@ -56,7 +56,7 @@ def test_the_share_comes_with_its_interval(unicycles):
 @pytest.mark.slow
 def test_a_failure_is_told_with_its_reason(unicycles):
     """A network whose penalties are next to nothing holds no optimum."""
-    weak = design(plants.unicycle(), kinds=[PreconditionerKind.DIAGONAL])
+    weak = design(plants.unicycle(), preconditioner=PreconditionerKind.DIAGONAL)
     gains = replace(weak.gains, rho=1e-6 * weak.gains.rho)
     from ann_dc.gain_design.gains import apply_gains
 
@@ -96,13 +96,13 @@ def test_ranges_without_a_feasible_point_are_told():
 @pytest.mark.parametrize("given", [{"recipe": GainRule()}, {"refine": STEPS}])
 def test_a_family_takes_neither_recipe_nor_refinement(given):
     with pytest.raises(DesignError, match="neither recipe= nor refine="):
-        design(plants.double_integrator(), over=OVER, **given)
+        design(plants.double_integrator(), ranges=OVER, **given)
 
 
 def test_a_network_has_no_family():
     network = design(plants.double_integrator(N=3)).network
     with pytest.raises(DesignError, match="needs the problem itself"):
-        design(network, over=OVER)
+        design(network, ranges=OVER)
 
 
 def test_no_held_out_inputs_are_refused():
@@ -115,7 +115,7 @@ import hashlib, sys, tempfile, pathlib
 from ann_dc import design, multistart, plants, save
 folder = pathlib.Path(tempfile.mkdtemp())
 problem = plants.double_integrator(N=8)
-save(design(problem, over={"q_d.x": (0.5, 2.0)}).network, folder / "family.npz")
+save(design(problem, ranges={"q_d.x": (0.5, 2.0)}).network, folder / "family.npz")
 save(design(plants.unicycle()).network, folder / "single.npz")
 found = multistart(plants.unicycle(), 4)
 digest = hashlib.sha256()
@@ -164,7 +164,7 @@ def test_a_sampler_may_go_beyond_what_was_met():
 
     problem = plants.double_integrator(N=3)
     designed = design_family(
-        problem, far, kinds=[PreconditionerKind.DIAGONAL], held_out=2000, seed=8
+        problem, far, preconditioner=PreconditionerKind.DIAGONAL, held_out=2000, seed=8
     )
     _, high = designed.network.ranges["q_d.x"]
     held_out = designed.family.held_out(2000, seed=10)

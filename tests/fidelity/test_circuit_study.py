@@ -142,7 +142,7 @@ def test_a_run_tells_before_a_prediction_does():
 
 def study_of_a_pyramid():
     pyramid = design(
-        synthesize(plants.double_integrator(N=4)), kinds=[PreconditionerKind.MULTILEVEL]
+        synthesize(plants.double_integrator(N=4)), preconditioner=PreconditionerKind.MULTILEVEL
     ).network
     return study_circuit(pyramid, SpiceBackend(level=macro()), simulated=False)
 

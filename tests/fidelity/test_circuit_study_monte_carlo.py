@@ -18,7 +18,9 @@ def test_a_circuit_that_still_moves_has_no_error(monkeypatch):
         None,
     ]
     monkeypatch.setattr(monte_carlo, "measured_runs", lambda *given: runs)
-    network = design(plants.double_integrator(N=3), kinds=[PreconditionerKind.DIAGONAL]).network
+    network = design(
+        plants.double_integrator(N=3), preconditioner=PreconditionerKind.DIAGONAL
+    ).network
     level = macro()
     errors = measured_errors(*_circuit(network, level), seeds=range(3))
     assert errors[0] == 0.01

@@ -37,7 +37,7 @@ HARDWARE = Datasheet(a0=1e6)
 def prepared():
     """(components, probe run) of the double integrator over five stages."""
     problem = plants.double_integrator(N=5)
-    network = design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
+    network = design(synthesize(problem), preconditioner=(PreconditionerKind.DIAGONAL,)).network
     return SpiceBackend(level=macro()).prepare(network)
 
 

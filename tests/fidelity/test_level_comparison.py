@@ -36,7 +36,7 @@ PROBLEM = plants.double_integrator(N=4)
 
 @cache
 def network() -> Network:
-    return design(synthesize(PROBLEM), kinds=(PreconditionerKind.DIAGONAL,)).network
+    return design(synthesize(PROBLEM), preconditioner=(PreconditionerKind.DIAGONAL,)).network
 
 
 @cache
@@ -198,7 +198,7 @@ def test_a_level_that_cannot_be_built_is_told():
     """The polynomials of transistors cannot follow a function that is not smooth enough."""
 
     problem = plants.car(N=4)
-    curved = design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
+    curved = design(synthesize(problem), preconditioner=(PreconditionerKind.DIAGONAL,)).network
     steps = (
         Rung(
             name="broken",

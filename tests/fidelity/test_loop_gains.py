@@ -37,7 +37,8 @@ def made(network: Network, level=LEVEL, margin: float = 10.0) -> CircuitInstance
 def plant(margin: float = 10.0, stages: int = 2) -> CircuitInstance:
     problem = plants.double_integrator(N=stages)
     return made(
-        design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network, margin=margin
+        design(synthesize(problem), preconditioner=(PreconditionerKind.DIAGONAL,)).network,
+        margin=margin,
     )
 
 
@@ -70,7 +71,7 @@ def test_a_second_pole_lies_in_the_loop(pole):
     level = with_parasitics(LEVEL, second_pole=pole)
     instance = CircuitInstance(circuit=plain.circuit, level=level, probe=plain.probe)
     network, x = instance.emulation.network, instance.settled
-    rates = network.row.rates[tuple(network.places.T)]
+    rates = network.layout.rates[tuple(network.places.T)]
     flow = rates[:, None] * fast_evaluator(network).drive_jacobian(x).toarray()
     omega = 2 * np.pi * GBW * instance.circuit.scaling.time
     names = [(network.cell.neurons[row].name, stage) for row, stage in network.places]

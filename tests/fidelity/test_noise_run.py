@@ -52,7 +52,9 @@ SPREAD = Tolerances(resistor=1e-2, offset=1e-4, gain=1e-3)
 
 @cache
 def prepared(name: str, level=LEVEL):
-    network = design(synthesize(SUITE[name].problem), kinds=(PreconditionerKind.DIAGONAL,)).network
+    network = design(
+        synthesize(SUITE[name].problem), preconditioner=(PreconditionerKind.DIAGONAL,)
+    ).network
     return SpiceBackend(level=level).prepare(network)
 
 

@@ -40,7 +40,7 @@ PLANTS = {"double_integrator": plants.double_integrator(N=5), "car": SUITE["car"
 
 @cache
 def neighbour_wired(name: str) -> Network:
-    return design(synthesize(PLANTS[name]), kinds=(PreconditionerKind.DIAGONAL,)).network
+    return design(synthesize(PLANTS[name]), preconditioner=(PreconditionerKind.DIAGONAL,)).network
 
 
 @cache
@@ -260,7 +260,9 @@ def test_ideal_op_amps_are_not_predicted():
 
 def clocked(a0: float, share: float = 0.5, **given):
     """A small problem in switched capacitors, with steps of a share of the largest stable one."""
-    network = design(synthesize(plants.double_integrator(N=3, dt=0.5)), kinds=(TIMES,)).network
+    network = design(
+        synthesize(plants.double_integrator(N=3, dt=0.5)), preconditioner=(TIMES,)
+    ).network
     probe = OdeBackend(verify=False).run(network).trajectory
     step = share * stability_limit(network, probe.final)
     backend = SpiceBackend(level=switched_capacitor(a0=a0, step=step), **given)
@@ -381,7 +383,7 @@ def test_hand_wired_network_of_transistors_settles_as_predicted(network):
 @pytest.mark.slow
 def test_error_of_unicycle_of_transistors_is_that_of_ngspice():
     """Function generators were 36 uV off, by multipliers of small gains, and the error by 6 %."""
-    network = design(synthesize(plants.unicycle(N=3)), kinds=(TIMES,)).network
+    network = design(synthesize(plants.unicycle(N=3)), preconditioner=(TIMES,)).network
     run = SpiceBackend(level=TRANSISTOR, simulator=Ngspice()).run(network)
     said = predict(run.circuit, TRANSISTOR, run.probe)
     assert said.control_error == pytest.approx(run.control_error, rel=0.03)
@@ -393,7 +395,7 @@ def test_error_of_unicycle_of_transistors_is_that_of_ngspice():
 def test_double_integrator_of_op_amps_with_an_output_resistance_settles_as_predicted(name):
     """A swing ends at the edge of the band: 5 % of it decide between 11.1 and 13.8 us."""
     level = presets.get(name)
-    network = design(synthesize(plants.double_integrator(N=3)), kinds=(TIMES,)).network
+    network = design(synthesize(plants.double_integrator(N=3)), preconditioner=(TIMES,)).network
     backend = SpiceBackend(level=level, simulator=Ngspice())
     run = refined(backend.run(network), backend.simulator, level.datasheet)
     said = predict(run.circuit, level, run.probe)

@@ -49,12 +49,12 @@ def test_network_of_a_found_optimum_settles_from_the_start_or_a_coarse_preset(pr
     assert solution.objective == pytest.approx(objective, rel=1e-5)
     assert solution.design.first.found_by
     assert solution.design.start in ("", *COARSE)
-    assert solution.settling_in_fastest_time_constants < 200
+    assert solution.normalised_settling_time < 200
     assert np.isfinite(solution.design.best.ratio)
 
 
 def test_penalty_is_raised_where_the_grid_of_the_closed_form_does_not_settle():
-    solution = ann_dc.solve(thrifty(), kinds=[PreconditionerKind.RESISTIVE_GRID])
+    solution = ann_dc.solve(thrifty(), preconditioner=PreconditionerKind.RESISTIVE_GRID)
     assert solution.design.best.gain_rule.penalty > MULTILEVEL_RULE.penalty
 
 
@@ -93,4 +93,4 @@ def test_settling_with_limits_and_a_disc_does_not_grow_with_the_row(N, objective
     assert solution.certified
     assert solution.objective == pytest.approx(objective, rel=1e-6)
     assert solution.design.start in ("", *COARSE)
-    assert 30 < solution.settling_in_fastest_time_constants < (120 if N <= 300 else 150)
+    assert 30 < solution.normalised_settling_time < (120 if N <= 300 else 150)

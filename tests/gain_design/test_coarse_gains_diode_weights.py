@@ -18,7 +18,8 @@ NAMES = ("dint_v", pytest.param("car_disc1", marks=pytest.mark.slow), "lander", 
 @pytest.fixture(scope="module", params=NAMES)
 def settled(request):
     return design(
-        synthesize(CONSTRAINED[request.param].problem), kinds=[PreconditionerKind.MULTILEVEL]
+        synthesize(CONSTRAINED[request.param].problem),
+        preconditioner=PreconditionerKind.MULTILEVEL,
     )
 
 

@@ -33,7 +33,7 @@ def coupled(pyramid: Multilevel) -> Multilevel:
 
 def between(network: Network, kind: type[ResistiveGrid] | type[CyclicReduction]) -> Preconditioner:
     """A stiffness of no plant: one within, a third of it spread over the neighbours."""
-    m, rng = len(network.row.primal), np.random.default_rng(4)
+    m, rng = len(network.layout.primal), np.random.default_rng(4)
     own = rng.uniform(-0.3, 0.3, (network.stages, m, m)) / m
     following = rng.uniform(-0.3, 0.3, (network.stages - 1, m, m)) / m
     return kind(own=np.eye(m) + own + own.transpose(0, 2, 1), following=following)
@@ -57,7 +57,7 @@ def wired(kind: PreconditionerKind) -> Network:
 def flow_of(network: Network) -> tuple[DenseFlow, np.ndarray]:
     """The flow at the start, and gains drawn at random around 1, with `STEP`."""
     saddle = saddle_of(network, network.start_state)
-    preconditioner = dense_preconditioner(network.preconditioner, network.row, saddle.primal)
+    preconditioner = dense_preconditioner(network.preconditioner, network.layout, saddle.primal)
     nodes = network.preconditioner.size if isinstance(network.preconditioner, Multilevel) else 0
     count = len(saddle.primal) + 2 * len(saddle.dual) + nodes + 1
     gains = np.exp(0.3 * np.random.default_rng(5).standard_normal(count))
@@ -93,13 +93,13 @@ def test_the_gradient_is_that_of_finite_differences(kind, floor, objective):
 def test_the_flow_is_that_of_the_network(kind):
     network = wired(kind) if kind is not PreconditionerKind.DIAGONAL else coordinated("van_der_pol")
     if kind is PreconditionerKind.DIAGONAL:
-        network = apply_gains(network, Gains(rho=rho_of(network), rate=network.row.rates + 1e-9))
+        network = apply_gains(network, Gains(rho=rho_of(network), rate=network.layout.rates + 1e-9))
     x = network.start_state
     flow, gains = flow_of(network)
     saddle, (neuron, _) = flow.saddle, network.places.T
     z, d = len(saddle.primal), len(saddle.dual)
-    gains[:z] = network.row.state_rates[saddle.primal]
-    gains[z : z + d] = network.row.state_rates[saddle.dual]
+    gains[:z] = network.layout.state_rates[saddle.primal]
+    gains[z : z + d] = network.layout.state_rates[saddle.dual]
     gains[z + d : z + 2 * d] = rho_of(network)[neuron[saddle.dual]]
     gains[z + 2 * d : -1] = 1.0
     expected = np.sort_complex(spectrum(network, x).eigenvalues)

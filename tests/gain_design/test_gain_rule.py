@@ -28,7 +28,7 @@ def test_factors_that_are_none(wrong):
 @pytest.mark.parametrize("name", ["mu.foo", "q.x"])
 def test_rows_are_those_of_dual_neurons(name):
     with pytest.raises(UnknownNameError, match="row: dual neuron"):
-        closed_form(start_of("car"), GainRule(row={name: 2.0}))
+        closed_form(start_of("car"), GainRule(row_factors={name: 2.0}))
 
 
 @pytest.mark.parametrize("name", ["car", "pendulum", "cstr", "two_link_arm"])

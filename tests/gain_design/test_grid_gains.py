@@ -19,7 +19,9 @@ def point() -> SettledPoint:
     return SettledPoint(Linearisation(found.network).at(found.state), found.state)
 
 
-@pytest.mark.parametrize("recipe", [GainRule(), GainRule(sweeps=16), GainRule(row={"mu.x": 3.0})])
+@pytest.mark.parametrize(
+    "recipe", [GainRule(), GainRule(equilibration_sweeps=16), GainRule(row_factors={"mu.x": 3.0})]
+)
 def test_row_weights_are_those_of_the_recipe(point, gain_rule):
     weights = weights_of_rows(point.linear, gain_rule)
     for _ in range(2):
@@ -39,7 +41,7 @@ def test_shadows_are_those_of_the_weights(point):
 def test_a_start_at_a_rail_leaves_the_preconditioner_of_the_settled_point():
     """Controls that begin at their bound, pushed against it, and settle inside: as if free."""
     problem = replace(ann_dc.plants.double_integrator(N=5), bounds={"a": (-10.0, 10.0)})
-    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     x = ann_dc.OdeBackend().run(network).trajectory.final
     (control,) = (neuron for neuron in network.cell.neurons if neuron.population == "u")
     duals = [n.name for n in network.cell.neurons if n.population in ("mu", "beta")]

@@ -37,7 +37,10 @@ def test_no_combination_of_rows_is_stiffer_than_one(network, kind):
 
 def test_a_look_further_away_makes_rows_lighter(network):
     linear, row = Linearisation(network).at(network.start_state), network.neuron_index["z_J.late"]
-    weights = [closed_form(linear, GainRule(away=away)).rho[row] for away in (0.0, 0.5, 1.0)]
+    weights = [
+        closed_form(linear, GainRule(linearisation_radius=away)).rho[row]
+        for away in (0.0, 0.5, 1.0)
+    ]
     assert weights[0] > weights[1] > weights[2] > 0
 
 
@@ -58,7 +61,7 @@ def test_a_network_without_objectives_has_the_gains_it_had():
     plain = ann_dc.synthesize(ann_dc.plants.car())
     linear = Linearisation(plain).at(plain.start_state)
     assert not len(linear.shares)
-    one, other = (closed_form(linear, GainRule(away=away)) for away in (0.0, 1.0))
+    one, other = (closed_form(linear, GainRule(linearisation_radius=away)) for away in (0.0, 1.0))
     np.testing.assert_array_equal(one.rho, other.rho)
     np.testing.assert_array_equal(one.rate, other.rate)
 
@@ -67,9 +70,9 @@ def test_a_network_without_objectives_has_the_gains_it_had():
 def test_a_share_that_runs_away_is_taken_back(effort):
     """At the start the slope of the effort vanishes, soon after it is the largest."""
     problem = small(weights=(effort, 1 - effort))
-    designed = ann_dc.design(problem, kinds=[PreconditionerKind.MULTILEVEL], limit=3000)
+    designed = ann_dc.design(problem, preconditioner=PreconditionerKind.MULTILEVEL, limit=3000)
     assert designed.first.settled
-    assert designed.first.boost == 1.0
+    assert designed.first.penalty_factor == 1.0
     assert designed.best.settling < 400
 
 

@@ -41,7 +41,7 @@ WITHOUT_GRID = (
     [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in MEASURED],
 )
 def test_settling_is_predicted(name):
-    found = design(synthesize(SUITE[name].problem), kinds=WITHOUT_GRID)
+    found = design(synthesize(SUITE[name].problem), preconditioner=WITHOUT_GRID)
     assert found.settled
     run = OdeBackend(verify=False).run(found.network)
     assert run.status.settled
@@ -77,7 +77,7 @@ def test_near_the_limit_nothing_slower_is_compared():
 @pytest.mark.parametrize("kind", PreconditionerKind)
 def test_only_what_is_allowed_is_chosen(kind):
     network = synthesize(plants.unicycle(N=8))
-    found = design(network, kinds=[kind])
+    found = design(network, preconditioner=[kind])
     assert found.settled
     assert found.network.preconditioner.kind is found.best.kind is kind
     assert OdeBackend(verify=False).run(found.network).status.settled
@@ -86,7 +86,7 @@ def test_only_what_is_allowed_is_chosen(kind):
 def test_all_that_is_allowed_has_a_reason():
     found = design(
         synthesize(plants.pendulum(N=10)),
-        kinds=[PreconditionerKind.DIAGONAL, PreconditionerKind.COUPLED_MULTILEVEL],
+        preconditioner=[PreconditionerKind.DIAGONAL, PreconditionerKind.COUPLED_MULTILEVEL],
     )
     first, second = found.reason.split("; ")
     assert first.startswith("pyramid with coupled components settles in")
@@ -97,7 +97,7 @@ def test_all_that_is_allowed_has_a_reason():
 def test_reason_begins_with_the_kind_that_was_chosen():
     found = design(
         synthesize(plants.pendulum(N=10)),
-        kinds=[PreconditionerKind.DIAGONAL, PreconditionerKind.COUPLED_MULTILEVEL],
+        preconditioner=[PreconditionerKind.DIAGONAL, PreconditionerKind.COUPLED_MULTILEVEL],
     )
     assert {c.kind for c in found.candidates} == {
         PreconditionerKind.DIAGONAL,
@@ -114,7 +114,7 @@ def test_kinds_that_are_none(kinds):
     with pytest.raises(
         DesignError, match=r"kinds: expected some of PreconditionerKind\.TIME_CONSTANTS"
     ):
-        design(synthesize(plants.double_integrator(N=3)), kinds=kinds)
+        design(synthesize(plants.double_integrator(N=3)), preconditioner=kinds)
 
 
 def test_the_only_kind_says_why_it_is_none():
@@ -186,7 +186,7 @@ def test_time_scaling(c):
 @pytest.mark.slow
 def test_a_run_that_does_not_settle_has_no_grid():
     found = design(
-        synthesize(plants.pendulum()), kinds=[PreconditionerKind.RESISTIVE_GRID], limit=50
+        synthesize(plants.pendulum()), preconditioner=PreconditionerKind.RESISTIVE_GRID, limit=50
     )
     assert not found.settled
     assert found.best.kind is PreconditionerKind.MULTILEVEL
@@ -195,15 +195,18 @@ def test_a_run_that_does_not_settle_has_no_grid():
 
 def test_one_kind_alone_is_no_list_of_kinds():
     with pytest.raises(DesignError, match=r"write \[PreconditionerKind\.GRID\]"):
-        design(synthesize(plants.double_integrator(N=3)), kinds=PreconditionerKind.RESISTIVE_GRID)
+        design(
+            synthesize(plants.double_integrator(N=3)),
+            preconditioner=PreconditionerKind.RESISTIVE_GRID,
+        )
 
 
 @pytest.mark.slow
 def test_a_run_that_is_near_keeps_the_largest_penalty():
     """With hardly any control free, smaller ones swing for ever close to the optimum."""
     problem = CONSTRAINED["vdp_u"].problem
-    found = design(synthesize(problem), kinds=[PreconditionerKind.MULTILEVEL])
-    assert (found.settled, found.first.boost) == (True, 64.0)
+    found = design(synthesize(problem), preconditioner=PreconditionerKind.MULTILEVEL)
+    assert (found.settled, found.first.penalty_factor) == (True, 64.0)
     certificate = certify(problem, *kkt_point(found.network, found.state))
     assert certificate.certified
     assert certificate.objective == pytest.approx(2.03317, abs=1e-5)

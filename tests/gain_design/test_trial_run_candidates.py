@@ -29,8 +29,8 @@ def factors(ratio) -> list[float]:
     """Factors that are tried, where ``ratio`` is of the factor."""
     tried = []
 
-    def told(boost: float) -> float:
-        tried.append(boost / BOOST)
+    def told(penalty_factor: float) -> float:
+        tried.append(penalty_factor / BOOST)
         return ratio(tried[-1])
 
     downhill(told, BOOST)
@@ -44,8 +44,10 @@ def test_downhill_to_the_smallest_ratio():
     down = [1, 0.5, 2, 0.25, 0.125, 0.25 * half, 0.25 / half]
     assert factors(lambda f: abs(np.log2(f * 4))) == down
     between = 32 / half
-    assert downhill(lambda boost: abs(np.log2(boost / between)), BOOST) == pytest.approx(between)
-    assert downhill(lambda boost: abs(np.log2(boost / 32)), BOOST) == 32
+    assert downhill(
+        lambda penalty_factor: abs(np.log2(penalty_factor / between)), BOOST
+    ) == pytest.approx(between)
+    assert downhill(lambda penalty_factor: abs(np.log2(penalty_factor / 32)), BOOST) == 32
 
 
 def test_where_the_first_run_froze_unstable_the_penalty_grows():
@@ -92,14 +94,20 @@ def test_grids_are_compared_with_gentler_inequality_rows_too():
 @pytest.mark.slow
 def test_path_terms_of_grids_fall_as_long_as_that_helps():
     found = compare(settled("cart_pole"), PreconditionerKind.RESISTIVE_GRID, 1.0)
-    finer = [candidate for candidate in found if candidate.gain_rule.path < min(freeze.PATHS)]
-    same = [c for c in found if c.gain_rule == replace(finer[0].gain_rule, path=min(freeze.PATHS))]
+    finer = [
+        candidate for candidate in found if candidate.gain_rule.path_weight < min(freeze.PATHS)
+    ]
+    same = [
+        c
+        for c in found
+        if c.gain_rule == replace(finer[0].gain_rule, path_weight=min(freeze.PATHS))
+    ]
     ratios = [candidate.ratio for candidate in (*same, *finer)]
     assert len(finer) == 2
     assert ratios[1] < freeze.HELPS * ratios[0]
     assert ratios[2] > freeze.HELPS * ratios[1]
     assert {
-        c.gain_rule.path
+        c.gain_rule.path_weight
         for c in compare(settled("unicycle"), PreconditionerKind.RESISTIVE_GRID, 1.0)
     } == {*freeze.PATHS}
 
@@ -108,7 +116,7 @@ def test_path_terms_of_grids_fall_as_long_as_that_helps():
 def test_every_kind_is_compared_with_equal_and_equilibrated_rows(kind):
     found = compare(settled("unicycle"), kind, 1.0)
     assert {candidate.kind for candidate in found} == {kind}
-    assert {candidate.gain_rule.sweeps for candidate in found} == {0, 16, 60}
+    assert {candidate.gain_rule.equilibration_sweeps for candidate in found} == {0, 16, 60}
     for candidate in found:
         assert candidate.gains.preconditioner.kind is kind
         assert kind.value in str(candidate)
@@ -120,23 +128,27 @@ def test_on_a_long_row_one_choice_is_made_after_the_other(kind, monkeypatch):
     """All weights of the rows at one path term or penalty, and the rest with the best of them."""
     point = settled("car")
     every = {
-        (c.gain_rule.sweeps, c.gain_rule.by_reach, c.gain_rule.path)
+        (c.gain_rule.equilibration_sweeps, c.gain_rule.by_reachability, c.gain_rule.path_weight)
         for c in compare(point, kind, 1.0)
     }
     monkeypatch.setattr(freeze, "LONG_ROW", point.network.stages - 1)
     found = compare(point, kind, 1.0)
     if kind is PreconditionerKind.RESISTIVE_GRID:
-        damped = [candidate for candidate in found if candidate.gain_rule.path == max(freeze.PATHS)]
-        best = min(damped, key=lambda candidate: candidate.ratio).gain_rule.sweeps
-        rest = [c.gain_rule.sweeps for c in found if c not in damped]
+        damped = [
+            candidate for candidate in found if candidate.gain_rule.path_weight == max(freeze.PATHS)
+        ]
+        best = min(damped, key=lambda candidate: candidate.ratio).gain_rule.equilibration_sweeps
+        rest = [c.gain_rule.equilibration_sweeps for c in found if c not in damped]
         assert rest == [best] * (len(freeze.PATHS) - 1)
-        assert {c.gain_rule.sweeps for c in damped} == {sweeps for sweeps, _, _ in every}
+        assert {c.gain_rule.equilibration_sweeps for c in damped} == {
+            equilibration_sweeps for equilibration_sweeps, _, _ in every
+        }
     else:
-        first = [candidate for candidate in found if not candidate.gain_rule.sweeps]
-        first = [candidate for candidate in first if not candidate.gain_rule.by_reach]
-        best = min(first, key=lambda candidate: candidate.ratio).boost
+        first = [candidate for candidate in found if not candidate.gain_rule.equilibration_sweeps]
+        first = [candidate for candidate in first if not candidate.gain_rule.by_reachability]
+        best = min(first, key=lambda candidate: candidate.ratio).penalty_factor
         rest = [candidate for candidate in found if candidate not in first]
-        assert [candidate.boost for candidate in rest] == [best] * 3
+        assert [candidate.penalty_factor for candidate in rest] == [best] * 3
     monkeypatch.setattr(freeze, "LONG_ROW", point.network.stages)
     assert len(compare(point, kind, 1.0)) > len(found)
 
@@ -170,10 +182,10 @@ def test_a_comparison_can_be_ended_in_the_middle(told, monkeypatch):
 
 
 def test_a_fixed_recipe_is_compared_by_its_penalties_only():
-    gain_rule = GainRule(sweeps=7, target=1.1)
+    gain_rule = GainRule(equilibration_sweeps=7, target=1.1)
     found = compare(settled("unicycle"), PreconditionerKind.MULTILEVEL, 1.0, gain_rule=gain_rule)
     assert all(candidate.gain_rule is gain_rule for candidate in found)
-    assert len({candidate.boost for candidate in found}) == len(found) >= 3
+    assert len({candidate.penalty_factor for candidate in found}) == len(found) >= 3
 
 
 def test_a_candidate_tells_the_spectrum_of_its_network():
@@ -181,7 +193,7 @@ def test_a_candidate_tells_the_spectrum_of_its_network():
     found = candidate_of(point, freeze.GAIN_RULES[PreconditionerKind.CYCLIC_REDUCTION], 1.0)
     flow = apply_gains(point.network, found.gains)
     assert flow.preconditioner.kind is PreconditionerKind.CYCLIC_REDUCTION
-    assert found.ratio == found.spectrum.ratio < 10
+    assert found.ratio == found.spectrum.stiffness_ratio < 10
 
 
 def test_a_grid_below_the_threshold_says_which_penalty_it_needs():
@@ -197,7 +209,7 @@ def test_a_grid_below_the_threshold_says_which_penalty_it_needs():
 
 
 def test_where_nothing_attracts_the_next_rows_begin_where_these_did():
-    assert downhill(lambda boost: np.inf, BOOST) == BOOST
+    assert downhill(lambda penalty_factor: np.inf, BOOST) == BOOST
 
 
 def test_grid_leaves_a_neuron_at_its_rail_alone_and_settles():
@@ -210,7 +222,7 @@ def test_grid_leaves_a_neuron_at_its_rail_alone_and_settles():
         for n in network.cell.neurons
     )
     railed = replace(network, cell=replace(network.cell, neurons=neurons))
-    found = design(railed, kinds=[PreconditionerKind.RESISTIVE_GRID])
+    found = design(railed, preconditioner=PreconditionerKind.RESISTIVE_GRID)
     assert found.settled
     resting = np.abs(railed.unpack(found.state)[index]) >= limit
     assert 0 < resting.sum() < railed.stages

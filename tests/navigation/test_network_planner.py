@@ -107,7 +107,7 @@ def test_a_robot_that_touches_nothing_cannot_be_designed():
 def test_nonlinear_cells_with_discs_drive_too():
     planning = planning_problem(
         ROBOT, horizon=10, dt=0.15, slots=1, pull=0.15, reach=1.5, form=NONLINEAR,
-        soft=Soft(price=100.0, compliance=0.002),
+        soft=Soft(weight=100.0, compliance=0.002),
     )  # fmt: skip
     planner = planner_for(planning, worlds=TRAINING)
     (journey,) = drive([world(disc((1.5, -0.1), 0.35))], planner)

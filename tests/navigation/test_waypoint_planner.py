@@ -21,7 +21,7 @@ def planner():
     """Gains of one leg will do for legs nearly straight ahead."""
     problem = leg_problem(ROBOT, stages=10, reach=3.0)
     network = apply_gains(
-        synthesize(problem), design(problem, kinds=[PreconditionerKind.MULTILEVEL]).gains
+        synthesize(problem), design(problem, preconditioner=PreconditionerKind.MULTILEVEL).gains
     )
     delta = 0.3 * np.array([-1.0, 1.0]) / np.sqrt(2)
     return WaypointPlanner(robot=ROBOT, network=network, dt=0.1, delta=delta)

@@ -195,7 +195,7 @@ def test_print():
     assert table["neurons"] == ["18", "150 live"]
     assert table["function blocks"] == ["3", "27"]
     network = designed("car").network
-    wires = network.preconditioner.wires(network.row)
+    wires = network.preconditioner.wires(network.layout)
     nodes, kind = table["preconditioner nodes"][1].split(", of the ")
     assert (int(nodes), kind) == (wires.nodes, network.preconditioner.kind.value)
     assert table["preconditioner wires"][1].split()[0] == str(wires.count)

@@ -328,9 +328,9 @@ def test_a_free_start_in_closed_form(seed):
     found = kkt_point(network, equilibrium(network, network.start_state))
     np.testing.assert_allclose(found[0], q[:, :-1], atol=1e-8)
     np.testing.assert_allclose(found[1], u, atol=1e-8)
-    proof = certify(problem, *found)
-    assert proof.certified
-    assert proof.rollout_error < 1e-9
+    certificate = certify(problem, *found)
+    assert certificate.certified
+    assert certificate.rollout_error < 1e-9
 
 
 @pytest.mark.slow
@@ -345,10 +345,10 @@ def test_another_start_is_no_optimum(seed):
     network = synthesize(given)
     found = kkt_point(network, equilibrium(network, network.start_state))
     assert certify(given, *found).certified
-    proof = certify(problem, *found)
-    assert not proof.certified
-    assert proof.stationarity_residual > 1e-5  # where multipliers are large, 1e-4 of them
-    assert proof.newton_step > 1e-3
+    certificate = certify(problem, *found)
+    assert not certificate.certified
+    assert certificate.stationarity_residual > 1e-5  # where multipliers are large, 1e-4 of them
+    assert certificate.newton_step > 1e-3
 
 
 def test_a_start_that_costs_nothing_is_not_certified():
@@ -358,21 +358,21 @@ def test_a_start_that_costs_nothing_is_not_certified():
         states=(x,), controls=(a,), map=(x + a,), cost=a**2, horizon=3, q_0=(None,)
     )
     still = np.zeros((1, 3))
-    proof = certify(problem, still, still, still, still, still)
-    assert proof.kkt_residual == 0
-    assert not proof.second_order
-    assert not proof.certified
+    certificate = certify(problem, still, still, still, still, still)
+    assert certificate.kkt_residual == 0
+    assert not certificate.second_order
+    assert not certificate.certified
 
 
 def test_second_order_is_not_stated_where_the_first_order_fails():
     """Convex: the Hessian is positive definite everywhere, at points that are no minima, too."""
     problem = plants.double_integrator(N=4)
     rest, push = np.zeros((2, 4)), np.ones((1, 4))
-    proof = certify(problem, rest, push, rest, rest, rest)
-    assert proof.second_order
-    assert not proof.first_order
-    assert not proof.certified
-    for told in (str(proof), proof.verdict, proof.reason):
+    certificate = certify(problem, rest, push, rest, rest, rest)
+    assert certificate.second_order
+    assert not certificate.first_order
+    assert not certificate.certified
+    for told in (str(certificate), certificate.verdict, certificate.reason):
         assert "strict local minimum" not in told
         assert "the KKT residual" in told
 
@@ -385,8 +385,8 @@ def test_second_order_is_not_stated_of_a_point_that_violates_a_row():
         terminal_constraints=[x <= 0.5],
     )  # fmt: skip
     still = np.zeros((1, 2))
-    proof = certify(problem, still + 1, still, still + 1, still, still)
-    assert proof.kkt_residual == 0
-    assert proof.second_order
-    assert "an inequality is violated" in proof.verdict
-    assert "strict local minimum" not in str(proof)
+    certificate = certify(problem, still + 1, still, still + 1, still, still)
+    assert certificate.kkt_residual == 0
+    assert certificate.second_order
+    assert "an inequality is violated" in certificate.verdict
+    assert "strict local minimum" not in str(certificate)

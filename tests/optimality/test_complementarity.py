@@ -102,10 +102,10 @@ def test_a_violated_row_alone_is_enough(optima):
     assert certify(free, *point).certified
     fastest = float(point[0][1].max())
     bounded = replace(LINE, bounds={V: (None, fastest / (1 + 3e-6))})
-    proof = certify(bounded, *point)
-    assert proof.kkt_residual < 1e-8
-    assert LARGEST_MISS < proof.complementarity.violation < 1e-5
-    assert not proof.certified
+    certificate = certify(bounded, *point)
+    assert certificate.kkt_residual < 1e-8
+    assert LARGEST_MISS < certificate.complementarity.violation < 1e-5
+    assert not certificate.certified
 
 
 # ---- closed forms ------------------------------------------------------------------------------
@@ -141,11 +141,11 @@ def test_water_filling(relation):
     g = relation.lhs - relation.rhs
     slope = [float(g.diff(a).subs({a: value})) for value in controls]
     zeta = (LEVEL - controls) / slope
-    proof = certify(problem, *along(problem, controls, LEVEL, zeta))
-    kept = proof.complementarity
-    assert proof.certified, proof.reason
+    certificate = certify(problem, *along(problem, controls, LEVEL, zeta))
+    kept = certificate.complementarity
+    assert certificate.certified, certificate.reason
     assert (kept.strong, kept.weak, kept.inactive) == (2, 0, 2)
-    assert proof.objective == pytest.approx((controls**2).sum() / 2)
+    assert certificate.objective == pytest.approx((controls**2).sum() / 2)
     assert kept.product < 1e-15
     wrong = certify(problem, *along(problem, controls, LEVEL, zeta * [1, 1, -1, 1]))
     assert wrong.complementarity.wrong_sign == pytest.approx(0.15 / 0.35)
@@ -157,25 +157,25 @@ def test_water_filling_by_limits():
     controls = np.minimum(0.3, level / np.array(weights))
     problem = filled(weights, cost=c * a**2 / 2)
     limited = replace(problem, constraints=(), bounds={a: (None, 0.3)})
-    proof = certify(limited, *along(limited, controls, level, [0] * 4)[:5])
-    assert proof.certified, proof.reason
-    kept = proof.complementarity
+    certificate = certify(limited, *along(limited, controls, level, [0] * 4)[:5])
+    assert certificate.certified, certificate.reason
+    kept = certificate.complementarity
     assert (kept.strong, kept.weak, kept.inactive) == (1, 0, 3)
     by_chance = replace(limited, cost=a**2 / 2, bounds={a: (None, 0.25)})
-    proof = certify(by_chance, *along(by_chance, [0.25] * 4, 0.25, [0] * 4)[:5])
-    assert proof.certified, proof.reason
-    assert (proof.complementarity.strong, proof.complementarity.weak) == (0, 4)
+    certificate = certify(by_chance, *along(by_chance, [0.25] * 4, 0.25, [0] * 4)[:5])
+    assert certificate.certified, certificate.reason
+    assert (certificate.complementarity.strong, certificate.complementarity.weak) == (0, 4)
 
 
 def test_an_inactive_row_has_no_multiplier():
     """Slopes that vanish by a multiplier of a row that does not touch."""
     problem = filled((0.9,) * 4)
     uneven = np.array([0.4, 0.2, 0.2, 0.2])
-    proof = certify(problem, *along(problem, uneven, 0.4, 0.4 - uneven))
-    assert proof.kkt_residual < 1e-15
-    assert proof.complementarity.product > 0.1
-    assert not proof.certified
-    assert "does not touch" in proof.reason
+    certificate = certify(problem, *along(problem, uneven, 0.4, 0.4 - uneven))
+    assert certificate.kkt_residual < 1e-15
+    assert certificate.complementarity.product > 0.1
+    assert not certificate.certified
+    assert "does not touch" in certificate.reason
 
 
 def test_a_row_given_twice_shares_its_multiplier():
@@ -184,8 +184,8 @@ def test_a_row_given_twice_shares_its_multiplier():
     pull = LEVEL - controls
     point = along(problem, controls, LEVEL, pull)[:5]
     for shares in ((1, 0, 0), (0, 0.5, 0), (0.5, 0.25, 0)):
-        proof = certify(problem, *point, np.outer(shares, pull))
-        assert proof.certified, proof.reason
+        certificate = certify(problem, *point, np.outer(shares, pull))
+        assert certificate.certified, certificate.reason
 
 
 # ---- second order ------------------------------------------------------------------------------
@@ -208,11 +208,11 @@ def still(problem, u, zeta=None):
 def test_a_saddle_on_the_active_set(sign):
     """a is held by its row; b is a minimum, or a maximum."""
     problem = pair(-(a**2) + sign * b**2 / 10, constraints=(a <= 1,))
-    proof = still(problem, (1, 0), np.array([[2.0]]))
-    assert proof.kkt_residual < 1e-15
-    assert proof.complementarity.strong == 1
-    assert proof.minimum is (Minimum.STRICT if sign > 0 else Minimum.NOT_A_MINIMUM)
-    assert proof.certified == (sign > 0)
+    certificate = still(problem, (1, 0), np.array([[2.0]]))
+    assert certificate.kkt_residual < 1e-15
+    assert certificate.complementarity.strong == 1
+    assert certificate.minimum is (Minimum.STRICT if sign > 0 else Minimum.NOT_A_MINIMUM)
+    assert certificate.certified == (sign > 0)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -229,23 +229,23 @@ def test_the_same_at_a_limit(sign):
 def test_the_curvature_of_a_row_counts(dear):
     """(a^2 + dear b^2) / 2 outside a disc: at (r, 0) zeta is 1/2, the curvature in b dear - 1."""
     problem = pair((a**2 + dear * b**2) / 2, constraints=(a**2 + b**2 >= 0.16,))
-    proof = still(problem, (0.4, 0), np.array([[0.5]]))
-    assert proof.kkt_residual < 1e-15
-    assert proof.minimum is (Minimum.STRICT if dear > 1 else Minimum.NOT_A_MINIMUM)
-    assert proof.certified == (dear > 1)
+    certificate = still(problem, (0.4, 0), np.array([[0.5]]))
+    assert certificate.kkt_residual < 1e-15
+    assert certificate.minimum is (Minimum.STRICT if dear > 1 else Minimum.NOT_A_MINIMUM)
+    assert certificate.certified == (dear > 1)
 
 
 def test_a_weakly_active_row_leaves_the_answer_open():
     """At a = 1 the slope vanishes and the cost falls to one side; a row may be on the other."""
     for edge in (a <= 1, a >= 1):
         problem = pair(b**2 - (a - 1) ** 2, constraints=(edge,))
-        proof = still(problem, (1, 0), np.array([[0.0]]))
-        assert proof.complementarity.weak == 1
-        assert proof.minimum is Minimum.NOT_SHOWN
-        assert not proof.certified
-        assert "not shown" in proof.reason
-    proof = still(pair(b**2 + (a - 1) ** 2, constraints=(a <= 1,)), (1, 0), np.array([[0.0]]))
-    assert proof.certified
+        certificate = still(problem, (1, 0), np.array([[0.0]]))
+        assert certificate.complementarity.weak == 1
+        assert certificate.minimum is Minimum.NOT_SHOWN
+        assert not certificate.certified
+        assert "not shown" in certificate.reason
+    certificate = still(pair(b**2 + (a - 1) ** 2, constraints=(a <= 1,)), (1, 0), np.array([[0.0]]))
+    assert certificate.certified
 
 
 # ---- what must not pass ------------------------------------------------------------------------
@@ -264,11 +264,11 @@ def test_a_cheap_control_cannot_hide_behind_its_limit():
     u = np.array([np.ones(10), np.full(10, 0.5)])
     mu = np.array([np.full(10, -0.02), np.zeros(10)])
     for declared in (limited, row):
-        proof = certify(declared, q[:, :-1], u, q[:, 1:], mu, -mu)
-        assert proof.kkt_residual < 1e-8
-        assert proof.complementarity.holds
-        assert proof.newton_step > 1e-3
-        assert not proof.certified
+        certificate = certify(declared, q[:, :-1], u, q[:, 1:], mu, -mu)
+        assert certificate.kkt_residual < 1e-8
+        assert certificate.complementarity.holds
+        assert certificate.newton_step > 1e-3
+        assert not certificate.certified
     other = replace(problem, bounds={w: (None, 0.5)})  # there it is held by right
     assert certify(other, q[:, :-1], u, q[:, 1:], mu, -mu).newton_step < 1e-9
 
@@ -279,15 +279,17 @@ def test_a_cheap_control_cannot_hide_behind_its_limit():
 @pytest.mark.parametrize("away", [0.0, 1e-9])
 def test_no_curvature_comes_from_rows_that_do_not_hold_anything(row, zeta, away):
     """The cost has a maximum at zero, whatever multipliers are told."""
-    proof = still(pair(b**2 - a**2, constraints=(row,)), (away, 0), np.array([[zeta]]))
-    assert proof.minimum is not Minimum.STRICT
-    assert not proof.certified
+    certificate = still(pair(b**2 - a**2, constraints=(row,)), (away, 0), np.array([[zeta]]))
+    assert certificate.minimum is not Minimum.STRICT
+    assert not certificate.certified
 
 
 def test_inside_a_disc_there_is_no_slope_but_a_violation():
-    proof = still(pair(a**2 + b**2, constraints=(a**2 + b**2 >= 1,)), (0, 0), np.array([[0.0]]))
-    assert proof.complementarity.violation == np.inf
-    assert not proof.certified
+    certificate = still(
+        pair(a**2 + b**2, constraints=(a**2 + b**2 >= 1,)), (0, 0), np.array([[0.0]])
+    )
+    assert certificate.complementarity.violation == np.inf
+    assert not certificate.certified
 
 
 @pytest.mark.parametrize("place", [0, 2, 3, 4, 5, 6])
@@ -295,9 +297,9 @@ def test_one_number_that_is_none_is_enough(place, optima):
     name = "free end"
     point = [values.copy() for values in optima[name].kkt]
     point[place][..., -1] = np.nan
-    proof = certify(PROBLEMS[name], *point)
-    assert not proof.certified
-    assert not proof.kkt_residual < 1e-8
+    certificate = certify(PROBLEMS[name], *point)
+    assert not certificate.certified
+    assert not certificate.kkt_residual < 1e-8
 
 
 # ---- shapes, units, records --------------------------------------------------------------------
@@ -323,10 +325,10 @@ def test_none_is_zero(optima):
 
 
 def test_without_inequalities_there_is_nothing_to_say():
-    proof = certify(CAR, *ipopt_point(CAR).kkt)
-    assert proof.certified
-    assert proof.complementarity is None
-    assert "inequalities" not in str(proof)
+    certificate = certify(CAR, *ipopt_point(CAR).kkt)
+    assert certificate.certified
+    assert certificate.complementarity is None
+    assert "inequalities" not in str(certificate)
 
 
 @pytest.mark.parametrize("name", PROBLEMS)

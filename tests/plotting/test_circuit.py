@@ -10,7 +10,7 @@ PROBLEM = ann_dc.plants.double_integrator(N=4)
 
 @pytest.fixture(scope="module")
 def drawn():
-    network = ann_dc.design(PROBLEM, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    network = ann_dc.design(PROBLEM, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     return plotting.circuit(ann_dc.SpiceBackend().run(network), PROBLEM)
 
 

@@ -19,8 +19,8 @@ def with_residuals(solution, residuals):
 
 def test_prediction_and_settling_time_are_drawn(car):
     labels = residual_panel(car).get_legend_handles_labels()[1]
-    assert f"settled after {car.settling_in_fastest_time_constants:.3g}" in labels
-    assert f"predicted: falls by e in {car.spectrum.ratio:.3g}" in labels
+    assert f"settled after {car.normalised_settling_time:.3g}" in labels
+    assert f"predicted: falls by e in {car.spectrum.stiffness_ratio:.3g}" in labels
 
 
 def test_time_is_counted_in_fastest_time_constants(car):
@@ -28,7 +28,7 @@ def test_time_is_counted_in_fastest_time_constants(car):
     assert axes.get_xlabel() == "network time (fastest time constants)"
     assert axes.get_xlim()[1] == pytest.approx(car.trajectory.time[-1] * car.spectrum.radius)
     marked = next(line for line in axes.lines if line.get_label().startswith("settled"))
-    assert marked.get_xdata()[0] == pytest.approx(car.settling_in_fastest_time_constants)
+    assert marked.get_xdata()[0] == pytest.approx(car.normalised_settling_time)
 
 
 def test_without_a_spectrum_time_stays_as_the_network_counts_it(diverged):

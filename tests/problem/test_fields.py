@@ -46,7 +46,7 @@ NAMES = [
 
 @pytest.fixture(scope="module")
 def plain():
-    return ann_dc.solve(named(), kinds=KINDS)
+    return ann_dc.solve(named(), preconditioner=KINDS)
 
 
 @pytest.mark.sampled(4)
@@ -54,7 +54,7 @@ def plain():
 def test_a_name_that_can_be_told_apart_goes_all_the_way(names, plain, tmp_path):
     state, control, given = names
     problem = named(*names)
-    solution = ann_dc.solve(problem, kinds=KINDS)
+    solution = ann_dc.solve(problem, preconditioner=KINDS)
     np.testing.assert_allclose(solution[state], plain["x"], rtol=1e-9)
     np.testing.assert_allclose(solution[control], plain["a"], rtol=1e-9)
     for population in ("q", "t", "mu", "beta"):
@@ -81,7 +81,7 @@ def plain_circuit(plain):
 
 
 def test_figures_take_such_names():
-    solution = ann_dc.solve(named("mu", "t", "k"), kinds=KINDS)
+    solution = ann_dc.solve(named("mu", "t", "k"), preconditioner=KINDS)
     pictures = (plotting.trajectory, plotting.controls, plotting.settling)
     axes = [axes for picture in pictures for axes in picture(solution).axes]
     words = [one.get_ylabel() for one in axes]

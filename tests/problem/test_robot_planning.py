@@ -7,7 +7,7 @@ from ann_dc.problem.robot import car_robot, unicycle_robot
 from ann_dc.problem.robot_planning import LINEAR, NONLINEAR, leg_problem, planning_problem
 from ann_dc.problem.soft import Soft
 
-SOFT = Soft(price=100.0, compliance=0.001)
+SOFT = Soft(weight=100.0, compliance=0.001)
 
 
 def planning(robot, form=LINEAR):

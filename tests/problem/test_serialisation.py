@@ -34,7 +34,7 @@ FULL = OptimalControlProblem(
     constraints={"disc": x**2 + a**2 >= w, "below": sp.Lt(x, 1 / (2 + sp.exp(a)))},
     terminal_constraints=[x * w <= 1 / sp.Integer(3)],
     bounds={a: (-1 / 3, None), x: (None, 2)},
-    soft={"disc": 3.5, "x_high": Soft(price=1 / 3, compliance=0.1), "end1": Soft(compliance=1)},
+    soft={"disc": 3.5, "x_high": Soft(weight=1 / 3, compliance=0.1), "end1": Soft(compliance=1)},
 )
 PROBLEMS = {
     **{name: plants.get(name) for name in plants.names()},

@@ -37,13 +37,13 @@ def test_the_cost_is_the_least_that_two_slacks_cost(soft, g):
     if g <= 0:
         assert found == 0
         return
-    share = min(g, soft.compliance * soft.price)
+    share = min(g, soft.compliance * soft.weight)
     least = (share**2 / (2 * soft.compliance) if soft.compliance else 0.0) + (
-        soft.price * (g - share) if g > share else 0.0
+        soft.weight * (g - share) if g > share else 0.0
     )
     assert found == pytest.approx(least, rel=1e-9)
-    if soft.compliance and math.isfinite(soft.price):
-        cost = lambda y: y**2 / (2 * soft.compliance) + soft.price * (g - y)  # noqa: E731
+    if soft.compliance and math.isfinite(soft.weight):
+        cost = lambda y: y**2 / (2 * soft.compliance) + soft.weight * (g - y)  # noqa: E731
         best = minimize_scalar(cost, bounds=(0, g), method="bounded").fun
         assert found <= best * (1 + 1e-9)
 
@@ -53,7 +53,7 @@ def test_the_slope_of_the_cost_is_the_multiplier(soft, g):
     """Between zero and the price, and g = d zeta below it."""
     step = 1e-6 * g
     below, above = soft.cost(np.array([g - step, g + step]))
-    zeta = soft.price if not soft.compliance else min(soft.price, g / soft.compliance)
+    zeta = soft.weight if not soft.compliance else min(soft.weight, g / soft.compliance)
     assert (above - below) / (2 * step) == pytest.approx(zeta, rel=1e-5)
 
 
@@ -67,11 +67,11 @@ def test_what_is_declared_comes_back(soft):
 
 @given(price=POSITIVE)
 def test_a_price_without_a_name_is_that_of_all_rows(price):
-    for given_soft in (price, Soft(price=price), sp.Float(price), np.float64(price)):
+    for given_soft in (price, Soft(weight=price), sp.Float(price), np.float64(price)):
         problem = replace(PROBLEM, soft=given_soft)
         rows = (*problem.inequalities, *problem.end_inequalities)
         assert [row.name for row in rows] == ["wall", "v_low", "v_high", "end1", "v_low", "v_high"]
-        assert all(row.soft == Soft(price=price) for row in rows)
+        assert all(row.soft == Soft(weight=price) for row in rows)
 
 
 def test_nothing_is_soft_unless_told():
@@ -82,7 +82,7 @@ def test_nothing_is_soft_unless_told():
 def test_soft_rows_stay_soft_with_other_data():
     problem = replace(PROBLEM, soft={"v_high": 3, "end1": Soft(compliance=0.1)})
     for other in (problem.with_horizon(9), problem.with_inputs(q_0=(0.5, 0))):
-        assert other.soft == {"v_high": Soft(price=3), "end1": Soft(compliance=0.1)}
+        assert other.soft == {"v_high": Soft(weight=3), "end1": Soft(compliance=0.1)}
 
 
 def test_an_end_may_break_a_soft_row_only():
@@ -120,7 +120,7 @@ def test_what_is_no_price_is_refused(given_soft, words):
 @pytest.mark.parametrize("compliance", [-1e-9, math.inf, math.nan, "soft", None])
 def test_a_compliance_is_a_number_from_zero_on(compliance):
     with pytest.raises(ProblemError, match=r"soft\.compliance"):
-        Soft(price=1, compliance=compliance)
+        Soft(weight=1, compliance=compliance)
 
 
 def test_there_has_to_be_a_row():
@@ -159,10 +159,10 @@ def loaded(tmp_path, before="", after=""):
 def test_files_say_the_same(tmp_path):
     wall = ("wall_low", "wall_high")
     assert loaded(tmp_path) == {}
-    assert loaded(tmp_path, before="soft = 30") == dict.fromkeys(wall, Soft(price=30))
-    assert loaded(tmp_path, after="[soft]\nwall_low = 3") == {"wall_low": Soft(price=3)}
-    table = "[soft.wall_high]\nprice = 30\ncompliance = 0.001"
-    assert loaded(tmp_path, after=table) == {"wall_high": Soft(price=30, compliance=0.001)}
+    assert loaded(tmp_path, before="soft = 30") == dict.fromkeys(wall, Soft(weight=30))
+    assert loaded(tmp_path, after="[soft]\nwall_low = 3") == {"wall_low": Soft(weight=3)}
+    table = "[soft.wall_high]\nweight = 30\ncompliance = 0.001"
+    assert loaded(tmp_path, after=table) == {"wall_high": Soft(weight=30, compliance=0.001)}
     assert loaded(tmp_path, after="[soft]\nwall_low = {compliance = 1}") == {
         "wall_low": Soft(compliance=1)
     }

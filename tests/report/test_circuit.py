@@ -24,7 +24,7 @@ def problem(railed=False):
 
 @cache
 def network(railed=False):
-    return design(problem(railed), kinds=[PreconditionerKind.DIAGONAL]).network
+    return design(problem(railed), preconditioner=PreconditionerKind.DIAGONAL).network
 
 
 def words(backend, railed=False, samples=0):

@@ -33,11 +33,13 @@ SOLVED = {
     ),
     "a tree": lambda: ann_dc.solve(
         plants.double_integrator(N=4),
-        kinds=[ann_dc.PreconditionerKind.CYCLIC_REDUCTION],
+        preconditioner=ann_dc.PreconditionerKind.CYCLIC_REDUCTION,
         backend=BACKEND,
     ),
     "a pyramid": lambda: ann_dc.solve(
-        plants.double_integrator(N=4), kinds=[ann_dc.PreconditionerKind.MULTILEVEL], backend=BACKEND
+        plants.double_integrator(N=4),
+        preconditioner=ann_dc.PreconditionerKind.MULTILEVEL,
+        backend=BACKEND,
     ),
     "not settled": lambda: cut_short(plants.pendulum(N=6)),
     "recurrent": lambda: ann_dc.solve(

@@ -262,7 +262,7 @@ from ann_dc.study import Metric, Study
 def stages(sample):
     return float(sample.network.stages)
 own = Metric(name="own", value=stages)
-study = Study(subject="double_integrator", over={"problem.N": [3, 4]}, metrics=[own])
+study = Study(subject="double_integrator", vary={"problem.N": [3, 4]}, metrics=[own])
 print(study.run(sys.argv[1], workers=1)["own"].tolist())
 """
 

@@ -56,7 +56,7 @@ def test_what_a_certificate_says():
 def test_the_oracle_of_s16_is_that_of_the_inputs_and_no_metric_looks_past_it():
     given = {"fixed": {"design.form": "S16", "problem.N": 3}, "metrics": [*TIMES, "objective"]}
     by_input, by_problem = (
-        rows(over={n: [2.0]}, **given)[0] for n in ("input.q_d.x", "problem.q_d.x")
+        rows(vary={n: [2.0]}, **given)[0] for n in ("input.q_d.x", "problem.q_d.x")
     )
     assert by_input["outcome"] == by_problem["outcome"] == "settled"
     assert by_input["objective"] == pytest.approx(by_problem["objective"], rel=1e-6)
@@ -68,7 +68,7 @@ def test_seconds_of_a_network_and_of_its_circuit_tell_the_same_event():
     """At 10 MHz op amps settle later than ideal integrators, by less than a half."""
     backends = ["ode", "emulation"]
     ode, board = rows(
-        over={"run.backend": backends}, metrics=["seconds", "power", "energy"],
+        vary={"run.backend": backends}, metrics=["seconds", "power", "energy"],
         fixed={"circuit.level": "tl072_ad633", "problem.N": 5, "design.penalty": 0.4},
     )  # fmt: skip
     assert 0.5 < ode["seconds"] / board["seconds"] < 1.05
@@ -84,6 +84,6 @@ def test_control_errors_where_a_factor_of_the_recipe_is_set_beside_a_circuit():
 def test_no_tolerance_is_no_error():
     given = {"circuit.level": "macro", "problem.N": 5}
     exact, off = rows(
-        metrics=["control_error"], over={"tolerance.resistor": [0, 1e-3]}, fixed=given
+        metrics=["control_error"], vary={"tolerance.resistor": [0, 1e-3]}, fixed=given
     )
     assert exact["control_error"] < 1e-4 < off["control_error"]

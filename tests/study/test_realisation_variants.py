@@ -12,7 +12,7 @@ from ann_dc.study.realisation import network_at, started, with_gains
 @pytest.fixture(scope="module")
 def network():
     problem = ann_dc.plants.double_integrator(N=5)
-    return ann_dc.design(problem, kinds=[PreconditionerKind.MULTILEVEL]).network
+    return ann_dc.design(problem, preconditioner=PreconditionerKind.MULTILEVEL).network
 
 
 def test_nothing_set_is_the_network_itself(network):
@@ -22,7 +22,7 @@ def test_nothing_set_is_the_network_itself(network):
 def test_penalties_are_multiplied_where_their_paths_are(network):
     double = with_gains(network, {"rho": 2.0, "rho.mu.x": 3.0})
     problem = ann_dc.plants.double_integrator(N=5)
-    gains = ann_dc.design(problem, kinds=[PreconditionerKind.MULTILEVEL]).gains
+    gains = ann_dc.design(problem, preconditioner=PreconditionerKind.MULTILEVEL).gains
     rho = gains.rho.copy()
     for dual in network.cell.duals:
         rho[network.neuron_index[dual.neuron]] *= 6.0 if dual.neuron == "mu.x" else 2.0
@@ -48,7 +48,7 @@ def test_coordinators_are_multiplied(network):
     for ours, theirs in zip(twice.preconditioner.gains, network.preconditioner.gains):
         np.testing.assert_array_equal(ours, 2 * theirs)
     alone = ann_dc.design(
-        ann_dc.plants.double_integrator(N=5), kinds=[PreconditionerKind.DIAGONAL]
+        ann_dc.plants.double_integrator(N=5), preconditioner=PreconditionerKind.DIAGONAL
     ).network
     with pytest.raises(StudyError, match="no coarse coordinators"):
         with_gains(alone, {"coarse": 2.0})
@@ -70,8 +70,8 @@ def test_starts(network):
 
 
 def test_draws_of_one_defect_do_not_move_another(network):
-    weights = {"defect.mismatch": 0.01}
-    both = network_at(network, weights | {"defect.time_constants": 0.01}, 7)
+    weights = {"nonideal.mismatch": 0.01}
+    both = network_at(network, weights | {"nonideal.time_constants": 0.01}, 7)
     one = network_at(network, weights, 7)
     for ours, theirs in zip(both.cell.connections, one.cell.connections):
         np.testing.assert_array_equal(ours.weight, theirs.weight)

@@ -20,7 +20,7 @@ def column(points, name) -> list:
 
 
 def test_every_combination_the_last_setting_quickest():
-    points = list(study(over={"problem.N": [5, 9], "gains.rho": np.array([1.0, 2.0])}).points())
+    points = list(study(vary={"problem.N": [5, 9], "gains.rho": np.array([1.0, 2.0])}).points())
     assert [point.number for point in points] == [0, 1, 2, 3]
     assert column(points, "problem.N") == [5, 5, 9, 9]
     assert column(points, "gains.rho") == [1.0, 2.0, 1.0, 2.0]
@@ -29,7 +29,7 @@ def test_every_combination_the_last_setting_quickest():
 @pytest.mark.parametrize("sampling", Sampling)
 def test_ranges_are_filled_and_kept(sampling):
     over = {"input.q_d.x": (1, 3), "gains.tau.u": Span(0.01, 100.0, is_log=True)}
-    points = list(study(over=over, samples=64, sampling=sampling, seed=3).points())
+    points = list(study(vary=over, samples=64, sampling=sampling, seed=3).points())
     x, tau = (np.array(column(points, name)) for name in over)
     assert x.min() >= 1
     assert x.max() <= 3
@@ -40,13 +40,13 @@ def test_ranges_are_filled_and_kept(sampling):
         assert quarters.min() > 4
     else:
         assert (quarters == 16).all()
-    assert points == list(study(over=over, samples=64, sampling=sampling, seed=3).points())
-    assert points != list(study(over=over, samples=64, sampling=sampling, seed=4).points())
+    assert points == list(study(vary=over, samples=64, sampling=sampling, seed=3).points())
+    assert points != list(study(vary=over, samples=64, sampling=sampling, seed=4).points())
 
 
 def test_combinations_share_samples_and_seeds():
     over = {"gains.rho": [1.0, 2.0], "input.q_d.x": (1, 3)}
-    points = list(study(over=over, samples=5).points())
+    points = list(study(vary=over, samples=5).points())
     assert column(points[:5], "input.q_d.x") == column(points[5:], "input.q_d.x")
     assert [p.seed for p in points[:5]] == [p.seed for p in points[5:]]
     assert len({p.seed for p in points[:5]}) == 5
@@ -55,21 +55,21 @@ def test_combinations_share_samples_and_seeds():
 @pytest.mark.slow
 @given(st.integers(1, 200), st.integers(0, 200))
 def test_first_seeds_stay_when_there_are_more(count, more):
-    chips = {"defect.mismatch": [0.01]}
-    few, many = (list(study(over=chips, samples=n).points()) for n in (count, count + more))
+    chips = {"nonideal.mismatch": [0.01]}
+    few, many = (list(study(vary=chips, samples=n).points()) for n in (count, count + more))
     assert [p.seed for p in few] == [p.seed for p in many[:count]]
     assert all(0 <= p.seed < 2**53 for p in many)
 
 
 def test_a_seed_can_be_said():
     over = {"seed": [5, 6], "input.q_d.x": (1, 3)}
-    points = list(study(over=over, samples=2).points())
+    points = list(study(vary=over, samples=2).points())
     assert [p.seed for p in points] == [5, 5, 6, 6]
     assert all("seed" not in p.setting for p in points)
 
 
 @pytest.mark.parametrize(
-    ("over", "said"),
+    ("vary", "said"),
     [
         ({"problem.N": []}, "problem.N: there are no values"),
         ({"input.q_d.x": (3, 3)}, "empty"),
@@ -81,12 +81,12 @@ def test_a_seed_can_be_said():
 )
 def test_empty_designs_are_refused(over, said):
     with pytest.raises(StudyError, match=said):
-        study(over=over)
+        study(vary=over)
 
 
 def test_what_is_fixed_is_not_varied():
     with pytest.raises(StudyError, match=r"gains\.rho is varied too"):
-        study(over={"gains.rho": [1.0]}, fixed={"gains.rho": 2.0})
+        study(vary={"gains.rho": [1.0]}, fixed={"gains.rho": 2.0})
 
 
 def test_a_span_is_a_range():

@@ -29,8 +29,10 @@ def test_a_network_has_no_problem_and_no_design():
 
 
 def test_every_defect_that_is_named_can_be_brought_about():
-    defects = [n.partition(".")[2] for n in names_of(subject_of("car")) if n.startswith("defect.")]
-    assert sorted(defects) == sorted(BRINGERS)
+    nonidealities = [
+        n.partition(".")[2] for n in names_of(subject_of("car")) if n.startswith("nonideal.")
+    ]
+    assert sorted(nonidealities) == sorted(BRINGERS)
 
 
 def test_levels_have_the_words_that_circuits_have():
@@ -50,7 +52,7 @@ def test_levels_have_the_words_that_circuits_have():
 )
 def test_unknown_names_are_told_the_nearest(name, said):
     with pytest.raises(StudyError, match=said):
-        Study(subject="car", over={name: [1.0]})
+        Study(subject="car", vary={name: [1.0]})
 
 
 @pytest.mark.parametrize(
@@ -72,25 +74,25 @@ def test_unknown_names_are_told_the_nearest(name, said):
         ("circuit.margin", 0.0, r"circuit\.margin is a positive number"),
         ("design.penalty", 0.0, r"design\.penalty: "),
         ("gains.rho", -2.0, r"gains\.rho is a positive number"),
-        ("defect.mismatch", math.inf, r"defect\.mismatch is a finite number"),
+        ("nonideal.mismatch", math.inf, r"defect\.mismatch is a finite number"),
         ("run.tolerance", 0.0, r"run\.tolerance is a positive number"),
     ],
 )
 def test_values_that_are_none(name, value, said):
     with pytest.raises(StudyError, match=said):
-        Study(subject="car", over={name: [value]})
+        Study(subject="car", vary={name: [value]})
 
 
-@pytest.mark.parametrize("over", [{"problem.dt": (-1.0, 1.0)}, {"tolerance.gain": (-0.1, 0.1)}])
+@pytest.mark.parametrize("vary", [{"problem.dt": (-1.0, 1.0)}, {"tolerance.gain": (-0.1, 0.1)}])
 def test_range_with_impossible_end_is_refused_by_name(over):
-    with pytest.raises(StudyError, match=f"over: {next(iter(over))} is a "):
-        Study(subject="car", over=over)
+    with pytest.raises(StudyError, match=f"vary: {next(iter(over))} is a "):
+        Study(subject="car", vary=over)
 
 
 @pytest.mark.parametrize(
     ("name", "values"),
     [
-        ("defect.leak", [10.0, math.inf]),
+        ("nonideal.leak", [10.0, math.inf]),
         ("circuit.a0", [1e3, math.inf]),
         ("tolerance.resistor", [0, 1e-9, 1e9]),
         ("gains.rho", (0.0, 2.0)),
@@ -100,7 +102,7 @@ def test_range_with_impossible_end_is_refused_by_name(over):
 )
 def test_value_that_a_point_can_have_is_accepted(name, values):
     fixed = {"run.backend": "recurrent"} if name == "run.step" else {}
-    assert len(Study(subject="car", over={name: values}, fixed=fixed)) >= 1
+    assert len(Study(subject="car", vary={name: values}, fixed=fixed)) >= 1
 
 
 def test_metrics_and_specs_are_known():
@@ -116,11 +118,11 @@ def test_metrics_and_specs_are_known():
     ("given", "said"),
     [
         ({"tolerance.resistor": 0.1, "run.backend": "ode"}, "is of parts, and no circuit runs"),
-        ({"defect.mismatch": 0.1, "circuit.level": "macro"}, "changes the ideal network"),
+        ({"nonideal.mismatch": 0.1, "circuit.level": "macro"}, "changes the ideal network"),
         ({"start.kind": "zero", "tolerance.resistor": 0.1}, "changes the ideal network"),
         ({"run.tolerance": 1e-3, "run.backend": "spice"}, "changes the ideal network"),
         ({"run.order": "two-phase"}, "'recurrent' only"),
-        ({"defect.mismatch": -0.1}, "from zero on"),
+        ({"nonideal.mismatch": -0.1}, "from zero on"),
         ({"circuit.series": "E7"}, r"circuit\.series is one of exact"),
     ],
 )
@@ -132,18 +134,18 @@ def test_settings_that_nothing_would_read(given, said):
 def test_settings_that_some_points_read():
     over = {"run.backend": ["ode", "emulation"]}
     fixed = {"circuit.level": "macro", "tolerance.resistor": 0.01}
-    assert len(Study(subject="double_integrator", over=over, fixed=fixed)) == 2
+    assert len(Study(subject="double_integrator", vary=over, fixed=fixed)) == 2
 
 
 @pytest.mark.parametrize(
-    ("over", "said"),
+    ("vary", "said"),
     [
-        ({"defect.mismatch": (0.01, 0.02, 0.03)}, r"a range is \(low, high\)"),
-        ({"defect.mismatch": [0.1, 0.1]}, "listed twice"),
+        ({"nonideal.mismatch": (0.01, 0.02, 0.03)}, r"a range is \(low, high\)"),
+        ({"nonideal.mismatch": [0.1, 0.1]}, "listed twice"),
         ({"problem.N": (5, 9)}, "whole numbers; list them"),
         ({"run.backend": (0, 1)}, "takes words"),
     ],
 )
 def test_lists_and_ranges_that_are_none(over, said):
     with pytest.raises(StudyError, match=said):
-        Study(subject="double_integrator", over=over)
+        Study(subject="double_integrator", vary=over)

@@ -20,7 +20,7 @@ from ann_dc.study.store import Store
 from ann_dc.study.stored_trajectories import packed
 
 COLUMNS = ("point", "seed", "input.q_d.x", 'odd "name"; DROP TABLE rows --', "peak", "outcome")
-IDENTITY = {"title": "a study", "over": {"input.q_d.x": [0.5, 1.0]}, "seed": 3}
+IDENTITY = {"title": "a study", "vary": {"input.q_d.x": [0.5, 1.0]}, "seed": 3}
 
 
 def row(point, **cells):
@@ -179,7 +179,7 @@ def test_a_row_that_cannot_be_kept(tmp_path, wrong, message):
 def test_a_changed_study_says_what_changed(tmp_path):
     with begun(tmp_path) as store:
         store.append([row(0)])
-    changed = {"title": "a study", "over": {"input.q_d.x": [0.5, 2.0]}, "seed": 4}
+    changed = {"title": "a study", "vary": {"input.q_d.x": [0.5, 2.0]}, "seed": 4}
     with pytest.raises(StoreError, match=r"over.input.q_d.x\[1\]: 1.0 -> 2.0; seed: 3 -> 4 \(st"):
         begun(tmp_path, changed)
     with pytest.raises(StoreError, match=r'columns\[4\]: "peak" -> "outcome"; columns\[5\]: "out'):
@@ -191,11 +191,11 @@ def test_a_changed_study_says_what_changed(tmp_path):
 
 def test_an_identity_may_hold_arrays_and_numbers_of_numpy(tmp_path):
     over = {"rho": np.array([1.0, math.inf]), "N": np.int64(9)}
-    with begun(tmp_path, {"over": over}) as store:
-        assert store.identity == {"over": {"rho": [1.0, math.inf], "N": 9}}
-    begun(tmp_path, {"over": {"rho": (1.0, math.inf), "N": 9}}).close()
+    with begun(tmp_path, {"vary": over}) as store:
+        assert store.identity == {"vary": {"rho": [1.0, math.inf], "N": 9}}
+    begun(tmp_path, {"vary": {"rho": (1.0, math.inf), "N": 9}}).close()
     with pytest.raises(StoreError, match="identity: expected plain data"):
-        begun(tmp_path / "other", {"over": object()})
+        begun(tmp_path / "other", {"vary": object()})
 
 
 def test_two_drivers(tmp_path):

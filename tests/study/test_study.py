@@ -16,12 +16,12 @@ from ann_dc.study.study import Study
 from ann_dc.study.task_results import Task
 
 METRICS = ["settling_time", "control_error"]
-MISMATCH = "defect.mismatch"
+MISMATCH = "nonideal.mismatch"
 CHIPS = {MISMATCH: [0.0, 0.02]}
 
 
 def chips(**given) -> Study:
-    given = {"subject": "double_integrator", "over": CHIPS, "metrics": METRICS, **given}
+    given = {"subject": "double_integrator", "vary": CHIPS, "metrics": METRICS, **given}
     return Study(samples=6, fixed={"problem.N": 5}, **given)
 
 
@@ -39,7 +39,7 @@ def test_the_table(table):
     assert len(table) == 12
     assert table.outcomes == {"settled": 12}
     assert table.is_complete
-    exact, off = table.by("defect.mismatch").values()
+    exact, off = table.by("nonideal.mismatch").values()
     assert exact["control_error"].max() < 1e-6
     assert off["control_error"].min() > 1e-4
     assert exact["seed"].tolist() == off["seed"].tolist()
@@ -75,7 +75,7 @@ def test_a_study_goes_on_where_it_was(table, tmp_path):
 def test_a_changed_study_refuses_to_mix(tmp_path):
     chips().run(tmp_path, workers=0)
     with pytest.raises(StoreError, match=r"over\.defect\.mismatch"):
-        chips(over={"defect.mismatch": [0.0, 0.03]}).run(tmp_path, workers=0)
+        chips(vary={"nonideal.mismatch": [0.0, 0.03]}).run(tmp_path, workers=0)
     with pytest.raises(StoreError, match="seed"):
         chips(seed=1).run(tmp_path, workers=0)
     with pytest.raises(StoreError, match="metrics"):
@@ -93,7 +93,7 @@ def test_words_may_change(tmp_path):
 def test_what_failed_is_done_again_when_asked(tmp_path):
     study = Study(
         subject=ann_dc.plants.double_integrator(N=3),
-        over={"design.kind": ["multilevel", "diagonal"]},
+        vary={"design.kind": ["multilevel", "diagonal"]},
         fixed={"gains.coarse": 2.0},  # time constants have no coordinators
         metrics=["neurons"],
     )
@@ -154,11 +154,11 @@ KINDS = {"design.kind": ["multilevel", "diagonal"]}
 @pytest.mark.parametrize(
     "given",
     [
-        {"over": KINDS},
-        {"over": {"gains.rho": [0.3, 1]}},
-        {"over": {MISMATCH: [0.0]}},
-        {"over": KINDS, "fixed": {"start.kind": "line"}},
-        {"over": {"seed": [1, 2], MISMATCH: [0.1]}},
+        {"vary": KINDS},
+        {"vary": {"gains.rho": [0.3, 1]}},
+        {"vary": {MISMATCH: [0.0]}},
+        {"vary": KINDS, "fixed": {"start.kind": "line"}},
+        {"vary": {"seed": [1, 2], MISMATCH: [0.1]}},
     ],
 )
 def test_samples_that_would_all_be_the_same_are_refused(given):
@@ -169,12 +169,12 @@ def test_samples_that_would_all_be_the_same_are_refused(given):
 @pytest.mark.parametrize(
     "given",
     [
-        {"over": {MISMATCH: [0.0, 0.1]}},
-        {"over": KINDS, "fixed": {"start.spread": 0.1}},
-        {"over": {"start.kind": ["line", "random"]}},
-        {"over": {"tolerance.resistor": [0.01]}},
-        {"over": {"gains.rho": (0.3, 3.0)}},
-        {"over": KINDS, "metrics": [Metric(name="drawn", value=lambda sample: sample.point.seed)]},
+        {"vary": {MISMATCH: [0.0, 0.1]}},
+        {"vary": KINDS, "fixed": {"start.spread": 0.1}},
+        {"vary": {"start.kind": ["line", "random"]}},
+        {"vary": {"tolerance.resistor": [0.01]}},
+        {"vary": {"gains.rho": (0.3, 3.0)}},
+        {"vary": KINDS, "metrics": [Metric(name="drawn", value=lambda sample: sample.point.seed)]},
     ],
 )
 def test_samples_of_something_that_is_drawn_are_taken(given):

@@ -21,7 +21,7 @@ seed = 5
 curves = 10
 limit = 30
 
-[over]
+[vary]
 defect.mismatch = [0.003, 0.01]
 input.q_d.x = {low = 3, high = 7}
 "gains.rho" = {low = 0.1, high = 10, log = true, count = 3}
@@ -46,8 +46,8 @@ def test_every_field_of_a_file(tmp_path):
     same = Study(
         subject="car", title="chips", metrics=["settling_time", "control_error"], samples=8,
         sampling=study.sampling, seed=5, curves=10, limit=30,
-        over={
-            "defect.mismatch": [0.003, 0.01],
+        vary={
+            "nonideal.mismatch": [0.003, 0.01],
             "input.q_d.x": (3, 7),
             "gains.rho": study.plan.listed["gains.rho"],
         },
@@ -76,7 +76,7 @@ def test_an_identity_makes_the_same_study(subject):
     declared = replace(ann_dc.plants.car(), name="declared")
     study = Study(
         subject=subject if subject == "car" else declared,
-        over={"input.q_d.x": (1, 2), "gains.rho": [1.0, 2.0]},
+        vary={"input.q_d.x": (1, 2), "gains.rho": [1.0, 2.0]},
         samples=3,
         spec={"settling_time": (None, 5.0)},
     )
@@ -114,7 +114,7 @@ def test_what_only_python_can_repeat():
         ('subject = "car"\nover.input.q_d.x = {low = 3, high = 4, step = 1}', "a range is"),
         ('subject = "car"\nover.gains.rho = {low = 0, high = 1, log = true, count = 3}', "low > 0"),
         ('subject = "car"\nover.input.q_d.x = {low = 3, high = 4, count = 0}', "1 or more"),
-        ('subject = "car"\nover = 3', "over: expected a table"),
+        ('subject = "car"\nover = 3', "vary: expected a table"),
         ('subject = "car"\nmetrics = "power"', "metrics: expected a list"),
         ('subject = "car"\nover.input.q_d.z = [1]', "did you mean"),
         ('subject = "car"\nover.problem.N = []', "no values"),

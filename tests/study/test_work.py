@@ -26,7 +26,7 @@ def column(found, name) -> np.ndarray:
 
 def test_targets_settle_where_runs_alone_settle():
     study = Study(
-        subject="double_integrator", over={"input.q_d.x": [0.5, 1.0, 2.0]},
+        subject="double_integrator", vary={"input.q_d.x": [0.5, 1.0, 2.0]},
         metrics=["settling_time", "objective", "certified"],
     )  # fmt: skip
     found = rows(study)
@@ -40,8 +40,8 @@ def test_targets_settle_where_runs_alone_settle():
 
 def test_a_sample_is_the_same_alone_and_in_a_batch():
     study = Study(
-        subject="double_integrator", over={"defect.mismatch": [0.01]},
-        fixed={"defect.time_constants": 0.02, "problem.N": 5}, samples=9,
+        subject="double_integrator", vary={"nonideal.mismatch": [0.01]},
+        fixed={"nonideal.time_constants": 0.02, "problem.N": 5}, samples=9,
         metrics=["settling_time", "control_error"],
     )  # fmt: skip
     together = rows(study)
@@ -57,7 +57,7 @@ def test_a_sample_is_the_same_alone_and_in_a_batch():
 @pytest.mark.slow
 def test_a_draw_that_is_no_network_costs_its_own_point():
     study = Study(
-        subject="double_integrator", over={"defect.time_constants": [0.4]}, samples=12, seed=1,
+        subject="double_integrator", vary={"nonideal.time_constants": [0.4]}, samples=12, seed=1,
         fixed={"problem.N": 20}, metrics=["settling_time"],
     )  # fmt: skip
     together = rows(study)
@@ -78,7 +78,7 @@ def test_a_wiring_without_code_runs_alone_too():
     )
     cell = Cell(neurons=(Neuron(name="x"),), inputs=("drive",), connections=wires)
     row = Network(cell=cell, stages=4, inputs={"drive": 1.0})
-    study = Study(subject=row, over={"input.drive": [1.0, 2.0]}, metrics=["settling_time"])
+    study = Study(subject=row, vary={"input.drive": [1.0, 2.0]}, metrics=["settling_time"])
     together, alone = rows(study), [study.row(point) for point in range(2)]
     assert [r["outcome"] for r in together] == [r["outcome"] for r in alone] == 2 * ["settled"]
     assert [r["settling_time"] for r in together] == [r["settling_time"] for r in alone]
@@ -86,7 +86,7 @@ def test_a_wiring_without_code_runs_alone_too():
 
 def test_twice_the_time_constants_settle_in_twice_the_time():
     study = Study(
-        subject="double_integrator", over={"gains.tau": [1.0, 2.0, 4.0]},
+        subject="double_integrator", vary={"gains.tau": [1.0, 2.0, 4.0]},
         fixed={"design.kind": "diagonal"},
         metrics=["settling_time", "predicted_decay_rate", "spectral_ratio"],
     )  # fmt: skip
@@ -101,7 +101,7 @@ def test_twice_the_time_constants_settle_in_twice_the_time():
 
 def test_defects_that_add_neurons_run_one_by_one():
     study = Study(
-        subject="double_integrator", over={"defect.offset": [0.0, 1e-3]}, samples=2,
+        subject="double_integrator", vary={"nonideal.offset": [0.0, 1e-3]}, samples=2,
         metrics=["control_error", "neurons", "resting_decay_rate"],
     )  # fmt: skip
     found = rows(study)
@@ -111,7 +111,7 @@ def test_defects_that_add_neurons_run_one_by_one():
     assert all(row["resting_decay_rate"] > 0 for row in found)
     poles = Study(
         subject="double_integrator",
-        fixed={"defect.extra_pole": 1e2, "design.kind": "diagonal", "problem.N": 3},
+        fixed={"nonideal.extra_pole": 1e2, "design.kind": "diagonal", "problem.N": 3},
         metrics=["neurons", "resting_decay_rate"],
     )  # fmt: skip
     (row,) = rows(poles)
@@ -135,12 +135,12 @@ def test_printed_forms_run_as_solve_runs_them(form):
 
 def test_drawn_circuits_are_those_of_the_fidelity_room():
     study = Study(
-        subject="double_integrator", over={"tolerance.resistor": [0.01]}, samples=3,
+        subject="double_integrator", vary={"tolerance.resistor": [0.01]}, samples=3,
         fixed={"circuit.level": "tl072_ad633", "problem.N": 5}, metrics=["control_error", "power"],
     )  # fmt: skip
     found = rows(study)
     problem = ann_dc.plants.double_integrator(N=5)
-    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     level = ann_dc.presets.get("tl072_ad633")
     circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     seeds = [row["seed"] for row in found]
@@ -150,14 +150,14 @@ def test_drawn_circuits_are_those_of_the_fidelity_room():
 
 
 def test_a_point_that_fails_is_a_row_that_says_why():
-    study = Study(subject="double_integrator", over={"defect.time_constants": [0.01, 3.0]})
+    study = Study(subject="double_integrator", vary={"nonideal.time_constants": [0.01, 3.0]})
     good, bad = rows(study)
     assert good["outcome"] == "settled"
     assert bad["outcome"] == "failed"
     assert re.search(r"time constant .* must be positive", bad["message"])
     wrong = Study(
         subject=ann_dc.plants.double_integrator(N=3),
-        over={"design.kind": ["multilevel", "diagonal"]},
+        vary={"design.kind": ["multilevel", "diagonal"]},
         fixed={"gains.coarse": 1.0},  # time constants have no coordinators
         metrics=["neurons"],
     )
@@ -175,7 +175,7 @@ def test_a_metric_that_raises_costs_its_own_cell():
     own = Metric(
         name="own", unit="", definition="", value=lambda s: 1 / (s.setting["gains.rho"] - 1)
     )
-    found = rows(Study(subject="double_integrator", over={"gains.rho": [1.0, 2.0]}, metrics=[own]))
+    found = rows(Study(subject="double_integrator", vary={"gains.rho": [1.0, 2.0]}, metrics=[own]))
     assert [row["outcome"] for row in found] == ["settled", "settled"]
     assert np.isnan(found[0]["own"])
     assert found[0]["message"] == "own: ZeroDivisionError: float division by zero"
@@ -184,14 +184,14 @@ def test_a_metric_that_raises_costs_its_own_cell():
 
 def test_a_network_of_ones_own():
     network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
-    study = Study(subject=network, over={"input.q_d.x": [1.0, 2.0]}, metrics=["settling_time"])
+    study = Study(subject=network, vary={"input.q_d.x": [1.0, 2.0]}, metrics=["settling_time"])
     assert [row["outcome"] for row in rows(study)] == ["settled", "settled"]
 
 
 def test_circuits_of_a_study_have_resistors_of_its_series():
     """Exact ones cost what finite gain does, those of E12 are up to 10 % off."""
     study = Study(
-        subject=ann_dc.plants.double_integrator(N=3), over={"circuit.series": ["exact", "E12"]},
+        subject=ann_dc.plants.double_integrator(N=3), vary={"circuit.series": ["exact", "E12"]},
         fixed={"circuit.level": "macro"}, metrics=["control_error"],
     )  # fmt: skip
     exact, coarse = column(rows(study), "control_error")
@@ -201,7 +201,7 @@ def test_circuits_of_a_study_have_resistors_of_its_series():
 def test_tolerances_of_a_foundrys_level_are_drawn():
     """Where circuits are emulated there is no model that would draw them."""
     study = Study(
-        subject=ann_dc.plants.double_integrator(N=3), over={"tolerance.offset": [0.0, 2e-2]},
+        subject=ann_dc.plants.double_integrator(N=3), vary={"tolerance.offset": [0.0, 2e-2]},
         fixed={"circuit.level": "sky130", "tolerance.resistor": 0.0}, metrics=["control_error"],
     )  # fmt: skip
     none, some = column(rows(study), "control_error")

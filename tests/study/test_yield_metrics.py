@@ -26,7 +26,7 @@ def test_what_failed_or_is_missing_does_not_pass():
 
 
 SEEDS = np.tile([3, 5, 7, 9], 2)
-MISMATCH = "defect.mismatch"
+MISMATCH = "nonideal.mismatch"
 SETTINGS = {
     "a defect under two words": ({MISMATCH: [0.01] * 8, "design.kind": [*"aaaabbbb"]}, 4),
     "a defect of size zero": ({MISMATCH: [0.0] * 8, "design.kind": [*"aaaabbbb"]}, 0),

@@ -35,7 +35,7 @@ LINEAR = ["lq", "double_integrator"]
 def upper_map(name: str) -> UpperMap:
     """At the solution to the last digits."""
     network = synthesize(decompose(PROBLEMS[name](), switch("S14")))
-    designed = design(network, kinds=[PreconditionerKind.MULTILEVEL])
+    designed = design(network, preconditioner=PreconditionerKind.MULTILEVEL)
     newton = TwoLevels(designed.network, upper=NewtonCoordinator())
     run = newton.run(designed.state, tolerance=1e-13)
     assert run.settled.all()

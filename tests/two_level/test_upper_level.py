@@ -26,9 +26,9 @@ def test_a_convex_problem_needs_no_rho():
     upper = Gradient(lambda_t=gains.lambda_t, lambda_beta=gains.lambda_beta)
     run = TwoLevels(plain, upper=upper).run(tolerance=1e-5)
     assert run.settled.all()
-    proof = certificate_of(problem, plain, run.states[0])
-    np.testing.assert_allclose(proof.objective, ipopt(problem).objective, rtol=1e-4)
-    assert proof.kkt_residual < 1e-4
+    certificate = certificate_of(problem, plain, run.states[0])
+    np.testing.assert_allclose(certificate.objective, ipopt(problem).objective, rtol=1e-4)
+    assert certificate.kkt_residual < 1e-4
 
 
 @pytest.mark.slow

@@ -50,7 +50,8 @@ PROBLEM = ann_dc.plants.double_integrator(N=3)
         ),
         (
             lambda: ann_dc.solve(PROBLEM, initial_guess="zero"),
-            "initial_guess: expected an InitialGuess such as ann_dc.interpolated_guess(problem), got "
+            "initial_guess: expected an InitialGuess such as ann_dc.interpolated_guess(problem), "
+            "got "
             "the text 'zero'",
         ),
         (
@@ -69,7 +70,7 @@ PROBLEM = ann_dc.plants.double_integrator(N=3)
             "pass its .network",
         ),
         (
-            lambda: ann_dc.design(PROBLEM, kinds=["grid"]),
+            lambda: ann_dc.design(PROBLEM, preconditioner=["grid"]),
             "kinds[0]: expected one of PreconditionerKind.DIAG",
         ),
         (lambda: ann_dc.SpiceBackend(seed=-1), "seed: expected a whole number, 0 or more, got -1"),

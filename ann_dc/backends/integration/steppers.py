@@ -313,9 +313,9 @@ def _jacobian(
 ) -> Callable[[float, np.ndarray], Any]:
     """Return d rhs / dx as a function of time and state for saturated neurons (n,)."""
     network, preconditioner = compiled.network, evaluator(compiled.network).preconditioner
-    if (held & network.preconditioner.reach(network.row)[network.places[:, 0]]).any():
+    if (held & network.preconditioner.reach(network.layout)[network.places[:, 0]]).any():
         preconditioner = sparse.csr_array(
-            network.preconditioner.among(network.row, held)(np.eye(len(held)))
+            network.preconditioner.among(network.layout, held)(np.eye(len(held)))
         )
 
     def by_state(_: float, x: np.ndarray) -> Any:

@@ -91,7 +91,7 @@ class SpiceBackend:
 
     >>> import ann_dc
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> backend = ann_dc.SpiceBackend()
     >>> circuit, probe = backend.prepare(network)
     >>> deck = backend.deck(circuit, probe, deviations={})
@@ -313,7 +313,7 @@ def simulate(
     >>> import ann_dc
     >>> backend = ann_dc.SpiceBackend()
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> circuit, probe = backend.prepare(network)
     >>> off = {circuit.parameters[0].name: np.full(5, 0.01)}
     >>> simulate(backend, circuit, probe, off).control_error  # doctest: +SKIP

@@ -113,7 +113,7 @@ class CircuitRun(Tabulated):
     --------
     >>> import ann_dc
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> run = ann_dc.SpiceBackend().run(network)  # doctest: +SKIP
     >>> run.settled(), run.control_error < 1e-3, run.overloads  # doctest: +SKIP
     (True, True, ())

@@ -41,7 +41,7 @@ def with_noise(deck: Deck, circuit: Circuit, currents: Currents) -> Deck:
     >>> import ann_dc
     >>> from ann_dc.hardware.emulation import Currents
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> backend = ann_dc.SpiceBackend()
     >>> circuit, probe = backend.prepare(network)
     >>> deck = backend.deck(circuit, probe, {})

@@ -57,7 +57,8 @@ def probed(network: Network, rules: ScalingRules, progress: Progress) -> Probed:
     >>> from ann_dc.hardware.circuit import ScalingRules
     >>> from ann_dc.progress import silent
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.RESISTIVE_GRID]).network
+    >>> kind = ann_dc.PreconditionerKind.RESISTIVE_GRID
+    >>> network = ann_dc.design(problem, preconditioner=kind).network
     >>> found = probed(network, ScalingRules(), silent)
     >>> found.network is network
     True

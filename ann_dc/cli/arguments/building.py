@@ -37,7 +37,7 @@ def network_to_build(
         find_ngspice()
     network, prospect = synthesize(problem), Prospect(problem=problem)
     knowledge = knowledge_of(prospect, network)
-    designed = design(network, kinds=(kind,), progress=progress, knowledge=knowledge)
+    designed = design(network, preconditioner=(kind,), progress=progress, knowledge=knowledge)
     if designed.settled:
         return designed.network
     if isinstance(designed.first.ended, Hopeless):

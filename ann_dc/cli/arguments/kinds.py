@@ -16,6 +16,7 @@ KINDS = {kind.name.lower().replace("_", "-"): kind for kind in PreconditionerKin
 KindsOption = Annotated[
     str | None,
     typer.Option(
+        "--kinds",
         metavar="KIND,...",
         help=f"Preconditioners to choose from: {', '.join(KINDS)}.",
         show_default="what can be built",

@@ -27,7 +27,7 @@ def design(
     *,
     problem: ProblemOptions,
     start: StartOptions,
-    kinds: KindsOption = None,
+    preconditioner: KindsOption = None,
     family: FamilyOptions,
     refine: Annotated[
         bool, typer.Option("--refine", help="Search for faster gains: seconds more.")
@@ -70,12 +70,14 @@ def design(
     run did not settle, 2 bad input or unwritable output.
     """
     if family.over:
-        _design_family(problem, start, kinds, family, out=out, quiet=quiet, other=refine or why)
+        _design_family(
+            problem, start, preconditioner, family, out=out, quiet=quiet, other=refine or why
+        )
     with progress_line(quiet) as progress:
         declared = problem.declared()
         if out is not None:
             make_folder(out)
-        neurons, allowed = start_of(start), kinds_of(kinds, ALL_KINDS)
+        neurons, allowed = start_of(start), kinds_of(preconditioner, ALL_KINDS)
 
         with phase("imports"):
             from ann_dc import diagnosis, solver
@@ -86,7 +88,7 @@ def design(
             network = solver.synthesize(declared, initial_guess=neurons(declared))
             designed = solver.design(
                 network,
-                kinds=allowed,
+                preconditioner=allowed,
                 refine=SETTLING_TIME if refine else None,
                 progress=progress,
             )
@@ -137,7 +139,7 @@ def _design_family(
             designed = design_family(
                 declared,
                 over,
-                kinds=kinds_of(kinds, ALL_KINDS),
+                preconditioner=kinds_of(kinds, ALL_KINDS),
                 held_out=family.held_out,
                 seed=start.seed,
                 progress=progress,

@@ -86,7 +86,7 @@ def solve(
     backend: BackendOption = "ode",
     form: FormOption = "corrected",
     initial_guess: StartOptions,
-    kinds: KindsOption = None,
+    preconditioner: KindsOption = None,
     refine: Annotated[
         bool,
         typer.Option("--refine", help="Search for faster gains, or for fewer steps: 20 s more."),
@@ -136,11 +136,19 @@ def solve(
         with arithmetic_of(declared), needing_torch(f"--backend {backend}"):
             if initial_guess.starts is not None:
                 found = _from_many(
-                    declared, initial_guess.starts, initial_guess.seed, kinds, chosen, progress
+                    declared,
+                    initial_guess.starts,
+                    initial_guess.seed,
+                    preconditioner,
+                    chosen,
+                    progress,
                 )
                 solution = found.solution()
             else:
-                options = {"start": neurons(declared), "kinds": kinds_of(kinds, chosen.kinds)}
+                options = {
+                    "start": neurons(declared),
+                    "kinds": kinds_of(preconditioner, chosen.kinds),
+                }
                 aim = objective_of(backend, run)
                 gains = _refined(declared, equations, options, aim, progress) if refine else None
                 solution = solver.solve(
@@ -178,7 +186,7 @@ def _refined(declared, form, options: Mapping[str, Any], objective, progress: Pr
         decompose(declared, form.designable), initial_guess=options["start"]
     )
     kinds = options["kinds"]
-    return solver.design(network, kinds=kinds, refine=objective, progress=progress)
+    return solver.design(network, preconditioner=kinds, refine=objective, progress=progress)
 
 
 def _refuse(
@@ -213,7 +221,7 @@ def _from_many(declared, starts: int, seed: int, kinds: str | None, chosen, prog
             declared,
             starts,
             seed=seed,
-            kinds=None if kinds is None else kinds_of(kinds, chosen.kinds),
+            preconditioner=None if kinds is None else kinds_of(kinds, chosen.kinds),
             backend=chosen,
             progress=progress,
         )

@@ -92,7 +92,7 @@ def capacitors_files(
     >>> import ann_dc
     >>> from ann_dc.export.reference import reference_vector
     >>> problem = ann_dc.plants.double_integrator(N=3)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> files = capacitors_files(network, reference_vector(network))
     >>> print(files["capacitors.csv"].decode().splitlines()[0])
     connection,stage,units,feedback_units,farads,feedback_farads
@@ -101,7 +101,7 @@ def capacitors_files(
         raise ExportError(
             f"{network.title}: its preconditioner is a {network.preconditioner.kind.value}, "
             "switched capacitors "
-            "need a diagonal one; design it with kinds=[PreconditionerKind.DIAGONAL], or take "
+            "need a diagonal one; design with preconditioner=PreconditionerKind.DIAGONAL, or take "
             "dataclasses.replace(network, preconditioner=Diagonal())"
         )
     if not 1 <= largest / unit * (1 + SAME) < MOST_UNITS + 1:

@@ -145,7 +145,7 @@ class _Wiring:
         network = self.network
         arriving = [self._drive(i) for i in range(network.size)]
         if network.preconditioner.kind is PreconditionerKind.DIAGONAL:
-            moves = [_times(w, r) for w, r in zip(arriving, network.row.state_rates.tolist())]
+            moves = [_times(w, r) for w, r in zip(arriving, network.layout.state_rates.tolist())]
         else:
             moves = self._moves(arriving)
         for i, wires in enumerate(moves):
@@ -159,7 +159,7 @@ class _Wiring:
 
     def _moves(self, arriving: list[dict[int, float]]) -> list[dict[int, float]]:
         """Return M d = spread S^-1 spread' d, with nodes for jointly moved neurons."""
-        factors = self.network.preconditioner.factors(self.network.row)
+        factors = self.network.preconditioner.factors(self.network.layout)
         spread, stiffness = factors.spread.tocsc(), factors.stiffness.tocsr()
         # nodes that belong to one neuron, and that no other node pulls
         alone = (np.diff(spread.indptr) == 1) & (np.diff(stiffness.indptr) == 1)

@@ -59,7 +59,7 @@ def chain_page(network: Network) -> Page:
 
 
 def _headline(page: Page, network: Network) -> None:
-    row = network.row
+    row = network.layout
     wires = network.preconditioner.wires(row)
     title = f"{shortened(network.title, 60)}: the row of {counted(network.stages, 'cells')}"
     page.text((SIDE, 4.5), title, size=LARGE, bold=True)

@@ -47,7 +47,7 @@ def _levels(network: Network) -> list[Level]:
     if isinstance(preconditioner, ResistiveGrid):
         return [("resistors to neighbours", _resistors(network.stages))]
     if isinstance(preconditioner, CyclicReduction):
-        blocks = len(preconditioner.elimination(network.row).component)
+        blocks = len(preconditioner.elimination(network.layout).component)
         return _branches(blocks)
     return []
 

@@ -36,7 +36,7 @@ def schematic_files(
     >>> import ann_dc
     >>> from ann_dc.export.reference import reference_vector
     >>> problem = ann_dc.plants.double_integrator(N=3)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> files = schematic_files(network, reference_vector(network))  # doctest: +SKIP
     >>> schematic_check(files)  # doctest: +SKIP
     '1 sheet of schematics, of the network of the reference vector'

@@ -75,7 +75,7 @@ def kicad_files(
     >>> import ann_dc
     >>> from ann_dc.export.reference import reference_vector
     >>> problem = ann_dc.plants.double_integrator(N=3)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> files = kicad_files(network, reference_vector(network), level="tl072_ad633")
     >>> files["circuit.net"][:21], kicad_check(files)[:27]
     (b'(export (version "E")', '179 parts in 164 components')

@@ -85,7 +85,7 @@ def pack_files(
     >>> import ann_dc
     >>> from ann_dc.export.reference import reference_vector
     >>> problem = ann_dc.plants.double_integrator(N=3)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> files = pack_files(network, reference_vector(network), level="behavioural")
     >>> [name for name in files if name.startswith("library")]  # doctest: +NORMALIZE_WHITESPACE
     ['library/opamp.lib', 'library/switch.lib', 'library/integ.cir', 'library/pi_cell.cir',

@@ -48,7 +48,7 @@ def verilog_a_files(
     >>> import ann_dc
     >>> from ann_dc.export.reference import reference_vector
     >>> problem = ann_dc.plants.double_integrator(N=3)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> files = verilog_a_files(network, reference_vector(network))
     >>> verilog_a_check(files)[:46]
     '5 files with their hashes; 7 modules, 3 cells '

@@ -217,7 +217,7 @@ class _Flow:
         component = np.flatnonzero(np.isin(network.places[:, 0], self._clamped))
         places, count = network.places[component] @ [network.stages, 1], len(component)
         limits = evaluator(network).tape.limits[network.places[component, 0]]
-        within = network.preconditioner.moves(network.row, np.eye(network.size)[component])[
+        within = network.preconditioner.moves(network.layout, np.eye(network.size)[component])[
             :, component
         ]
         place = graph.table("clamp.places", places, np.int64)

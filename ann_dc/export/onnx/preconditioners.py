@@ -248,7 +248,7 @@ def _refined(graph: Graph, coarse: str, points: int) -> str:
 
 def _stiffness(network: Network, stiffness: Stiffness, graph: Graph, drives: str) -> str:
     """Return M d: elimination for the primal neurons, time constants for the others."""
-    row = network.row
+    row = network.layout
     found = eliminate(stiffness, row)
     stage, neuron = np.divmod(np.flatnonzero(row.rates.T > 0), len(row.rates))
     component = found.component.ravel()

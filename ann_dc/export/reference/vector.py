@@ -224,7 +224,7 @@ def _step_limit(network: Network) -> float:
     if limit > 0:
         return limit
     settled = OdeBackend(verify=False).run(network).trajectory.final
-    return _limit_at(network, settled) or float(1 / network.row.rates.max())
+    return _limit_at(network, settled) or float(1 / network.layout.rates.max())
 
 
 def _limit_at(network: Network, x: np.ndarray) -> float:

@@ -119,7 +119,7 @@ def nir_check(files: Mapping[str, bytes]) -> str:
 
 
 def _graph(network: Network, form) -> Any:
-    nir, row, n = _nir(), network.row, network.size
+    nir, row, n = _nir(), network.layout, network.size
     linear = nir.Linear(weight=form.states.toarray())
     biased = nir.Affine(weight=linear.weight, bias=form.bias) if form.bias.any() else linear
     nodes: dict[str, Any] = {"synapses": biased}

@@ -114,7 +114,7 @@ def corners(
     >>> from ann_dc.fidelity.boards import corners
     >>> from ann_dc.hardware.parts import Tolerances
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> parts = Tolerances(resistor=1e-3, resistor_drift=1e-5)
     >>> backend = ann_dc.SpiceBackend(level=ann_dc.levels.macro(tolerances=parts))
     >>> found = corners(backend, *backend.prepare(network), temperatures=[127.0, 27.0])

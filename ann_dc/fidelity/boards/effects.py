@@ -245,7 +245,7 @@ def effects_table(
     >>> import ann_dc
     >>> from ann_dc.fidelity.boards import effects_table, known_effects
     >>> problem = ann_dc.plants.double_integrator(N=3)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> table = effects_table(network, known_effects()[:7], simulated=False)
     >>> [row.predicted_stable for row in table]
     [True, True, True, True, True, True, False]

@@ -137,7 +137,7 @@ def interface_cost(
     >>> import ann_dc
     >>> from ann_dc.fidelity.boards import Interface, interface_cost
     >>> problem = ann_dc.plants.double_integrator(N=3)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> backend = ann_dc.SpiceBackend(level=ann_dc.levels.macro())
     >>> circuit, probe = backend.prepare(network)
     >>> fine = interface_cost(backend, circuit, probe, Interface(dac_bits=16, adc_bits=16))

@@ -34,7 +34,7 @@ def systematic(instance: CircuitInstance) -> dict[str, float]:
     >>> from ann_dc.fidelity import CircuitInstance
     >>> from ann_dc.fidelity.boards import systematic, with_parasitics
     >>> problem = ann_dc.plants.double_integrator(N=3)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> level = with_parasitics(ann_dc.levels.macro(), switch_leakage=1e9, capacitor_leakage=1e3)
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> list(systematic(CircuitInstance(circuit=circuit, level=level, probe=probe)))

@@ -132,7 +132,7 @@ def trimming(
     >>> from ann_dc.fidelity.boards import trimming
     >>> from ann_dc.hardware.parts import Tolerances
     >>> problem = ann_dc.plants.double_integrator(N=3)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> parts = Tolerances(resistor=1e-4, offset=1e-3)
     >>> backend = ann_dc.SpiceBackend(level=ann_dc.levels.macro(tolerances=parts))
     >>> found = trimming(backend, *backend.prepare(network), error=1e-3)

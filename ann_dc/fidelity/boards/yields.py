@@ -150,7 +150,7 @@ def yield_of(
     >>> import ann_dc
     >>> from ann_dc.fidelity.boards import spec_of, yield_of
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> backend = ann_dc.SpiceBackend(level=ann_dc.levels.macro())
     >>> found = yield_of(backend, *backend.prepare(network), spec_of("error<20%"), samples=20)
     >>> print(found.found)  # of resistors of 1 %

@@ -111,7 +111,7 @@ class PreconditionerWiring:
 
 def wiring_of(network: Network) -> PreconditionerWiring | None:
     """Return the wires of a network's preconditioner, or None if it is diagonal."""
-    preconditioner, row = network.preconditioner, network.row
+    preconditioner, row = network.preconditioner, network.layout
     reached = np.flatnonzero(preconditioner.reach(row)[network.places[:, 0]])
     if not len(reached):
         return None
@@ -130,7 +130,7 @@ class _Layers:
 
     def __init__(self, network: Network, reached: np.ndarray) -> None:
         self.network, self.reached = network, reached
-        self.rates = network.row.state_rates[reached]
+        self.rates = network.layout.state_rates[reached]
         self.nodes = [(OWN + name, stage) for name, stage in self.neurons("")]
         self.weights: Any = sparse.csr_array((len(self.nodes), len(self.nodes)))
 
@@ -173,7 +173,7 @@ class _Layers:
 def _pyramid(layers: _Layers, pyramid: Multilevel) -> None:
     """Add the coarse-level neurons, then the neurons of the chains."""
     network, place = layers.network, _places(layers)
-    components = network.row.chain_components  # (C, 2N)
+    components = network.layout.chain_components  # (C, 2N)
     nodes: list[Node] = []
     down, up = [], [sparse.diags_array(layers.rates)]
     for gain in pyramid.gains:
@@ -262,7 +262,9 @@ def _hat_matrices(found: Elimination, place: np.ndarray, count: int) -> tuple[An
 
 def _grid(layers: _Layers, grid: ResistiveGrid) -> None:
     """Add the nodes with resistors to their neighbours."""
-    stiffness = sparse.csr_array(grid.matrix(layers.network.row))[layers.reached][:, layers.reached]
+    stiffness = sparse.csr_array(grid.matrix(layers.network.layout))[layers.reached][
+        :, layers.reached
+    ]
     root = sparse.diags_array(1 / np.sqrt(layers.rates))
     conductance = sparse.csr_array(root @ stiffness @ root)  # G = M^{-1}
     per_node = sparse.diags_array(1 / conductance.diagonal())

@@ -266,7 +266,7 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
 def _integrators(network: Network, wires: Wires, inside: set[str]) -> Iterator[Integrator]:
     """Yield the remaining neurons; a neuron in the preconditioner has rate one."""
     rates = rates_of(network)
-    for neuron, own in zip(network.cell.neurons, network.preconditioner.reach(network.row)):
+    for neuron, own in zip(network.cell.neurons, network.preconditioner.reach(network.layout)):
         if neuron.name in inside:
             continue
         rate = rates[neuron.name]

@@ -124,7 +124,7 @@ def check_following(circuit: Circuit, level: Level) -> None:
             f"margin: {margin:.3g} is too small: op amps of idle diode neurons would move the "
             f"soft long waves of the {kind}; take a margin "
             f"of {-two_digits(-wanted):.3g} (ann-dc circuit --margin), or design the network with "
-            "kinds=[PreconditionerKind.CYCLIC_REDUCTION] (--metric cyclic-reduction)"
+            "preconditioner=PreconditionerKind.CYCLIC_REDUCTION (--metric cyclic-reduction)"
         )
 
 

@@ -120,7 +120,7 @@ def _currents(network: Network, free: Network) -> np.ndarray:
     x = network.start_state
     drives = network.pack(evaluator(free).drives(x))
     moves = evaluator(network).rhs(x)
-    return network.unpack(network.preconditioner.inverse(network.row)(moves) - drives)
+    return network.unpack(network.preconditioner.inverse(network.layout)(moves) - drives)
 
 
 def _with_row(

@@ -1,4 +1,8 @@
-from .base import PreconditionerKind as PreconditionerKind, Row as Row, Wires as Wires
+from .base import (
+    ArrayLayout as ArrayLayout,
+    PreconditionerKind as PreconditionerKind,
+    Wires as Wires,
+)
 from .cyclic_reduction import CyclicReduction as CyclicReduction
 from .diagonal import Diagonal as Diagonal
 from .resistive_grid import ResistiveGrid as ResistiveGrid

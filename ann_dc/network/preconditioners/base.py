@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import enum
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -44,12 +44,26 @@ class PreconditionerKind(enum.Enum):
     CYCLIC_REDUCTION = "cyclic reduction"
 
 
+Kinds: TypeAlias = "PreconditionerKind | Iterable[PreconditionerKind]"
+"""One preconditioner kind or several."""
+
 ALL_KINDS = tuple(PreconditionerKind)
 """Kinds that the integration of the equations supports; hardware may support fewer."""
 
 
+def several(kinds: Kinds) -> tuple[PreconditionerKind, ...]:
+    """Return one kind or several as a tuple.
+
+    Examples
+    --------
+    >>> several(PreconditionerKind.DIAGONAL)
+    (<PreconditionerKind.DIAGONAL: 'diagonal'>,)
+    """
+    return (kinds,) if isinstance(kinds, PreconditionerKind) else tuple(kinds)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Row:
+class ArrayLayout:
     """Layout of the cell array, the input of a preconditioner; P neurons, N stages.
 
     Attributes
@@ -176,24 +190,24 @@ class Preconditioner(ABC):
         """PreconditionerKind of the preconditioner."""
 
     @abstractmethod
-    def check(self, row: Row) -> None:
+    def check(self, row: ArrayLayout) -> None:
         """Check that the preconditioner fits a cell array.
 
         Raises `NetworkError` with the given and the expected sizes.
         """
 
     @abstractmethod
-    def apply(self, row: Row, drives: np.ndarray) -> np.ndarray:
+    def apply(self, row: ArrayLayout, drives: np.ndarray) -> np.ndarray:
         """Return M d (..., P, N) for net inputs (..., P, N), zero without a neuron."""
 
-    def moves(self, row: Row, drives: np.ndarray) -> np.ndarray:
+    def moves(self, row: ArrayLayout, drives: np.ndarray) -> np.ndarray:
         """Return M d for net inputs (..., n) over the components of a state vector."""
         table = np.zeros((*drives.shape[:-1], *row.rates.shape), drives.dtype)
         neuron, stage = row.places
         table[..., neuron, stage] = drives
         return self.apply(row, table)[..., neuron, stage]
 
-    def clamp(self, row: Row, held: np.ndarray) -> Clamp:
+    def clamp(self, row: ArrayLayout, held: np.ndarray) -> Clamp:
         """Return the map from net inputs to state derivatives for saturated neurons.
 
         The current of a saturated neuron is that of an ideal diode at its limit. The current makes
@@ -206,7 +220,8 @@ class Preconditioner(ABC):
         Examples
         --------
         >>> from ann_dc.network.preconditioners import Diagonal
-        >>> row = Row(rates=np.ones((1, 2)), primal=np.array([0]), chains=np.zeros((0, 2), int))
+        >>> rates, chains = np.ones((1, 2)), np.zeros((0, 2), int)
+        >>> row = ArrayLayout(rates=rates, primal=np.array([0]), chains=chains)
         >>> clamp = Diagonal().clamp(row, np.array([False, True]))
         >>> [found.tolist() for found in clamp(np.array([2.0, 3.0]))]
         [[2.0, 0.0], [0.0, -3.0]]
@@ -224,7 +239,7 @@ class Preconditioner(ABC):
 
         return clamped
 
-    def among(self, row: Row, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    def among(self, row: ArrayLayout, held: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return the function M d of net inputs (..., n) for saturated neurons.
 
         Saturated neurons that the preconditioner does not couple have no effect on others; their
@@ -237,19 +252,19 @@ class Preconditioner(ABC):
         return lambda drives: clamp(drives)[0]
 
     @abstractmethod
-    def factors(self, row: Row) -> Factors:
+    def factors(self, row: ArrayLayout) -> Factors:
         """Return M as sparse factors with O(N) or O(N log N) entries."""
 
-    def inverse(self, row: Row) -> Callable[[np.ndarray], np.ndarray]:
+    def inverse(self, row: ArrayLayout) -> Callable[[np.ndarray], np.ndarray]:
         """Return the function v (n,) -> M^{-1} v, by one sparse factorisation."""
         return self.factors(row).inverse()
 
     @abstractmethod
-    def wires(self, row: Row) -> Wires:
+    def wires(self, row: ArrayLayout) -> Wires:
         """Return the wires in addition to the neighbour wiring."""
 
     @abstractmethod
-    def reach(self, row: Row) -> np.ndarray:
+    def reach(self, row: ArrayLayout) -> np.ndarray:
         """Return (P,) booleans: True for neurons that net inputs of other neurons move.
 
         For the other neurons M d = d / tau.

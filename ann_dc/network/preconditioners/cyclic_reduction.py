@@ -14,7 +14,7 @@ from typing import final
 import numpy as np
 from scipy import sparse
 
-from ann_dc.network.preconditioners.base import PreconditionerKind, Row, Wires
+from ann_dc.network.preconditioners.base import ArrayLayout, PreconditionerKind, Wires
 from ann_dc.network.preconditioners.elimination import Elimination, eliminate
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
@@ -30,7 +30,7 @@ class CyclicReduction(Stiffness):
 
     >>> own = np.full((3, 1, 1), 1.0)
     >>> tree = CyclicReduction(own=own, following=np.full((2, 1, 1), -0.5))
-    >>> row = Row(rates=np.ones((1, 3)), primal=np.array([0]), chains=np.zeros((0, 2), int))
+    >>> row = ArrayLayout(rates=np.ones((1, 3)), primal=np.array([0]), chains=np.zeros((0, 2), int))
     >>> tree.wires(row).weights.toarray().tolist()
     [[0.0, 0.5, 0.0], [0.0, 0.0, 0.0], [0.0, 0.5, 0.0]]
     """
@@ -40,11 +40,11 @@ class CyclicReduction(Stiffness):
         """PreconditionerKind of the preconditioner, `PreconditionerKind.CYCLIC_REDUCTION`."""
         return PreconditionerKind.CYCLIC_REDUCTION
 
-    def elimination(self, row: Row) -> Elimination:
+    def elimination(self, row: ArrayLayout) -> Elimination:
         """Return the levels of the tree."""
         return eliminate(self, row)
 
-    def wires(self, row: Row) -> Wires:
+    def wires(self, row: ArrayLayout) -> Wires:
         """Return the hats -W from eliminated (row) to remaining neurons (column).
 
         The wires include the couplings S_ee^{-1} within an eliminated block, above the diagonal.

@@ -9,10 +9,10 @@ import numpy as np
 from scipy import sparse
 
 from ann_dc.network.preconditioners.base import (
+    ArrayLayout,
     Factors,
     Preconditioner,
     PreconditionerKind,
-    Row,
     Wires,
 )
 
@@ -27,14 +27,14 @@ class Diagonal(Preconditioner):
         """PreconditionerKind of the preconditioner, `PreconditionerKind.DIAGONAL`."""
         return PreconditionerKind.DIAGONAL
 
-    def check(self, row: Row) -> None:
+    def check(self, row: ArrayLayout) -> None:
         """Accept every cell array."""
 
-    def apply(self, row: Row, drives: np.ndarray) -> np.ndarray:
+    def apply(self, row: ArrayLayout, drives: np.ndarray) -> np.ndarray:
         """Return net inputs (..., P, N) times 1 / tau."""
         return drives * row.rates
 
-    def factors(self, row: Row) -> Factors:
+    def factors(self, row: ArrayLayout) -> Factors:
         """Return one node per neuron, with its time constant as stiffness."""
         n = len(row.state_rates)
         return Factors(
@@ -42,10 +42,10 @@ class Diagonal(Preconditioner):
             stiffness=sparse.diags_array(1 / row.state_rates, format="csr"),
         )
 
-    def wires(self, row: Row) -> Wires:
+    def wires(self, row: ArrayLayout) -> Wires:
         """Return an empty set of wires."""
         return Wires(weights=sparse.csr_array((len(row.state_rates), 0)))
 
-    def reach(self, row: Row) -> np.ndarray:
+    def reach(self, row: ArrayLayout) -> np.ndarray:
         """Return False for all neurons (P,)."""
         return np.zeros(len(row.rates), bool)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.network.preconditioners.base import Row
+from ann_dc.network.preconditioners.base import ArrayLayout
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
 
@@ -80,7 +80,7 @@ class Elimination:
         return solved
 
 
-def eliminate(stiffness: Stiffness, row: Row) -> Elimination:
+def eliminate(stiffness: Stiffness, row: ArrayLayout) -> Elimination:
     """Return the elimination of a stiffness that fits the cell array.
 
     The blocks are (q, u) and t of each stage, or whole cells if the stiffness has no chain
@@ -103,7 +103,7 @@ def eliminate(stiffness: Stiffness, row: Row) -> Elimination:
         following = -right[: len(own) - 1] @ before[1:]
 
 
-def blocks_of(stiffness: Stiffness, row: Row) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def blocks_of(stiffness: Stiffness, row: ArrayLayout) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return components (blocks, b), S of every block and S to the next block."""
     own, following = stiffness.blocks(row)
     is_target = np.isin(row.primal, row.chains[:, 1])

@@ -28,10 +28,10 @@ from scipy import sparse
 
 from ann_dc.errors import NetworkError
 from ann_dc.network.preconditioners.base import (
+    ArrayLayout,
     Factors,
     Preconditioner,
     PreconditionerKind,
-    Row,
     Wires,
 )
 
@@ -110,7 +110,7 @@ class Multilevel(Preconditioner):
         """Number of coarse-level neurons."""
         return sum(int((np.abs(gain).sum(axis=-1) > 0).sum()) for gain in self.gains)
 
-    def check(self, row: Row) -> None:
+    def check(self, row: ArrayLayout) -> None:
         """Raise a `NetworkError` if the cell array has another number of chains."""
         if self.chains != len(row.chains):
             raise NetworkError(
@@ -118,13 +118,13 @@ class Multilevel(Preconditioner):
                 f"{len(row.chains)}"
             )
 
-    def reach(self, row: Row) -> np.ndarray:
+    def reach(self, row: ArrayLayout) -> np.ndarray:
         """Return True for the neurons (P,) of the chains, q and t."""
         reach = np.zeros(len(row.rates), bool)
         reach[row.chains.ravel()] = True
         return reach
 
-    def apply(self, row: Row, drives: np.ndarray) -> np.ndarray:
+    def apply(self, row: ArrayLayout, drives: np.ndarray) -> np.ndarray:
         """Return M d (..., P, N) by restriction and prolongation over all levels."""
         moves = drives * row.rates
         q, t = row.chains.T
@@ -152,7 +152,7 @@ class Multilevel(Preconditioner):
             move = rates.pop() + _refine(move)
         return (1 - share) * move[..., index] + share * move[..., index + 1]
 
-    def factors(self, row: Row) -> Factors:
+    def factors(self, row: ArrayLayout) -> Factors:
         """Return time constants, and one node per eigenvector of a grid point's gain."""
         n = len(row.state_rates)
         spread, stiffness = [sparse.eye_array(n, format="csr")], [1 / row.state_rates]
@@ -174,7 +174,7 @@ class Multilevel(Preconditioner):
             stiffness=sparse.diags_array(np.concatenate(stiffness), format="csr"),
         )
 
-    def inverse(self, row: Row) -> Callable[[np.ndarray], np.ndarray]:
+    def inverse(self, row: ArrayLayout) -> Callable[[np.ndarray], np.ndarray]:
         """Return the function v (n,) -> M^{-1} v, level by level as in `apply`.
 
         A direct factorisation would fill in with the hats of long levels. With net inputs g
@@ -199,7 +199,7 @@ class Multilevel(Preconditioner):
         between = np.zeros(solver.shape[0] - n)
         return lambda v: solver.solve(np.concatenate([v, between]))[:n]
 
-    def wires(self, row: Row) -> Wires:
+    def wires(self, row: ArrayLayout) -> Wires:
         """Return the hats of the existing coarse-level neurons."""
         weights = []
         for gain in self.gains:
@@ -207,7 +207,7 @@ class Multilevel(Preconditioner):
             weights.append(self._hats(row, len(gain) - 1)[:, np.flatnonzero(active)])
         return Wires(weights=sparse.hstack(weights, format="csr"), nodes=self.size, both_ways=True)
 
-    def _hats(self, row: Row, intervals: int) -> Any:
+    def _hats(self, row: ArrayLayout, intervals: int) -> Any:
         """Return the weights (n, points C) of a level's coarse neurons in all derivatives."""
         index, share = hat_positions(2 * row.stages, intervals)
         components, chain = row.chain_components, np.arange(self.chains)[:, None]

@@ -11,7 +11,7 @@ from typing import final
 
 from scipy import sparse
 
-from ann_dc.network.preconditioners.base import PreconditionerKind, Row, Wires
+from ann_dc.network.preconditioners.base import ArrayLayout, PreconditionerKind, Wires
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
 
@@ -27,7 +27,7 @@ class ResistiveGrid(Stiffness):
     >>> import numpy as np
     >>> own = np.full((3, 1, 1), 1.0)
     >>> grid = ResistiveGrid(own=own, following=np.full((2, 1, 1), -0.5))
-    >>> row = Row(rates=np.ones((1, 3)), primal=np.array([0]), chains=np.zeros((0, 2), int))
+    >>> row = ArrayLayout(rates=np.ones((1, 3)), primal=np.array([0]), chains=np.zeros((0, 2), int))
     >>> grid.apply(row, np.array([[1.0, 0.0, 0.0]])).round(2).tolist()
     [[1.5, 1.0, 0.5]]
     >>> grid.wires(row).count
@@ -39,6 +39,6 @@ class ResistiveGrid(Stiffness):
         """PreconditionerKind of the preconditioner, `PreconditionerKind.RESISTIVE_GRID`."""
         return PreconditionerKind.RESISTIVE_GRID
 
-    def wires(self, row: Row) -> Wires:
+    def wires(self, row: ArrayLayout) -> Wires:
         """Return one wire, with weight S, between each two neurons that S couples."""
         return Wires(weights=sparse.csr_array(sparse.triu(self.matrix(row), k=1)))

@@ -22,7 +22,7 @@ import scipy.linalg
 from scipy import sparse
 
 from ann_dc.errors import NetworkError
-from ann_dc.network.preconditioners.base import Clamp, Factors, Preconditioner, Row
+from ann_dc.network.preconditioners.base import ArrayLayout, Clamp, Factors, Preconditioner
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,11 +59,11 @@ class Stiffness(Preconditioner):
         own.setflags(write=False)
         following.setflags(write=False)
 
-    def check(self, row: Row) -> None:
+    def check(self, row: ArrayLayout) -> None:
         """Raise a `NetworkError` if the size differs or S is not positive definite."""
         self.cholesky(row)
 
-    def cholesky(self, row: Row) -> np.ndarray:
+    def cholesky(self, row: ArrayLayout) -> np.ndarray:
         """Return L (2m, N m) of S = L L' in the form of `banded`, without fill outside.
 
         Raises `NetworkError` if S does not fit the cell array or is not positive definite.
@@ -82,11 +82,11 @@ class Stiffness(Preconditioner):
                 "raise the penalty above rho*, or lower the couplings"
             ) from error
 
-    def alive(self, row: Row) -> np.ndarray:
+    def alive(self, row: ArrayLayout) -> np.ndarray:
         """Return (N, m) booleans: True for existing primal neurons."""
         return row.rates[row.primal].T > 0
 
-    def blocks(self, row: Row) -> tuple[np.ndarray, np.ndarray]:
+    def blocks(self, row: ArrayLayout) -> tuple[np.ndarray, np.ndarray]:
         """Return ``own`` and ``following`` with the identity at missing neurons."""
         alive = self.alive(row)
         own = np.where(alive[:, :, None] & alive[:, None, :], self.own, 0.0)
@@ -95,7 +95,7 @@ class Stiffness(Preconditioner):
         pairs = alive[:-1, :, None] & alive[1:, None, :]
         return own, np.where(pairs, self.following, 0.0)
 
-    def banded(self, row: Row) -> np.ndarray:
+    def banded(self, row: ArrayLayout) -> np.ndarray:
         """Return S (2m, N m) in LAPACK's band form: the diagonal and 2m - 1 rows below it."""
         own, following = self.blocks(row)
         stages, m = own.shape[:2]
@@ -106,7 +106,7 @@ class Stiffness(Preconditioner):
         band[m + i - j, :-1, j] = following[:, j, i].T
         return band.reshape(2 * m, -1)
 
-    def _dense(self, row: Row) -> np.ndarray:
+    def _dense(self, row: ArrayLayout) -> np.ndarray:
         """Return S (N m, N m)."""
         own, following = self.blocks(row)
         stages, m = own.shape[:2]
@@ -116,7 +116,7 @@ class Stiffness(Preconditioner):
         table[stage[1:], :, stage[:-1]] = following.transpose(0, 2, 1)
         return table.reshape(stages * m, -1)
 
-    def apply(self, row: Row, drives: np.ndarray) -> np.ndarray:
+    def apply(self, row: ArrayLayout, drives: np.ndarray) -> np.ndarray:
         """Return M d (..., P, N) by one solve for the primal neurons.
 
         The solve is banded if there are fewer net input vectors than primal neurons.
@@ -136,7 +136,7 @@ class Stiffness(Preconditioner):
         moves[..., row.primal, :] = spread
         return moves
 
-    def clamp(self, row: Row, held: np.ndarray) -> Clamp:
+    def clamp(self, row: ArrayLayout, held: np.ndarray) -> Clamp:
         """Return the solution with S among unsaturated neurons.
 
         The solve is banded, for any number of saturated neurons.
@@ -160,7 +160,7 @@ class Stiffness(Preconditioner):
 
         return clamped
 
-    def matrix(self, row: Row) -> sparse.csr_array:
+    def matrix(self, row: ArrayLayout) -> sparse.csr_array:
         """Return S (n, n) over state vector components, with a diagonal of one elsewhere."""
         place = row.component[row.primal].T  # (N, m)
         own, following = self.blocks(row)
@@ -183,12 +183,12 @@ class Stiffness(Preconditioner):
         at = np.concatenate([*rows, others]), np.concatenate([*columns, others])
         return sparse.csr_array(sparse.coo_array((entries, at), shape=(len(row.state_rates),) * 2))
 
-    def factors(self, row: Row) -> Factors:
+    def factors(self, row: ArrayLayout) -> Factors:
         """Return T^{1/2} and S."""
         root = sparse.diags_array(np.sqrt(row.state_rates), format="csr")
         return Factors(spread=root, stiffness=self.matrix(row))
 
-    def reach(self, row: Row) -> np.ndarray:
+    def reach(self, row: ArrayLayout) -> np.ndarray:
         """Return True for the primal neurons (P,)."""
         reach = np.zeros(len(row.rates), bool)
         reach[row.primal] = True

@@ -71,13 +71,13 @@ def figure_5(cases: Sequence[Around]) -> Figure:
 
 def _panels(case: Around, drawn: Sequence[Sequence[Drawn]]) -> list[Panel]:
     """Return the panels of a case: as printed, with segments, with discs."""
-    name, proof = case.plans.case.name, case.discs.certificate
+    name, certificate = case.plans.case.name, case.discs.certificate
     told = "certified" if case.discs.certified else "not certified"
     legs, constrained = (f"room {case.room(way):.3f} m" for way in case.ways.values())
     headings = (
         f"{name}, as printed\n{case.leap:.2f} m of the way in no plan",
         f"{name}, legs planned too\n{legs}",
-        f"{name}, as constraints\n{constrained}, E = {proof.objective:.2f}, {told}",
+        f"{name}, as constraints\n{constrained}, E = {certificate.objective:.2f}, {told}",
     )
     discs = [Disc(x=float(x), y=float(y), radius=RADIUS) for x, y in obstacles(case.plans)]
     return [Panel(heading=h, drawn=d, discs=discs) for h, d in zip(headings, drawn)]

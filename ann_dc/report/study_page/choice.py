@@ -21,7 +21,7 @@ from ann_dc.report.study_page.figure import Figure, limit_of
 
 MOST = 12
 """Number of figures of a page."""
-ROOM = {"yield": 1, "over": 5, "map": 1, "beside": 1, "time": 2, "spread": 2}
+ROOM = {"yield": 1, "vary": 5, "map": 1, "beside": 1, "time": 2, "spread": 2}
 """Number of figures of each kind, in page order. Unused places pass to other kinds."""
 WORDS = 30
 """Largest number of different text values on an axis."""
@@ -112,7 +112,7 @@ def _dependences(found: Findings, metrics: list[Column]) -> Iterator[Candidate]:
         for setting in settings:
             draw = over_words if setting.numbers is None else over_numbers
             yield Candidate(
-                "over", f"{metric.name} over {setting.name}", tells[setting] * matters,
+                "vary", f"{metric.name} over {setting.name}", tells[setting] * matters,
                 lambda metric=metric, setting=setting, draw=draw, limit=limit: draw(
                     found, metric, setting, limit
                 ),

@@ -53,7 +53,7 @@ def asked(found: Findings) -> Markup:
     }
     pairs = [piece for name, value in rest.items()
              for piece in (element("dt", name), element("dd", value))]  # fmt: skip
-    over = identity.get("over") or {}
+    over = identity.get("vary") or {}
     settings = [_asked_of(column, over.get(column.name)) for column in found.varied]
     metrics = [_measured(metric) for metric in found.metrics]
     return joined([

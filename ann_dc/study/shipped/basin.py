@@ -76,7 +76,7 @@ def basin(
     maps = {f"input.{name}": [*values] for name, values in (inputs or {}).items()}
     return Study(
         subject=subject,
-        over={**maps, "start.spread": [*spreads]},
+        vary={**maps, "start.spread": [*spreads]},
         fixed=fixed or {},
         metrics=["settling_time", "certified", "objective"],
         samples=samples,

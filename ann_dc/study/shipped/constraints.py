@@ -12,7 +12,7 @@ from ann_dc.validation.values import Count, Index
 
 METRICS = (
     "settling_time",
-    "settling_in_fastest",
+    "normalised_settling_time",
     "active_rows",
     "predicted_decay_rate",
     "certified",
@@ -66,7 +66,7 @@ def tightened(
     drawn = {f"input.{name}": (*ends,) for name, ends in (ranges or {}).items()}
     return Study(
         subject=subject,
-        over={**{f"input.{name}": [*values] for name, values in limits.items()}, **drawn},
+        vary={**{f"input.{name}": [*values] for name, values in limits.items()}, **drawn},
         metrics=METRICS,
         samples=samples,
         seed=seed,

@@ -17,7 +17,7 @@ from ann_dc.study.yield_metrics import SETTLED
 
 FORMS = tuple(WORDS["design.form"])
 """Names of all forms: corrected, printed, S1 to S17."""
-MEASURED = ("settling_in_fastest", "objective", "control_error", "kkt_residual", "certified")
+MEASURED = ("normalised_settling_time", "objective", "control_error", "kkt_residual", "certified")
 SAME = 1e-5
 """Tolerance for equal controls, relative to the largest control."""
 
@@ -65,7 +65,7 @@ def settling_of_forms(
     """
     return Study(
         subject=subject,
-        over={"design.form": list(forms)},
+        vary={"design.form": list(forms)},
         fixed={"design.kind": kind},
         metrics=MEASURED,
         title="What networks of printed equations settle to",

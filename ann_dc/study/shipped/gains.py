@@ -33,11 +33,11 @@ def settling_by_spectrum(sample: Sample) -> float:
     The equilibrium is that near the designed point.
     """
     tolerance = float(sample.setting.get("run.tolerance", TOLERANCE))  # type: ignore[arg-type]
-    return math.log(1 / tolerance) * sample.resting.ratio
+    return math.log(1 / tolerance) * sample.resting.stiffness_ratio
 
 
 MEASURED = (
-    METRICS["settling_in_fastest"],
+    METRICS["normalised_settling_time"],
     Metric(
         name=BY_SPECTRUM,
         unit="fastest time constants",
@@ -99,7 +99,7 @@ def settling_against_gains(
     return {
         gain: Study(
             subject=subject,
-            over={f"gains.{gain}": list(factors)},
+            vary={f"gains.{gain}": list(factors)},
             fixed={} if is_network else {"design.kind": kind},
             metrics=MEASURED,
             title=f"Settling against {gain}",

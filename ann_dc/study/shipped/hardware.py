@@ -84,7 +84,7 @@ def yield_curves(
     return {
         name: Study(
             subject=subject,
-            over={name: [*values]},
+            vary={name: [*values]},
             fixed={n: value for n, value in board.items() if n != name},
             metrics=[*spec],
             spec=spec,
@@ -130,7 +130,7 @@ def spot_check(
     """
     return Study(
         subject=subject,
-        over={"run.backend": ["emulation", "spice"]},
+        vary={"run.backend": ["emulation", "spice"]},
         fixed=board,
         metrics=["control_error", "seconds"],
         samples=samples,

@@ -106,7 +106,7 @@ def settling_against_horizon(
         return Study(
             subject=subject,
             fixed=fixed,
-            metrics=(METRICS["settling_in_fastest"], METRICS["neurons"], COMPUTING),
+            metrics=(METRICS["normalised_settling_time"], METRICS["neurons"], COMPUTING),
             title=f"Settling against the number of stages: N = {N}",
         )
 

@@ -67,7 +67,7 @@ def realisations(
     return {
         name: Study(
             subject=subject,
-            over={f"input.{each}": (*ends,) for each, ends in ranges.items()},
+            vary={f"input.{each}": (*ends,) for each, ends in ranges.items()},
             fixed={**fixed, **settings},
             metrics=METRICS,
             samples=samples,

@@ -39,7 +39,7 @@ class Steps(NamedTuple):
 def settling_against_steps(
     subject: str | OptimalControlProblem,
     *,
-    over: Mapping[str, Any],
+    vary: Mapping[str, Any],
     kind: str = "multilevel",
     samples: int = 100,
     shares: Sequence[float] = SHARES,
@@ -76,7 +76,7 @@ def settling_against_steps(
 
     Examples
     --------
-    >>> studies = settling_against_steps("car", over={"input.q_d.x": (4, 6)}, samples=10)
+    >>> studies = settling_against_steps("car", vary={"input.q_d.x": (4, 6)}, samples=10)
     >>> len(studies.adaptive), len(studies.fixed) // len(SHARES)
     (30, 30)
     """
@@ -86,7 +86,7 @@ def settling_against_steps(
     def study(steps: Sequence[float | str], words: str, *further: str) -> Study:
         return Study(
             subject=subject,
-            over={"run.order": list(ORDERS), "run.step": list(steps), **over},
+            vary={"run.order": list(ORDERS), "run.step": list(steps), **vary},
             fixed={"design.kind": kind, "run.backend": "recurrent", "run.limit": limit},
             samples=samples,
             metrics=(*MEASURED, *further),

@@ -64,7 +64,7 @@ def railed() -> Network:
 
 
 def car(kind: PreconditionerKind) -> Network:
-    return design(synthesize(SUITE["car"].problem), kinds=(kind,)).network
+    return design(synthesize(SUITE["car"].problem), preconditioner=(kind,)).network
 
 
 NETWORKS: dict[str, Callable[[], Network]] = {

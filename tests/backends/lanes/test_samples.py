@@ -15,8 +15,8 @@ from ann_dc.backends.recurrent.rules.orders import ORDERS
 from ann_dc.backends.status import Outcome
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.variant_numbers import Numbers, numbers_of
-from ann_dc.hardware.defects.numbers import detuned, leak, mismatch, offset
-from ann_dc.hardware.defects.parts import extra_pole, rails, slew
+from ann_dc.hardware.nonidealities.numbers import detuned, leak, mismatch, offset
+from ann_dc.hardware.nonidealities.parts import extra_pole, rails, slew
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Sum
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
@@ -122,7 +122,9 @@ def same(a: BatchRun, b: BatchRun, of=slice(None)) -> None:
 @pytest.mark.parametrize("make", [ann_dc.OdeBackend, ann_dc.RecurrentBackend])
 def test_the_bits_of_a_sample_depend_on_nothing_beside_it(make):
     network = designed("double_integrator").network
-    numbers = ann_dc.defects.drawn_numbers(network, range(150), weights=0.01, time_constants=0.01)
+    numbers = ann_dc.nonidealities.drawn_numbers(
+        network, range(150), weights=0.01, time_constants=0.01
+    )
     whole = make().run_batch(network, {}, numbers=numbers)
     assert whole.settled.mean() > 0.9
     same(whole, make().run_batch(network, {}, numbers=numbers[40:53]), slice(40, 53))

@@ -53,8 +53,8 @@ def test_of_many_optima_it_settles_at_one_or_says_that_it_does_not(order):
     """Rougher steps than those of the ODE lead elsewhere, or out of the domain of tan."""
     network = designed("car_g3").network
     run = replace(RECURRENT, order=order).run(network)
-    proof = certificate_of(SUITE["car_g3"].problem, network, run.trajectory.final)
-    assert run.status.settled == proof.certified
+    certificate = certificate_of(SUITE["car_g3"].problem, network, run.trajectory.final)
+    assert run.status.settled == certificate.certified
     assert run.status.outcome in (Outcome.SETTLED, Outcome.STALLED, Outcome.LEFT_DOMAIN)
 
 

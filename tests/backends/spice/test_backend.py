@@ -31,7 +31,9 @@ from ann_dc.solver import synthesize
 
 @cache
 def neighbour_wired(name: str) -> Network:
-    return design(synthesize(SUITE[name].problem), kinds=(PreconditionerKind.DIAGONAL,)).network
+    return design(
+        synthesize(SUITE[name].problem), preconditioner=(PreconditionerKind.DIAGONAL,)
+    ).network
 
 
 @cache
@@ -86,7 +88,7 @@ def test_a_free_start_and_a_step_length_that_is_chosen_are_parts_like_others():
     given, h = plants.double_integrator(N=4, q_0=(0, None)), sp.Symbol("h")
     cost = h * (1 + given.cost + given.states[1] ** 2)
     problem = replace(given, dt=StepLength(low=0.1, high=2.0), cost=cost)
-    network = design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
+    network = design(synthesize(problem), preconditioner=(PreconditionerKind.DIAGONAL,)).network
     run = SpiceBackend().run(network)
     assert run.mean_square_error < 1e-5
     assert run.control_error < 1e-5
@@ -110,9 +112,9 @@ def test_other_plants_on_ideal_parts(name):
 @needs_ngspice
 def test_the_circuit_settles_to_a_certified_optimum():
     run = run_of("car")
-    proof = certificate_of(SUITE["car"].problem, neighbour_wired("car"), run.trajectory.final)
-    assert proof.objective == pytest.approx(SUITE["car"].optima[0], rel=1e-5)
-    assert proof.kkt_residual < 1e-5
+    certificate = certificate_of(SUITE["car"].problem, neighbour_wired("car"), run.trajectory.final)
+    assert certificate.objective == pytest.approx(SUITE["car"].optima[0], rel=1e-5)
+    assert certificate.kkt_residual < 1e-5
 
 
 MACRO = {a0: macro(a0=a0) for a0 in (1e4, 1e5, 1e6)}

@@ -40,7 +40,7 @@ OSCILLATOR = SUITE["van_der_pol"].problem.with_horizon(4)
 
 @cache
 def run_of(problem: OptimalControlProblem) -> CircuitRun:
-    network = design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
+    network = design(synthesize(problem), preconditioner=(PreconditionerKind.DIAGONAL,)).network
     return SpiceBackend(level=TRANSISTOR).run(network)
 
 
@@ -52,15 +52,15 @@ def test_the_car_in_transistors_settles_near_the_optimum():
     assert run.settled()
     assert run.control_error <= 5e-3
     assert run.settling_time() <= 15e-6
-    proof = certificate_of(problem, run.trajectory.network, run.trajectory.final)
-    assert proof.objective == pytest.approx(SUITE["car"].optima[0], rel=1e-2)
+    certificate = certificate_of(problem, run.trajectory.network, run.trajectory.final)
+    assert certificate.objective == pytest.approx(SUITE["car"].optima[0], rel=1e-2)
 
 
 @needs_ngspice
 def test_it_finds_the_objective_of_the_optimum():
     run = run_of(OSCILLATOR)
-    proof = certificate_of(OSCILLATOR, run.trajectory.network, run.trajectory.final)
-    assert proof.objective == pytest.approx(ipopt(OSCILLATOR).objective, rel=1e-2)
+    certificate = certificate_of(OSCILLATOR, run.trajectory.network, run.trajectory.final)
+    assert certificate.objective == pytest.approx(ipopt(OSCILLATOR).objective, rel=1e-2)
 
 
 @needs_ngspice
@@ -95,7 +95,7 @@ def test_nothing_clips_without_being_told():
 
 def test_a_circuits_curves_are_over_seconds(tmp_path):
     network = design(
-        synthesize(plants.double_integrator(N=3)), kinds=(PreconditionerKind.DIAGONAL,)
+        synthesize(plants.double_integrator(N=3)), preconditioner=(PreconditionerKind.DIAGONAL,)
     ).network
     circuit, probe = SpiceBackend().prepare(network)
     deck = SpiceBackend().deck(circuit, probe, {})
@@ -112,7 +112,7 @@ def test_a_circuits_curves_are_over_seconds(tmp_path):
 def test_circuit_run_at_rest_has_finite_mean_square_error():
     """The ODE's states are all zero: a hundredth of a scale stands for them."""
     network = design(
-        synthesize(plants.double_integrator(N=3)), kinds=(PreconditionerKind.DIAGONAL,)
+        synthesize(plants.double_integrator(N=3)), preconditioner=(PreconditionerKind.DIAGONAL,)
     ).network
     circuit, probe = SpiceBackend().prepare(network)
     deck = SpiceBackend().deck(circuit, probe, {})
@@ -130,7 +130,7 @@ def test_circuit_run_at_rest_has_finite_mean_square_error():
 def test_tightest_node_is_the_one_that_the_overloads_name():
     """Every node of two cells at its share of full scale; m.x goes beyond it."""
     network = design(
-        synthesize(plants.double_integrator(N=3)), kinds=(PreconditionerKind.DIAGONAL,)
+        synthesize(plants.double_integrator(N=3)), preconditioner=(PreconditionerKind.DIAGONAL,)
     ).network
     backend = SpiceBackend(level=macro())
     circuit, probe = backend.prepare(network)
@@ -156,7 +156,9 @@ def test_tightest_node_is_the_one_that_the_overloads_name():
 @pytest.mark.slow
 def test_eighty_stages_of_op_amps_follow_the_ode():
     """Over 543 fastest time constants; ``tests/bench/circuits.py`` times a whole run."""
-    network = design(synthesize(plants.car(N=80)), kinds=(PreconditionerKind.DIAGONAL,)).network
+    network = design(
+        synthesize(plants.car(N=80)), preconditioner=(PreconditionerKind.DIAGONAL,)
+    ).network
     backend = SpiceBackend(level=macro(), simulator=Ngspice(timeout=180))
     circuit, probe = backend.prepare(network)
     duration = 543 / spectrum(network, probe.final).radius

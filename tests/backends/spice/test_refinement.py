@@ -72,7 +72,7 @@ CASES = [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in P
 @cache
 def prepared(name: str):
     return BACKEND.prepare(
-        design(synthesize(PROBLEMS[name]()), kinds=(PreconditionerKind.DIAGONAL,)).network
+        design(synthesize(PROBLEMS[name]()), preconditioner=(PreconditionerKind.DIAGONAL,)).network
     )
 
 
@@ -197,7 +197,7 @@ def test_sampled_circuits_and_studies_are_timed_by_finer_steps():
     assert run.settling_time() == expected
     study = Study(
         subject=PROBLEMS["double_integrator"](),
-        over={"run.backend": ["emulation", "spice"]},
+        vary={"run.backend": ["emulation", "spice"]},
         fixed={"circuit.level": "macro", "design.kind": "diagonal"},
         metrics=["seconds", "control_settling_time"],
     )
@@ -215,7 +215,7 @@ def test_a_clocked_circuit_is_good_to_a_period():
     level = switched_capacitor(step=0.1)
     backend = SpiceBackend(level=level)
     network = design(
-        synthesize(plants.double_integrator(N=2)), kinds=(PreconditionerKind.DIAGONAL,)
+        synthesize(plants.double_integrator(N=2)), preconditioner=(PreconditionerKind.DIAGONAL,)
     ).network
     run = refined(backend.run(network), BACKEND.simulator, level.datasheet)
     assert run.settling_error == pytest.approx(1 / level.technology.clock)

@@ -22,7 +22,7 @@ from ann_dc.solver import synthesize
 @cache
 def prepared(margin: float = 10.0):
     network = design(
-        synthesize(plants.double_integrator(N=5)), kinds=(PreconditionerKind.DIAGONAL,)
+        synthesize(plants.double_integrator(N=5)), preconditioner=(PreconditionerKind.DIAGONAL,)
     ).network
     return SpiceBackend(level=macro(), margin=margin).prepare(network)
 

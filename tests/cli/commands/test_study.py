@@ -10,7 +10,7 @@ title = "chips"
 subject = "double_integrator"
 metrics = ["settling_time", "control_error"]
 samples = 4
-[over]
+[vary]
 defect.mismatch = [0.0, 0.02]
 [fixed]
 problem.N = 5
@@ -62,7 +62,7 @@ def test_samples_of_nothing_random_are_refused(file, tmp_path):
 def test_what_can_be_varied_and_measured():
     code, said = run("study", "double_integrator", "--settings")
     assert code == 0
-    for word in ("input.", "q_d.x", "defect.", "mismatch", "predicted_settling_time"):
+    for word in ("input.", "q_d.x", "nonideal.", "mismatch", "predicted_settling_time"):
         assert word in said
 
 

@@ -33,7 +33,7 @@ def assert_moves_by_the_preconditioner(network: Network, axis: Axis) -> None:
     lanes.tables["drives"][places] = drives
     moves = np.full(lanes.spare, np.nan)
     CODE(lanes.entry.preconditioner)(lanes.entry.table.ctypes.data, moves.ctypes.data)
-    row, table = network.row, np.zeros((samples, *network.row.rates.shape))
+    row, table = network.layout, np.zeros((samples, *network.layout.rates.shape))
     table[:, *network.places.T] = drives
     reached = network.preconditioner.reach(row)[network.places[:, 0]]
     expected = network.pack(network.preconditioner.apply(row, table))[:, reached]
@@ -44,7 +44,7 @@ def assert_moves_by_the_preconditioner(network: Network, axis: Axis) -> None:
 def tied_at_random(network: Network, seed: int) -> Network:
     """With a stiffness whose every number is random."""
     preconditioner = random_preconditioner(
-        PreconditionerKind.RESISTIVE_GRID, network.row, np.random.default_rng(seed)
+        PreconditionerKind.RESISTIVE_GRID, network.layout, np.random.default_rng(seed)
     )
     return replace(network, preconditioner=preconditioner)
 
@@ -125,7 +125,7 @@ def test_a_number_is_stored_once(axis):
     """The tables of a long row come from afar: of the two triangles of M^{-1} they have one."""
     network = with_stiffness(synthesize(plants.car(N=400)), PreconditionerKind.RESISTIVE_GRID)
     lanes = Lanes(evaluator(network).tape, axis)
-    m, entry = len(network.row.primal), lanes.entry
-    within, ahead = m * (m + 1) // 2, len(network.row.chains) ** 2
+    m, entry = len(network.layout.primal), lanes.entry
+    within, ahead = m * (m + 1) // 2, len(network.layout.chains) ** 2
     assert entry.preconditioner
     assert lanes.tables["factor"].size <= (400 + 2) * (within + ahead)

@@ -150,7 +150,7 @@ def test_rails_of_coupled_neurons_are_refused_by_name(kind):
 def test_neurons_that_no_preconditioner_couples_stop_at_their_rails():
     problem = ann_dc.plants.double_integrator(N=4)
     bounded = replace(problem, bounds={problem.controls[0]: (-27, 27)})
-    network = ann_dc.design(bounded, kinds=[ann_dc.PreconditionerKind.MULTILEVEL]).network
+    network = ann_dc.design(bounded, preconditioner=ann_dc.PreconditionerKind.MULTILEVEL).network
     vector = reference_vector(network)
     controls = network.of_population("u")
     limit = network.neuron("u.a").limiter.high

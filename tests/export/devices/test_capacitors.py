@@ -20,7 +20,7 @@ KINDS = [ann_dc.PreconditionerKind.DIAGONAL]
 
 @pytest.fixture(scope="module")
 def network() -> Network:
-    return ann_dc.design(ann_dc.plants.car(N=5), kinds=KINDS).network
+    return ann_dc.design(ann_dc.plants.car(N=5), preconditioner=KINDS).network
 
 
 @pytest.fixture(scope="module")
@@ -190,7 +190,7 @@ def test_what_was_changed_is_refused(network, vector):
 
 def test_any_unit_more_or_less_is_found():
     """Of every branch, not the worst one alone."""
-    network = ann_dc.design(ann_dc.plants.double_integrator(N=3), kinds=KINDS).network
+    network = ann_dc.design(ann_dc.plants.double_integrator(N=3), preconditioner=KINDS).network
     files = capacitors_files(network, reference_vector(network))
     head, *rows = files["capacitors.csv"].decode().splitlines()
     for place in range(0, len(rows), 11):
@@ -208,7 +208,7 @@ NOTES = {"control_error": 1e-12, "rails": {"q.x": [-1, 1]}, "units": 3, "ratio_e
 
 @pytest.mark.parametrize("entry", NOTES)
 def test_every_note_has_to_be_right(entry):
-    network = ann_dc.design(ann_dc.plants.double_integrator(N=3), kinds=KINDS).network
+    network = ann_dc.design(ann_dc.plants.double_integrator(N=3), preconditioner=KINDS).network
     files = capacitors_files(network, reference_vector(network))
     notes = json.loads(files["capacitors.json"]) | {entry: NOTES[entry]}
     with pytest.raises(FileFormatError, match=r"capacitors\."):

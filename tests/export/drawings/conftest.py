@@ -10,7 +10,7 @@ from ann_dc.network.network import Network
 @pytest.fixture(scope="session")
 def network() -> Network:
     kinds = [ann_dc.PreconditionerKind.DIAGONAL]
-    return ann_dc.design(ann_dc.plants.double_integrator(N=5), kinds=kinds).network
+    return ann_dc.design(ann_dc.plants.double_integrator(N=5), preconditioner=kinds).network
 
 
 @pytest.fixture(scope="session")

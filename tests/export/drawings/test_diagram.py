@@ -73,7 +73,7 @@ def test_a_chain_shows_its_first_cells_and_its_last(stages, shown):
 @pytest.mark.parametrize("kind", ["MULTILEVEL", "RESISTIVE_GRID", "CYCLIC_REDUCTION"])
 def test_a_chain_shows_its_preconditioner(kind):
     problem = ann_dc.plants.double_integrator(N=9)
-    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind[kind]]).network
+    network = ann_dc.design(problem, preconditioner=[ann_dc.PreconditionerKind[kind]]).network
     texts = [words.text for words in assert_readable(Picture(chain_page(network).svg(TOLD))).words]
     sign = {
         "MULTILEVEL": "nodes, 16 intervals",

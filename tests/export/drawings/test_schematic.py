@@ -35,7 +35,7 @@ def pictures(network) -> list[Picture]:
 
 
 def designed(problem, kind=ann_dc.PreconditionerKind.DIAGONAL):
-    return ann_dc.design(problem, kinds=[kind]).network
+    return ann_dc.design(problem, preconditioner=[kind]).network
 
 
 PROBLEMS = {

@@ -186,7 +186,7 @@ def test_it_is_checked():
 @pytest.mark.slow
 def test_a_car_of_90_stages_takes_seconds():
     network = ann_dc.design(
-        ann_dc.plants.car(N=90), kinds=[ann_dc.PreconditionerKind.MULTILEVEL]
+        ann_dc.plants.car(N=90), preconditioner=ann_dc.PreconditionerKind.MULTILEVEL
     ).network
     vector = reference_vector(network)
     begun = process_time()

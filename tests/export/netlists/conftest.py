@@ -8,7 +8,7 @@ from ann_dc.network.network import Network
 
 
 def designed(problem: ann_dc.OptimalControlProblem) -> tuple[Network, ReferenceVector]:
-    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     return network, reference_vector(network)
 
 

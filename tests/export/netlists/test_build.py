@@ -53,7 +53,9 @@ def test_a_deck_of_a_foundrys_transistors_holds_their_models(small):
 def test_netlists_with_rows_for_rails_are_of_the_network_with_rails():
     """A tree hands the currents of rails on, so that rows stand in their place in the circuit."""
     problem = constrained.integrator(N=4, dt=0.5, bounds={"a": (-1.1, 1.1)})
-    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.CYCLIC_REDUCTION]).network
+    network = ann_dc.design(
+        problem, preconditioner=ann_dc.PreconditionerKind.CYCLIC_REDUCTION
+    ).network
     vector = reference_vector(network)
     for make, check in ((pack_files, pack_check), (kicad_files, kicad_check)):
         files = make(network, vector)
@@ -64,7 +66,7 @@ def test_netlists_with_rows_for_rails_are_of_the_network_with_rails():
 @pytest.fixture(scope="module")
 def pyramid():
     problem = ann_dc.plants.double_integrator(N=6)
-    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.MULTILEVEL]).network
+    network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.MULTILEVEL).network
     assert network.preconditioner.kind is ann_dc.PreconditionerKind.MULTILEVEL
     return network, reference_vector(network)
 
@@ -134,7 +136,7 @@ def test_a_circuit_that_gets_there_is_not_doubted(small):
 @pytest.fixture(scope="module")
 def integrator():
     problem = ann_dc.plants.double_integrator()
-    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     return network, reference_vector(network)
 
 

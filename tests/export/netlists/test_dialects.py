@@ -68,7 +68,7 @@ def cards(files):
 def test_decks_of_coarse_neurons(files_of):
     """Their comments are long, and stay in one line: what continues a comment were a card's."""
     problem = ann_dc.plants.double_integrator(N=3)
-    network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.MULTILEVEL]).network
+    network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.MULTILEVEL).network
     files = files_of(network, reference_vector(network))
     assert dialect_check(files)
     deck = files["deck.cir"].decode()

@@ -119,7 +119,7 @@ def test_hostile_decks_end_in_a_reason_or_in_elements():
 def test_ngspice_opens_the_same_elements(level, tmp_path):
     """Every resistor, capacitor, switch and source outside op amps and multipliers."""
     network = ann_dc.design(
-        ann_dc.plants.double_integrator(N=3), kinds=[ann_dc.PreconditionerKind.DIAGONAL]
+        ann_dc.plants.double_integrator(N=3), preconditioner=ann_dc.PreconditionerKind.DIAGONAL
     ).network
     backend = ann_dc.SpiceBackend(level=level)
     deck = backend.deck(*backend.prepare(network), {}).text

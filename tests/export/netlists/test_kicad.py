@@ -186,7 +186,7 @@ def test_a_level_without_parts_is_refused(small):
 def test_same_input_same_bytes(small):
     network, vector = small
     again = ann_dc.design(
-        ann_dc.plants.double_integrator(N=3), kinds=[ann_dc.PreconditionerKind.DIAGONAL]
+        ann_dc.plants.double_integrator(N=3), preconditioner=ann_dc.PreconditionerKind.DIAGONAL
     )
     assert kicad_files(again.network, vector) == kicad_files(network, vector)
 

@@ -79,7 +79,7 @@ def test_the_car_settles_in_an_empty_folder(level, most, car, tmp_path):
 @needs_ngspice
 @pytest.mark.parametrize("name", CASES)
 def test_several_plants_settle(name, tmp_path):
-    network = ann_dc.design(PROBLEMS[name](), kinds=KINDS).network
+    network = ann_dc.design(PROBLEMS[name](), preconditioner=KINDS).network
     files = pack_files(network, reference_vector(network), level="behavioural", zipped=True)
     assert off(files, tmp_path) < 1e-4
 
@@ -269,7 +269,8 @@ def test_what_cannot_be_built_is_refused_by_name(car, small):
     with pytest.raises(ExportError, match="another network's than"):
         pack_files(small[0], car[1])
     grid = ann_dc.design(
-        ann_dc.plants.double_integrator(N=5), kinds=[ann_dc.PreconditionerKind.RESISTIVE_GRID]
+        ann_dc.plants.double_integrator(N=5),
+        preconditioner=ann_dc.PreconditionerKind.RESISTIVE_GRID,
     ).network
     with pytest.raises(ExportError, match="behavioural circuits cannot build a resistive grid"):
         pack_files(grid, reference_vector(grid), level="behavioural")

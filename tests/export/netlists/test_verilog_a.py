@@ -125,7 +125,7 @@ def _conditional(text: str) -> str:
 @pytest.mark.parametrize("name", [*CASES, pytest.param("car", marks=pytest.mark.slow)])
 def test_the_equations_settle_to_the_optimum(name):
     problem = ann_dc.plants.car() if name == "car" else PROBLEMS[name]()
-    network = ann_dc.design(problem, kinds=KINDS).network
+    network = ann_dc.design(problem, preconditioner=KINDS).network
     files = verilog_a_files(network, reference_vector(network))
     seconds = float(re.search(rb"wait until (\S+) s", files["README.md"])[1])
     rows = [*csv.DictReader(io.StringIO(files["expected_controls.csv"].decode()))]
@@ -156,7 +156,8 @@ def test_a_changed_file_is_found(small):
 
 def test_what_cannot_be_built_is_refused():
     grid = ann_dc.design(
-        ann_dc.plants.double_integrator(N=5), kinds=[ann_dc.PreconditionerKind.RESISTIVE_GRID]
+        ann_dc.plants.double_integrator(N=5),
+        preconditioner=ann_dc.PreconditionerKind.RESISTIVE_GRID,
     ).network
     with pytest.raises(ExportError, match="behavioural circuits cannot build a resistive grid"):
         verilog_a_files(grid, reference_vector(grid))

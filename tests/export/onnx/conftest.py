@@ -10,7 +10,9 @@ from ann_dc.network.preconditioners.base import PreconditionerKind
 
 @pytest.fixture(scope="session")
 def car() -> ann_dc.Network:
-    return ann_dc.design(ann_dc.plants.car(), kinds=[PreconditionerKind.COUPLED_MULTILEVEL]).network
+    return ann_dc.design(
+        ann_dc.plants.car(), preconditioner=PreconditionerKind.COUPLED_MULTILEVEL
+    ).network
 
 
 @pytest.fixture(scope="session")

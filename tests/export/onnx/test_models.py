@@ -51,7 +51,7 @@ def cars(network: Network, count: int):
     ],
 )
 def test_cars_settle_after_the_steps_of_the_layer(kind):
-    network = ann_dc.design(ann_dc.plants.car(), kinds=[kind]).network
+    network = ann_dc.design(ann_dc.plants.car(), preconditioner=[kind]).network
     step, (inputs, x, states, given) = reference_vector(network).step, cars(network, 8)
     expected, steps = layer_steps(network, x, inputs, step / 2, 1e-3)
     onnx = OnnxNetwork(network)
@@ -116,7 +116,7 @@ SPECIAL = {
     "priced": replace(
         CART,
         constraints={"pace": PACE <= 2.7},
-        soft={"pace": ann_dc.Soft(price=5, compliance=0.01)},
+        soft={"pace": ann_dc.Soft(weight=5, compliance=0.01)},
     ),
 }
 """Shared neurons, diodes, rails."""

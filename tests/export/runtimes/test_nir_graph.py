@@ -25,11 +25,11 @@ PLANTS = ann_dc.plants
 CASES = {
     "grid": lambda: ann_dc.design(PLANTS.double_integrator(N=6)).network,
     "time constants": lambda: (
-        ann_dc.design(PLANTS.lq(N=4), kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+        ann_dc.design(PLANTS.lq(N=4), preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     ),
     "pyramid, free end": lambda: (
         ann_dc.design(
-            PLANTS.lq(N=4, q_d=None), kinds=[ann_dc.PreconditionerKind.MULTILEVEL]
+            PLANTS.lq(N=4, q_d=None), preconditioner=ann_dc.PreconditionerKind.MULTILEVEL
         ).network
     ),
     "fed from the left": lambda: chain(),

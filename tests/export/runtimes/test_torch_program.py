@@ -29,7 +29,8 @@ from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 CASES = {
     "time constants": lambda: (
         ann_dc.design(
-            ann_dc.plants.double_integrator(N=2), kinds=[ann_dc.PreconditionerKind.DIAGONAL]
+            ann_dc.plants.double_integrator(N=2),
+            preconditioner=ann_dc.PreconditionerKind.DIAGONAL,
         ).network
     ),
     "a state, no pin": lambda: decay(),
@@ -38,12 +39,12 @@ SLOW = {
     "car with a grid": lambda: ann_dc.design(ann_dc.plants.car(N=3)).network,
     "pyramid": lambda: (
         ann_dc.design(
-            ann_dc.plants.unicycle(N=4), kinds=[ann_dc.PreconditionerKind.MULTILEVEL]
+            ann_dc.plants.unicycle(N=4), preconditioner=ann_dc.PreconditionerKind.MULTILEVEL
         ).network
     ),
     "tree": lambda: (
         ann_dc.design(
-            ann_dc.plants.car(N=4), kinds=[ann_dc.PreconditionerKind.CYCLIC_REDUCTION]
+            ann_dc.plants.car(N=4), preconditioner=ann_dc.PreconditionerKind.CYCLIC_REDUCTION
         ).network
     ),
     "shared neurons": lambda: ann_dc.design(minimax.small(4)).network,

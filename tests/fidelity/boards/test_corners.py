@@ -23,7 +23,7 @@ PARTS = Tolerances(resistor=1e-3, resistor_drift=1e-5, offset=1e-5, offset_drift
 
 @pytest.fixture(scope="module")
 def network():
-    return design(plants.double_integrator(N=3), kinds=[PreconditionerKind.DIAGONAL]).network
+    return design(plants.double_integrator(N=3), preconditioner=PreconditionerKind.DIAGONAL).network
 
 
 def test_every_place_has_the_figures_of_the_level_there(network):

@@ -18,7 +18,7 @@ EXACT = Interface()
 
 @cache
 def built(plant="double_integrator"):
-    network = design(plants.get(plant)(N=3), kinds=[PreconditionerKind.DIAGONAL]).network
+    network = design(plants.get(plant)(N=3), preconditioner=PreconditionerKind.DIAGONAL).network
     backend = SpiceBackend(level=macro())
     return backend, *backend.prepare(network)
 

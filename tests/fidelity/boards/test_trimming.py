@@ -29,7 +29,9 @@ LARGE = {"double_integrator": 3, "pendulum": 3}
 
 @cache
 def network(plant):
-    return design(plants.get(plant)(N=LARGE[plant]), kinds=[PreconditionerKind.DIAGONAL]).network
+    return design(
+        plants.get(plant)(N=LARGE[plant]), preconditioner=PreconditionerKind.DIAGONAL
+    ).network
 
 
 @cache

@@ -31,7 +31,9 @@ def backend():
 
 @pytest.fixture(scope="module")
 def built(backend):
-    network = design(plants.double_integrator(N=3), kinds=[PreconditionerKind.DIAGONAL]).network
+    network = design(
+        plants.double_integrator(N=3), preconditioner=PreconditionerKind.DIAGONAL
+    ).network
     return backend.prepare(network)
 
 

@@ -124,7 +124,7 @@ def test_cells_without_reset_switches_at_an_op_amp_are_named():
 @cache
 def network(name: str) -> Network:
     problem = {"double_integrator": plants.double_integrator(N=5), "car": plants.car(N=9)}[name]
-    return design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
+    return design(synthesize(problem), preconditioner=(PreconditionerKind.DIAGONAL,)).network
 
 
 EFFECTS = {

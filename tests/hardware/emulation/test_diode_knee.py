@@ -131,7 +131,7 @@ PROBLEMS |= {name: CONSTRAINED[name].build for name in ("car_steer", "car_disc1"
 @cache
 def settled(name):
     """A network, its settled point, and what a volt at every diode neuron stands for."""
-    network = design(PROBLEMS[name](), kinds=[PreconditionerKind.DIAGONAL]).network
+    network = design(PROBLEMS[name](), preconditioner=PreconditionerKind.DIAGONAL).network
     circuit, probe = SpiceBackend().prepare(network)
     volt = {
         d.neuron: float(circuit.scaling.value(d.multiplier, 1.0))
@@ -199,8 +199,8 @@ def test_problems_rest_where_the_closed_form_says(name, volts):
     width = {neuron: volts * value for neuron, value in volt.items()}
     bent = knee(network, width)
     rests = equilibrium(bent, x + knee_shift(network, x, width))
-    proof = certificate_of(PROBLEMS[name](), bent, rests)
-    assert max(proof.stationarity_residual, proof.constraint_residual) < 1e-8
+    certificate = certificate_of(PROBLEMS[name](), bent, rests)
+    assert max(certificate.stationarity_residual, certificate.constraint_residual) < 1e-8
     check_rows(bent, rests, width)
 
 

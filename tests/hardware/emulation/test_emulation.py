@@ -52,7 +52,8 @@ IDEAL = Datasheet(gbw=1e14)  # so fast that nothing of an op amp is left
 def prepared(name: str):
     """(components, probe run) of a neighbour-wired problem of the suite."""
     network = design(
-        synthesize(SUITE[name].problem), kinds=(preconditioners.PreconditionerKind.DIAGONAL,)
+        synthesize(SUITE[name].problem),
+        preconditioner=(preconditioners.PreconditionerKind.DIAGONAL,),
     ).network
     return BACKEND.prepare(network)
 

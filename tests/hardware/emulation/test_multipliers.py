@@ -286,7 +286,7 @@ def swept(
 @cache
 def network(name: str) -> Network:
     problem = {"car of 3": plants.car(N=3), "car": plants.car(N=9)}[name]
-    return design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
+    return design(synthesize(problem), preconditioner=(PreconditionerKind.DIAGONAL,)).network
 
 
 EFFECTS = {

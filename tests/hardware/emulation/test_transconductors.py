@@ -25,7 +25,7 @@ from ann_dc.solver import synthesize
 @cache
 def network(name: str):
     """Frozen with the smallest ratio, where every mode has died out when it is said to settle."""
-    found = design(synthesize(SUITE[name].problem), kinds=(PreconditionerKind.DIAGONAL,))
+    found = design(synthesize(SUITE[name].problem), preconditioner=(PreconditionerKind.DIAGONAL,))
     best = min(found.candidates, key=lambda candidate: candidate.ratio)
     return apply_gains(found.network, best.gains)
 
@@ -109,7 +109,8 @@ def test_what_is_not_known_is_refused():
     with pytest.raises(NetworkError, match="op amps with resistors"):
         sensitivity(emulation, x)
     coordinated = design(
-        synthesize(SUITE["double_integrator"].problem), kinds=[PreconditionerKind.MULTILEVEL]
+        synthesize(SUITE["double_integrator"].problem),
+        preconditioner=PreconditionerKind.MULTILEVEL,
     ).network
     coupled, _ = SpiceBackend(level=macro(differential=True)).prepare(coordinated)
     with pytest.raises(NetworkError, match="cannot build a multilevel"):

@@ -23,7 +23,9 @@ HARDEST = (
 
 @cache
 def rail(conditions: Conditions) -> CircuitRun:
-    network = design(plants.double_integrator(N=3), kinds=[PreconditionerKind.DIAGONAL]).network
+    network = design(
+        plants.double_integrator(N=3), preconditioner=PreconditionerKind.DIAGONAL
+    ).network
     return SpiceBackend(level=TRANSISTOR.at(conditions)).run(network)
 
 
@@ -46,14 +48,16 @@ def test_heat_lowers_the_gain_and_a_constant_transconductance_keeps_the_speed():
 @pytest.mark.slow
 @pytest.mark.parametrize("conditions", HARDEST, ids=str)
 def test_the_car_keeps_its_controls_over_temperature_supply_and_process(conditions):
-    network = design(plants.car(N=3), kinds=[PreconditionerKind.DIAGONAL]).network
+    network = design(plants.car(N=3), preconditioner=PreconditionerKind.DIAGONAL).network
     run = SpiceBackend(level=TRANSISTOR.at(conditions)).run(network)
     assert run.settled()
     assert run.control_error < 2e-2
 
 
 def deck(level, conditions: Conditions = NOMINAL) -> str:
-    network = design(plants.double_integrator(N=3), kinds=[PreconditionerKind.DIAGONAL]).network
+    network = design(
+        plants.double_integrator(N=3), preconditioner=PreconditionerKind.DIAGONAL
+    ).network
     backend = SpiceBackend(level=level.at(conditions))
     return backend.deck(*backend.prepare(network), deviations={}).text
 

@@ -53,7 +53,7 @@ def test_all_but_a_grid_is_without_a_loop(name, kind):
 @pytest.mark.parametrize("name", PLANTS)
 def test_wires_of_a_pyramid_are_those_of_the_record(name):
     network = with_preconditioner(name, PreconditionerKind.MULTILEVEL, 7)
-    wiring, wires = wiring_of(network), network.preconditioner.wires(network.row)
+    wiring, wires = wiring_of(network), network.preconditioner.wires(network.layout)
     sums = sum(name.startswith("coarse.") for name, _ in wiring.nodes)
     assert sums == wires.nodes
     assert wiring.weights.nnz == 2 * wires.count + len(wiring.own)
@@ -63,7 +63,7 @@ def test_wires_of_a_pyramid_are_those_of_the_record(name):
 def test_wires_of_a_grid_are_those_of_the_record(name):
     network = with_preconditioner(name, PreconditionerKind.RESISTIVE_GRID, 7)
     wiring = wiring_of(network)
-    count = network.preconditioner.wires(network.row).count
+    count = network.preconditioner.wires(network.layout).count
     assert wiring.weights.nnz == pytest.approx(2 * count + len(wiring.own), rel=0.01)
     offsets = [
         abs(wire.offset)

@@ -24,7 +24,9 @@ from ann_dc.solver import synthesize
 
 @cache
 def car() -> Network:
-    return design(synthesize(SUITE["car"].problem), kinds=(PreconditionerKind.DIAGONAL,)).network
+    return design(
+        synthesize(SUITE["car"].problem), preconditioner=(PreconditionerKind.DIAGONAL,)
+    ).network
 
 
 def test_parts_of_the_papers_cell():

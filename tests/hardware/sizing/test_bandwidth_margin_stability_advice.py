@@ -73,7 +73,7 @@ def test_resistors_that_no_margin_suits_are_refused_with_some_that_do():
 @pytest.mark.slow
 def test_a_faster_grid_is_named_where_margins_alone_do_not_cure():
     """Nodes lag by a share of network time, whatever the margin."""
-    network = design(dint_v(), kinds=[PreconditionerKind.RESISTIVE_GRID]).network
+    network = design(dint_v(), preconditioner=PreconditionerKind.RESISTIVE_GRID).network
     level = macro()
     circuit, probe = SpiceBackend(level=level).prepare(network)
     told = cure(circuit, level, probe.final)

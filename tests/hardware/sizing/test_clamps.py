@@ -65,7 +65,9 @@ def test_rails_below_the_drop_of_a_diode_hold_nothing():
 @needs_ngspice
 def test_controls_that_are_pressed_hard_stay_at_their_bounds():
     """At a margin of 10 they settled at up to seven times their bounds."""
-    run = SpiceBackend(level=MACRO).run(design(cart(), kinds=[PreconditionerKind.DIAGONAL]).network)
+    run = SpiceBackend(level=MACRO).run(
+        design(cart(), preconditioner=PreconditionerKind.DIAGONAL).network
+    )
     said = predict(run.circuit, MACRO, run.probe)
     assert run.circuit.scaling.margin > 20
     assert run.settled()

@@ -64,7 +64,7 @@ def test_rows_start_with_the_currents_of_the_projection():
 @pytest.mark.slow
 def test_rows_of_neurons_within_their_rails_start_with_exactly_no_current():
     """A rounding error would become the unit of the row's diode neuron."""
-    network = design(lander(), kinds=[PreconditionerKind.RESISTIVE_GRID]).network
+    network = design(lander(), preconditioner=PreconditionerKind.RESISTIVE_GRID).network
     states = np.array([network.start_state, network.start_state])
     scaling = scale(network, ProbeRun(states=states, times=np.arange(2.0), radius=1.0))
     assert not with_rail_rows(network, scaling, RATE).start["z_low.u.up"].any()
@@ -90,7 +90,7 @@ def test_a_rail_beyond_full_scale_becomes_no_row():
 @cache
 def limited(most=1.2):
     problem = integrator(N=8, dt=0.25, bounds={a: (-most, most)})
-    return design(problem, kinds=[PreconditionerKind.RESISTIVE_GRID]).network
+    return design(problem, preconditioner=PreconditionerKind.RESISTIVE_GRID).network
 
 
 def test_a_network_with_rows_settles_where_its_rails_let_it():
@@ -128,7 +128,9 @@ def test_amplifiers_of_a_circuit_with_rows_have_room_for_their_inputs():
 
 
 def test_circuits_without_rails_of_coupled_neurons_are_not_touched():
-    network = design(integrator(N=8, dt=0.25), kinds=[PreconditionerKind.RESISTIVE_GRID]).network
+    network = design(
+        integrator(N=8, dt=0.25), preconditioner=PreconditionerKind.RESISTIVE_GRID
+    ).network
     found = probed(network, ScalingRules(), silent)
     assert found.network is network
     run = ProbeRun(states=found.trajectory.states, times=found.trajectory.time, radius=found.rate)
@@ -138,8 +140,8 @@ def test_circuits_without_rails_of_coupled_neurons_are_not_touched():
 
 def test_op_amps_beside_a_grid_are_as_fast_as_its_softest_mode_asks_for():
     network, level = limited(), levels.macro()
-    invert = network.preconditioner.inverse(network.row)
-    reached = network.preconditioner.reach(network.row)[network.places[:, 0]]
+    invert = network.preconditioner.inverse(network.layout)
+    reached = network.preconditioner.reach(network.layout)[network.places[:, 0]]
     stiffness = np.array([invert(e) for e in np.eye(network.size)])[reached][:, reached]
     across = np.sqrt(np.diag(stiffness))
     softest = np.linalg.eigvalsh(stiffness / np.outer(across, across))[0]
@@ -150,7 +152,7 @@ def test_op_amps_beside_a_grid_are_as_fast_as_its_softest_mode_asks_for():
 
 
 def test_a_chosen_margin_is_that_of_long_waves_and_a_given_one_is_obeyed():
-    network = design(dint_u(), kinds=[PreconditionerKind.RESISTIVE_GRID]).network
+    network = design(dint_u(), preconditioner=PreconditionerKind.RESISTIVE_GRID).network
     chosen, _ = SpiceBackend(level=levels.macro()).prepare(network)
     wanted = following_margin(chosen, levels.macro())
     assert 10 < wanted <= chosen.scaling.margin < 1.1 * wanted
@@ -160,7 +162,7 @@ def test_a_chosen_margin_is_that_of_long_waves_and_a_given_one_is_obeyed():
 
 def test_a_margin_with_which_long_waves_grow_is_refused_with_one_that_is_enough():
     """At 10 the circuit of the lander grows in ngspice, and its pole model is stable."""
-    network = design(lander(), kinds=[PreconditionerKind.RESISTIVE_GRID]).network
+    network = design(lander(), preconditioner=PreconditionerKind.RESISTIVE_GRID).network
     told = (
         r"margin: 10 is too small: .* resistive grid; take a margin of \d+ "
         r".*PreconditionerKind.CYCLIC_REDUCTION"

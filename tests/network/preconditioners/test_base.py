@@ -19,7 +19,12 @@ from ann_dc.backends.settling import Settling
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import Factors, Preconditioner, PreconditionerKind, Row
+from ann_dc.network.preconditioners.base import (
+    ArrayLayout,
+    Factors,
+    Preconditioner,
+    PreconditionerKind,
+)
 from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
 from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 
@@ -28,13 +33,13 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 @st.composite
-def cases(draw) -> tuple[Row, np.random.Generator]:
+def cases(draw) -> tuple[ArrayLayout, np.random.Generator]:
     """A row with a neuron at least, and where random numbers come from."""
     row = draw(rows().filter(lambda row: (row.rates > 0).any()))
     return row, np.random.default_rng(draw(seeds))
 
 
-def dense(preconditioner: Preconditioner, row: Row) -> np.ndarray:
+def dense(preconditioner: Preconditioner, row: ArrayLayout) -> np.ndarray:
     """M (n, n) over the neurons that there are, column by column of `apply`."""
     live = row.rates.T > 0
     units = np.zeros((len(row.state_rates), *row.rates.shape))
@@ -157,12 +162,12 @@ def test_every_problem(name, kind):
     network = wired_with(name, kind)
     assert network.preconditioner.kind is kind
     M = evaluator(network).preconditioner.toarray()
-    assert_close(M, dense(network.preconditioner, network.row))
+    assert_close(M, dense(network.preconditioner, network.layout))
     assert np.linalg.eigvalsh(M).min() > 0
     drive = np.random.default_rng(3).standard_normal(network.size)
     for ours in (evaluator(network), InterpretedEvaluator(network)):
         assert_close(ours.move(drive), M @ drive)
-    back = network.preconditioner.factors(network.row).inverse()(M @ drive)
+    back = network.preconditioner.factors(network.layout).inverse()(M @ drive)
     assert_close(back, drive, 1e-7)
 
 
@@ -170,7 +175,7 @@ def test_every_problem(name, kind):
 def test_a_grid_and_a_tree_are_the_same_preconditioner():
     for name in SUITE:
         network = wired_with(name, PreconditionerKind.RESISTIVE_GRID)
-        grid, row = network.preconditioner, network.row
+        grid, row = network.preconditioner, network.layout
         tree = CyclicReduction(own=grid.own, following=grid.following)
         assert_close(dense(tree, row), dense(grid, row))
         assert tree.wires(row).both_ways
@@ -204,8 +209,8 @@ def test_the_equilibrium_never_depends_on_the_preconditioner(name, kind):
     rng = np.random.default_rng(11)
     plain = equilibrium(network, settled(network))
     scale = np.abs(plain).max()
-    preconditioner = random_preconditioner(kind, network.row, rng)
-    for chosen in (preconditioner, with_errors(preconditioner, network.row, rng, 0.2)):
+    preconditioner = random_preconditioner(kind, network.layout, rng)
+    for chosen in (preconditioner, with_errors(preconditioner, network.layout, rng, 0.2)):
         wired = replace(network, preconditioner=chosen)
         np.testing.assert_array_equal(equilibrium(wired, plain), equilibrium(network, plain))
         np.testing.assert_allclose(settled(wired), plain, atol=1e-6 * scale)
@@ -230,7 +235,7 @@ def test_nor_do_errors_of_the_time_constants_move_it(kind):
     off = replace(
         network,
         cell=replace(network.cell, neurons=neurons),
-        preconditioner=with_errors(network.preconditioner, network.row, rng, 0.02),
+        preconditioner=with_errors(network.preconditioner, network.layout, rng, 0.02),
     )
     np.testing.assert_allclose(settled(off), at, atol=1e-6 * np.abs(at).max())
 
@@ -242,7 +247,7 @@ def test_nothing_rests_but_what_has_no_drive(kind, seed):
     """M d = 0 only where d = 0: and a move is no smaller than M allows."""
     rng = np.random.default_rng(seed)
     network = small("car")
-    wired = replace(network, preconditioner=random_preconditioner(kind, network.row, rng))
+    wired = replace(network, preconditioner=random_preconditioner(kind, network.layout, rng))
     x = near_start(network, seed % 1000)
     drive = network.pack(evaluator(network).drives(x))
     smallest = np.linalg.eigvalsh(evaluator(wired).preconditioner.toarray())[0]

@@ -8,13 +8,13 @@ from problems import SUITE
 from random_preconditioners import random_blocks, rows, tridiagonal
 from scipy import sparse
 
-from ann_dc.network.preconditioners.base import PreconditionerKind, Row
+from ann_dc.network.preconditioners.base import ArrayLayout, PreconditionerKind
 from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
 
 seeds = st.integers(0, 2**32 - 1)
 
 
-def by_wires(tree: CyclicReduction, row: Row, drives: np.ndarray) -> np.ndarray:
+def by_wires(tree: CyclicReduction, row: ArrayLayout, drives: np.ndarray) -> np.ndarray:
     """S^{-1} d (n,) as the wires build it: level by level down, the same wires back up."""
     weights, found = sparse.csr_array(tree.wires(row).weights), tree.elimination(row)
     own = {}
@@ -74,7 +74,9 @@ def test_wires_are_the_inverse_of_the_stiffness(row, seed):
 def test_hats_are_harmonic(stages, seed):
     """An eliminated neuron answers its neighbours' moves so that nothing is left to drive it."""
     own, following = random_blocks(np.random.default_rng(seed), stages, 1)
-    row = Row(rates=np.ones((1, stages)), primal=np.array([0]), chains=np.zeros((0, 2), int))
+    row = ArrayLayout(
+        rates=np.ones((1, stages)), primal=np.array([0]), chains=np.zeros((0, 2), int)
+    )
     hats = CyclicReduction(own=own, following=following).wires(row).weights.toarray()
     whole = tridiagonal(own, following)
     for k in range(0, stages, 2):
@@ -86,7 +88,7 @@ def test_hats_are_harmonic(stages, seed):
 @pytest.mark.parametrize("name", SUITE)
 def test_wires_of_every_plant(name):
     network = wired_with(name, PreconditionerKind.CYCLIC_REDUCTION)
-    wires, row = network.preconditioner.wires(network.row), network.row
+    wires, row = network.preconditioner.wires(network.layout), network.layout
     first, second = wires.weights.nonzero()
     reached = network.preconditioner.reach(row)[network.places[:, 0]]
     assert reached[first].all()
@@ -99,6 +101,6 @@ def test_wires_of_every_plant(name):
 def test_it_reaches_across_the_row():
     """Twice as far at every level: the last block is tied to others half a row away."""
     own, following = random_blocks(np.random.default_rng(1), 16, 1)
-    row = Row(rates=np.ones((1, 16)), primal=np.array([0]), chains=np.zeros((0, 2), int))
+    row = ArrayLayout(rates=np.ones((1, 16)), primal=np.array([0]), chains=np.zeros((0, 2), int))
     first, second = CyclicReduction(own=own, following=following).wires(row).weights.nonzero()
     assert set(np.abs(first - second)) == {1, 2, 4, 8}

@@ -3,10 +3,10 @@
 import numpy as np
 from designs import small
 
-from ann_dc.network.preconditioners.base import PreconditionerKind, Row
+from ann_dc.network.preconditioners.base import ArrayLayout, PreconditionerKind
 from ann_dc.network.preconditioners.diagonal import Diagonal
 
-ROW = Row(
+ROW = ArrayLayout(
     rates=np.array([[0.5, 0.0], [2.0, 4.0]]), primal=np.array([0]), chains=np.zeros((0, 2), int)
 )
 
@@ -27,7 +27,7 @@ def test_it_costs_no_wire():
 def test_it_is_the_default():
     network = small("car")
     assert network.preconditioner.kind is PreconditionerKind.DIAGONAL
-    network.preconditioner.check(network.row)
+    network.preconditioner.check(network.layout)
     assert "diagonal" in str(network)
 
 

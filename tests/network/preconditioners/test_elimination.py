@@ -10,16 +10,18 @@ from hypothesis import given, settings, strategies as st
 from problems import SUITE
 from random_preconditioners import random_blocks, rows, tridiagonal
 
-from ann_dc.network.preconditioners.base import PreconditionerKind, Row
+from ann_dc.network.preconditioners.base import ArrayLayout, PreconditionerKind
 from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
 from ann_dc.network.preconditioners.elimination import eliminate
 
 seeds = st.integers(0, 2**32 - 1)
 
 
-def of_cells(blocks: int, size: int) -> Row:
+def of_cells(blocks: int, size: int) -> ArrayLayout:
     """A row whose cells are primal neurons without chains: every cell is one block."""
-    return Row(rates=np.ones((size, blocks)), primal=np.arange(size), chains=np.zeros((0, 2), int))
+    return ArrayLayout(
+        rates=np.ones((size, blocks)), primal=np.arange(size), chains=np.zeros((0, 2), int)
+    )
 
 
 @settings(max_examples=60, deadline=None)
@@ -67,7 +69,7 @@ def test_a_chain_of_springs_in_closed_form():
 def test_a_plant_has_two_blocks_a_cell(name):
     """t_k alone is tied to the next cell, so that q_k, u_k and t_k may be eliminated in turn."""
     network = wired_with(name, PreconditionerKind.CYCLIC_REDUCTION)
-    found, row = network.preconditioner.elimination(network.row), network.row
+    found, row = network.preconditioner.elimination(network.layout), network.layout
     chains = len(row.chains)
     assert len(found.component) == 2 * row.stages
     assert found.component.shape[1] == max(len(row.primal) - chains, chains)
@@ -79,8 +81,8 @@ def test_what_ties_other_neurons_too_stays_whole():
     network = wired_with("car", PreconditionerKind.CYCLIC_REDUCTION)
     following = network.preconditioner.following.copy()
     following[1, 0, 0] = 0.01
-    found = replace(network.preconditioner, following=following).elimination(network.row)
-    assert found.component.shape == (network.stages, len(network.row.primal))
+    found = replace(network.preconditioner, following=following).elimination(network.layout)
+    assert found.component.shape == (network.stages, len(network.layout.primal))
 
 
 @settings(max_examples=40, deadline=None)
@@ -101,6 +103,6 @@ def test_neurons_that_are_not_there_stay_out(row, seed):
     np.testing.assert_allclose(solved[found.component >= 0], expected, atol=1e-11)
 
 
-def _components(row: Row) -> np.ndarray:
+def _components(row: ArrayLayout) -> np.ndarray:
     components = row.component[row.primal].ravel()
     return components[components >= 0]

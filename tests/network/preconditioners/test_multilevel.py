@@ -133,7 +133,7 @@ def test_wires_touch_live_neurons_under_a_hat():
     for gain in network.preconditioner.gains:
         inner = hat_matrix(live.shape[1], len(gain) - 1)[:, 1:-1] > 1e-12
         expected += (live.astype(int) @ inner).sum()
-    assert network.preconditioner.wires(network.row).count == expected
+    assert network.preconditioner.wires(network.layout).count == expected
 
 
 @pytest.mark.parametrize("points", [[5, 5], [3, 5], [1], [9, 3]])

@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies as st
 from problems import SUITE
 from random_preconditioners import random_blocks, rows
 
-from ann_dc.network.preconditioners.base import PreconditionerKind, Row
+from ann_dc.network.preconditioners.base import ArrayLayout, PreconditionerKind
 from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 
 
@@ -28,10 +28,10 @@ def test_wires_are_the_stiffness_beside_its_diagonal(row, seed):
 @pytest.mark.parametrize("name", SUITE)
 def test_no_wire_is_longer_than_to_the_next_cell(name):
     network = wired_with(name, PreconditionerKind.RESISTIVE_GRID)
-    first, second = network.preconditioner.wires(network.row).weights.nonzero()
+    first, second = network.preconditioner.wires(network.layout).weights.nonzero()
     stage = network.places[:, 1]
     assert np.abs(stage[first] - stage[second]).max() == 1
-    reached = network.preconditioner.reach(network.row)[network.places[:, 0]]
+    reached = network.preconditioner.reach(network.layout)[network.places[:, 0]]
     assert reached[first].all()
     assert reached[second].all()
 
@@ -45,6 +45,8 @@ def test_a_longer_row_has_as_many_wires_a_cell():
         grid = ResistiveGrid(
             own=np.tile(own, (stages, 1, 1)), following=np.tile(following, (stages - 1, 1, 1))
         )
-        row = Row(rates=np.ones((3, stages)), primal=np.arange(3), chains=np.array([[0, 2]]))
+        row = ArrayLayout(
+            rates=np.ones((3, stages)), primal=np.arange(3), chains=np.array([[0, 2]])
+        )
         grid.check(row)
         assert grid.wires(row).count == 2 * stages + stages - 1

@@ -12,14 +12,14 @@ from random_preconditioners import random_blocks, rows, tridiagonal
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.network.preconditioners.base import PreconditionerKind, Row
+from ann_dc.network.preconditioners.base import ArrayLayout, PreconditionerKind
 from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
 from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 
 seeds = st.integers(0, 2**32 - 1)
 both = pytest.mark.parametrize("stiffness", [ResistiveGrid, CyclicReduction])
 
-ROW = Row(rates=np.ones((3, 4)), primal=np.array([0, 1]), chains=np.array([[0, 1]]))
+ROW = ArrayLayout(rates=np.ones((3, 4)), primal=np.array([0, 1]), chains=np.array([[0, 1]]))
 
 
 def made(stiffness, stages: int = 4, primal: int = 2):
@@ -126,7 +126,7 @@ def test_a_row_of_another_size(stages, primal, stiffness):
 
 
 def test_a_row_without_primal_neurons():
-    bare = Row(rates=np.ones((1, 2)), primal=np.zeros(0, int), chains=np.zeros((0, 2), int))
+    bare = ArrayLayout(rates=np.ones((1, 2)), primal=np.zeros(0, int), chains=np.zeros((0, 2), int))
     preconditioner = ResistiveGrid(own=np.zeros((2, 0, 0)), following=np.zeros((1, 0, 0)))
     with pytest.raises(NetworkError, match="but the network has 2 of 0"):
         preconditioner.check(bare)

@@ -14,7 +14,7 @@ def test_every_population_has_a_study():
     studies = settling_against_gains("car", factors=[0.5, 2.0])
     assert tuple(studies) == gain_names("car")
     assert len(studies["tau.beta"]) == 2
-    assert studies["rho"].over == {"gains.rho": [0.5, 2.0]}
+    assert studies["rho"].vary == {"gains.rho": [0.5, 2.0]}
 
 
 def test_the_boundary_is_where_the_rate_crosses_zero_over_the_logarithm():
@@ -32,11 +32,11 @@ def test_the_boundary_is_where_the_rate_crosses_zero_over_the_logarithm():
 
 def test_all_time_constants_together_change_nothing_in_fastest_ones():
     network = ann_dc.design(
-        ann_dc.plants.double_integrator(N=5), kinds=[ann_dc.PreconditionerKind.DIAGONAL]
+        ann_dc.plants.double_integrator(N=5), preconditioner=ann_dc.PreconditionerKind.DIAGONAL
     ).network
     (study,) = settling_against_gains(network, factors=[0.25, 1.0, 4.0], gains=["tau"]).values()
     table = study.run(workers=0)
-    times, told = table["settling_in_fastest"], table["settling_by_spectrum"]
+    times, told = table["normalised_settling_time"], table["settling_by_spectrum"]
     np.testing.assert_allclose(times, times[1], rtol=1e-3)
     np.testing.assert_allclose(told, told[1], rtol=1e-6)
     assert boundaries(table, "tau") == ()

@@ -42,7 +42,7 @@ def test_the_slowest_mode_is_that_of_the_emulated_board():
     study = yield_curves(PLANT, spec=SPEC, figures=fixed, board={**BOARD, **exact}, samples=1)
     (found,) = study["circuit.margin"].run(workers=0)["slowest_mode_seconds"]
     network = ann_dc.design(
-        ann_dc.plants.get(PLANT)(), kinds=[ann_dc.PreconditionerKind.DIAGONAL]
+        ann_dc.plants.get(PLANT)(), preconditioner=ann_dc.PreconditionerKind.DIAGONAL
     ).network
     level = macro(gbw=10e6)
     circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)

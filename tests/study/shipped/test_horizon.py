@@ -22,7 +22,7 @@ def test_a_penalty_is_the_same_for_every_number_of_stages():
     for study in studies.values():
         names = {name.partition(".")[2]: value for name, value in study.fixed.items()}
         problem = study.subject.declared({"N": names["N"], "dt": names["dt"]})
-        own = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+        own = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
         assert names["rho"] * median_rho(own) == pytest.approx(0.7)
 
 

@@ -87,7 +87,7 @@ class Layout(nn.Module):
             "live": torch.as_tensor(network.live[:, :, None]).to(dtype),
             "low": torch.as_tensor(numbers.limits[:, :1, None]).to(dtype),
             "high": torch.as_tensor(numbers.limits[:, 1:, None]).to(dtype),
-            "coupled": torch.as_tensor(network.preconditioner.reach(network.row)[:, None, None]),
+            "coupled": torch.as_tensor(network.preconditioner.reach(network.layout)[:, None, None]),
             "clamped": torch.as_tensor(_clamped_places(network)),
             "places": torch.as_tensor(numbers.places @ [network.stages, 1]),
             "input_scales": torch.as_tensor(_input_scales(network)).to(dtype),
@@ -155,7 +155,7 @@ def _preconditioner_layer(network: Network, dtype: torch.dtype) -> nn.Module:
     preconditioner = network.preconditioner
     if isinstance(preconditioner, Stiffness):
         is_clamped = len(clamped_rows(network)) > 0
-        return EliminationLayer(preconditioner, network.row, dtype=dtype, is_clamped=is_clamped)
+        return EliminationLayer(preconditioner, network.layout, dtype=dtype, is_clamped=is_clamped)
     if isinstance(preconditioner, Multilevel):
         return PyramidLayer(evaluator(network).tape, network.stages, dtype=dtype)
     return TimeConstantsLayer()

@@ -20,7 +20,7 @@ from torch.nn.functional import pad
 
 from ann_dc.backends.recurrent.cell.fixed_order import applied, inverted, product, total
 from ann_dc.evaluation.tape import Tape
-from ann_dc.network.preconditioners.base import Row
+from ann_dc.network.preconditioners.base import ArrayLayout
 from ann_dc.network.preconditioners.elimination import Level, blocks_of, eliminate
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
@@ -183,7 +183,12 @@ class EliminationLayer(nn.Module):
     following: torch.Tensor
 
     def __init__(
-        self, stiffness: Stiffness, row: Row, *, dtype: torch.dtype, is_clamped: bool = False
+        self,
+        stiffness: Stiffness,
+        row: ArrayLayout,
+        *,
+        dtype: torch.dtype,
+        is_clamped: bool = False,
     ) -> None:
         super().__init__()
         found = eliminate(stiffness, row)

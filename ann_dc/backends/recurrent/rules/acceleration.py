@@ -35,7 +35,8 @@ class Anderson:
     --------
     >>> import ann_dc
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.MULTILEVEL]).network
+    >>> kind = ann_dc.PreconditionerKind.MULTILEVEL
+    >>> network = ann_dc.design(problem, preconditioner=kind).network
     >>> for acceleration in (None, ann_dc.Anderson()):
     ...     backend = ann_dc.RecurrentBackend(acceleration=acceleration, limit=150)
     ...     print(backend.run(network).status.settled)

@@ -74,7 +74,7 @@ class Deck:
     --------
     >>> import ann_dc
     >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, kinds=[ann_dc.PreconditionerKind.DIAGONAL]).network
+    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> backend = ann_dc.SpiceBackend()
     >>> deck = backend.deck(*backend.prepare(network), deviations={})
     >>> print(deck.text.splitlines()[0])

@@ -70,7 +70,7 @@ def test_rows_of_any_length(stages, kind):
 def test_long_pyramids(stages, kind):
     """Every point of the finest level hears the positions under its hat, however many."""
     network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=stages))
-    preconditioner = random_preconditioner(kind, network.row, np.random.default_rng(8))
+    preconditioner = random_preconditioner(kind, network.layout, np.random.default_rng(8))
     network = replace(network, preconditioner=preconditioner)
     drives = np.random.default_rng(9).standard_normal((2, network.size))
     expected = drives @ evaluator(network).preconditioner.toarray()
@@ -80,7 +80,7 @@ def test_long_pyramids(stages, kind):
 @every_kind
 def test_random_numbers(kind):
     network = wired_with("unicycle", PreconditionerKind.DIAGONAL)
-    preconditioner = random_preconditioner(kind, network.row, np.random.default_rng(2))
+    preconditioner = random_preconditioner(kind, network.layout, np.random.default_rng(2))
     network = replace(network, preconditioner=preconditioner)
     drives = np.random.default_rng(3).standard_normal((2, network.size))
     expected = drives @ evaluator(network).preconditioner.toarray()

@@ -76,7 +76,7 @@ def test_gains_do_not_move_the_optimum():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["double_integrator", pytest.param("car", marks=pytest.mark.slow)])
 def test_unrolled_long_enough_the_derivative_is_the_same(name):
-    network = design(SUITE[name].problem, kinds=[PreconditionerKind.MULTILEVEL]).network
+    network = design(SUITE[name].problem, preconditioner=PreconditionerKind.MULTILEVEL).network
     layer, first = RecurrentLayer(network), SUITE[name].problem.states[0]
     at = [0.9 * SUITE[name].problem.q_d[0], SUITE[name].problem.q_d[0]]
     weights = torch.as_tensor(np.random.default_rng(4).standard_normal((2, network.size)))

@@ -29,7 +29,7 @@ from ann_dc.solver import synthesize
 @cache
 def short_lq() -> Network:
     problem = plants.double_integrator(N=3, dt=0.5, q_0=(1, 0), q_d=(0, 0))
-    return design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
+    return design(synthesize(problem), preconditioner=(PreconditionerKind.DIAGONAL,)).network
 
 
 @cache

@@ -22,7 +22,9 @@ from ann_dc.solver import synthesize
 
 @cache
 def prepared(name: str):
-    network = design(synthesize(SUITE[name].problem), kinds=(PreconditionerKind.DIAGONAL,)).network
+    network = design(
+        synthesize(SUITE[name].problem), preconditioner=(PreconditionerKind.DIAGONAL,)
+    ).network
     return SpiceBackend().prepare(network)
 
 
@@ -64,7 +66,7 @@ def test_deck_length_is_linear_in_the_horizon():
     lengths = {}
     for n in (10, 20, 40):
         problem = replace(SUITE["double_integrator"].problem, horizon=n)
-        network = design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
+        network = design(synthesize(problem), preconditioner=(PreconditionerKind.DIAGONAL,)).network
         circuit, probe = SpiceBackend().prepare(network)
         text = deck_of(circuit, BEHAVIOURAL, duration=float(probe.time[-1])).text
         lengths[n] = len(text[text.index("* ---- the row") :])
@@ -90,7 +92,7 @@ def test_a_name_with_a_line_break_is_refused():
 @cache
 def short(name: str, differential: bool = False):
     """A circuit of a problem of the suite over four stages."""
-    network = design(small(name), kinds=(PreconditionerKind.DIAGONAL,)).network
+    network = design(small(name), preconditioner=(PreconditionerKind.DIAGONAL,)).network
     return SpiceBackend(level=macro(differential=differential)).prepare(network)[0]
 
 

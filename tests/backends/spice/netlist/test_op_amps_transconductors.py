@@ -19,7 +19,7 @@ from ann_dc.network.preconditioners.base import PreconditionerKind
 
 def test_pairs_and_single_ones_add_up_to_the_weights():
     """Whatever shares a pair, every source weighs -1 / R with the sign of its node."""
-    network = design(small("car"), kinds=(PreconditionerKind.DIAGONAL,)).network
+    network = design(small("car"), preconditioner=(PreconditionerKind.DIAGONAL,)).network
     circuit, _ = SpiceBackend(level=ota_c()).prepare(network)
     nodes, values = Nodes(circuit), Values(circuit=circuit, deviations={})
     cell = cell_of(nodes, values, ota_c(), 2)

@@ -38,7 +38,7 @@ X2 o o s sub sky130_fd_pr__npn_05v5_W1p00L1p00
 @pytest.fixture(scope="module")
 def circuit():
     problem = synthesize(plants.double_integrator(N=2))
-    network = design(problem, kinds=(PreconditionerKind.DIAGONAL,)).network
+    network = design(problem, preconditioner=(PreconditionerKind.DIAGONAL,)).network
     return SpiceBackend().prepare(network)[0]
 
 
@@ -64,7 +64,7 @@ def test_a_value_that_is_no_number_is_refused_with_its_cell(circuit, value):
 
 def test_diode_neurons_have_two_transistors_more():
     problem = synthesize(integrator(N=8, dt=0.25, bounds={v: (None, 0.65)}))
-    network = design(problem, kinds=(PreconditionerKind.DIAGONAL,)).network
+    network = design(problem, preconditioner=(PreconditionerKind.DIAGONAL,)).network
     circuit = SpiceBackend().prepare(network)[0]
     bare = re.sub("^X.*\n", "", DIODES, flags=re.MULTILINE)
     without, found = (

@@ -89,7 +89,7 @@ def test_a_diode_neuron_is_rectified(seed):
 @needs_ngspice
 def test_a_network_settles_in_a_circuit_of_the_foundrys_transistors():
     network = design(
-        synthesize(plants.double_integrator(N=2)), kinds=(PreconditionerKind.DIAGONAL,)
+        synthesize(plants.double_integrator(N=2)), preconditioner=(PreconditionerKind.DIAGONAL,)
     ).network
     run = SpiceBackend(level=SKY130).run(network)
     assert run.settled()
@@ -103,7 +103,7 @@ def test_a_network_settles_in_a_circuit_of_the_foundrys_transistors():
 def test_a_network_with_diode_neurons_settles_without_any_ideal_switch():
     """With a limit on its speed that several stages keep: a quarter of a minute."""
     problem = integrator(N=8, dt=0.25, bounds={v: (None, 0.65)})
-    network = design(synthesize(problem), kinds=(PreconditionerKind.DIAGONAL,)).network
+    network = design(synthesize(problem), preconditioner=(PreconditionerKind.DIAGONAL,)).network
     backend = SpiceBackend(level=SKY130)
     circuit, probe = backend.prepare(network)
     deck = backend.deck(circuit, probe, {})
@@ -117,7 +117,7 @@ def test_a_network_with_diode_neurons_settles_without_any_ideal_switch():
 @needs_pdk
 def test_conditions_and_mismatch_reach_the_deck():
     network = design(
-        synthesize(plants.double_integrator(N=2)), kinds=(PreconditionerKind.DIAGONAL,)
+        synthesize(plants.double_integrator(N=2)), preconditioner=(PreconditionerKind.DIAGONAL,)
     ).network
     backend = SpiceBackend(level=SKY130)
     circuit, probe = backend.prepare(network)

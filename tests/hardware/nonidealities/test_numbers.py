@@ -21,10 +21,17 @@ from ann_dc.backends.status import Outcome
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.gain_design.procedure import Design, design
-from ann_dc.hardware.defects.numbers import detuned, gain_error, leak, mismatch, offset, quantised
-from ann_dc.hardware.defects.parts import extra_pole, noise, rails, slew
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.states import emulated_state
+from ann_dc.hardware.nonidealities.numbers import (
+    detuned,
+    gain_error,
+    leak,
+    mismatch,
+    offset,
+    quantised,
+)
+from ann_dc.hardware.nonidealities.parts import extra_pole, noise, rails, slew
 from ann_dc.hardware.parts.e_series import E12, E24, E96
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.network.cell import (
@@ -105,7 +112,7 @@ LAG = row(wire("x", "x", -1.0), wire(ONE, "x", 2.0))
 @functools.cache
 def car_design() -> Design:
     """The paper's car without coordinators."""
-    return design(synthesize(SUITE["car"].problem), kinds=(PreconditionerKind.DIAGONAL,))
+    return design(synthesize(SUITE["car"].problem), preconditioner=(PreconditionerKind.DIAGONAL,))
 
 
 @functools.cache
@@ -173,10 +180,10 @@ UNKNOWN = {
 @pytest.mark.parametrize("defects", [NONE, SMALL], ids=["none", "small"])
 @pytest.mark.parametrize("defect", sorted(NONE.keys() & SMALL.keys()))
 @pytest.mark.parametrize("case", UNKNOWN)
-def test_what_does_not_exist_is_told(case, defect, defects):
+def test_what_does_not_exist_is_told(case, defect, nonidealities):
     where, message = UNKNOWN[case]
     with pytest.raises(UnknownNameError, match=message):
-        defects[defect](small("car"), where)
+        nonidealities[defect](small("car"), where)
 
 
 def test_the_error_lists_what_there_is():
@@ -660,14 +667,14 @@ def test_two_sources_of_noise():
 @pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
-    defects=st.lists(st.sampled_from(sorted(SMALL)), min_size=1, max_size=4),
+    nonidealities=st.lists(st.sampled_from(sorted(SMALL)), min_size=1, max_size=4),
     stages=st.none() | st.just((0, 2)),
     seed=st.integers(0, 99),
 )
-def test_any_of_them_compose(defects, stages, seed):
+def test_any_of_them_compose(nonidealities, stages, seed):
     """Whatever the order, twice the same too; and the exact Jacobian is that of the drives."""
     network = small("van_der_pol")
-    for defect in defects:
+    for defect in nonidealities:
         network = SMALL[defect](network, Selection(stages=stages))
     x = near_start(network, seed)
     direction = np.random.default_rng(seed).standard_normal(network.size)
@@ -680,17 +687,17 @@ ALL = ("series", "mismatch", "gain_error drawn", "offset drawn", "leak", "extra_
 
 
 @functools.cache
-def spoiled(name: str, *defects: str) -> Network:
+def spoiled(name: str, *nonidealities: str) -> Network:
     network = designed(name).network
-    for defect in defects:
+    for defect in nonidealities:
         network = SMALL[defect](network, EVERYWHERE)
     return network
 
 
 @pytest.mark.sampled
 @pytest.mark.parametrize("defects", [*([d] for d in SMALL), ALL], ids="-".join)
-def test_continuous_and_discrete_time_agree(defects):
-    network = spoiled("double_integrator", *defects)
+def test_continuous_and_discrete_time_agree(nonidealities):
+    network = spoiled("double_integrator", *nonidealities)
     tight = Settling(tolerance=1e-8, confirm=0.1)
     runs = [
         backend(settling=tight).run(network)
@@ -713,8 +720,8 @@ def test_the_car_agrees_too():
 
 
 @pytest.mark.parametrize("defects", [*([d] for d in SMALL), ALL], ids="-".join)
-def test_a_file_keeps_the_dynamics(defects, tmp_path):
-    network = rails(spoiled("double_integrator", *defects), 50.0)
+def test_a_file_keeps_the_dynamics(nonidealities, tmp_path):
+    network = rails(spoiled("double_integrator", *nonidealities), 50.0)
     save(network, tmp_path / "network.npz")
     again = load(tmp_path / "network.npz")
     x = near_start(network, 0)

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.defects.strengths import (
+from ann_dc.hardware.nonidealities.strengths import (
     TIME_CONSTANTS,
     errors_of,
     preferred,

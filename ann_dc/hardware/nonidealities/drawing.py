@@ -13,7 +13,7 @@ import numpy as np
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.variant_numbers import Numbers
-from ann_dc.hardware.defects.strengths import TIME_CONSTANTS, draws, require_finite
+from ann_dc.hardware.nonidealities.strengths import TIME_CONSTANTS, draws, require_finite
 from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import FloatOrNan, Index, NotEmpty
@@ -55,7 +55,7 @@ def drawn_numbers(
     --------
     >>> import ann_dc
     >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
-    >>> numbers = ann_dc.defects.drawn_numbers(network, range(100), weights=0.01)
+    >>> numbers = ann_dc.nonidealities.drawn_numbers(network, range(100), weights=0.01)
     >>> int(ann_dc.OdeBackend().run_batch(network, {}, numbers=numbers).settled.sum())
     100
     """
