@@ -16,7 +16,7 @@ import numpy as np
 
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator, tape_with_penalty
-from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL
+from ann_dc.evaluation.rules import DUAL, POSITION, PRIMAL
 from ann_dc.network.network import Network
 
 OPEN = 1e-100

@@ -29,7 +29,7 @@ from ann_dc.analysis.linearisation import softness
 from ann_dc.analysis.spectra import DENSE_LIMIT, LinearOperator, dense_flow
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator, tape_with_penalty
-from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL, STATE
+from ann_dc.evaluation.rules import DUAL, POSITION, PRIMAL, STATE
 from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import State

@@ -31,10 +31,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ann_dc.evaluation.tape import DUAL, POSITION, PRIMAL, STATE
 from ann_dc.network.functions import Library
 from ann_dc.network.preconditioners.base import Clamp
 
+STATE, PRIMAL, POSITION, DUAL = 0, 1, 2, 3
 RAN, SETTLED, LOST = 0, 1, 2
 """Outcome of a piece of a recurrence."""
 OVERFLOW = 1e100

@@ -19,13 +19,13 @@ import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.preconditioner_arrays import preconditioner_arrays
+from ann_dc.evaluation.rules import DUAL, POSITION, PRIMAL, STATE
 from ann_dc.network.cell import ONE, Connection, Product, Role, Sum
 from ann_dc.network.functions import CODE
 from ann_dc.network.network import Network
 
 SUM, PRODUCT, FUNCTION = 0, 1, 2
 BY_WEIGHT, BY_VALUE, BY_SLOPE = 0, 1, 2
-STATE, PRIMAL, POSITION, DUAL = 0, 1, 2, 3
 
 
 @lru_cache(maxsize=256)

@@ -7,6 +7,5 @@ from . import (
     reference as reference,
     runtimes as runtimes,
 )
-from .catalogue import FORMATS as FORMATS
+from .catalogue import FORMATS as FORMATS, inspect_export as inspect_export
 from .exporting import export_network as export_network
-from .inspecting import inspect_export as inspect_export

@@ -32,6 +32,7 @@ from ann_dc.evaluation.rules import RAN, SETTLED, SMALLEST_POSITION
 from ann_dc.gain_design.gain_rule import GAIN_RULES, SWEEPS, GainRule, closed_form, weights_of_rows
 from ann_dc.gain_design.gains import Gains, check_gains, row_with
 from ann_dc.gain_design.grid_gains import SettledPoint, grid_gains_of
+from ann_dc.gain_design.penalty_search import downhill
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Paced, Progress, Stopped, silent
 from ann_dc.timing import phase
@@ -54,11 +55,6 @@ LONG_ROW = 128
 """Number of stages above which row weights are compared at one path term or penalty only. The first
 network that settles is then chosen if no other can be faster by its ratio.
 """
-
-HALF_OCTAVE = 2**0.5
-
-LARGEST_FACTOR = 1024.0
-"""Largest factor from the first run's penalty, in either direction, before the last octave."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -287,45 +283,6 @@ class _Tried:
         self.candidates.append(found)
         self.take(found)
         return found.ratio if found.ratio > 0 else np.inf  # nan: the numbers overflow
-
-
-def downhill(
-    ratio: Callable[[float], float], penalty_factor: float, *, around: float | None = None
-) -> float:
-    """Return the penalty factor of the smallest ratio found by octave steps.
-
-    The search begins at the first factor with a stable point; finally half an octave is tried on
-    either side.
-
-    Parameters
-    ----------
-    ratio : callable
-        Stiffness ratio as a function of a penalty factor.
-    penalty_factor : float
-        Initial factor, returned if no factor gives a stable point.
-    around : float, optional
-        Reference that limits the search to `LARGEST_FACTOR` either way; ``penalty_factor`` by
-        default.
-    """
-    known: dict[float, float] = {}
-
-    def at(factor: float) -> float:
-        if factor not in known:
-            known[factor] = ratio(factor * penalty_factor)
-        return known[factor]
-
-    factor = 1.0
-    while not np.isfinite(at(factor)):
-        factor *= 2
-        if factor > 2 * LARGEST_FACTOR:
-            return penalty_factor
-    direction = min(0.5, 2.0, key=lambda step: at(factor * step))
-    away = penalty_factor / (around or penalty_factor)
-    while at(factor * direction) < at(factor) and (
-        1 / LARGEST_FACTOR < factor * away < LARGEST_FACTOR
-    ):
-        factor *= direction
-    return min((factor, factor * HALF_OCTAVE, factor / HALF_OCTAVE), key=at) * penalty_factor
 
 
 STEP = 0.2

@@ -451,18 +451,9 @@ def check_places(
 ) -> None:
     """Reject names that the cell lacks and stages that the network lacks.
 
-    Raises `NetworkError` or `UnknownNameError`.
-
-    Parameters
-    ----------
-    inputs : iterable of str
-        Inputs that have a value.
-    read : iterable of str
-        Inputs that fixed neurons and the left boundary read.
-    left : iterable of str
-        Nodes whose value beyond the left end is given.
-    start : iterable of str
-        Neurons whose initial state is given.
+    Inputs with a value are ``inputs``; those that fixed neurons and the left boundary read are
+    ``read``. ``left`` has the nodes with a given value beyond the left end, ``start`` the neurons
+    with a given initial state. Raises `NetworkError` or `UnknownNameError`.
     """
     neurons = {neuron.name for neuron in cell.neurons}
     nodes = neurons | set(cell.inputs) | {block.name for block in cell.blocks}

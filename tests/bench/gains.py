@@ -63,7 +63,8 @@ def of_problem(name: str) -> list[tuple[str, float, Figure]]:
         figure = Figure(
             name=f"{name}, {wiring}",
             value=f"{taus:.0f} taus",
-            remark=f"ratio {designed.spectrum.stiffness_ratio:.2f}, {designed.best.kind.value}, rows of "
+            remark=f"ratio {designed.spectrum.stiffness_ratio:.2f}, "
+            f"{designed.best.kind.value}, rows of "
             f"{designed.best.gain_rule.equilibration_sweeps} sweeps, "
             f"objective {certificate.objective:.4f}",
             good=certified,

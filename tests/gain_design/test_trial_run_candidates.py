@@ -10,12 +10,13 @@ from designs import designed
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.errors import AnnDcError, DesignError
-from ann_dc.gain_design import trial_run as freeze, trial_run as rehearsal
+from ann_dc.gain_design import penalty_search, trial_run as freeze, trial_run as rehearsal
 from ann_dc.gain_design.gain_rule import GainRule
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.grid_gains import SettledPoint
+from ann_dc.gain_design.penalty_search import downhill
 from ann_dc.gain_design.procedure import design
-from ann_dc.gain_design.trial_run import candidate_of, compare, downhill
+from ann_dc.gain_design.trial_run import candidate_of, compare
 from ann_dc.network.cell import Limiter
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem import plants
@@ -39,7 +40,7 @@ def factors(ratio) -> list[float]:
 
 def test_downhill_to_the_smallest_ratio():
     """Octaves, and half an octave on either side of the last one."""
-    half = freeze.HALF_OCTAVE
+    half = penalty_search.HALF_OCTAVE
     assert factors(lambda f: abs(np.log2(f / 8))) == [1, 0.5, 2, 4, 8, 16, 8 * half, 8 / half]
     down = [1, 0.5, 2, 0.25, 0.125, 0.25 * half, 0.25 / half]
     assert factors(lambda f: abs(np.log2(f * 4))) == down
@@ -52,15 +53,15 @@ def test_downhill_to_the_smallest_ratio():
 
 def test_where_the_first_run_froze_unstable_the_penalty_grows():
     found = factors(lambda f: np.inf if f < 4 else f)
-    assert found == [1, 2, 4, 8, 4 * freeze.HALF_OCTAVE, 4 / freeze.HALF_OCTAVE]
+    assert found == [1, 2, 4, 8, 4 * penalty_search.HALF_OCTAVE, 4 / penalty_search.HALF_OCTAVE]
 
 
 @pytest.mark.parametrize(
     ("ratio", "furthest", "last"),
     [
-        (lambda f: 1 / f, max, 2 * freeze.LARGEST_FACTOR),
-        (lambda f: f, min, 0.5 / freeze.LARGEST_FACTOR),
-        (lambda f: np.inf, max, 2 * freeze.LARGEST_FACTOR),
+        (lambda f: 1 / f, max, 2 * penalty_search.LARGEST_FACTOR),
+        (lambda f: f, min, 0.5 / penalty_search.LARGEST_FACTOR),
+        (lambda f: np.inf, max, 2 * penalty_search.LARGEST_FACTOR),
     ],
     ids=["up", "down", "never stable"],
 )

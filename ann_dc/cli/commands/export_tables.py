@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from rich.table import Table
 from rich.text import Text
 
-from ann_dc.export.catalogue import FORMATS
+from ann_dc.export.catalogue import FORMATS, Inspection
 from ann_dc.export.formats import Format
-from ann_dc.export.inspecting import Inspection
 from ann_dc.report.tables import named_rows, printable, table
 
 

@@ -42,7 +42,7 @@ def inspect(
     """
     with progress_line(quiet) as progress:
         from ann_dc.cli.commands.export_tables import inspection_table, inspections_table
-        from ann_dc.export.inspecting import inspect_export
+        from ann_dc.export.catalogue import inspect_export
 
         found = inspect_export(place, progress=progress)
     shown = inspection_table(found[0]) if len(found) == 1 else inspections_table(found)

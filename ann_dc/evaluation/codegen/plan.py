@@ -18,8 +18,8 @@ import numpy as np
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.code import key_of
 from ann_dc.evaluation.codegen.elementary import CIRCULAR, WRITTEN
-from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
-from ann_dc.evaluation.tape import DUAL, FUNCTION, POSITION, PRIMAL, PRODUCT, STATE, SUM, Tape
+from ann_dc.evaluation.rules import DUAL, FLOOR, POSITION, PRIMAL, SMALLEST_POSITION, STATE
+from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM, Tape
 from ann_dc.network.functions import FUNCTIONS, Tree
 
 # ---- numbers that the code of a preconditioner reads: hats and gains, or factors of a stiffness

@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import reduce
 
 from ann_dc.evaluation.codegen.writer import Function, Module
-from ann_dc.evaluation.rules import FLOOR, SMALLEST_POSITION
-from ann_dc.evaluation.tape import DUAL, POSITION, STATE
+from ann_dc.evaluation.rules import DUAL, FLOOR, POSITION, SMALLEST_POSITION, STATE
 
 
 def add_residuals(

@@ -9,8 +9,8 @@ from designs import designed
 
 import ann_dc
 from ann_dc.errors import FileFormatError
+from ann_dc.export.catalogue import inspect_export
 from ann_dc.export.exporting import export_network
-from ann_dc.export.inspecting import inspect_export
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 
