@@ -77,7 +77,7 @@ LEGITIMATE = (
      "RecurrentBackend.run_batch.inputs OdeBackend.run_batch.inputs "
      "TwoLevels.step.inputs TwoLevels.run.inputs "
      "Network.with_inputs.values SpiceBackend.deck.deviations emulate.deviations "
-     "defects.leak.unit defects.rails.limit manual_gains.rho manual_gains.tau"),
+     "nonidealities.leak.unit nonidealities.rails.limit manual_gains.rho manual_gains.tau"),
     ("there may be none", {"nothing", "an empty list", "an empty mapping"},
      "Network.fixed Network.omitted OptimalControlProblem.constraints "
      "OptimalControlProblem.terminal_constraints Multistart.optima Multistart.others "
@@ -281,16 +281,16 @@ GIVEN: dict[str, Callable[[], dict]] = {
     "analyse": lambda: {"source": design()},
     "apply_gains": lambda: {"gains": design().gains},
     "certify": lambda: dict(zip(("q", "u", "t", "mu", "beta"), point())),
-    "defects.detuned": lambda: {"relative": 0.1, "seed": 0},
-    "defects.drawn_numbers": lambda: {"seeds": [0, 1]},
-    "defects.extra_pole": lambda: {"bandwidth": 10.0},
-    "defects.gain_error": lambda: {"relative": 0.1},
-    "defects.leak": lambda: {"gain": 100.0},
-    "defects.mismatch": lambda: {"relative": 0.1, "seed": 0},
-    "defects.noise": lambda: {"density": 1e-6},
-    "defects.offset": lambda: {"size": 0.1},
-    "defects.rails": lambda: {"limit": 5.0},
-    "defects.slew": lambda: {"rate": 5.0},
+    "nonidealities.detuned": lambda: {"relative": 0.1, "seed": 0},
+    "nonidealities.drawn_numbers": lambda: {"seeds": [0, 1]},
+    "nonidealities.extra_pole": lambda: {"bandwidth": 10.0},
+    "nonidealities.gain_error": lambda: {"relative": 0.1},
+    "nonidealities.leak": lambda: {"gain": 100.0},
+    "nonidealities.mismatch": lambda: {"relative": 0.1, "seed": 0},
+    "nonidealities.noise": lambda: {"density": 1e-6},
+    "nonidealities.offset": lambda: {"size": 0.1},
+    "nonidealities.rails": lambda: {"limit": 5.0},
+    "nonidealities.slew": lambda: {"rate": 5.0},
     "emulate": lambda: {**circuit(), "level": ann_dc.levels.macro()},
     "levels.Level.at": lambda: {"conditions": ann_dc.hardware.parts.Conditions(supply=0.9)},
     "levels.switched_capacitor": lambda: {"step": 0.1},

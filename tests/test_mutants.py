@@ -39,7 +39,7 @@ def originals(tmp_path_factory) -> dict[str, bytes]:
         save(network, folder / f"{name}.npz")
         save(network, folder / f"{name}.safetensors")
     files = {path.name: path.read_bytes() for path in folder.iterdir()}
-    files["schema_1.npz"] = OLD.read_bytes()
+    files["stored.npz"] = OLD.read_bytes()
     files["vector.json"] = reference_vector(designed("double_integrator").network).as_json()
     ann_dc.solve(plants.double_integrator(N=3)).save(folder / "solution")
     files["solution.folder"] = mutants.folder_as_bytes(folder / "solution")

@@ -38,8 +38,7 @@ from ann_dc.validation.values import State
 
 LARGEST_PENALTY = 1e6
 """Largest rho tested, over the largest entry of K: if H + rho A'A is not positive definite there,
-no
-rho suffices. For larger ones, rounding errors of rho A'A exceed H.
+no rho suffices. For larger ones, rounding errors of rho A'A exceed H.
 """
 
 

@@ -57,8 +57,9 @@ SMALLEST = 24
 NEAREST, CROWDED = 12, 0.125
 """Eigenvalues requested around a frequency; smallest step to the next, relative to it."""
 FARTHER = 2.2
-"""Height of the last centre relative to the fastest mode. Growing modes without oscillation are
-nearest to centres twice as far.
+"""Height of the last centre relative to the fastest mode.
+
+Growing modes without oscillation are nearest to centres twice as far.
 """
 RIGHT = 0.25
 """Distance of the centres right of the axis over the frequency, nearer to growing modes."""

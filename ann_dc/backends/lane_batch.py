@@ -63,8 +63,9 @@ class Thread(NamedTuple):
     group: Group
     """Lane group with the samples of the thread."""
     advance: Callable[[Samples, Found, np.ndarray], bool]
-    """Function that advances samples; its queue gives the next and the end. Returns True if all are
-    done.
+    """Function that advances samples; its queue gives the next and the end.
+
+    Returns True if all are done.
     """
     locate: Callable[[Samples, Found, np.ndarray], None] | None = None
     """Function that locates when residuals fell below the tolerance; None for recurrent steps."""

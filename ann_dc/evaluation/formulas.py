@@ -95,13 +95,11 @@ released = _njit(nogil=True)
 """Decorator like `compiled`, for functions that run in several threads."""
 inner = _njit(no_cpython_wrapper=True)
 """Decorator like `compiled`, for functions called from compiled code only: without the Python
-wrapper,
-which takes half of the compilation.
+wrapper, which takes half of the compilation.
 """
 inlined = _njit(no_cpython_wrapper=True, forceinline=True)
 """Decorator like `compiled`, for short functions: inlined, because a call passes every field of
-every
-record.
+every record.
 """
 
 

@@ -40,10 +40,11 @@ RAN, SETTLED, LOST = 0, 1, 2
 OVERFLOW = 1e100
 """Residual of a recurrence that has diverged."""
 FLOOR = 1e-4
-"""Smallest dual magnitude to which a residual is related. In network units the largest curvature of
-the cost along a control is one. A gradient of `FLOOR` times a tolerance of 1e-6 therefore moves
-that control by 1e-10 of its scale. The multipliers of a controller at its target vanish; rounding
-leaves a gradient of 1e-14 there.
+"""Smallest dual magnitude to which a residual is related.
+
+In network units the largest curvature of the cost along a control is one. A gradient of `FLOOR`
+times a tolerance of 1e-6 therefore moves that control by 1e-10 of its scale. The multipliers of a
+controller at its target vanish; rounding leaves a gradient of 1e-14 there.
 """
 SMALLEST_POSITION = 0.1
 """Smallest position magnitude to which a residual is related: scaled states are near one, and a
@@ -60,8 +61,7 @@ which guarantees termination.
 """
 ROUNDING = 1e-13
 """Magnitude of a current of the wrong sign that counts as zero, relative to the largest net input
-or
-current of the held neurons.
+or current of the held neurons.
 """
 NEAR = 1e-2
 """Largest error of the controls including noise, over their size (`size_of`), of an accurate

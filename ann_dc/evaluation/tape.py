@@ -93,12 +93,12 @@ class Tape(NamedTuple):
     """Interpolation weights of the right grid points (2N,)."""
     coupled: np.ndarray
     """Neuron, stage and start in ``factor`` of the neurons that a stiffness couples (S + 1, 3).
-    Rows
-    have elimination order; the last row marks the end.
+    Rows have elimination order; the last row marks the end.
     """
     factor: np.ndarray
-    """Lower triangular K of K K' = M^{-1} over the coupled neurons (entries,), row by row. The last
-    entry of a row is the reciprocal of the diagonal.
+    """Lower triangular K of K K' = M^{-1} over the coupled neurons (entries,), row by row.
+
+    The last entry of a row is the reciprocal of the diagonal.
     """
     factor_columns: np.ndarray
     """Column of each entry of ``factor`` (entries,)."""

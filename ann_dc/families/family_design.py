@@ -49,8 +49,7 @@ from ann_dc.validation.values import Own, such_as
 
 CERTIFIABLE = 3e-10
 """KKT residual of an evaluated run, well below that of a certificate, which is computed in the
-scales
-of the sample instead of those of the network.
+scales of the sample instead of those of the network.
 """
 CONFIDENCE = 0.95
 """Confidence level of the interval of a fraction."""

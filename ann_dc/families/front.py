@@ -40,8 +40,7 @@ from ann_dc.validation.values import NotEmpty, Own
 
 REGULAR = 0.02
 """Regularisation weight of all objectives in the search for the ideal point, relative to the size
-of
-each objective on the straight line.
+of each objective on the straight line.
 """
 KINDS = (
     PreconditionerKind.COUPLED_MULTILEVEL,

@@ -66,8 +66,9 @@ NEAR_LIMIT = 6.0
 
 
 Frozen: TypeAlias = tuple[SettledPoint, tuple[Candidate, ...], str]
-"""Settled point, its candidates with the best first, and the preset from which the best settles. An
-empty preset means the network's initial guess.
+"""Settled point, its candidates with the best first, and the preset from which the best settles.
+
+An empty preset means the network's initial guess.
 """
 
 
@@ -158,9 +159,9 @@ class Choice:
             ) from error
 
     def _useful(self) -> tuple[PreconditionerKind, ...]:
-        """Return the kinds to compare: `RESISTIVE_GRID` replaces `CYCLIC_REDUCTION`; both require
-        an
-        optimum.
+        """Return the kinds to compare; stiffnesses require an optimum.
+
+        `RESISTIVE_GRID` replaces `CYCLIC_REDUCTION`.
         """
         kinds = self.kinds
         if PreconditionerKind.RESISTIVE_GRID in kinds:

@@ -289,9 +289,9 @@ SWEEPS = (0, 16, 60)
 """Equilibration sweeps that are compared."""
 
 STEADIER = ((1.0, 0.3, 1.0), (2.0, 0.3, 1.0), (2.0, 0.3, 1.5), (4.0, 0.3, 1.5))
-"""Factors on the penalty and on the rates of states and of multipliers. The resulting rules are
-slower
-at the end and oscillate less on the way.
+"""Factors on the penalty and on the rates of states and of multipliers.
+
+The resulting rules are slower at the end and oscillate less on the way.
 """
 
 

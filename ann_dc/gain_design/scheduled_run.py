@@ -55,8 +55,10 @@ LARGEST_BOOST = 64.0
 SHORTEST_SPAN = 0.5
 """Smallest span of a chain: a state that ends at its initial value may also move."""
 SLEW = 0.15
-"""Largest step of a chain's neuron relative to the chain's span. A longer step is shortened for all
-neurons alike; if only one neuron were limited, the duals would wind up against the limit.
+"""Largest step of a chain's neuron relative to the chain's span.
+
+A longer step is shortened for all neurons alike; if only one neuron were limited, the duals would
+wind up against the limit.
 """
 LARGEST_SHARE = 2.0
 """Weight of an objective, of weights that sum to one, above which a chunk is undone."""

@@ -47,13 +47,13 @@ reduce the ratio. The term dominates if the initial guess is far from the optimu
 
 GENTLE = 0.1
 """Inequality factor of additional grids: constraints active only on the way are in no stiffness,
-and
-many of them are stiff together.
+and many of them are stiff together.
 """
 
 LONG_ROW = 128
-"""Number of stages above which row weights are compared at one path term or penalty only. The first
-network that settles is then chosen if no other can be faster by its ratio.
+"""Number of stages above which row weights are compared at one path term or penalty only.
+
+The first network that settles is then chosen if no other can be faster by its ratio.
 """
 
 
@@ -298,13 +298,14 @@ TRANSIENT = 500.0
 PATIENCE = 3.0
 """Additional time limit, as a multiple of the predicted settling time."""
 AT_BEST = 0.5
-"""Smallest ratio of settling time to prediction; slower candidates are not run. One for long cell
-arrays, whose trial runs take seconds.
+"""Smallest ratio of settling time to prediction; slower candidates are not run.
+
+One for long cell arrays, whose trial runs take seconds.
 """
 STUCK, EARLY = 1e-3, 0.2
-"""Fraction of the time limit, and of the steps: a run below the first after the second is ended. A
-run
-that is to settle has come ten times as far in a fifth of its steps.
+"""Fraction of the time limit, and of the steps: a run below the first after the second is ended.
+
+A run that is to settle has come ten times as far in a fifth of its steps.
 """
 ELSEWHERE = 0.05
 """Distance, relative to the largest primal neuron, of another equilibrium."""

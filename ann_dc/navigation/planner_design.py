@@ -65,8 +65,7 @@ PENALTIES = (1.4, 2.0, 2.8, 4.0)
 """Candidate penalty factors."""
 GAIN_RULE = replace(MULTILEVEL_RULE, by_reachability=True, coarse=0.25, dual=3.0, dual_coupling=3.0)
 """Gain rule with multipliers twice as fast, and coarse-level neurons half as fast, as without
-active
-constraints.
+active constraints.
 """
 FIRST_SEED = 10_000
 """First seed of the random worlds of a design."""

@@ -24,8 +24,7 @@ from ann_dc.progress import Progress, silent
 
 BOTTOMLESS = 1e10
 """Negative cost, in the scale of the cost, that no problem with a minimum reaches; times the
-squared
-distance, in scales, to the farthest constraint or limit if that exceeds one.
+squared distance, in scales, to the farthest constraint or limit if that exceeds one.
 """
 STEPS = 60
 """Largest number of descent steps: an unbounded cost is far below zero after 20."""

@@ -27,9 +27,8 @@ from ann_dc.problem.scales import Scales, natural_scales
 
 SMALLEST = 1e-4
 """Smallest reference gradient of residuals, in its scale: all gradients vanish once a controller
-has
-arrived. The largest curvature along a control is one, so that a residual of 1e-8 of it moves the
-control by 1e-12 of its scale.
+has arrived. The largest curvature along a control is one, so that a residual of 1e-8 of it moves
+the control by 1e-12 of its scale.
 """
 
 BEYOND = 1e-6

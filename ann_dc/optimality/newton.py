@@ -34,9 +34,9 @@ from ann_dc.validation.checked import checked
 (solve_band,) = get_lapack_funcs(("gbsv",), dtype=np.float64)
 
 SINGULAR = 1e-13
-"""Smallest pivot ratio of a regular matrix. Rounding turns zero into 1e-17; problems with one
-optimum
-stay above 1e-5.
+"""Smallest pivot ratio of a regular matrix.
+
+Rounding turns zero into 1e-17; problems with one optimum stay above 1e-5.
 """
 
 SMALL = 1e-6
@@ -46,10 +46,10 @@ VANISHES = 1e-3
 """Component after a step, relative to the step, below which its range is zero and is replaced."""
 
 OF_STATE, OF_CONTROL = 1e-3, 1e-5
-"""Fractions of the scales that replace a range. Residuals of 1e-9 of a state's scale, admissible
-for a
-certified point at every stage, add up along the stages. A residual of 1e-8 of a largest gradient of
-0.1 moves a control by 1e-9.
+"""Fractions of the scales that replace a range.
+
+Residuals of 1e-9 of a state's scale, admissible for a certified point at every stage, add up along
+the stages. A residual of 1e-8 of a largest gradient of 0.1 moves a control by 1e-9.
 """
 
 YIELD = 1e-9

@@ -42,9 +42,9 @@ POPULATION = {
     "z": (ORANGE, "-"),
     "z_end": (INK, "-"),
 }
-"""Colour and line style of each population. Lines of t and beta are broken because they coincide
-with
-q and mu.
+"""Colour and line style of each population.
+
+Lines of t and beta are broken because they coincide with q and mu.
 """
 
 FIRST_INSTANT = 1.0

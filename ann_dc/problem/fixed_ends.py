@@ -17,8 +17,7 @@ from ann_dc.problem.inequality import Inequality, row_name
 
 ROUNDING = 1e-9
 """Rounding tolerance relative to the sum of one and the magnitudes of a row's terms; an end may lie
-on
-the boundary.
+on the boundary.
 """
 
 

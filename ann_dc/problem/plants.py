@@ -67,8 +67,7 @@ def get(name: str) -> Callable[..., OptimalControlProblem]:
 
     Raises
     ------
-    UnknownNameError
-    If the name is unknown; the message lists the existing names.
+    UnknownNameError If the name is unknown; the message lists the existing names.
 
     Examples
     --------

@@ -26,8 +26,7 @@ RANDOM_STARTS = 4
 
 SAME = 1e-6
 """Relative cost difference up to which the optimum found first is preferred; that of a random path
-may
-turn angles, or lie on another branch of a step length.
+may turn angles, or lie on another branch of a step length.
 """
 FURTHER = 6
 """Restorations of a search from a further path if an optimum is known."""

@@ -37,8 +37,8 @@ Python's `json.dumps`:
 ``manifest``
     Manifest without ``hashes``.
 
-Schema 3; other schemas are rejected by name. Equal networks give equal bytes. The
-content of a file is never executed.
+Schema 3; other schemas are rejected by name. Equal networks give equal bytes. The content of a file
+is never executed.
 """
 
 from __future__ import annotations

@@ -176,7 +176,8 @@ def _preconditioner(table: Table, entries: Entries, cell: Cell, stages: int) -> 
     given = Table("manifest.preconditioner", table.get("preconditioner", dict))
     given.only("kind levels")
     kind = given.choice("kind", {kind.value: kind for kind in PreconditionerKind})
-    levels, chains = given.whole("levels", 0, 64), len(cell.chains)
+    is_coarse = kind in (PreconditionerKind.MULTILEVEL, PreconditionerKind.COUPLED_MULTILEVEL)
+    levels, chains = given.whole("levels", 0, 64 if is_coarse else 0), len(cell.chains)
     if kind in STIFFNESSES:
         m = sum(neuron.role is Role.PRIMAL for neuron in cell.neurons)
         found: Preconditioner = STIFFNESSES[kind](

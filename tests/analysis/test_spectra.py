@@ -111,7 +111,7 @@ def test_iterations_find_the_ends_of_the_dense_spectrum(name, coordinators, monk
 
 
 @pytest.mark.parametrize(
-    ("problem", "stages", "boost"), [("crane", 20, 64.0), ("cart_pole", 25, 4.0)]
+    ("problem", "stages", "penalty_factor"), [("crane", 20, 64.0), ("cart_pole", 25, 4.0)]
 )
 def test_slow_modes_that_swing_are_not_missed(problem, stages, penalty_factor, monkeypatch):
     """Rightmost modes that iterations do not find all, further from zero than others."""

@@ -71,7 +71,7 @@ OTHERS = {
         lambda: replace(
             network(), fixed=(*network().fixed, FixedNeuron(neuron="u.nu", stage=0, input="q_0.x"))
         ),
-        "other pins",
+        "other fixed",
     ),
     "inputs": (lambda: network().with_inputs({"q_d.x": 9.0}), "q_d.x; give them to run_batch"),
     "start": (lambda: replace(network(), start={}), "other start than the first"),

@@ -97,9 +97,9 @@ def test_a_form_that_there_is_not():
 
 TABLES = {
     "another head": (lambda text: text.replace("index", "place", 1), "expected the columns"),
-    "a line more": (lambda text: text + "rails,9 2,0 0,-inf\n", "is none that was written"),
+    "a line more": (lambda text: text + "limits,9 2,0 0,-inf\n", "is none that was written"),
     "a line less": (lambda text: text[: text.rindex("\n", 0, -1) + 1], "values of shape"),
-    "a short line": (lambda text: text + "rails,9 2\n", "export the network again"),
+    "a short line": (lambda text: text + "limits,9 2\n", "export the network again"),
     "a number in other words": (lambda text: text.replace(",-inf", ",-Infinity", 1), "line 2 is"),
     "another number": (lambda text: text.replace(",1.0\n", ",2.0\n", 1), "manifest.hashes.content"),
     "open quotes": (lambda text: text + '"', "export the network again"),

@@ -16,8 +16,9 @@ def start_of(name: str) -> Linearisation:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"penalty": 0.0}, {"dual": -1.0}, {"coarse": np.nan}, {"row": {"mu.x": 0.0}},
-     {"row": {"mu.x": -2.0}}, {"sweeps": -1}, {"sweeps": 1.5}, {"path": -0.1}, {"path": np.inf}],
+    [{"penalty": 0.0}, {"dual": -1.0}, {"coarse": np.nan}, {"row_factors": {"mu.x": 0.0}},
+     {"row_factors": {"mu.x": -2.0}}, {"equilibration_sweeps": -1},
+     {"equilibration_sweeps": 1.5}, {"path_weight": -0.1}, {"path_weight": np.inf}],
     ids=str,
 )  # fmt: skip
 def test_factors_that_are_none(wrong):

@@ -20,7 +20,8 @@ def point() -> SettledPoint:
 
 
 @pytest.mark.parametrize(
-    "recipe", [GainRule(), GainRule(equilibration_sweeps=16), GainRule(row_factors={"mu.x": 3.0})]
+    "gain_rule",
+    [GainRule(), GainRule(equilibration_sweeps=16), GainRule(row_factors={"mu.x": 3.0})],
 )
 def test_row_weights_are_those_of_the_recipe(point, gain_rule):
     weights = weights_of_rows(point.linear, gain_rule)

@@ -228,7 +228,7 @@ def test_grid_leaves_a_neuron_at_its_rail_alone_and_settles():
     resting = np.abs(railed.unpack(found.state)[index]) >= limit
     assert 0 < resting.sum() < railed.stages
     own = found.gains.preconditioner.own
-    row = list(railed.row.primal).index(index)
+    row = list(railed.layout.primal).index(index)
     coupled = np.abs(own[:, row]).sum(axis=1) - own[:, row, row]
     assert not coupled[resting].any()
     assert coupled[~resting].all()

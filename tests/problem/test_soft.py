@@ -24,8 +24,8 @@ PROBLEM = OptimalControlProblem(
 
 POSITIVE = st.floats(1e-6, 1e6)
 SOFT = st.one_of(
-    st.builds(Soft, price=POSITIVE),
-    st.builds(Soft, price=POSITIVE, compliance=st.floats(1e-9, 1e3)),
+    st.builds(Soft, weight=POSITIVE),
+    st.builds(Soft, weight=POSITIVE, compliance=st.floats(1e-9, 1e3)),
     st.builds(Soft, compliance=st.floats(1e-9, 1e3)),
 )
 
@@ -97,19 +97,19 @@ def test_an_end_may_break_a_soft_row_only():
 @pytest.mark.parametrize(
     ("given_soft", "words"),
     [
-        (-1, "price: expected a positive finite number, got -1"),
-        (0, "price: expected a positive"),
-        (math.nan, "price: expected a positive"),
-        (math.inf, "neither a finite price nor a compliance"),
-        (True, "price: expected a positive"),
-        ("30", "price: expected a positive"),
-        (None, "price: expected a positive"),
+        (-1, "weight: expected a positive finite number, got -1"),
+        (0, "weight: expected a positive"),
+        (math.nan, "weight: expected a positive"),
+        (math.inf, "neither a finite weight nor a compliance"),
+        (True, "weight: expected a positive"),
+        ("30", "weight: expected a positive"),
+        (None, "weight: expected a positive"),
         ({"wal": 3}, "no row 'wal'; give one of wall, end1, v_low, v_high"),
         ({"a": 3}, "a is a control, and its limits are rails"),
         ({"a_high": 3}, "a is a control, and its limits are rails"),
-        ({"wall": {"prize": 3}}, "unknown key 'prize'; a soft row has price, compliance"),
-        ({"wall": -3}, r"soft\[wall\].price"),
-        ({"wall": {}}, "neither a finite price nor a compliance"),
+        ({"wall": {"prize": 3}}, "unknown key 'prize'; a soft row has weight, compliance"),
+        ({"wall": -3}, r"soft\[wall\].weight"),
+        ({"wall": {}}, "neither a finite weight nor a compliance"),
     ],
 )
 def test_what_is_no_price_is_refused(given_soft, words):

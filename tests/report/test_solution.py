@@ -27,7 +27,7 @@ def test_the_report_names_what_decides(solution):
     for row in ("certified", "KKT residual", "settling time", "predicted", "rho", "preconditioner"):
         assert row in text
     assert "recurrence" not in text
-    assert "relative, in the problem's natural scales (constraints" in " ".join(text.split())
+    assert "relative, in natural scales (constraints" in " ".join(text.split())
     assert "in the problem's units" not in text
 
 

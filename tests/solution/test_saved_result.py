@@ -69,8 +69,8 @@ def test_the_manifest_can_be_read_by_a_person(folder, solution):
 
 
 def test_another_version_is_refused_with_what_to_do(folder):
-    with_manifest(folder, lambda table: table.update(schema=2))
-    refused(folder, "schema: 2, but this ann_dc reads 1; load the file with the version")
+    with_manifest(folder, lambda table: table.update(schema=3))
+    refused(folder, "schema: expected 2, got 3; load the file with the version")
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "arrays.npz", "network.npz", "SHA256SUMS"])

@@ -59,7 +59,7 @@ def test_arrays_gather_by_their_places():
     writer = Writer()
     grid = ResistiveGrid(own=np.ones((1, 1, 1)), following=np.zeros((0, 1, 1)))
     assert writer.value(grid, "preconditioner") == {
-        "type": "Grid",
+        "type": "ResistiveGrid",
         "own": "float",
         "following": "float",
     }

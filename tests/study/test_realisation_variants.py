@@ -50,7 +50,7 @@ def test_coordinators_are_multiplied(network):
     alone = ann_dc.design(
         ann_dc.plants.double_integrator(N=5), preconditioner=PreconditionerKind.DIAGONAL
     ).network
-    with pytest.raises(StudyError, match="no coarse coordinators"):
+    with pytest.raises(StudyError, match="no coarse levels"):
         with_gains(alone, {"coarse": 2.0})
 
 

@@ -28,9 +28,9 @@ def test_every_combination_the_last_setting_quickest():
 
 @pytest.mark.parametrize("sampling", Sampling)
 def test_ranges_are_filled_and_kept(sampling):
-    over = {"input.q_d.x": (1, 3), "gains.tau.u": Span(0.01, 100.0, is_log=True)}
-    points = list(study(vary=over, samples=64, sampling=sampling, seed=3).points())
-    x, tau = (np.array(column(points, name)) for name in over)
+    vary = {"input.q_d.x": (1, 3), "gains.tau.u": Span(0.01, 100.0, is_log=True)}
+    points = list(study(vary=vary, samples=64, sampling=sampling, seed=3).points())
+    x, tau = (np.array(column(points, name)) for name in vary)
     assert x.min() >= 1
     assert x.max() <= 3
     assert tau.min() >= 0.01
@@ -40,13 +40,13 @@ def test_ranges_are_filled_and_kept(sampling):
         assert quarters.min() > 4
     else:
         assert (quarters == 16).all()
-    assert points == list(study(vary=over, samples=64, sampling=sampling, seed=3).points())
-    assert points != list(study(vary=over, samples=64, sampling=sampling, seed=4).points())
+    assert points == list(study(vary=vary, samples=64, sampling=sampling, seed=3).points())
+    assert points != list(study(vary=vary, samples=64, sampling=sampling, seed=4).points())
 
 
 def test_combinations_share_samples_and_seeds():
-    over = {"gains.rho": [1.0, 2.0], "input.q_d.x": (1, 3)}
-    points = list(study(vary=over, samples=5).points())
+    vary = {"gains.rho": [1.0, 2.0], "input.q_d.x": (1, 3)}
+    points = list(study(vary=vary, samples=5).points())
     assert column(points[:5], "input.q_d.x") == column(points[5:], "input.q_d.x")
     assert [p.seed for p in points[:5]] == [p.seed for p in points[5:]]
     assert len({p.seed for p in points[:5]}) == 5
@@ -62,8 +62,8 @@ def test_first_seeds_stay_when_there_are_more(count, more):
 
 
 def test_a_seed_can_be_said():
-    over = {"seed": [5, 6], "input.q_d.x": (1, 3)}
-    points = list(study(vary=over, samples=2).points())
+    vary = {"seed": [5, 6], "input.q_d.x": (1, 3)}
+    points = list(study(vary=vary, samples=2).points())
     assert [p.seed for p in points] == [5, 5, 6, 6]
     assert all("seed" not in p.setting for p in points)
 
@@ -79,9 +79,9 @@ def test_a_seed_can_be_said():
         ({"problem.N": range(4_000), "gains.rho": range(1, 4_000)}, "more than"),
     ],
 )
-def test_empty_designs_are_refused(over, said):
+def test_empty_designs_are_refused(vary, said):
     with pytest.raises(StudyError, match=said):
-        study(vary=over)
+        study(vary=vary)
 
 
 def test_what_is_fixed_is_not_varied():

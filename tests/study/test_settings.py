@@ -44,7 +44,7 @@ def test_levels_have_the_words_that_circuits_have():
     ("name", "said"),
     [
         ("input.q_d.z", "did you mean input.q_d"),
-        ("defct.mismatch", "did you mean defect.mismatch"),
+        ("defct.mismatch", "did you mean nonideal.mismatch"),
         ("gains.tau.w", "did you mean gains.tau.u"),
         ("speed", "settings begin with problem., design."),
         ("design.from", "did you mean design.form"),
@@ -74,7 +74,7 @@ def test_unknown_names_are_told_the_nearest(name, said):
         ("circuit.margin", 0.0, r"circuit\.margin is a positive number"),
         ("design.penalty", 0.0, r"design\.penalty: "),
         ("gains.rho", -2.0, r"gains\.rho is a positive number"),
-        ("nonideal.mismatch", math.inf, r"defect\.mismatch is a finite number"),
+        ("nonideal.mismatch", math.inf, r"nonideal\.mismatch is a finite number"),
         ("run.tolerance", 0.0, r"run\.tolerance is a positive number"),
     ],
 )
@@ -84,9 +84,9 @@ def test_values_that_are_none(name, value, said):
 
 
 @pytest.mark.parametrize("vary", [{"problem.dt": (-1.0, 1.0)}, {"tolerance.gain": (-0.1, 0.1)}])
-def test_range_with_impossible_end_is_refused_by_name(over):
-    with pytest.raises(StudyError, match=f"vary: {next(iter(over))} is a "):
-        Study(subject="car", vary=over)
+def test_range_with_impossible_end_is_refused_by_name(vary):
+    with pytest.raises(StudyError, match=f"vary: {next(iter(vary))} is a "):
+        Study(subject="car", vary=vary)
 
 
 @pytest.mark.parametrize(
@@ -132,9 +132,9 @@ def test_settings_that_nothing_would_read(given, said):
 
 
 def test_settings_that_some_points_read():
-    over = {"run.backend": ["ode", "emulation"]}
+    vary = {"run.backend": ["ode", "emulation"]}
     fixed = {"circuit.level": "macro", "tolerance.resistor": 0.01}
-    assert len(Study(subject="double_integrator", vary=over, fixed=fixed)) == 2
+    assert len(Study(subject="double_integrator", vary=vary, fixed=fixed)) == 2
 
 
 @pytest.mark.parametrize(
@@ -146,6 +146,6 @@ def test_settings_that_some_points_read():
         ({"run.backend": (0, 1)}, "takes words"),
     ],
 )
-def test_lists_and_ranges_that_are_none(over, said):
+def test_lists_and_ranges_that_are_none(vary, said):
     with pytest.raises(StudyError, match=said):
-        Study(subject="double_integrator", vary=over)
+        Study(subject="double_integrator", vary=vary)

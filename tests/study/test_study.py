@@ -74,7 +74,7 @@ def test_a_study_goes_on_where_it_was(table, tmp_path):
 
 def test_a_changed_study_refuses_to_mix(tmp_path):
     chips().run(tmp_path, workers=0)
-    with pytest.raises(StoreError, match=r"over\.defect\.mismatch"):
+    with pytest.raises(StoreError, match=r"vary\.nonideal\.mismatch"):
         chips(vary={"nonideal.mismatch": [0.0, 0.03]}).run(tmp_path, workers=0)
     with pytest.raises(StoreError, match="seed"):
         chips(seed=1).run(tmp_path, workers=0)

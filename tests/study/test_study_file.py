@@ -22,7 +22,7 @@ curves = 10
 limit = 30
 
 [vary]
-defect.mismatch = [0.003, 0.01]
+nonideal.mismatch = [0.003, 0.01]
 input.q_d.x = {low = 3, high = 7}
 "gains.rho" = {low = 0.1, high = 10, log = true, count = 3}
 
@@ -67,7 +67,7 @@ def test_a_problem_file_beside_it(tmp_path):
         'cost = "v**2"\n[dynamics]\nx = "v"\n',
         encoding="utf-8",
     )
-    study = load_study(written(tmp_path, 'subject = "boat.toml"\nover.problem.N = [4, 8]\n'))
+    study = load_study(written(tmp_path, 'subject = "boat.toml"\nvary.problem.N = [4, 8]\n'))
     assert [study.row(point)["outcome"] for point in (0, 1)] == ["settled", "settled"]
 
 
@@ -110,14 +110,14 @@ def test_what_only_python_can_repeat():
         ('subject = "car"\nseed = true', "seed: expected a whole number"),
         ('subject = "car"\nlimit = -1', "limit"),
         ('subject = "car"\nsampling = "dice"', "sampling: expected one of random"),
-        ('subject = "car"\nover.input.q_d.x = {low = 3}', "a range is"),
-        ('subject = "car"\nover.input.q_d.x = {low = 3, high = 4, step = 1}', "a range is"),
-        ('subject = "car"\nover.gains.rho = {low = 0, high = 1, log = true, count = 3}', "low > 0"),
-        ('subject = "car"\nover.input.q_d.x = {low = 3, high = 4, count = 0}', "1 or more"),
-        ('subject = "car"\nover = 3', "vary: expected a table"),
+        ('subject = "car"\nvary.input.q_d.x = {low = 3}', "a range is"),
+        ('subject = "car"\nvary.input.q_d.x = {low = 3, high = 4, step = 1}', "a range is"),
+        ('subject = "car"\nvary.gains.rho = {low = 0, high = 1, log = true, count = 3}', "low > 0"),
+        ('subject = "car"\nvary.input.q_d.x = {low = 3, high = 4, count = 0}', "1 or more"),
+        ('subject = "car"\nvary = 3', "vary: expected a table"),
         ('subject = "car"\nmetrics = "power"', "metrics: expected a list"),
-        ('subject = "car"\nover.input.q_d.z = [1]', "did you mean"),
-        ('subject = "car"\nover.problem.N = []', "no values"),
+        ('subject = "car"\nvary.input.q_d.z = [1]', "did you mean"),
+        ('subject = "car"\nvary.problem.N = []', "no values"),
         ('subject = "none.toml"', "none.toml"),
     ],
 )

@@ -44,13 +44,16 @@ HOSTILE = {
     "input of one number": (put("input/q_d.x", entry(1.0)), r"shape \(\), expected \(4,\)"),
     "integers": (put(STILL, entry(1)), "holds int64 values where float64 is expected"),
     "single precision": (put(STILL, entry(np.float32(1))), "holds float32 values"),
-    "fortran order": (put("rails", entry(np.ones((18, 2), order="F"))), "'rails' holds float64"),
+    "fortran order": (put("limits", entry(np.ones((18, 2), order="F"))), "'limits' holds float64"),
     "nan weight": (put("weight/mu.x<-c.x", entry(np.nan)), "mu.x<-c.x' holds a value that is not"),
     "infinite tau": (put(STILL, entry(np.inf)), "'tau/q.x' holds a value that is not finite"),
-    "nan rail": (put("rails", entry(np.full((18, 2), np.nan))), "'rails' holds a value"),
+    "nan rail": (put("limits", entry(np.full((18, 2), np.nan))), "'limits' holds a value"),
     "zero tau": (put(STILL, entry(0.0)), "q.x: time constant 0.0 must be positive"),
     "claims terabytes": (put(STILL, HUGE), r"shape \(99999999999999,\)"),
-    "cut short": (put("unit", entry(np.ones(18))[:-8]), r"'unit' has shape \(18,\)"),
+    "cut short": (
+        put("scale_factor", entry(np.ones(18))[:-8]),
+        r"'scale_factor' has shape \(18,\)",
+    ),
     "empty entry": (put(STILL, b""), "'tau/q.x' is not a NumPy array"),
     "manifest is no text": (put("manifest", entry(np.full(9, 255, np.uint8))), "not UTF-8"),
     "manifest too large": (
@@ -66,9 +69,9 @@ HOSTILE = {
     ),
     "manifest is a list": (with_manifest(lambda _: b"[]"), "does not say 'ann_dc network'"),
     "another format": (setting("format", "trackmania"), "does not say 'ann_dc network'"),
-    "another schema": (setting("schema", 3), "schema: 3, but this ann_dc reads 1 to 2; load the"),
-    "a true schema": (setting("schema", True), "schema: True, but this ann_dc reads 1 to 2"),
-    "a broken schema": (setting("schema", 2.0), r"schema: 2\.0, but this ann_dc reads 1 to 2"),
+    "another schema": (setting("schema", 4), "schema: expected 3, got 4; load the file with the"),
+    "a true schema": (setting("schema", True), "schema: expected 3, got True"),
+    "a broken schema": (setting("schema", 3.0), r"schema: expected 3, got 3\.0"),
     "a key twice": (
         with_manifest(lambda t: json.dumps(t).replace("{", '{"stages": 4, ', 1).encode()),
         "manifest: not JSON: key 'stages' occurs twice in a table",
@@ -81,9 +84,15 @@ HOSTILE = {
     ),
     "no hashes": (with_manifest(lambda t: t.pop("hashes") and None), "manifest.hashes: missing"),
     "a word for no array": (setting("tensors", "tau/q.z", {}), "differ in tau/q.z"),
-    "an older schema": (setting("schema", 1), "manifest: unknown key about, hashes, tensors"),
-    "a schema before the first": (setting("schema", 0), "schema: 0, but this ann_dc reads"),
-    "no schema": (with_manifest(lambda t: t.pop("schema") and None), "schema: None, but"),
+    "an older schema": (
+        setting("schema", 2),
+        "schema: expected 3, got 2; load the file with the version",
+    ),
+    "a schema before the first": (setting("schema", 0), "schema: expected 3, got 0"),
+    "no schema": (
+        with_manifest(lambda t: t.pop("schema") and None),
+        "schema: expected 3, got None",
+    ),
     "unknown key": (setting("colour", "red"), "manifest: unknown key colour"),
     "missing key": (with_manifest(lambda t: t.pop("fixed") and None), "manifest.fixed: missing"),
     "no stages": (setting("stages", 0), "manifest.stages: 0 is not in 1 .. 1000000"),
@@ -106,17 +115,20 @@ HOSTILE = {
     "endless template": (setting("connections", 0, "template", 10**7), "template: 10000000 is not"),
     "true template": (setting("connections", 0, "template", True), "template: expected str"),
     "unknown source": (setting("connections", 0, "source", "q.z"), "entry 'weight/.*<-q.z"),
-    "unknown pin": (setting("pins", 0, "neuron", "q.z"), "no such neuron or stage"),
-    "pin in words": (setting("pins", 0, "stage", "0"), r"pins\[0\].stage: expected int, got '0'"),
-    "absent too far": (setting("absent", 0, "stage", 4), "no such neuron or stage"),
-    "left of nothing": (setting("left", "t.x", "q_e.x"), "'q_e.x' is not an input"),
-    "left of a number": (setting("left", "t.x", 1), r"manifest.left.t.x: expected str, got 1"),
+    "unknown pin": (setting("fixed", 0, "neuron", "q.z"), "no such neuron or stage"),
+    "pin in words": (setting("fixed", 0, "stage", "0"), r"fixed\[0\].stage: expected int, got '0'"),
+    "absent too far": (setting("omitted", 0, "stage", 4), "no such neuron or stage"),
+    "left of nothing": (setting("left_boundary", "t.x", "q_e.x"), "'q_e.x' is not an input"),
+    "left of a number": (
+        setting("left_boundary", "t.x", 1),
+        r"manifest.left_boundary.t.x: expected str, got 1",
+    ),
     "lonely chain": (setting("chains", 0, ["q.x"]), r"chains: expected two neuron names, got"),
     "names in a tree": (setting("inputs", [["q_0.x"]]), "manifest.inputs: expected names only"),
     "name twice": (setting("start", ["q.x", "q.x"]), "manifest.start: a name occurs twice"),
     "unknown start": (setting("start", ["q.z"]), "entry 'start/q.z' is missing"),
-    "levels of nothing": (setting("levels", 1), "entry 'gain/0' is missing"),
-    "negative levels": (setting("levels", -1), "manifest.levels: -1 is not in 0 .. 64"),
+    "levels of nothing": (setting("preconditioner", "levels", 1), "levels: 1 is not in 0 .. 0"),
+    "negative levels": (setting("preconditioner", "levels", -1), "levels: -1 is not in 0 .. 0"),
     "title that is no text": (setting("title", None), "manifest.title: expected str, got None"),
 }
 
@@ -205,34 +217,53 @@ def blocks(rows: int, size: int, value: float = 1.0) -> bytes:
 
 BAD_STIFFNESSES = {
     "of no kind": (
-        setting("preconditioner", "lattice"),
-        "preconditioner: 'lattice' does not exist.*grid, tree",
+        setting("preconditioner", "kind", "lattice"),
+        "preconditioner.kind: 'lattice' does not exist.*resistive grid",
     ),
-    "that is no name": (
-        setting("preconditioner", 3),
-        "manifest.preconditioner: expected str, got 3",
+    "that is no table": (setting("preconditioner", 3), "manifest.preconditioner: expected dict"),
+    "of another kind": (
+        setting("preconditioner", "kind", "diagonal"),
+        "unknown entries: stiffness/",
     ),
-    "of another kind": (setting("preconditioner", "tree"), "entry 'tree/own' is missing"),
-    "beside levels": (setting("levels", 1), "manifest.levels: 1 is not in 0 .. 0"),
-    "without a name": (
-        with_manifest(lambda t: t.pop("preconditioner") and None),
-        "unknown entries: grid/",
+    "of another realisation": (
+        setting("preconditioner", "kind", "cyclic reduction"),
+        "manifest.hashes",
     ),
-    "missing": (drop("grid/own"), "entry 'grid/own' is missing"),
-    "without neighbours": (drop("grid/following"), "entry 'grid/following' is missing"),
-    "of another row": (put("grid/own", blocks(5, 10)), r"'grid/own' has shape \(5, 10, 10\)"),
-    "of another cell": (put("grid/own", blocks(4, 9)), r"'grid/own' has shape \(4, 9, 9\)"),
+    "with coarse levels": (setting("preconditioner", "levels", 1), "levels: 1 is not in 0 .. 0"),
+    "without a kind": (
+        with_manifest(lambda t: t["preconditioner"].pop("kind") and None),
+        "manifest.preconditioner.kind: missing",
+    ),
+    "missing": (drop("stiffness/own"), "entry 'stiffness/own' is missing"),
+    "without neighbours": (drop("stiffness/following"), "entry 'stiffness/following' is missing"),
+    "of another row": (
+        put("stiffness/own", blocks(5, 10)),
+        r"'stiffness/own' has shape \(5, 10, 10\)",
+    ),
+    "of another cell": (
+        put("stiffness/own", blocks(4, 9)),
+        r"'stiffness/own' has shape \(4, 9, 9\)",
+    ),
     "of too many neighbours": (
-        put("grid/following", blocks(4, 10)),
+        put("stiffness/following", blocks(4, 10)),
         r"shape \(4, 10, 10\), expected \(3, 10, 10\)",
     ),
-    "not a number": (put("grid/own", blocks(4, 10, np.inf)), "'grid/own' holds a value that is"),
+    "not a number": (
+        put("stiffness/own", blocks(4, 10, np.inf)),
+        "'stiffness/own' holds a value that is",
+    ),
     "not symmetric": (
-        put("grid/own", entry(np.eye(10) + 0.1 * np.eye(10, k=1) + np.zeros((4, 1, 1)))),
+        put("stiffness/own", entry(np.eye(10) + 0.1 * np.eye(10, k=1) + np.zeros((4, 1, 1)))),
         "own: the stiffness within a cell must be symmetric",
     ),
-    "negative": (put("grid/own", blocks(4, 10, -1.0)), "resistive grid: .*not positive definite"),
-    "coupled too strongly": (put("grid/following", blocks(3, 10, 9.0)), "not positive definite"),
+    "negative": (
+        put("stiffness/own", blocks(4, 10, -1.0)),
+        "resistive grid: .*not positive definite",
+    ),
+    "coupled too strongly": (
+        put("stiffness/following", blocks(3, 10, 9.0)),
+        "not positive definite",
+    ),
 }
 
 

@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 LOOKS, ROUNDS = 8, 4
-"""Number of parts of an interval and number of grids. The deviation is evaluated at the ends of the
-parts, and each grid divides the part with the last exit. The exit is located to 1 / 8^4 of a step
-and then interpolated.
+"""Number of parts of an interval and number of grids.
+
+The deviation is evaluated at the ends of the parts, and each grid divides the part with the last
+exit. The exit is located to 1 / 8^4 of a step and then interpolated.
 """
 
 

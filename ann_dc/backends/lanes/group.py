@@ -71,8 +71,7 @@ class Found(NamedTuple):
     """End code (B,) of each sample."""
     steps: np.ndarray
     """Steps (B, 2): number of steps, and steps after which the residual stayed below the tolerance,
-    or
-    -1.
+    or -1.
     """
     times: np.ndarray
     """Network times (B, 2) at the end, and after which the residual stayed below the tolerance."""
@@ -132,8 +131,7 @@ class Group(NamedTuple):
     """Rates (N, P, W); W is 1 if all samples have the same rates."""
     roots: np.ndarray
     """Square roots of the samples' rates over the network's; flat, empty if the preconditioner
-    needs
-    none.
+    needs none.
     """
     components: np.ndarray
     """Indices (n,) of the state vector components."""

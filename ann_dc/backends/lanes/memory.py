@@ -10,8 +10,7 @@ from ann_dc.evaluation.codegen.writer import Function
 (RUNS, STEP, TIME, DONE, CONSTRAINT, STATIONARITY, SINCE, SINCE_TIME, LARGEST, TURN, BEST,
  BEST_BEFORE) = range(12)  # fmt: skip
 """Memory rows: presence of a sample; step length; network time; number of steps; two residuals;
-step
-and time since which they stay below the tolerance (-1 before); largest state that is not an
+step and time since which they stay below the tolerance (-1 before); largest state that is not an
 overflow; step of the next headway check; lowest residual of this window and of the last.
 """
 OWN = 12

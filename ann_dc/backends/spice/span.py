@@ -39,8 +39,7 @@ LIFETIMES = 14.0
 
 SMALL, LATER = 0.1, 3.0
 """Fraction of their reach below which controls end small, and additional time constants per factor
-of
-e below this fraction: one for the decay, and the rest for observing it.
+of e below this fraction: one for the decay, and the rest for observing it.
 """
 
 LEFT = 0.02

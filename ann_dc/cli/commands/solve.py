@@ -102,21 +102,18 @@ def solve(
 ) -> None:
     """Solve a problem with the network and certify that the result is an optimum.
 
-    Settling times are in fastest time constants: multiply them by the fastest
-    time constant of the hardware. Values are in the units of the problem,
-    which the table lists.
+    Settling times are in fastest time constants: multiply them by the fastest time constant of the
+    hardware. Values are in the units of the problem, which the table lists.
 
     Usage examples:
 
-      ann-dc solve car --set D=0.5 --json out/car.json
-      ann-dc solve unicycle -N 30 --q-d 2,1,free --plot out
-      ann-dc solve car --curves out/car.csv --save out/car
-      ann-dc solve car --backend recurrent --accelerate
-      ann-dc solve pendulum --kinds multilevel,diagonal
-      ann-dc solve unicycle_soft_obstacle --starts 64
+      ann-dc solve car --set D=0.5 --json out/car.json ann-dc solve unicycle -N 30 --q-d 2,1,free
+      --plot out ann-dc solve car --curves out/car.csv --save out/car ann-dc solve car --backend
+      recurrent --accelerate ann-dc solve pendulum --kinds multilevel,diagonal ann-dc solve
+      unicycle_soft_obstacle --starts 64
 
-    Exit code: 0 settled and certified, 1 not settled or not certified,
-    2 bad input or unwritable output, 130 interrupted.
+    Exit code: 0 settled and certified, 1 not settled or not certified, 2 bad input or unwritable
+    output, 130 interrupted.
     """
     with notes(quiet), progress_line(quiet) as shown, _deadline(shown, time_limit) as progress:
         declared = problem.declared()
@@ -146,8 +143,8 @@ def solve(
                 solution = found.solution()
             else:
                 options = {
-                    "start": neurons(declared),
-                    "kinds": kinds_of(preconditioner, chosen.kinds),
+                    "initial_guess": neurons(declared),
+                    "preconditioner": kinds_of(preconditioner, chosen.kinds),
                 }
                 aim = objective_of(backend, run)
                 gains = _refined(declared, equations, options, aim, progress) if refine else None
@@ -183,9 +180,9 @@ def _refined(declared, form, options: Mapping[str, Any], objective, progress: Pr
     from ann_dc.decomposition.equations import decompose
 
     network = solver.synthesize(
-        decompose(declared, form.designable), initial_guess=options["start"]
+        decompose(declared, form.designable), initial_guess=options["initial_guess"]
     )
-    kinds = options["kinds"]
+    kinds = options["preconditioner"]
     return solver.design(network, preconditioner=kinds, refine=objective, progress=progress)
 
 

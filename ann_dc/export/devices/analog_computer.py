@@ -51,8 +51,7 @@ SAMPLES = 500
 """Number of states of a run from which the value ranges are computed."""
 LEAST = 40
 """Minimum integration time of the check in vector steps: one step of a time constant settles at
-once,
-a continuous flow needs 14 time constants.
+once, a continuous flow needs 14 time constants.
 """
 LONGER = 1.2
 """Integration time of the check relative to the duration of the vector's iteration."""

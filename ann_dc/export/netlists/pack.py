@@ -42,8 +42,7 @@ ENTRIES = 1000
 
 OPENED = 10
 """Largest ratio of the expanded deck to the list of parts, in characters; exported decks have a
-ratio
-of 1.
+ratio of 1.
 """
 
 BAD_ZIP = (

@@ -38,8 +38,7 @@ ARITHMETIC = {"add": "Add", "subtract": "Sub", "multiply": "Mul", "divide": "Div
 """Operations of formula trees."""
 SMALL = 0.5
 """Bound on the argument below which the hyperbolic sine is computed from the hyperbolic tangent of
-its
-half.
+its half.
 """
 
 BELOW_RIGHT_ANGLE = 6.123233995736766e-17

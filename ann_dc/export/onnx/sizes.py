@@ -21,8 +21,7 @@ SAMPLES = 2
 """Maximum number of samples in one run of a check."""
 GROWTH = 8
 """Maximum size of a tensor relative to the states, inputs and the largest table; exported files
-need
-less.
+need less.
 """
 Shape = tuple[int, ...]
 

@@ -175,9 +175,9 @@ class Wires:
 
 
 Clamp: TypeAlias = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Map of net inputs d (..., n) to state derivatives and currents, (..., n) each. Derivatives = M (d
-+
-currents). Derivatives are zero for saturated neurons, currents for all others.
+"""Map of net inputs d (..., n) to state derivatives and currents, (..., n) each.
+
+Derivatives = M (d + currents). Derivatives are zero for saturated neurons, currents for all others.
 """
 
 

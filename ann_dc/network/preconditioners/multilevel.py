@@ -97,10 +97,7 @@ class Multilevel(Preconditioner):
 
     @property
     def kind(self) -> PreconditionerKind:
-        """PreconditionerKind of the preconditioner, `PreconditionerKind.COUPLED_MULTILEVEL` if a
-        gain
-        is not diagonal.
-        """
+        """Kind: `PreconditionerKind.COUPLED_MULTILEVEL` if a gain is not diagonal."""
         beside = ~np.eye(self.chains, dtype=bool)
         coupled = any(gain[:, beside].any() for gain in self.gains)
         return PreconditionerKind.COUPLED_MULTILEVEL if coupled else PreconditionerKind.MULTILEVEL

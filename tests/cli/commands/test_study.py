@@ -11,7 +11,7 @@ subject = "double_integrator"
 metrics = ["settling_time", "control_error"]
 samples = 4
 [vary]
-defect.mismatch = [0.0, 0.02]
+nonideal.mismatch = [0.0, 0.02]
 [fixed]
 problem.N = 5
 [spec]
@@ -46,7 +46,7 @@ def test_a_study_is_run_summed_up_and_exported(file, tmp_path):
 
 
 def test_points_that_fail_are_told_by_the_code(file, tmp_path):
-    negative = "[0.02]\ndefect.time_constants = [0.0, 3.0]"  # some are drawn below zero
+    negative = "[0.02]\nnonideal.time_constants = [0.0, 3.0]"  # some are drawn below zero
     file.write_text(STUDY.replace("[0.0, 0.02]", negative), encoding="utf-8")
     code, said = run("study", file, "--out", tmp_path / "out", "--workers", "0")
     assert code == 1

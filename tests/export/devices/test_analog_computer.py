@@ -69,9 +69,18 @@ class Loops:
 
 CASES = {
     "functions": (ann_dc.plants.pendulum(N=4), {}),
-    "pyramid": (ann_dc.plants.unicycle(N=4), {"kinds": [ann_dc.PreconditionerKind.MULTILEVEL]}),
-    "time constants": (ann_dc.plants.car(N=3), {"kinds": [ann_dc.PreconditionerKind.DIAGONAL]}),
-    "tree": (ann_dc.plants.car(N=4), {"kinds": [ann_dc.PreconditionerKind.CYCLIC_REDUCTION]}),
+    "pyramid": (
+        ann_dc.plants.unicycle(N=4),
+        {"preconditioner": ann_dc.PreconditionerKind.MULTILEVEL},
+    ),
+    "time constants": (
+        ann_dc.plants.car(N=3),
+        {"preconditioner": ann_dc.PreconditionerKind.DIAGONAL},
+    ),
+    "tree": (
+        ann_dc.plants.car(N=4),
+        {"preconditioner": ann_dc.PreconditionerKind.CYCLIC_REDUCTION},
+    ),
     "shared neurons": (minimax.small(4), {}),
     "inequalities": (constrained.integrator(N=5, dt=0.6, bounds={constrained.v: (None, 0.6)}), {}),
 }

@@ -341,7 +341,11 @@ every_kind = pytest.mark.parametrize("kind", BEYOND)
 
 
 def with_level(
-    kind: preconditioners.Kind, horizon: int | None, margin: float, plant: str = "car", **datasheet
+    kind: preconditioners.PreconditionerKind,
+    horizon: int | None,
+    margin: float,
+    plant: str = "car",
+    **datasheet,
 ):
     backend = SpiceBackend(level=macro(**datasheet), margin=margin, node_lag=1e-3)
     return backend, *backend.prepare(with_preconditioner(plant, kind, horizon))

@@ -177,7 +177,7 @@ UNKNOWN = {
 }
 
 
-@pytest.mark.parametrize("defects", [NONE, SMALL], ids=["none", "small"])
+@pytest.mark.parametrize("nonidealities", [NONE, SMALL], ids=["none", "small"])
 @pytest.mark.parametrize("defect", sorted(NONE.keys() & SMALL.keys()))
 @pytest.mark.parametrize("case", UNKNOWN)
 def test_what_does_not_exist_is_told(case, defect, nonidealities):
@@ -695,7 +695,7 @@ def spoiled(name: str, *nonidealities: str) -> Network:
 
 
 @pytest.mark.sampled
-@pytest.mark.parametrize("defects", [*([d] for d in SMALL), ALL], ids="-".join)
+@pytest.mark.parametrize("nonidealities", [*([d] for d in SMALL), ALL], ids="-".join)
 def test_continuous_and_discrete_time_agree(nonidealities):
     network = spoiled("double_integrator", *nonidealities)
     tight = Settling(tolerance=1e-8, confirm=0.1)
@@ -719,7 +719,7 @@ def test_the_car_agrees_too():
         np.testing.assert_allclose(run.trajectory.final, newton, atol=1e-6 * np.abs(newton).max())
 
 
-@pytest.mark.parametrize("defects", [*([d] for d in SMALL), ALL], ids="-".join)
+@pytest.mark.parametrize("nonidealities", [*([d] for d in SMALL), ALL], ids="-".join)
 def test_a_file_keeps_the_dynamics(nonidealities, tmp_path):
     network = rails(spoiled("double_integrator", *nonidealities), 50.0)
     save(network, tmp_path / "network.npz")

@@ -63,7 +63,7 @@ def test_the_figures_that_tell_most_are_there_and_the_others_are_named():
         "residuals over time",
     ):
         assert title in titles
-    assert "settling_time over defect.mismatch" in left_out
+    assert "settling_time over nonideal.mismatch" in left_out
     assert not {title.lower() for title in titles} & {name.lower() for name in left_out}
 
 

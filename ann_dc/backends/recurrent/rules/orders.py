@@ -53,8 +53,9 @@ SIMULTANEOUS = Order("simultaneous")
 """Simultaneous order: all neurons move at once, (16), (17) and forward Euler."""
 
 TWO_PHASE = Order("two-phase")
-"""Two-phase order: primal neurons first, then dual neurons on the new residual. Equal to the
-simultaneous recurrence with rho + h/tau_dual, on duals that are one step late.
+"""Two-phase order: primal neurons first, then dual neurons on the new residual.
+
+Equal to the simultaneous recurrence with rho + h/tau_dual, on duals that are one step late.
 """
 
 STAGE_BY_STAGE = Order("stage by stage")
