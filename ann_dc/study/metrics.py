@@ -319,11 +319,26 @@ _UNITS: dict[str, tuple[Callable[[Sample], Value], ...]] = {
         settling_steps,
     ),
 }
+
+
+def definition_of(value: Callable[[Sample], float]) -> str:
+    """Return the docstring of a metric as a noun phrase with its details, on one line.
+
+    Examples
+    --------
+    >>> definition_of(neurons)
+    'Number of moving neurons.'
+    """
+    text = " ".join((value.__doc__ or "").split())
+    noun = text.removeprefix("Return ").removeprefix("the ")
+    return noun[:1].upper() + noun[1:]
+
+
 METRICS: dict[str, Metric] = {
     value.__name__: Metric(
         name=value.__name__,
         unit=unit,
-        definition=" ".join((value.__doc__ or "").split("\n\n")[0].split()),
+        definition=definition_of(value),
         value=value,
         curves=value in _CURVES,
     )

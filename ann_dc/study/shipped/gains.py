@@ -14,7 +14,7 @@ import numpy as np
 
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.study.metrics import METRICS, Metric
+from ann_dc.study.metrics import METRICS, Metric, definition_of
 from ann_dc.study.sample import Sample
 from ann_dc.study.settings import subject_of
 from ann_dc.study.study import Study
@@ -41,7 +41,7 @@ MEASURED = (
     Metric(
         name=BY_SPECTRUM,
         unit="fastest time constants",
-        definition=" ".join((settling_by_spectrum.__doc__ or "").split()),
+        definition=definition_of(settling_by_spectrum),
         value=settling_by_spectrum,
     ),
     METRICS["resting_decay_rate"],

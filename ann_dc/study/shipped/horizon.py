@@ -15,7 +15,7 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import StudyError
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.study.metrics import METRICS, Metric
+from ann_dc.study.metrics import METRICS, Metric, definition_of
 from ann_dc.study.realisation import Realisation
 from ann_dc.study.records import Value
 from ann_dc.study.sample import Sample
@@ -41,7 +41,7 @@ def computing_time(sample: Sample) -> float:
 COMPUTING = Metric(
     name="computing_time",
     unit="s / fastest time constant",
-    definition=" ".join((computing_time.__doc__ or "").split()),
+    definition=definition_of(computing_time),
     value=computing_time,
 )
 
