@@ -280,7 +280,7 @@ def design(
         if not (isinstance(source, OptimalControlProblem) and gain_rule is None and refine is None):
             raise DesignError(
                 "over: a family needs the problem itself, whose optima it certifies, and neither "
-                "recipe= nor refine="
+                "gain_rule= nor refine="
             )
         source = held(source, any_start=True)
         return design_family(source, ranges, preconditioner=preconditioner, progress=progress)

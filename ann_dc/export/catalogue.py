@@ -109,7 +109,7 @@ FORMATS: dict[str, Format] = {
         write=verilog_a_files,
         check=verilog_a_check,
         carries="behaviour in volts and seconds",
-        loses="parts and their defects",
+        loses="parts and their non-idealities",
     ),
     "conductances": Format(
         title="pairs of conductances for crossbars",

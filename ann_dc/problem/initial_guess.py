@@ -176,5 +176,5 @@ def check_start(problem: OptimalControlProblem, start: InitialGuess) -> None:
         raise ProblemError(
             f"start: {name} or its slope has no finite value at stage {k} ({at})"
             f"{f', because of {found}' if found else ''}; q_0, q_d and the start have to lie "
-            "inside the domain of every function (give start=)"
+            "inside the domain of every function (give initial_guess=)"
         )

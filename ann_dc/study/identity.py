@@ -57,7 +57,7 @@ def differences(stored: str, given: str) -> str:
     Examples
     --------
     >>> differences('{"vary": {"N": [9, 18]}, "seed": 0}', '{"vary": {"N": [9, 36, 72]}}')
-    'vary.N[1]: 18 -> 36; vary.N[2]: none -> 72; seed: 0 -> none'
+    'seed: 0 -> none; vary.N[1]: 18 -> 36; vary.N[2]: none -> 72'
     """
     if stored == given:
         return ""

@@ -140,8 +140,8 @@ class Hypothesis:
     Examples
     --------
     >>> print(Hypothesis(eigenvalues=(np.array([0.0, 1.0]), np.array([-2.0, 1.0]))))
-    the hypothesis of Theorem IV.2 fails at 1 of 2 stages; worst at k = 1, where dG_k/dv_k has
-    eigenvalues -2 .. 1
+    the hypothesis of Theorem IV.2 fails at 1 of 2 stages; worst at k = 1, where dG_k/dv_k has \
+eigenvalues -2 .. 1
 
     References
     ----------

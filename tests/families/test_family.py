@@ -74,7 +74,7 @@ def test_the_problem_of_a_sample_has_its_inputs():
     ("over", "message"),
     [
         ({}, "no input is given a range"),
-        ({"q_d.x": (5, 3)}, r"over\[q_d.x\]: the range from 5 to 3 is empty"),
+        ({"q_d.x": (5, 3)}, r"ranges\[q_d.x\]: the range from 5 to 3 is empty"),
         ({"q_d.x": (3, 3)}, "is empty"),
         ({"q_d.x": (0, float("inf"))}, "not finite"),
         ({"q_d.x": (float("nan"), 1)}, "not finite"),

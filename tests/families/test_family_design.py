@@ -93,9 +93,9 @@ def test_ranges_without_a_feasible_point_are_told():
         design_family(problem, {"q_d.x": (30.0, 50.0)})
 
 
-@pytest.mark.parametrize("given", [{"recipe": GainRule()}, {"refine": STEPS}])
+@pytest.mark.parametrize("given", [{"gain_rule": GainRule()}, {"refine": STEPS}])
 def test_a_family_takes_neither_recipe_nor_refinement(given):
-    with pytest.raises(DesignError, match="neither recipe= nor refine="):
+    with pytest.raises(DesignError, match="neither gain_rule= nor refine="):
         design(plants.double_integrator(), ranges=OVER, **given)
 
 

@@ -34,22 +34,22 @@ BAD_ROWS = {
     "nan input": ({"inputs": {"drive": np.nan}}, NetworkError, r"inputs\[drive\].*not finite"),
     "wrong length": ({"inputs": {"drive": [1, 2]}}, NetworkError, r"inputs\[drive\].*or 3"),
     "pin of no neuron": (
-        {"pins": (FixedNeuron(neuron="z", stage=0, input="drive"),)},
+        {"fixed": (FixedNeuron(neuron="z", stage=0, input="drive"),)},
         NetworkError,
         "neuron='z'.*no such neuron or stage",
     ),
     "pin beyond the row": (
-        {"pins": (FixedNeuron(neuron="x", stage=3, input="drive"),)},
+        {"fixed": (FixedNeuron(neuron="x", stage=3, input="drive"),)},
         NetworkError,
         "no such neuron or stage",
     ),
-    "negative stage": ({"absent": (Omitted(neuron="x", stage=-1),)}, NetworkError, "no such"),
+    "negative stage": ({"omitted": (Omitted(neuron="x", stage=-1),)}, NetworkError, "no such"),
     "pinned to no input": (
-        {"pins": (FixedNeuron(neuron="x", stage=0, input="x"),)},
+        {"fixed": (FixedNeuron(neuron="x", stage=0, input="x"),)},
         NetworkError,
         "'x' is not an input",
     ),
-    "left end reads no input": ({"left": {"x": "y"}}, NetworkError, "'y' is not an input"),
+    "left end reads no input": ({"left_boundary": {"x": "y"}}, NetworkError, "'y' is not an input"),
     "start of no neuron": ({"start": {"z": 1.0}}, UnknownNameError, "start: neuron 'z'.*: x"),
     "start that is not finite": ({"start": {"x": np.inf}}, NetworkError, r"start\[x\]"),
 }
@@ -66,7 +66,7 @@ def test_bad_rows(case):
 
 CONTRADICTIONS = {
     "input that the cell does not have": {"inputs": {"drive": 1.0, "drvie": 2.0}},
-    "left end of no node": {"left": {"z": "drive"}},
+    "left end of no node": {"left_boundary": {"z": "drive"}},
     "chain of no neuron": {"cell": cell_of(inputs=("drive",), chains=(("q", "t"),))},
     "dual of no neuron": {
         "cell": cell_of(

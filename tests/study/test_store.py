@@ -180,7 +180,7 @@ def test_a_changed_study_says_what_changed(tmp_path):
     with begun(tmp_path) as store:
         store.append([row(0)])
     changed = {"title": "a study", "vary": {"input.q_d.x": [0.5, 2.0]}, "seed": 4}
-    with pytest.raises(StoreError, match=r"vary.input.q_d.x\[1\]: 1.0 -> 2.0; seed: 3 -> 4 \(st"):
+    with pytest.raises(StoreError, match=r"seed: 3 -> 4; vary.input.q_d.x\[1\]: 1.0 -> 2.0"):
         begun(tmp_path, changed)
     with pytest.raises(StoreError, match=r'columns\[4\]: "peak" -> "outcome"; columns\[5\]: "out'):
         begun(tmp_path, columns=(*COLUMNS[:4], "outcome"))

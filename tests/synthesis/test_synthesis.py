@@ -266,7 +266,7 @@ def test_ends_of_the_row_are_data():
     }
     closed = small("car", SWITCHES["S14"])
     assert closed.size == 18 * stages - n
-    assert closed.left == {f"t.{s}": f"q_0.{s}" for s in ("x", "y", "phi", "varphi")}
+    assert closed.left_boundary == {f"t.{s}": f"q_0.{s}" for s in ("x", "y", "phi", "varphi")}
 
 
 def test_free_component_keeps_its_neuron():

@@ -71,7 +71,7 @@ PROBLEM = ann_dc.plants.double_integrator(N=3)
         ),
         (
             lambda: ann_dc.design(PROBLEM, preconditioner=["grid"]),
-            "kinds[0]: expected one of PreconditionerKind.DIAG",
+            "preconditioner[0]: expected one of PreconditionerKind.DIAG",
         ),
         (lambda: ann_dc.SpiceBackend(seed=-1), "seed: expected a whole number, 0 or more, got -1"),
         (lambda: ann_dc.levels.Level(name="x", models="mine"), "models: expected one of 'ideal'"),

@@ -219,7 +219,7 @@ def test_arrays_are_named_and_never_pickled(path):
             np.dtype("<f8")
         }
         assert manifest["tensors"].keys() == set(arrays.files) - {"manifest"}
-    assert (manifest["schema"], manifest["stages"], manifest["title"]) == (2, 9, "car")
+    assert (manifest["schema"], manifest["stages"], manifest["title"]) == (3, 9, "car")
 
 
 @pytest.mark.parametrize("form", FORMS)

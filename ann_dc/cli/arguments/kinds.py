@@ -38,7 +38,7 @@ def preconditioner_of(word: str) -> PreconditionerKind:
 
     Examples
     --------
-    >>> preconditioner_of("CyclicReduction").name
+    >>> preconditioner_of("Cyclic-Reduction").name
     'CYCLIC_REDUCTION'
     """
     return named("--metric", word, KINDS)

@@ -28,7 +28,7 @@ def paper(
     result.json, the figures of the two corrected runs, and Figures 1 to 6 with the printed
     equations for comparison.
 
-    Example:
+    Usage examples:
 
       ann-dc paper --out out
 

@@ -54,8 +54,8 @@ def document_of(network: Network) -> Iterator[str]:
     yield r"\end{align*}"
     if network.preconditioner.kind is not PreconditionerKind.DIAGONAL:
         kind = network.preconditioner.kind.value
-        yield f"These are the drives. A {kind} spreads them over the row: it changes how soon the"
-        yield "network settles, not where."
+        yield f"These are the drives. A {kind} preconditioner spreads them over the row:"
+        yield "it changes how soon the network settles, not where."
     blocks = [block for block in network.cell.blocks if not is_inline(block)]
     if blocks:
         yield r"\section*{Blocks}"

@@ -69,7 +69,7 @@ def cascade_of(curve: FittedPolynomial, sx: float, sy: float) -> Cascade:
 
     Examples
     --------
-    >>> from ann_dc.hardware.generators import Polynomial
+    >>> from ann_dc.hardware.parts.generator_curves import Polynomial
     >>> cascade = cascade_of(Polynomial().fit("sin", -1.3, 1.3), sx=1.3, sy=1.0)
     >>> cascade.amplitude, [step.node for step in cascade.steps]
     (1.0, ['w', 'p1', 'p0', 'out'])

@@ -84,7 +84,7 @@ def test_a_preconditioner_is_told(text_of, network):
     assert "spreads them" not in text_of(network)
     kinds = [ann_dc.PreconditionerKind.MULTILEVEL]
     pyramid = ann_dc.design(ann_dc.plants.double_integrator(N=5), preconditioner=kinds).network
-    assert "A pyramid of coarse coordinators spreads them over the row" in text_of(pyramid)
+    assert "A multilevel preconditioner spreads them over the row" in text_of(pyramid)
 
 
 def hostile() -> Network:
