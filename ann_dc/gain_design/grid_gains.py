@@ -146,8 +146,12 @@ def _with_diodes(linear: Linearisation, gain_rule: GainRule) -> np.ndarray:
     """Return all weights (P,), inequalities relative to equalities as in closed form."""
     weights = weights_of_rows(linear, gain_rule)
     if linear.diode.any():
-        own = {"sweeps": gain_rule.equilibration_sweeps, "inequality": gain_rule.inequality}
-        rho = closed_form(linear, replace(MULTILEVEL_RULE, **own)).rho
+        rule = replace(
+            MULTILEVEL_RULE,
+            equilibration_sweeps=gain_rule.equilibration_sweeps,
+            inequality=gain_rule.inequality,
+        )
+        rho = closed_form(linear, rule).rho
         duals = [linear.network.neuron_index[d.neuron] for d in linear.network.cell.duals]
         weights[linear.diode] = rho[linear.diode] * weights[duals].mean() / rho[duals].mean()
     return weights
