@@ -79,19 +79,28 @@ def depths_of(program: Program) -> np.ndarray:
     return np.where(program.operations[:, 0] == UPDATE, last, np.array(depths, np.int64))
 
 
-def step_of(program: Program, levels: tuple[Level, ...], state: np.ndarray) -> np.ndarray:
-    """Return the state (n,) one step after ``state``."""
-    words, following = program.words.copy(), state.copy()
+def words_of(program: Program, levels: tuple[Level, ...], state: np.ndarray) -> np.ndarray:
+    """Return all words (W,) at a state (n,); the words of the neurons are the state."""
+    words = program.words.copy()
     words[program.states] = state
     for level in levels:
-        results, (low, high) = level.results(words), program.limits[level.neurons].T
-        at = state[level.neurons]
         if level.kind == UPDATE:
-            following[level.neurons] = np.clip(at + results, low, high)
             continue
+        results = level.results(words)
         if level.kind == DRIVE:
-            results = np.where(pushes_out(at, results, low, high), 0.0, results)
+            low, high = program.limits[level.neurons].T
+            results[pushes_out(state[level.neurons], results, low, high)] = 0.0
         words[level.targets] = results
+    return words
+
+
+def step_of(program: Program, levels: tuple[Level, ...], state: np.ndarray) -> np.ndarray:
+    """Return the state (n,) one step after ``state``."""
+    words, following = words_of(program, levels, state), state.copy()
+    for level in levels:
+        if level.kind == UPDATE:
+            at, (low, high) = level.neurons, program.limits[level.neurons].T
+            following[at] = np.clip(state[at] + level.results(words), low, high)
     return following
 
 

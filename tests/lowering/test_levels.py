@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from random_networks import far_wired, random_network
+from random_networks import far_wired, free_of_coupled_limits, random_network
 from random_preconditioners import with_stiffness
 
 import ann_dc
@@ -14,9 +14,7 @@ from ann_dc.lowering.levels import depths_of, levels_of, step_of
 from ann_dc.lowering.program import PRODUCT, SUMS, UPDATE
 from ann_dc.lowering.stiffness_sums import StiffnessSolve, reduction, substitution
 from ann_dc.lowering.writing import program_of
-from ann_dc.network.cell import Limiter
 from ann_dc.network.network import Network
-from ann_dc.network.selection import clamped_rows
 from ann_dc.solver import synthesize
 
 PLANTS = ann_dc.plants
@@ -53,13 +51,6 @@ def error_of_step(
     found = step_of(program, levels_of(program), state)
     largest = np.abs(expected - state).max(initial=np.finfo(float).tiny)
     return float(np.abs(found - expected).max(initial=0.0) / largest)
-
-
-def free_of_coupled_limits(network: Network) -> Network:
-    """Network without the saturation limits of neurons that the preconditioner couples."""
-    coupled, neurons = clamped_rows(network), network.cell.neurons
-    own = tuple(replace(n, limiter=Limiter()) if k in coupled else n for k, n in enumerate(neurons))
-    return replace(network, cell=replace(network.cell, neurons=own))
 
 
 @pytest.mark.sampled(8)
