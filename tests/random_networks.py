@@ -10,6 +10,7 @@ from ann_dc.network.ends import FixedNeuron, Omitted
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
+from ann_dc.network.selection import clamped_rows
 
 NEURONS = ("q.a", "t.a", "q.b", "t.b", "u", "mu", "s")
 ROLES = (*[Role.PRIMAL] * 5, Role.DUAL, Role.STATE)
@@ -53,6 +54,13 @@ def random_network(seed: int, kind: PreconditionerKind = PreconditionerKind.DIAG
         title=f"random {seed}",
     )
     return replace(network, preconditioner=random_preconditioner(kind, network.layout, rng))
+
+
+def free_of_coupled_limits(network: Network) -> Network:
+    """Network without the saturation limits of neurons that the preconditioner couples."""
+    coupled, neurons = clamped_rows(network), network.cell.neurons
+    own = tuple(replace(n, limiter=Limiter()) if k in coupled else n for k, n in enumerate(neurons))
+    return replace(network, cell=replace(network.cell, neurons=own))
 
 
 def far_wired(seed: int) -> Network:

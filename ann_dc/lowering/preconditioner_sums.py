@@ -1,4 +1,4 @@
-"""Preconditioner as sums: multilevel passes, or solves with a stiffness factor.
+"""Multilevel preconditioner as sums: down to the coarse grids and back.
 
 The derivative of a neuron is a list of words and weights. The operations that write these words are
 appended to a listing.
@@ -89,37 +89,3 @@ def _half(a: int, above: int) -> list[tuple[int, float]]:
     if a % 2:
         return [(above + a // 2, 0.5), (above + a // 2 + 1, 0.5)]
     return [(above + a // 2, 1.0)]
-
-
-def replace_by_stiffness(
-    moves: Moves, network: Network, tape: Tape, listing: Listing, drives: np.ndarray
-) -> None:
-    """Replace the moves by z: K y = d is solved forward and K' z = y backward.
-
-    The forward solve proceeds from the first row to the last. The words of the net inputs are
-    ``drives``, shape (P, N).
-    """
-    count, neurons = len(tape.coupled) - 1, network.cell.neurons
-    rows = {
-        (half, p): listing.row(f"{half} of {neurons[p].name}")
-        for half in ("elimination", "move")
-        for p in np.unique(tape.coupled[:-1, 0]).tolist()
-    }
-    y, z = [ZERO] * count, [ZERO] * count
-    inverse = tape.factor[tape.coupled[1:, 2] - 1].tolist()
-    back: list[list[tuple[int, float]]] = [[] for _ in range(count)]
-    for i, (neuron, stage, first) in enumerate(tape.coupled[:-1].tolist()):
-        before = slice(first, int(tape.coupled[i + 1, 2]) - 1)
-        columns, values = tape.factor_columns[before].tolist(), tape.factor[before].tolist()
-        edges = [(int(drives[neuron, stage]), inverse[i])]
-        for column, value in zip(columns, values):
-            edges.append((y[column], -value * inverse[i]))
-            back[column].append((i, value))
-        y[i] = listing.word(rows["elimination", neuron])
-        listing.sum(SUM, y[i], edges)
-    for i in reversed(range(count)):
-        neuron, stage, _ = tape.coupled[i].tolist()
-        edges = [(z[later], -value * inverse[i]) for later, value in back[i]]
-        z[i] = listing.word(rows["move", neuron])
-        listing.sum(SUM, z[i], [*edges, (y[i], inverse[i])])
-        moves[int(network.state_index[neuron, stage])] = [(z[i], 1.0)]

@@ -23,8 +23,8 @@ SUM, PRODUCT, FUNCTION, RECTIFY, DRIVE, UPDATE = range(6)
 """Operation kinds: a drive is a sum that a limit may set to zero, an update adds a sum to a state.
 """
 SUMS = (SUM, DRIVE, UPDATE)
-ZERO = 0
-"""Word that is always zero."""
+ZERO, ONE = 0, 1
+"""Words that are always zero and always one."""
 GROUP = 32
 """Number of lanes that advance together; their words fit into a processor's cache."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from ann_dc.errors import ExportError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import PRODUCT as TAPE_PRODUCT, SUM as TAPE_SUM
-from ann_dc.lowering.preconditioner_sums import add_pyramid, replace_by_stiffness
+from ann_dc.lowering.preconditioner_sums import add_pyramid
 from ann_dc.lowering.program import (
     DRIVE,
     FUNCTION,
@@ -23,14 +23,17 @@ from ann_dc.lowering.program import (
     Listing,
     Program,
 )
+from ann_dc.lowering.stiffness_sums import StiffnessSolve, substitution
 from ann_dc.network.cell import ONE
 from ann_dc.network.functions import CODE
 from ann_dc.network.network import Network
 from ann_dc.network.selection import clamped_rows
 
 
-def program_of(network: Network, step: float) -> Program:
+def program_of(network: Network, step: float, solve: StiffnessSolve = substitution) -> Program:
     """Return the operations of one step of length h in network time.
+
+    A stiffness between neighbours is solved by ``solve``, one operation at a time by default.
 
     Raises `ExportError` if the preconditioner couples neurons that have saturation limits, because
     sums cannot determine which neurons are saturated.
@@ -39,7 +42,7 @@ def program_of(network: Network, step: float) -> Program:
     writer = _Writer(network)
     writer.blocks()
     writer.drives()
-    writer.updates(step)
+    writer.updates(step, solve)
     return writer.finished()
 
 
@@ -124,7 +127,7 @@ class _Writer:
             edges = [edge for cell in cells for edge in self.arriving(first, last, cell)]
             self.listing.sum(DRIVE, word, edges, place)
 
-    def updates(self, step: float) -> None:
+    def updates(self, step: float, solve: StiffnessSolve) -> None:
         """Append the updates of all neurons by h times their derivatives."""
         rates, parts = self.tape.rates, (self.network, self.tape, self.listing, self.drive_words)
         moves = [
@@ -132,8 +135,7 @@ class _Writer:
         ]
         if len(self.tape.chains):
             add_pyramid(moves, *parts)
-        if len(self.tape.coupled) > 1:
-            replace_by_stiffness(moves, *parts)
+        solve(moves, *parts)
         for place, edges in enumerate(moves):
             scaled = [(word, step * weight) for word, weight in edges]
             self.listing.sum(UPDATE, place, scaled, place)

@@ -38,7 +38,8 @@ from ann_dc.export.reference.places import Places
 from ann_dc.export.reference.rounding import compare
 from ann_dc.export.reference.sidecar import check_vector, notes_of, vector_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.lowering.writing import check_rails
+from ann_dc.lowering.stiffness_sums import reduction
+from ann_dc.lowering.writing import check_rails, program_of
 from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import PositiveFinite
@@ -101,7 +102,8 @@ def analog_computer_files(
             raise ExportError(f"{name}: expected a number from 1 on, got {given:g}")
     check_vector(network, vector)
     check_rails(network, "integrators of an analog computer")
-    elements = elements_of(network)
+    labels = [network.label(i) for i in range(network.size)]
+    elements = elements_of(program_of(network, 1.0, reduction), labels)
     scales = _scales(elements, headroom * _peaks(network, elements), largest)
     beta = _time_scale(elements, scales, largest)
     table = {

@@ -1,23 +1,29 @@
-"""Network as analog-computer elements: integrators, sums, products and functions.
+"""Analog-computer elements of a program: integrators, sums, products and functions.
 
-Elements are not shared between stages, and every operation is explicit. The map M from net inputs
-to state derivatives is built from sums. If M is the inverse of a stiffness S, the system is solved
-with S = L L': a forward pass along the stages with L, and a backward pass with L'.
+Every operation of a `Program` of step one is an element, and every word that no operation writes is
+a constant. An update is an integrator with the rates of the state as coefficients. A net input that
+a single sum reads is part of that sum.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Mapping
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import scipy.linalg
-from scipy import sparse
 
-from ann_dc.network.cell import ONE, Function, Product
-from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import PreconditionerKind
+from ann_dc.lowering.program import (
+    DRIVE,
+    ONE,
+    PRODUCT as PRODUCT_OPERATION,
+    RECTIFY,
+    SUMS,
+    UPDATE,
+    ZERO,
+    Program,
+)
+from ann_dc.network.functions import FUNCTIONS
 
 KINDS = ("integrator", "constant", "sum", "product", "function")
 INTEGRATOR, CONSTANT, SUM, PRODUCT, FUNCTION = KINDS
@@ -53,174 +59,88 @@ class Element:
     high: float = np.inf
 
 
-def elements_of(network: Network) -> list[Element]:
-    """Return the elements of a network in network units; the first n are integrators.
+def elements_of(program: Program, labels: Sequence[str]) -> list[Element]:
+    """Return the elements of a program of step one, in network units.
 
-    A sum follows the elements that it reads. The network must not have saturation limits at neurons
-    that its preconditioner couples.
+    The first n elements are integrators, with the given names (n,). A sum follows the elements that
+    it reads.
     """
-    return _Wiring(network).elements
+    return _Wiring(program, labels).elements
 
 
 class _Wiring:
-    def __init__(self, network: Network) -> None:
-        self.network = network
-        self.elements = [self._integrator(i) for i in range(network.size)]
-        self.constants: dict[str, int] = {}
-        self.blocks: dict[tuple[str, int], int] = {}
-        self.pins = {(pin.neuron, pin.stage): pin.input for pin in network.fixed}
-        self.arriving = defaultdict(list)
-        for wire in network.cell.connections:
-            weight = np.broadcast_to(np.asarray(wire.weight, float), network.stages)
-            self.arriving[wire.target].append((wire.source, int(wire.template), weight))
-        for block in network.cell.blocks:
-            for stage in range(network.stages):
-                self.blocks[block.name, stage] = self._add(self._block(block, stage))
-        self._wire_integrators()
+    """Elements of the operations, and the element of every word."""
 
-    def _add(self, element: Element) -> int:
+    def __init__(self, program: Program, labels: Sequence[str]) -> None:
+        self.program, self.names = program, _names_of(program, labels)
+        self.places = {word: place for place, word in enumerate(program.states.tolist())}
+        self.elements = [
+            Element(name=name, kind=INTEGRATOR, value=value, low=low, high=high)
+            for name, value, (low, high) in zip(
+                labels, program.start.tolist(), program.limits.tolist()
+            )
+        ]
+        self.inlined: dict[int, dict[int, float]] = {}
+        counts = _reads_of(program)
+        for kind, target, a, b, neuron in program.operations.tolist():
+            if kind == UPDATE:
+                self.elements[neuron] = replace(self.elements[neuron], wires=self._wires(a, b))
+            elif kind == DRIVE and counts[target] == 1:
+                self.inlined[target] = self._wires(a, b)
+            else:
+                self._add(target, self._element(kind, target, a, b))
+
+    def _add(self, word: int, element: Element) -> int:
+        self.places[word] = len(self.elements)
         self.elements.append(element)
-        return len(self.elements) - 1
+        return self.places[word]
 
-    def _integrator(self, component: int) -> Element:
-        network = self.network
-        limiter = network.cell.neurons[network.places[component, 0]].limiter
-        return Element(
-            name=network.label(component),
-            kind=INTEGRATOR,
-            value=float(network.start_state[component]),
-            low=limiter.low,
-            high=limiter.high,
-        )
+    def _place(self, word: int) -> int:
+        """Return the element of a word; a word that no operation writes becomes a constant."""
+        if word in self.places:
+            return self.places[word]
+        value = float(self.program.words[word])
+        return self._add(word, Element(name=self.names[word], kind=CONSTANT, value=value))
 
-    def _constant(self, name: str, value: float) -> int:
-        if name not in self.constants:
-            self.constants[name] = self._add(Element(name=name, kind=CONSTANT, value=value))
-        return self.constants[name]
-
-    def _input(self, name: str, stage: int) -> int:
-        return self._constant(f"{name}[{stage}]", float(self.network.input_values[name][stage]))
-
-    def _source(self, name: str, stage: int) -> int | None:
-        """Return the index of a node's element at a stage; None if its value is zero."""
-        network = self.network
-        if name == ONE:
-            return self._constant(ONE, 1.0)
-        if not 0 <= stage < network.stages:
-            outside = stage == -1 and name in network.left_boundary
-            return self._input(network.left_boundary[name], 0) if outside else None
-        if name in network.neuron_index:
-            component = int(network.state_index[network.neuron_index[name], stage])
-            if component >= 0:
-                return component
-            pin = self.pins.get((name, stage))
-            return None if pin is None else self._input(pin, stage)
-        return self._input(name, stage) if name in network.cell.inputs else self.blocks[name, stage]
-
-    def _wires(self, target: str, stages: range) -> dict[int, float]:
+    def _wires(self, first: int, last: int) -> dict[int, float]:
         wires: dict[int, float] = defaultdict(float)
-        for source, template, weight in self.arriving[target]:
-            for stage in stages:
-                place = self._source(source, stage + template)
-                if place is not None and weight[stage]:
-                    wires[place] += float(weight[stage])
+        edges = slice(first, last)
+        sources, weights = self.program.sources[edges], self.program.weights[edges]
+        for word, weight in zip(sources.tolist(), weights.tolist()):
+            inner = self.inlined[word] if word in self.inlined else {self._place(word): 1.0}
+            for place, factor in inner.items():
+                wires[place] += factor * weight
         return dict(wires)
 
-    def _block(self, block, stage: int) -> Element:
-        name, here = f"{block.name}[{stage}]", range(stage, stage + 1)
-        if isinstance(block, Product):
-            return Element(name=name, kind=PRODUCT, reads=self._reads(stage, block.a, block.b))
-        if isinstance(block, Function):
-            reads = self._reads(stage, block.x)
-            return Element(name=name, kind=FUNCTION, reads=reads, function=block.function)
-        return Element(name=name, kind=SUM, wires=self._wires(block.name, here))
-
-    def _reads(self, stage: int, *names: str) -> tuple[int, ...]:
-        found = [self._source(name, stage) for name in names]
-        return tuple(self._constant("zero", 0.0) if p is None else p for p in found)
-
-    # ---- from drives to moves ----------------------------------------------------------------
-
-    def _wire_integrators(self) -> None:
-        network = self.network
-        arriving = [self._drive(i) for i in range(network.size)]
-        if network.preconditioner.kind is PreconditionerKind.DIAGONAL:
-            moves = [_times(w, r) for w, r in zip(arriving, network.layout.state_rates.tolist())]
-        else:
-            moves = self._moves(arriving)
-        for i, wires in enumerate(moves):
-            self.elements[i] = replace(self.elements[i], wires=wires)
-
-    def _drive(self, component: int) -> dict[int, float]:
-        neuron, stage = self.network.places[component].tolist()
-        shared = neuron in self.network.shared
-        stages = range(self.network.stages) if shared else range(stage, stage + 1)
-        return self._wires(self.network.cell.neurons[neuron].name, stages)
-
-    def _moves(self, arriving: list[dict[int, float]]) -> list[dict[int, float]]:
-        """Return M d = spread S^-1 spread' d, with nodes for jointly moved neurons."""
-        factors = self.network.preconditioner.factors(self.network.layout)
-        spread, stiffness = factors.spread.tocsc(), factors.stiffness.tocsr()
-        # nodes that belong to one neuron, and that no other node pulls
-        alone = (np.diff(spread.indptr) == 1) & (np.diff(stiffness.indptr) == 1)
-        drives = {}
-        moves: list[dict[int, float]] = [{} for _ in arriving]
-        for node in range(spread.shape[1]):
-            for i in spread.indices[spread.indptr[node] : spread.indptr[node + 1]].tolist():
-                if alone[node] and spread[[i], :].nnz == 1:
-                    moves[i] = _times(arriving[i], spread[i, node] ** 2 / stiffness[node, node])
-                elif i not in drives:
-                    drives[i] = self._summed(i, arriving[i])
-        answers = self._answers(spread, stiffness, drives)
-        for node, answer in answers.items():
-            for i, weight in _column(spread, node):
-                moves[i] = {**moves[i], answer: weight}
-        return moves
-
-    def _summed(self, component: int, wires: dict[int, float]) -> int:
-        """Add the net input of a neuron as a sum and return its index."""
-        name = f"drive {self.elements[component].name}"
-        return self._add(Element(name=name, kind=SUM, wires=wires))
-
-    def _answers(self, spread, stiffness, drives: Mapping[int, int]) -> dict[int, int]:
-        """Return the indices of S^-1 spread' d for the nodes that depend on any net input."""
-        heard = [
-            n for n in range(spread.shape[1]) if any(i in drives for i, _ in _column(spread, n))
-        ]
-        lower = _cholesky(stiffness[heard][:, heard])
-        rows, down = lower.tocsr(), []
-        for k, node in enumerate(heard):
-            own = rows[k, k]
-            wires = {drives[i]: weight / own for i, weight in _column(spread, node)}
-            wires |= {down[j]: -weight / own for j, weight in _column(rows, k) if j < k}
-            down.append(self._add(Element(name=f"down {node}", kind=SUM, wires=wires)))
-        columns, answers = lower.tocsc(), {}
-        for k in reversed(range(len(heard))):
-            own = rows[k, k]
-            wires = {down[k]: 1 / own}
-            wires |= {answers[heard[j]]: -w / own for j, w in _column(columns, k) if j > k}
-            answers[heard[k]] = self._add(Element(name=f"up {heard[k]}", kind=SUM, wires=wires))
-        return answers
+    def _element(self, kind: int, target: int, a: int, b: int) -> Element:
+        name = self.names[target]
+        if kind in SUMS:
+            return Element(name=name, kind=SUM, wires=self._wires(a, b))
+        if kind == PRODUCT_OPERATION:
+            return Element(name=name, kind=PRODUCT, reads=(self._place(a), self._place(b)))
+        function = "rectify" if kind == RECTIFY else FUNCTIONS[a].name
+        return Element(name=name, kind=FUNCTION, reads=(self._place(b),), function=function)
 
 
-def _cholesky(stiffness) -> sparse.coo_array:
-    """Compute L of S = L L' for S with a narrow band."""
-    below = sparse.coo_array(sparse.tril(stiffness))
-    i, j = below.coords
-    size, width = len(stiffness.indptr) - 1, int((i - j).max(initial=0))
-    band = np.zeros((width + 1, size))
-    band[i - j, j] = below.data
-    lower = scipy.linalg.cholesky_banded(band, lower=True)
-    offset, column = np.nonzero(lower)
-    at = column + offset, column
-    return sparse.coo_array((lower[offset, column], at), shape=(size, size))
+def _reads_of(program: Program) -> Counter[int]:
+    """Return the number of sums that read each word."""
+    counts: Counter[int] = Counter()
+    for kind, _, a, b, _ in program.operations.tolist():
+        if kind in SUMS:
+            counts.update(program.sources[a:b].tolist())
+    return counts
 
 
-def _times(wires: Mapping[int, float], factor: float) -> dict[int, float]:
-    return {place: float(weight * factor) for place, weight in wires.items()}
-
-
-def _column(table, k: int) -> list[tuple[int, float]]:
-    """Return rows and values of a CSC column (or columns and values of a CSR row)."""
-    span = slice(table.indptr[k], table.indptr[k + 1])
-    return list(zip(table.indices[span].tolist(), table.data[span].tolist()))
+def _names_of(program: Program, labels: Sequence[str]) -> list[str]:
+    """Return the names (W,) of all words: row and position in the row."""
+    positions: Counter[int] = Counter()
+    names = []
+    for row in program.rows.tolist():
+        names.append(f"{program.names[row]}[{positions[row]}]")
+        positions[row] += 1
+    for word in (ZERO, ONE):
+        names[word] = program.names[program.rows[word]]
+    for kind, target, _, _, neuron in program.operations.tolist():
+        if kind == DRIVE:
+            names[target] = f"drive {labels[neuron]}"
+    return names

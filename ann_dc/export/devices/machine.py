@@ -1,8 +1,7 @@
 """Simulation of analog elements: values at a state and derivatives of integrators.
 
-Sums are evaluated with sparse matrices. Other elements are assigned to ranks: an element reads only
-sums of lower ranks, so a rank is computed at once. Sums that read sums of the same rank are solved
-for together.
+Elements in machine units are a `Program`, which is executed level by level. A function is evaluated
+in network units, so its argument and its result are scaled.
 """
 
 from __future__ import annotations
@@ -10,10 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import splu
 
-from ann_dc.evaluation.rules import pushes_out
 from ann_dc.export.devices.elements import (
     CONSTANT,
     FUNCTION,
@@ -22,7 +18,10 @@ from ann_dc.export.devices.elements import (
     SUM,
     Element,
 )
-from ann_dc.network.functions import function_block
+from ann_dc.lowering import program as lowered
+from ann_dc.lowering.levels import levels_of, words_of
+from ann_dc.lowering.program import Listing, Program
+from ann_dc.network.functions import CODE
 
 
 class Machine:
@@ -39,109 +38,62 @@ class Machine:
     def __init__(self, elements: Sequence[Element], scales: np.ndarray | None = None) -> None:
         self.elements = elements
         self.scales = np.ones(len(elements)) if scales is None else scales
-        kinds = [e.kind for e in elements]
-        self.integrators = np.flatnonzero([kind == INTEGRATOR for kind in kinds])
-        limits = [(elements[i].low, elements[i].high) for i in self.integrators.tolist()]
-        self._limits = np.array(limits).reshape(-1, 2).T
-        self._fixed = np.array([e.value if e.kind == CONSTANT else 0.0 for e in elements])
-        self._weights = _weights(elements)
-        self._moves = self._weights[self.integrators]
-        ranks = np.array(_ranks(elements), np.int64)
-        self._steps = [
-            self._rank(np.flatnonzero(ranks == r)) for r in range(ranks.max(initial=-1) + 1)
-        ]
+        self.integrators = np.flatnonzero([e.kind == INTEGRATOR for e in elements])
+        self._words, self._program = _program_of(elements, self.scales)
+        self._levels, self._drives = levels_of(self._program), self._program.drives
 
     @property
     def start(self) -> np.ndarray:
         """Initial values (n,) of the integrators."""
-        return np.array([self.elements[i].value for i in self.integrators.tolist()])
+        return self._program.start.copy()
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """Return the values (E,) of all elements at integrator states x (n,)."""
-        values = self._fixed.copy()
-        values[self.integrators] = x
-        for step in self._steps:
-            step(values)
-        return values
+        return words_of(self._program, self._levels, x)[self._words]
 
     def moves(self, x: np.ndarray) -> np.ndarray:
         """Return dX/dT (n,) of the integrators; zero if a limit would be exceeded."""
-        moves = self._moves @ self.values(x)
-        low, high = self._limits
-        return np.where(pushes_out(x, moves, low, high), 0.0, moves)
+        return words_of(self._program, self._levels, x)[self._drives]
 
     def within(self, x: np.ndarray) -> np.ndarray:
         """Return the state with every integrator within its limits."""
-        return np.clip(x, *self._limits)
-
-    def _rank(self, places: np.ndarray):
-        """Return the function that computes the elements of one rank in the values (E,)."""
-        of = {k: [p for p in places.tolist() if self.elements[p].kind == k] for k in _NO_SUMS}
-        parts = [_NO_SUMS[kind](self, found) for kind, found in of.items() if found]
-        sums = np.array([p for p in places.tolist() if self.elements[p].kind == SUM], np.int64)
-        rows = self._weights[sums]
-        among = rows[:, sums]
-        solve = (
-            splu(sparse.csc_array(sparse.eye_array(len(sums)) - among), permc_spec="NATURAL").solve
-            if among.nnz
-            else None
-        )
-
-        def compute(values: np.ndarray) -> None:
-            for part in parts:
-                part(values)
-            if len(sums):
-                given = rows @ values
-                values[sums] = given if solve is None else solve(given)
-
-        return compute
-
-    def _products(self, places: list[int]):
-        a, b = np.array([self.elements[p].reads for p in places]).T
-
-        def compute(values: np.ndarray) -> None:
-            values[places] = values[a] * values[b]
-
-        return compute
-
-    def _functions(self, places: list[int]):
-        groups = []
-        for name in dict.fromkeys(self.elements[p].function for p in places):
-            own = np.array([p for p in places if self.elements[p].function == name])
-            x = np.array([self.elements[p].reads[0] for p in own])
-            groups.append((function_block(name), own, x))
-
-        def compute(values: np.ndarray) -> None:
-            for block, own, x in groups:
-                values[own] = block.value(values[x] * self.scales[x]) / self.scales[own]
-
-        return compute
+        return np.clip(x, *self._program.limits.T)
 
 
-_NO_SUMS = {
-    PRODUCT: Machine._products,
-    FUNCTION: Machine._functions,
-}
+def _program_of(elements: Sequence[Element], scales: np.ndarray) -> tuple[np.ndarray, Program]:
+    """Return the words (E,) of the elements, and the program without updates."""
+    listing = Listing()
+    row = listing.row("element")
+    words = listing.new(row, [e.value if e.kind == CONSTANT else 0.0 for e in elements])
+    integrators = [(e, word) for e, word in zip(elements, words.tolist()) if e.kind == INTEGRATOR]
+    for k, e in enumerate(elements):
+        word, read = int(words[k]), words[list(e.reads)].tolist()
+        if e.kind == SUM:
+            listing.sum(lowered.SUM, word, _edges(e, words))
+        elif e.kind == PRODUCT:
+            listing.operations.append((lowered.PRODUCT, word, *read, -1))
+        elif e.kind == FUNCTION:
+            argument, result = listing.word(row), listing.word(row)
+            listing.sum(lowered.SUM, argument, [(read[0], float(scales[e.reads[0]]))])
+            operation = (lowered.FUNCTION, result, CODE[e.function], argument, -1)
+            listing.operations.append(operation)
+            listing.sum(lowered.SUM, word, [(result, 1 / float(scales[k]))])
+    for neuron, (e, _) in enumerate(integrators):
+        listing.sum(lowered.DRIVE, listing.word(row), _edges(e, words), neuron)
+    limits = [(e.low, e.high) for e, _ in integrators]
+    return words, Program(
+        operations=np.array(listing.operations, np.int64).reshape(-1, 5),
+        sources=np.array(listing.sources, np.int64),
+        weights=np.array(listing.weights),
+        words=np.array(listing.values),
+        rows=np.array(listing.rows, np.int64),
+        names=tuple(listing.names),
+        states=np.array([word for _, word in integrators], np.int64),
+        start=np.array([e.value for e, _ in integrators]),
+        limits=np.array(limits).reshape(-1, 2),
+        inputs={},
+    )
 
 
-def _weights(elements: Sequence[Element]) -> sparse.csr_array:
-    entries = [(row, place, w) for row, e in enumerate(elements) for place, w in e.wires.items()]
-    rows, columns, weights = np.array(entries, float).reshape(-1, 3).T
-    at = rows.astype(np.int64), columns.astype(np.int64)
-    return sparse.csr_array(sparse.coo_array((weights, at), shape=(len(elements),) * 2))
-
-
-def _ranks(elements: Sequence[Element]) -> list[int]:
-    """Return the rank of every element.
-
-    A sum has the highest rank of the elements that it reads; any other element has one more.
-    """
-    ranks: list[int] = []
-    for e in elements:
-        if e.kind in (INTEGRATOR, CONSTANT):
-            ranks.append(0)
-        elif e.kind == SUM:
-            ranks.append(max((ranks[p] for p in e.wires), default=0))
-        else:
-            ranks.append(max(ranks[p] for p in e.reads) + 1)
-    return ranks
+def _edges(e: Element, words: np.ndarray) -> list[tuple[int, float]]:
+    return [(int(words[place]), weight) for place, weight in e.wires.items()]

@@ -2,20 +2,29 @@ r"""Linear network as matrices from states and inputs to net inputs.
 
 .. math:: d = A x + B u + b, \qquad \dot x = M d ,
 
-with u the values of the inputs at all stages, in network units. Every node is represented by a row
-of [A B b], so that fixed neurons, boundaries and shared neurons need no special rules.
+with u the values of the inputs at all stages, in network units. Every word of the `Program` is
+represented by a row of [A B b]; the program of a linear network has sums only.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from scipy import sparse
 
 from ann_dc.errors import ExportError
-from ann_dc.network.cell import ONE, Function, Sum
+from ann_dc.lowering.program import ONE, UPDATE
+from ann_dc.lowering.writing import program_of
+from ann_dc.network.cell import Function, Sum
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.diagonal import Diagonal
+
+Form: TypeAlias = dict[int, float]
+"""Row of [A B b]: columns and values."""
 
 
 class LinearForm(NamedTuple):
@@ -35,7 +44,17 @@ def linear_form(network: Network) -> LinearForm:
     Raises `ExportError`, which names the nodes, if the network is not linear.
     """
     _check_linear(network)
-    return _Forms(network).drives()
+    # the preconditioner is a matrix of its own
+    program = program_of(replace(network, preconditioner=Diagonal()), 1.0)
+    inputs = [program.inputs[name] for name in network.cell.inputs]
+    given = np.concatenate([program.states, *inputs, [ONE]])
+    forms: dict[int, Form] = {word: {column: 1.0} for column, word in enumerate(given.tolist())}
+    for kind, target, a, b, _ in program.operations.tolist():
+        if kind != UPDATE:
+            edges = zip(program.sources[a:b].tolist(), program.weights[a:b].tolist())
+            forms[target] = _summed(forms, edges)
+    table, n = _table([forms[word] for word in program.drives.tolist()], len(given)), network.size
+    return LinearForm(table[:, :n], table[:, n:-1], table[:, [-1]].toarray().ravel())
 
 
 def _check_linear(network: Network) -> None:
@@ -59,67 +78,16 @@ def _check_linear(network: Network) -> None:
         )
 
 
-class _Forms:
-    """Rows (N, n + I N + 1) of the nodes of a network, one per stage."""
+def _summed(forms: Mapping[int, Form], edges: Iterable[tuple[int, float]]) -> Form:
+    total: Form = defaultdict(float)
+    for word, weight in edges:
+        for column, factor in forms[word].items():
+            total[column] += weight * factor
+    return total
 
-    def __init__(self, network: Network) -> None:
-        self.network, self.size = network, network.size
-        self.width = network.size + len(network.cell.inputs) * network.stages + 1
-        self.arriving: dict[str, list] = {}
-        for wire in network.cell.connections:
-            self.arriving.setdefault(wire.target, []).append(wire)
-        cell, stages = network.cell, range(network.stages)
-        self.nodes = {ONE: self._form([(k, self.width - 1) for k in stages])}
-        for name in cell.inputs:
-            self.nodes[name] = self._form([(k, self._column(name, k)) for k in stages])
-        for name, row in network.neuron_index.items():
-            own = network.state_index[row]
-            self.nodes[name] = self._form([(k, int(own[k])) for k in stages if own[k] >= 0])
-        for pin in network.fixed:
-            held = self._form([(pin.stage, self._column(pin.input, pin.stage))])
-            self.nodes[pin.neuron] = self.nodes[pin.neuron] + held
-        for block in cell.blocks:
-            self.nodes[block.name] = self._arriving(block.name)
 
-    def _column(self, name: str, stage: int) -> int:
-        place = self.network.cell.inputs.index(name)
-        return self.size + place * self.network.stages + stage
-
-    def _form(self, ones: list[tuple[int, int]]) -> sparse.csr_array:
-        rows, columns = np.array(ones, np.int64).reshape(-1, 2).T
-        shape = (self.network.stages, self.width)
-        return sparse.csr_array((np.ones(len(ones)), (rows, columns)), shape=shape)
-
-    def _shifted(self, name: str, offset: int) -> sparse.csr_array:
-        """Return the rows of a node at a stage offset, with boundary inputs on the left."""
-        stages = self.network.stages
-        if offset == 0 or name == ONE:
-            return self.nodes[name]
-        shift = sparse.diags_array(np.ones(stages), offsets=offset, shape=(stages, stages))
-        moved = sparse.csr_array(shift @ self.nodes[name])
-        if -stages <= offset < 0 and name in self.network.left_boundary:
-            moved = moved + self._form(
-                [(-1 - offset, self._column(self.network.left_boundary[name], 0))]
-            )
-        return moved
-
-    def _arriving(self, target: str) -> sparse.csr_array:
-        total = self._form([])
-        for wire in self.arriving.get(target, ()):
-            weight = np.broadcast_to(np.asarray(wire.weight, float), self.network.stages)
-            total = total + sparse.diags_array(weight) @ self._shifted(wire.source, wire.template)
-        return sparse.csr_array(total)
-
-    def drives(self) -> LinearForm:
-        """Return the net inputs of the live neurons; a shared neuron sums over all cells."""
-        network, shared = self.network, set(self.network.shared.tolist())
-        arriving = [self._arriving(neuron.name) for neuron in network.cell.neurons]
-        rows = [
-            arriving[row].sum(axis=0)[None]
-            if row in shared
-            else arriving[row][[stage], :].toarray()
-            for row, stage in network.places.tolist()
-        ]
-        table = sparse.csr_array(np.concatenate(rows) if rows else np.zeros((0, self.width)))
-        n = self.size
-        return LinearForm(table[:, :n], table[:, n:-1], table[:, [-1]].toarray().ravel())
+def _table(rows: Sequence[Form], width: int) -> sparse.csr_array:
+    entries = [(k, column, value) for k, row in enumerate(rows) for column, value in row.items()]
+    k, column, value = np.array(entries, float).reshape(-1, 3).T
+    at = k.astype(np.int64), column.astype(np.int64)
+    return sparse.csr_array(sparse.coo_array((value, at), shape=(len(rows), width)))

@@ -13,12 +13,19 @@ import numpy as np
 import pytest
 from clamped_runs import railed
 from designs import wired_with
+from hypothesis import given, settings, strategies as st
+from random_networks import free_of_coupled_limits, random_network
 from scipy.integrate import solve_ivp
 
 import ann_dc
 from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.export.devices.analog_computer import analog_computer_check, analog_computer_files
+from ann_dc.export.devices.elements import elements_of
+from ann_dc.export.devices.machine import Machine
 from ann_dc.export.reference.vector import reference_vector
+from ann_dc.lowering.stiffness_sums import reduction, substitution
+from ann_dc.lowering.writing import program_of
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 
@@ -178,9 +185,34 @@ def test_elements_are_counted():
     kinds = [e["kind"] for e in circuit["elements"]]
     assert circuit["count"] == {kind: kinds.count(kind) for kind in set(kinds)}
     assert circuit["count"]["integrator"] == network.size
-    assert circuit["count"]["function"] == 4 * len(
-        [b for b in network.cell.blocks if type(b).__name__ == "Function"]
-    )
+    blocks = [b for b in network.cell.blocks if type(b).__name__ == "Function"]
+    # the cosine of the first cell would be read only by the state q_0, which is fixed
+    assert circuit["count"]["function"] == 4 * len(blocks) - 1
+
+
+@pytest.mark.parametrize("case", ["functions", "tree", "shared neurons"])
+def test_every_element_is_read_by_another_one(case):
+    circuit = circuit_of(exported(case)[2])
+    read = {source for _, source, _, _ in circuit["matrix"]}
+    read |= {place for e in circuit["elements"] for place in e.get("reads", ())}
+    others = range(circuit["count"]["integrator"], len(circuit["elements"]))
+    assert set(others) <= read
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(ann_dc.PreconditionerKind),
+    st.sampled_from((substitution, reduction)),
+)
+def test_elements_of_a_random_network_move_as_the_network(seed, kind, solve):
+    network = free_of_coupled_limits(random_network(seed, kind))
+    labels = [network.label(i) for i in range(network.size)]
+    machine = Machine(elements_of(program_of(network, 1.0, solve), labels))
+    noise = np.random.default_rng(seed).standard_normal(network.size)
+    x = machine.within(network.start_state + 0.1 * noise)
+    expected = evaluator(network).rhs(x)
+    np.testing.assert_allclose(machine.moves(x), expected, atol=1e-12 * np.abs(expected).max())
 
 
 @pytest.fixture(scope="module")
