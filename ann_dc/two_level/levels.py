@@ -7,8 +7,8 @@ The net inputs are those of the network, in another temporal order. By equation 
 (16)         lower level: q, u, mu += lambda d with t and beta fixed, until d vanishes (`Iterated`)
 (30)         lower level in closed form: the stage equations solved (`Closed`). The printed one,
              with corrected signs, uses mu_0 = -beta_1 and q_1 = t_0, the equations of the
-             coordinator: then (28) and (29) are zero and t and beta never move (S15). As printed,
-             mu_0 = beta_1 and q_1 = t_0 / 0.99, they drive each other and grow (S17)
+             coordinator: then (28) and (29) are zero and t and beta never move (S15). As
+             printed, mu_0 = beta_1 and q_1 = t_0 / 0.99, they drive each other and grow (S17)
 (17)         upper level: t += lambda_t d_t, beta += lambda_beta d_beta (`Gradient`)
 (33)         lambda = |B/A| for both, which needs the solution (`OracleCoordinator`)
 (18), (19),  errors of both levels, Theta, A, B of every outer iteration, if the solution is

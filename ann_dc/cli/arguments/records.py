@@ -3,7 +3,8 @@
 A command has records as parameters. Typer sees the fields of the records as options, in the order
 of the command's parameters and of the fields:
 
-    @unfolded def solve(*, problem: ProblemOptions, quiet: QuietOption = False) -> None: ...
+    @unfolded
+    def solve(*, problem: ProblemOptions, quiet: QuietOption = False) -> None: ...
 
 Typer sees a command with PROBLEM, --set, -N, --q-0, --q-d and --quiet. The function is called with
 a `ProblemOptions` that contains all of them.

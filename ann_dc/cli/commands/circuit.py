@@ -135,35 +135,41 @@ def circuit(
 ) -> None:
     """Build the network as a circuit, predict, simulate and compare with the optimum.
 
-    The network is designed, scaled to volts and seconds by a run of its ODE, and given resistors
-    and capacitors. Eigenvalues of the pole model determine stability. Then ngspice simulates the
-    circuit from reset until it settles. The error budget lists the parts that dominate the error.
+    The network is designed, scaled to volts and seconds by a run of its ODE,
+    and given resistors and capacitors. Eigenvalues of the pole model
+    determine stability. Then ngspice simulates the circuit from reset until
+    it settles. The error budget lists the parts that dominate the error.
 
     Usage examples:
 
-      ann-dc circuit car ann-dc circuit car --level opa192_ad734 --seed 1 --budget 10 ann-dc circuit
-      car --resistors E96-pairs --bill out/car.csv --deck out/car.cir ann-dc circuit car
-      --no-simulate --samples 100 ann-dc circuit car --no-simulate --loops 5 ann-dc circuit car
-      --metric cyclic-reduction --no-simulate ann-dc circuit unicycle --level transistor --figure
-      out/unicycle.png ann-dc circuit car --level opa192_ad734 --temperature 85 --supply 0.9 ann-dc
-      circuit car --level transistor --corners --process tt,ss ann-dc circuit car --yield "error<2%"
-      --samples 200 --spot 3 ann-dc circuit car --yield "error<5%" --resistors E96-pairs ann-dc
-      circuit car --level opa192_ad734 --trim "error<1%" ann-dc circuit car --dac 12 --adc 12
-      --resistors E96-pairs --seed 1
+      ann-dc circuit car
+      ann-dc circuit car --level opa192_ad734 --seed 1 --budget 10
+      ann-dc circuit car --resistors E96-pairs --bill out/car.csv --deck out/car.cir
+      ann-dc circuit car --no-simulate --samples 100
+      ann-dc circuit car --no-simulate --loops 5
+      ann-dc circuit car --metric cyclic-reduction --no-simulate
+      ann-dc circuit unicycle --level transistor --figure out/unicycle.png
+      ann-dc circuit car --level opa192_ad734 --temperature 85 --supply 0.9
+      ann-dc circuit car --level transistor --corners --process tt,ss
+      ann-dc circuit car --yield "error<2%" --samples 200 --spot 3
+      ann-dc circuit car --yield "error<5%" --resistors E96-pairs
+      ann-dc circuit car --level opa192_ad734 --trim "error<1%"
+      ann-dc circuit car --dac 12 --adc 12 --resistors E96-pairs --seed 1
 
-    With --corners, --yield, --trim, --dac or --adc the output is a table per analysis instead of
-    one circuit, and --json is the only file.
+    With --corners, --yield, --trim, --dac or --adc the output is a table per
+    analysis instead of one circuit, and --json is the only file.
 
-    Exit code 0: the circuit settled near the optimum (within 1 % of the largest control, from its
-    scale's offset), is predicted to, or nothing is known. Conditions for exit code 0 of the tables:
+    Exit code 0: the circuit settled near the optimum (within 1 % of the
+    largest control, from its scale's offset), is predicted to, or nothing is
+    known. Conditions for exit code 0 of the tables:
 
       --corners     every corner is near the optimum, tolerances aside
       --yield       a drawn circuit meets the specification
       --trim        the trims are sufficient
       --dac, --adc  converters leave it near the optimum for the worst inputs
 
-    Exit code 1: otherwise. Exit code 2: bad input, an unstable circuit, ngspice not found, or
-    unwritable output.
+    Exit code 1: otherwise. Exit code 2: bad input, an unstable circuit,
+    ngspice not found, or unwritable output.
 
     Comparison of all levels: ann-dc ladder.
     """

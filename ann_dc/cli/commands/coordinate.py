@@ -61,20 +61,23 @@ def coordinate(
 ) -> None:
     """Run the two-level algorithm: stages solve, a coordinator updates t and beta.
 
-    A network is designed for the corrected equations (with q_0 as a neuron) and Theorem IV.2 is
-    checked at its solution. The iteration starts from the default initial guess. In every outer
-    iteration the stages settle with t and beta fixed, then the coordinator updates t and beta.
-    lambda_t and lambda_beta of the gradient coordinator are the best at the solution, in network
-    units. 'predicted' is the number of iterations expected from their spectral radius. Theta is
-    half the squared distance of t and beta from the solution, in network units.
+    A network is designed for the corrected equations (with q_0 as a neuron)
+    and Theorem IV.2 is checked at its solution. The iteration starts from the
+    default initial guess. In every outer iteration the stages settle with t
+    and beta fixed, then the coordinator updates t and beta. lambda_t and
+    lambda_beta of the gradient coordinator are the best at the solution, in
+    network units. 'predicted' is the number of iterations expected from their
+    spectral radius. Theta is half the squared distance of t and beta from the
+    solution, in network units.
 
     Usage examples:
 
-      ann-dc coordinate car ann-dc coordinate car --coordinator newton ann-dc coordinate
-      double_integrator -N 5 --lower iterated
+      ann-dc coordinate car
+      ann-dc coordinate car --coordinator newton
+      ann-dc coordinate double_integrator -N 5 --lower iterated
 
-    Exit code: 0 settled and certified, 1 not settled or not certified, 2 bad input or unwritable
-    output, 130 interrupted.
+    Exit code: 0 settled and certified, 1 not settled or not certified,
+    2 bad input or unwritable output, 130 interrupted.
     """
     with progress_line(quiet) as progress:
         declared = problem.declared()

@@ -46,25 +46,28 @@ def design(
 ) -> None:
     """Choose the gains of a problem's network, without running it to the end.
 
-    The design minimises the stiffness ratio, the ratio of the fastest to the slowest rate at the
-    equilibrium. Settling to 1e-6 takes 14 times as many fastest time constants. The lower limit of
-    the ratio is 2. --why reports the slow modes, the weakly reachable constraints (by how much a
-    multiplier responds to a perturbation beyond its penalty), and remedies. Numbers are in network
-    units.
+    The design minimises the stiffness ratio, the ratio of the fastest to the
+    slowest rate at the equilibrium. Settling to 1e-6 takes 14 times as many
+    fastest time constants. The lower limit of the ratio is 2. --why reports
+    the slow modes, the weakly reachable constraints (by how much a multiplier
+    responds to a perturbation beyond its penalty), and remedies. Numbers are
+    in network units.
 
-    --over designs one network for ranges of inputs. Gain candidates come from equilibria of a
-    sample, are screened on an increasing number of inputs, and are validated on held-out inputs,
-    each with a certificate. Failing inputs are listed with the reason.
+    --over designs one network for ranges of inputs. Gain candidates come from
+    equilibria of a sample, are screened on an increasing number of inputs,
+    and are validated on held-out inputs, each with a certificate. Failing
+    inputs are listed with the reason.
 
     Usage examples:
 
-      ann-dc design car ann-dc design car --over q_d.x=3:7 --over q_d.y=3:7 --out out/cars ann-dc
-      design pendulum --why --out out/pendulum ann-dc design two_link_arm --kinds multilevel
-      --refine --why
+      ann-dc design car
+      ann-dc design car --over q_d.x=3:7 --over q_d.y=3:7 --out out/cars
+      ann-dc design pendulum --why --out out/pendulum
+      ann-dc design two_link_arm --kinds multilevel --refine --why
 
-    Exit code: 0 the gain-scheduled run settled, so the gains belong to the solution (with --over:
-    99 % of the held-out inputs are certified), 1 the run did not settle, 2 bad input or unwritable
-    output.
+    Exit code: 0 the gain-scheduled run settled, so the gains belong to the
+    solution (with --over: 99 % of the held-out inputs are certified), 1 the
+    run did not settle, 2 bad input or unwritable output.
     """
     if family.over:
         _design_family(

@@ -75,24 +75,28 @@ def export(
 ) -> None:
     """Export a network as weights or to runtimes, circuits, chips and figures.
 
-    PROBLEM may also be a weight file (.npz, .safetensors) or the folder of an export to weights. A
-    folder written by ann-dc solve --save is valid, too (./car, if it has the name of a plant). A
-    plant or a problem file is designed first, with the preconditioner that --metric names. An
-    earlier export in DIR is replaced. Every format includes a test vector, which allows the
-    recipient to verify the result, and an index with hashes. Every result is checked before it is
-    written, and the check is reported.
+    PROBLEM may also be a weight file (.npz, .safetensors) or the folder of an
+    export to weights. A folder written by ann-dc solve --save is valid, too
+    (./car, if it has the name of a plant). A plant or a problem file is
+    designed first, with the preconditioner that --metric names. An earlier
+    export in DIR is replaced. Every format includes a test vector, which
+    allows the recipient to verify the result, and an index with hashes. Every
+    result is checked before it is written, and the check is reported.
 
-    If a format cannot represent a network, the nodes concerned are named. With several formats the
-    others are still written.
+    If a format cannot represent a network, the nodes concerned are named.
+    With several formats the others are still written.
 
     Usage examples:
 
-      ann-dc export --formats ann-dc export car --to onnx --metric multilevel --out out/car ann-dc
-      export car --to c99,hdl --with bits=16 ann-dc export car --to pack --with level=opa192_ad734
-      ann-dc export network.npz --to all ann-dc inspect out/car
+      ann-dc export --formats
+      ann-dc export car --to onnx --metric multilevel --out out/car
+      ann-dc export car --to c99,hdl --with bits=16
+      ann-dc export car --to pack --with level=opa192_ad734
+      ann-dc export network.npz --to all
+      ann-dc inspect out/car
 
-    Exit code: 0 written, 1 some formats cannot represent the network, 2 bad input, a missing
-    package, or unwritable output.
+    Exit code: 0 written, 1 some formats cannot represent the network,
+    2 bad input, a missing package, or unwritable output.
     """
     with notes(quiet), progress_line(quiet) as progress:
         from ann_dc.export.exporting import export_network, settings_from

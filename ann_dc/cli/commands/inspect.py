@@ -26,15 +26,19 @@ def inspect(
 ) -> None:
     """Show the content of a file or export, and verify hashes and behaviour.
 
-    An export is compared with its test vector, in its runtime if that is installed. The network of
-    a weight file is run until it settles. Nothing from a file is executed except by the runtime of
-    its format. Several exports have one line each; inspect a single export for all details.
+    An export is compared with its test vector, in its runtime if that is
+    installed. The network of a weight file is run until it settles. Nothing
+    from a file is executed except by the runtime of its format. Several
+    exports have one line each; inspect a single export for all details.
 
     Usage examples:
 
-      ann-dc inspect network.npz ann-dc inspect out/export/onnx ann-dc inspect out/export
+      ann-dc inspect network.npz
+      ann-dc inspect out/export/onnx
+      ann-dc inspect out/export
 
-    Exit code: 0 verified, 1 verification failed, 2 no network file or export found.
+    Exit code: 0 verified, 1 verification failed, 2 no network file or
+    export found.
     """
     with progress_line(quiet) as progress:
         from ann_dc.cli.commands.export_tables import inspection_table, inspections_table

@@ -34,19 +34,21 @@ def ladder(
 ) -> None:
     """Compare the problem at every model level, with predictions and measurements.
 
-    The levels are the ODE, the recurrent layer, then circuits in ngspice. The circuits have ideal
-    parts, every non-ideality of real parts alone, named parts with all non-idealities, and
-    transistors. The last rows are solvers on this CPU. The error of the settled controls is
-    relative to the largest control. The settling time within 0.1 % is in us, the power in W and the
+    The levels are the ODE, the recurrent layer, then circuits in ngspice. The
+    circuits have ideal parts, every non-ideality of real parts alone, named
+    parts with all non-idealities, and transistors. The last rows are solvers
+    on this CPU. The error of the settled controls is relative to the largest
+    control. The settling time within 0.1 % is in us, the power in W and the
     energy per solve in uJ.
 
     Usage examples:
 
-      ann-dc ladder car ann-dc ladder car --figure out/ladder.png --json out/ladder.json ann-dc
-      ladder unicycle --seed 3 --slow
+      ann-dc ladder car
+      ann-dc ladder car --figure out/ladder.png --json out/ladder.json
+      ann-dc ladder unicycle --seed 3 --slow
 
-    Exit code: 0 the comparison was run (a failed level shows the reason), 2 bad input, ngspice not
-    found, or unwritable output, 130 interrupted.
+    Exit code: 0 the comparison was run (a failed level shows the reason),
+    2 bad input, ngspice not found, or unwritable output, 130 interrupted.
     """
     with progress_line(quiet) as progress:
         declared = problem.declared()

@@ -41,18 +41,21 @@ def navigate(
 ) -> None:
     """Drive a robot through a scenario, with a network that plans every period.
 
-    The network gets fixed gains once (in about a minute), from contacts with obstacles in other
-    scenarios. In every control period its neurons shift by one stage, run for a given number of
-    fastest time constants, and the first control is applied. With 10 MHz op amps and a bandwidth
-    margin of 10 a fastest time constant is 0.16 us: 1000 of them are 0.16 ms.
+    The network gets fixed gains once (in about a minute), from contacts with
+    obstacles in other scenarios. In every control period its neurons shift by
+    one stage, run for a given number of fastest time constants, and the first
+    control is applied. With 10 MHz op amps and a bandwidth margin of 10 a
+    fastest time constant is 0.16 us: 1000 of them are 0.16 ms.
 
-    --planner waypoint is section IV.C of the paper: for an obstacle on the path it adds a waypoint
-    next to the obstacle, a segment to the waypoint and a segment to the goal. --planner as-printed
-    omits the segment to the waypoint.
+    --planner waypoint is section IV.C of the paper: for an obstacle on the
+    path it adds a waypoint next to the obstacle, a segment to the waypoint
+    and a segment to the goal. --planner as-printed omits the segment to the
+    waypoint.
 
     Usage examples:
 
-      ann-dc navigate demos/crossing.toml ann-dc navigate demos/crossing.toml --budget 300 --film
+      ann-dc navigate demos/crossing.toml
+      ann-dc navigate demos/crossing.toml --budget 300 --film
       ann-dc navigate demos/crossing.toml --planner waypoint
 
     Exit code: 0 goal reached without a collision, 1 otherwise, 2 bad input.

@@ -18,12 +18,13 @@ def plants(
 ) -> None:
     """List the plants of the package, or the parameters of one.
 
-    Every plant is a problem that 'ann-dc solve' accepts by name, and --set changes its parameters.
-    The page of a plant lists its units.
+    Every plant is a problem that 'ann-dc solve' accepts by name, and --set
+    changes its parameters. The page of a plant lists its units.
 
     Usage examples:
 
-      ann-dc plants ann-dc plants car
+      ann-dc plants
+      ann-dc plants car
     """
     with progress_line():
         from ann_dc.problem import plants as known

@@ -31,18 +31,21 @@ def report(
 ) -> None:
     """Write the result of a study as one HTML page to read, search and print.
 
-    The page is self-contained and needs no network connection. It shows the declaration of the
-    study, outcomes with causes, the yield against the specification with its interval, and
-    exponents. Interactive figures support hovering and zooming. The slowest and worst cases are
-    listed with the command that repeats each. A table of all records can be sorted by a click and
-    filtered by text and numbers. For a running study the page shows the records so far.
+    The page is self-contained and needs no network connection. It shows the
+    declaration of the study, outcomes with causes, the yield against the
+    specification with its interval, and exponents. Interactive figures
+    support hovering and zooming. The slowest and worst cases are listed with
+    the command that repeats each. A table of all records can be sorted by a
+    click and filtered by text and numbers. For a running study the page shows
+    the records so far.
 
     Usage examples:
 
-      ann-dc report out/study ann-dc report out/study --out study.html
+      ann-dc report out/study
+      ann-dc report out/study --out study.html
 
-    Exit code: 0 written, 2 study not found, a missing package, or unwritable output, 130
-    interrupted.
+    Exit code: 0 written, 2 study not found, a missing package, or unwritable
+    output, 130 interrupted.
     """
     with progress_line(quiet) as progress:
         from ann_dc.report.study_page import write_study_page

@@ -35,16 +35,19 @@ def show(
 ) -> None:
     """Show the network of a problem: equations, cell, counts, scales.
 
-    PROBLEM may also be a folder written by ann-dc solve --save. Then the stored solution, or the
-    network of its problem, is shown.
+    PROBLEM may also be a folder written by ann-dc solve --save. Then the
+    stored solution, or the network of its problem, is shown.
 
-    Without options: the equations as text, the counts and the scales. Time constants tau and
-    weights are in network units, before gains are designed. Scales follow from the problem, so the
-    network is the same in any units. --set scale.x=1000 sets a scale manually.
+    Without options: the equations as text, the counts and the scales. Time
+    constants tau and weights are in network units, before gains are designed.
+    Scales follow from the problem, so the network is the same in any units.
+    --set scale.x=1000 sets a scale manually.
 
     Usage examples:
 
-      ann-dc show car ann-dc show car --cell ann-dc show demos/pendulum.toml --latex > equations.tex
+      ann-dc show car
+      ann-dc show car --cell
+      ann-dc show demos/pendulum.toml --latex > equations.tex
       ann-dc show out/car
     """
     with progress_line() as progress:

@@ -102,18 +102,21 @@ def solve(
 ) -> None:
     """Solve a problem with the network and certify that the result is an optimum.
 
-    Settling times are in fastest time constants: multiply them by the fastest time constant of the
-    hardware. Values are in the units of the problem, which the table lists.
+    Settling times are in fastest time constants: multiply them by the fastest
+    time constant of the hardware. Values are in the units of the problem,
+    which the table lists.
 
     Usage examples:
 
-      ann-dc solve car --set D=0.5 --json out/car.json ann-dc solve unicycle -N 30 --q-d 2,1,free
-      --plot out ann-dc solve car --curves out/car.csv --save out/car ann-dc solve car --backend
-      recurrent --accelerate ann-dc solve pendulum --kinds multilevel,diagonal ann-dc solve
-      unicycle_soft_obstacle --starts 64
+      ann-dc solve car --set D=0.5 --json out/car.json
+      ann-dc solve unicycle -N 30 --q-d 2,1,free --plot out
+      ann-dc solve car --curves out/car.csv --save out/car
+      ann-dc solve car --backend recurrent --accelerate
+      ann-dc solve pendulum --kinds multilevel,diagonal
+      ann-dc solve unicycle_soft_obstacle --starts 64
 
-    Exit code: 0 settled and certified, 1 not settled or not certified, 2 bad input or unwritable
-    output, 130 interrupted.
+    Exit code: 0 settled and certified, 1 not settled or not certified,
+    2 bad input or unwritable output, 130 interrupted.
     """
     with notes(quiet), progress_line(quiet) as shown, _deadline(shown, time_limit) as progress:
         declared = problem.declared()
@@ -132,30 +135,16 @@ def solve(
         found = None
         with arithmetic_of(declared), needing_torch(f"--backend {backend}"):
             if initial_guess.starts is not None:
-                found = _from_many(
-                    declared,
-                    initial_guess.starts,
-                    initial_guess.seed,
-                    preconditioner,
-                    chosen,
-                    progress,
-                )
+                many = initial_guess.starts, initial_guess.seed
+                found = _from_many(declared, *many, preconditioner, chosen, progress)
                 solution = found.solution()
             else:
-                options = {
-                    "initial_guess": neurons(declared),
-                    "preconditioner": kinds_of(preconditioner, chosen.kinds),
-                }
+                kinds = kinds_of(preconditioner, chosen.kinds)
+                options = {"initial_guess": neurons(declared), "preconditioner": kinds}
                 aim = objective_of(backend, run)
                 gains = _refined(declared, equations, options, aim, progress) if refine else None
-                solution = solver.solve(
-                    declared,
-                    form=equations,
-                    gains=gains,
-                    backend=chosen,
-                    progress=progress,
-                    **options,
-                )
+                settings = {"form": equations, "gains": gains, "backend": chosen}
+                solution = solver.solve(declared, **settings, **options, progress=progress)
         table = report_table(solution, chosen)
         written = _write(solution, found, files, shown)
     if found is not None:

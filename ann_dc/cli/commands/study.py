@@ -97,9 +97,9 @@ def study(
 ) -> None:
     """Vary the settings of a study file, measure every case and store the records.
 
-    Records are stored in DIR as they finish. Ctrl-C, a crash or a power cut lose none of them: the
-    same command continues the study. Failed cases have records with the reason; --retry repeats
-    them.
+    Records are stored in DIR as they finish. Ctrl-C, a crash or a power cut
+    lose none of them: the same command continues the study. Failed cases have
+    records with the reason; --retry repeats them.
 
     On a cluster, start a scheduler and workers, then pass the address:
 
@@ -108,10 +108,13 @@ def study(
 
     Usage examples:
 
-      ann-dc study demos/yield.toml --out out/yield --workers 2 ann-dc report out/yield ann-dc study
-      out/yield --point 17 ann-dc study car --settings
+      ann-dc study demos/yield.toml --out out/yield --workers 2
+      ann-dc report out/yield
+      ann-dc study out/yield --point 17
+      ann-dc study car --settings
 
-    Exit code: 0 every case has a result, 1 some have none, 2 bad input, 130 interrupted.
+    Exit code: 0 every case has a result, 1 some have none, 2 bad input,
+    130 interrupted.
     """
     exports.check(is_whole=not settings and point is None)
     written, code = [], FINISHED

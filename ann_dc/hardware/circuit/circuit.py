@@ -83,10 +83,7 @@ class Quantity(enum.Enum):
         return self.value[1]
 
     def named(self, alias: str, wire: int | None = None) -> str:
-        """Return the parameter name of this quantity for a part.
-
-        ``alias`` is the netlist name of the part; ``wire`` is the index of the wire of an input
-        resistor.
+        """Return the parameter name for a part, and for the wire of an input resistor.
 
         Examples
         --------
