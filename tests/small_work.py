@@ -10,7 +10,7 @@ import numpy as np
 
 from ann_dc.study.records import HEAD, TAIL, Finished, Point
 from ann_dc.study.stored_trajectories import packed
-from ann_dc.study.task_results import Task
+from ann_dc.study.tasks import Task
 
 COLUMNS = (*HEAD, "does", "rho", "peak", *TAIL)
 NATIVE = 3600.0
@@ -62,6 +62,7 @@ DOINGS = {
     "raise": lambda: 1 / 0,
     "kill": kill,
     "exit": lambda: os._exit(3),
+    "vanish": lambda: os._exit(0),
     "leave": lambda: exit("enough"),
     "memory": out_of_memory,
     "spin": spin,

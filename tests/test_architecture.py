@@ -22,7 +22,7 @@ ROOMS = sorted({path.parent for path in MODULES} - {ROOT})
 
 ORDER = (
     "dataclass_pickling errors jit_cache resources si_prefixes timing",
-    "atomic_files file_locks jit_functions progress validation",
+    "files jit_functions progress validation",
     "scale yields",
     "network problem",
     "decomposition evaluation optimality weights",

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from ann_dc.atomic_files import write_whole
 from ann_dc.errors import OutputError, PandasMissing
+from ann_dc.files import write_whole
 
 RESIDUALS = ("constraint_residual", "stationarity_residual")
 """Column names of the relative residuals."""

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import ann_dc
-from ann_dc.atomic_files import as_output_error, make_folder, write_whole
 from ann_dc.errors import (
     AnnDcError,
     ExportError,
@@ -31,7 +30,7 @@ from ann_dc.export.formats import Files, unknown_setting
 from ann_dc.export.index import INDEX, Index, below, hashes_of, is_as_written, read_index
 from ann_dc.export.readme import ABOUT, README, readme
 from ann_dc.export.reference.vector import ReferenceVector, reference_vector
-from ann_dc.file_locks import Lock
+from ann_dc.files import Lock, as_output_error, make_folder, write_whole
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 from ann_dc.validation.checked import checked

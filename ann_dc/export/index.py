@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ann_dc.atomic_files import read_whole
 from ann_dc.errors import FileFormatError
+from ann_dc.files import read_whole
 from ann_dc.network.network import Network
 from ann_dc.weights.manifest import Table, read_manifest
 from ann_dc.weights.network_file import load

@@ -27,8 +27,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ann_dc.atomic_files import read_table
 from ann_dc.errors import AnnDcError, ScenarioError
+from ann_dc.files import read_table
 from ann_dc.navigation.obstacles import Obstacle, disc, polygon
 from ann_dc.navigation.scenario import Scenario
 from ann_dc.problem.robot import Robot, car_robot, unicycle_robot

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from ann_dc.atomic_files import make_folder, write_whole
+from ann_dc.files import make_folder, write_whole
 from ann_dc.plotting.controls import controls
 from ann_dc.plotting.settling import settling
 from ann_dc.plotting.spectrum import spectrum

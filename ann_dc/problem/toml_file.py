@@ -61,8 +61,8 @@ from typing import Any
 
 import sympy as sp
 
-from ann_dc.atomic_files import read_table
 from ann_dc.errors import ProblemError
+from ann_dc.files import read_table
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.expression import parse_expression
 from ann_dc.problem.fields import FORMULA_NAMES

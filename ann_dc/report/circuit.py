@@ -12,12 +12,12 @@ from rich.table import Table
 from rich.text import Text
 
 from ann_dc import plotting
-from ann_dc.atomic_files import write_whole
 from ann_dc.backends.curves import write_curves
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.fidelity.circuit_study import NEAR, CircuitStudy
 from ann_dc.fidelity.noise_run import noisy
+from ann_dc.files import write_whole
 from ann_dc.hardware.circuit.bill import bill_of
 from ann_dc.hardware.circuit.cost import RESISTOR
 from ann_dc.hardware.parts.conditions import NOMINAL

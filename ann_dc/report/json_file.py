@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ann_dc.atomic_files import make_folder, write_whole
 from ann_dc.errors import OutputError
+from ann_dc.files import make_folder, write_whole
 
 
 def write_json(path: Path, content: Any) -> None:

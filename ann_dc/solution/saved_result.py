@@ -42,10 +42,10 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 from ann_dc.analysis.spectra import Spectrum
-from ann_dc.atomic_files import read_whole, write_folder
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.dataclass_pickling import WHERE_GIVEN
 from ann_dc.errors import AnnDcError, FileFormatError, OutputError, UnknownNameError
+from ann_dc.files import read_whole, write_folder
 from ann_dc.gain_design.gains import Gains
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.scheduled_run import FirstRun

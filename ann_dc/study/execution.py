@@ -1,4 +1,7 @@
-"""Execution of a study: submission of all tasks and storage of their records."""
+"""Execution of a study: submission of all tasks and storage of their records.
+
+A task without records is repeated or split into smaller tasks, which isolates the failing case.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +14,55 @@ from typing import NamedTuple
 from ann_dc.errors import StudyError, require_positive
 from ann_dc.progress import Deadline, Paced, Progress, Stopped, silent
 from ann_dc.study.executors import Crew, Foreign, Processes
-from ann_dc.study.records import OUTCOME, Finished, Row
-from ann_dc.study.scheduling import Job, verdict
+from ann_dc.study.records import LOST, OUTCOME, TIMED_OUT, Finished, Row, without_result
 from ann_dc.study.store import Store
-from ann_dc.study.task_results import Attempt, Task, Work
+from ann_dc.study.tasks import Attempt, Task, Work
 
+PARTS = 8
+"""Number of smaller tasks into which a task without records is split."""
 SLACK = 1.0
 """Seconds that a task may take in addition to the limits of its cases."""
 TURN = 0.2
 """Interval of progress reports and interrupt checks while no task ends, in seconds."""
+
+
+class Job(NamedTuple):
+    """Task to execute; `was_lost` is True if the task has already lost a worker."""
+
+    task: Task
+    was_lost: bool = False
+
+
+def verdict(job: Job, attempt: Attempt, limit: float | None) -> tuple[list[Finished], list[Job]]:
+    """Return the records to store and the jobs to repeat after an attempt.
+
+    A task that lost its worker is repeated once, because the loss may be accidental. After a second
+    loss, a time-out or an exception, a task with several cases is split. For a single case the
+    outcome is recorded. The `limit` is in seconds per case.
+
+    Examples
+    --------
+    >>> from ann_dc.study.records import FAILED, Point
+    >>> job = Job(Task((Point(0, {}, 5), Point(1, {}, 6))))
+    >>> failed = Attempt([], FAILED, "ValueError: no", {})
+    >>> finished, jobs = verdict(job, failed, None)
+    >>> [len(next.task.points) for next in jobs]
+    [1, 1]
+    >>> verdict(jobs[1], failed, None)[0][0].row
+    {'point': 1, 'seed': 6, 'outcome': 'failed', 'message': 'ValueError: no'}
+    """
+    if not attempt.outcome:
+        return attempt.finished, []
+    if attempt.outcome == LOST and not job.was_lost:
+        return [], [Job(job.task, was_lost=True)]
+    first, *others = points = job.task.points
+    if others:
+        size = -(-len(points) // PARTS)
+        return [], [Job(Task(points[at : at + size])) for at in range(0, len(points), size)]
+    is_late = attempt.outcome == TIMED_OUT
+    message = f"{limit:g} s were over (limit)" if is_late else attempt.message
+    row = without_result(first, attempt.outcome, message).row
+    return [Finished(row | attempt.circumstances)], []
 
 
 class Tally(NamedTuple):
@@ -158,12 +201,12 @@ class _Run:
         for future in [future for future in self.flying if future.done()]:
             job = self.flying.pop(future)
             try:
-                found = verdict(job, self.crew.attempt(future), self.limit)
-            except StudyError as error:  # the rows of others are there all the same
+                records, jobs = verdict(job, self.crew.attempt(future), self.limit)
+            except StudyError as error:  # other tasks may have records
                 broken = error
                 continue
-            finished += found.finished
-            self.waiting.extendleft(reversed(found.jobs))
+            finished += records
+            self.waiting.extendleft(reversed(jobs))
         if finished:
             self.store.append([one._replace(row=self.common | one.row) for one in finished])
             self.outcomes.update(str(one.row[OUTCOME]) for one in finished)

@@ -1,17 +1,18 @@
-"""Task executors: a local process pool, or any ``concurrent.futures`` executor."""
+"""Task executors: local processes, this process, or any ``concurrent.futures`` executor."""
 
 from __future__ import annotations
 
 import functools
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
 from typing import Any
 
 from ann_dc.errors import StudyError
 from ann_dc.resources import cores
-from ann_dc.study.process_pool import Apart, attempted_apart, pickled
+from ann_dc.study.processes import Apart, attempted_apart, pickled
 from ann_dc.study.records import LOST
-from ann_dc.study.task_results import Attempt, Task, Work, attempted
+from ann_dc.study.tasks import Attempt, Task, Work, attempted
 
 
 class Crew(ABC):
@@ -129,6 +130,25 @@ class Foreign(Crew):
 
     def close(self) -> None:
         """Do nothing; the caller closes the executor."""
+
+
+class Here(Executor):
+    """Serial executor: `submit` runs the call in this process before it returns.
+
+    Examples
+    --------
+    >>> Here().submit(max, 3, 5).result()
+    5
+    """
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Call a function and return the completed future."""
+        done: Future[Any] = Future()
+        try:
+            done.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            done.set_exception(error)
+        return done
 
 
 def _broken(error: Exception) -> StudyError:

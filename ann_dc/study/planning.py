@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Set
 
 from ann_dc.study.records import Point, Value
 from ann_dc.study.settings import CIRCUITS, FAMILIES, Effect, backend_of
-from ann_dc.study.task_results import Task
+from ann_dc.study.tasks import Task
 
 BATCH = 500
 """Largest number of cases in a batch."""

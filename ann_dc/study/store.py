@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ann_dc.atomic_files import make_folder
 from ann_dc.errors import OutputError, StoreError
-from ann_dc.file_locks import Lock
+from ann_dc.files import Lock, make_folder
 from ann_dc.study import database as db, table_export as export
 from ann_dc.study.columns import Columns, Kinds, with_truths
 from ann_dc.study.identity import as_text, differences, lasting

@@ -19,12 +19,11 @@ from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
 from ann_dc.study.execution import execute
-from ann_dc.study.main_script import stop_script
+from ann_dc.study.executors import Here
 from ann_dc.study.metrics import DEFAULT, METRICS, metrics_of
 from ann_dc.study.planning import tasks
 from ann_dc.study.records import HEAD, SEED, TAIL, VERSIONS, Point, Row, Value, without_result
 from ann_dc.study.sampling import Plan, Sampling, plan_of
-from ann_dc.study.serial_executor import Here
 from ann_dc.study.settings import (
     DRAWN,
     WORDS,
@@ -40,8 +39,9 @@ from ann_dc.study.settings import (
 )
 from ann_dc.study.store import Store
 from ann_dc.study.table import Table
-from ann_dc.study.task_results import Task, attempted
+from ann_dc.study.tasks import Task, attempted
 from ann_dc.study.work import Work, versions
+from ann_dc.study.worker import stop_script
 from ann_dc.validation.checked import checked
 from ann_dc.validation.values import Count, Index, Positive
 from ann_dc.yields import ends_of

@@ -33,8 +33,8 @@ from typing import Any
 
 import numpy as np
 
-from ann_dc.atomic_files import read_table
 from ann_dc.errors import AnnDcError, StudyError
+from ann_dc.files import read_table
 from ann_dc.problem import plants
 from ann_dc.problem.toml_file import load_problem
 from ann_dc.study.metrics import DEFAULT

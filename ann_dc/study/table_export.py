@@ -8,8 +8,8 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
-from ann_dc.atomic_files import writing_whole
 from ann_dc.errors import PandasMissing, PyarrowMissing
+from ann_dc.files import writing_whole
 from ann_dc.study.columns import Kinds
 
 Pieces: TypeAlias = Iterable[list[list[Any]]]

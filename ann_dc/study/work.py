@@ -57,7 +57,7 @@ from ann_dc.study.records import (
 from ann_dc.study.sample import BatchSample, RunSample, Sample
 from ann_dc.study.settings import ORDERS, Subject, backend_of, behind
 from ann_dc.study.stored_trajectories import packed
-from ann_dc.study.task_results import Task
+from ann_dc.study.tasks import Task
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
 
 CURVES = 200

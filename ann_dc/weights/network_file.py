@@ -50,8 +50,8 @@ import os
 import zipfile
 from pathlib import Path
 
-from ann_dc.atomic_files import read_whole, write_whole
 from ann_dc.errors import FileFormatError, NetworkError, OutputError, UnknownNameError
+from ann_dc.files import read_whole, write_whole
 from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
 from ann_dc.weights.hashes import hashes_of

@@ -17,7 +17,7 @@ from designs import designed
 from ann_dc.errors import ExportError, FileFormatError, NetworkError, OutputError, UnknownNameError
 from ann_dc.export.catalogue import FORMATS, inspect_export
 from ann_dc.export.exporting import export_network, settings_from
-from ann_dc.file_locks import Lock
+from ann_dc.files import Lock
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 

@@ -21,10 +21,10 @@ from small_work import COLUMNS, points, tasks
 from ann_dc.errors import StoreError, StudyError
 from ann_dc.progress import Stopped
 from ann_dc.study.execution import execute
-from ann_dc.study.main_script import Script, loaded, own_script
-from ann_dc.study.process_pool import pickled
+from ann_dc.study.processes import pickled
 from ann_dc.study.records import CIRCUMSTANCES
 from ann_dc.study.store import Store
+from ann_dc.study.worker import Script, loaded, own_script
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def store(tmp_path):
 @pytest.fixture
 def soon(monkeypatch):
     """Little patience with processes that have just begun."""
-    monkeypatch.setattr("ann_dc.study.process_pool.FIRST", 0.3)
+    monkeypatch.setattr("ann_dc.study.processes.FIRST", 0.3)
     monkeypatch.setattr("ann_dc.study.execution.SLACK", 0.2)
 
 
@@ -144,6 +144,13 @@ def test_a_worker_that_dies_is_replaced_and_only_the_guilty_is_charged(store, tm
     good = [row for row in table(store) if "worker lost" not in row[0]]
     asked = [point for point in asked if point.setting["does"] not in ("kill", "exit")]
     assert good == undisturbed(tmp_path, asked)
+
+
+def test_worker_that_exits_with_code_zero_in_its_task_is_lost(store):
+    """A pool that looks at exit codes for failures would wait for its record for ever."""
+    tally = execute(tasks(points("good", "vanish", "good")), small_work.work, store, workers=1)
+    assert tally.outcomes == {"settled": 2, "worker lost": 1}
+    assert messages(store)[1] == "its process ended with exit code 0"
 
 
 @pytest.mark.slow

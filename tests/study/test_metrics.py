@@ -6,7 +6,7 @@ import pytest
 import ann_dc
 from ann_dc.study.metrics import METRICS
 from ann_dc.study.study import Study
-from ann_dc.study.task_results import Task
+from ann_dc.study.tasks import Task
 
 TIMES = ["settling_time", "verified_settling_time", "predicted_settling_time"]
 

@@ -13,7 +13,7 @@ from ann_dc.study.metrics import Metric
 from ann_dc.study.records import CIRCUMSTANCES
 from ann_dc.study.store import Store
 from ann_dc.study.study import Study
-from ann_dc.study.task_results import Task
+from ann_dc.study.tasks import Task
 
 METRICS = ["settling_time", "control_error"]
 MISMATCH = "nonideal.mismatch"

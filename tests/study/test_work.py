@@ -12,7 +12,7 @@ from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 from ann_dc.study.metrics import Metric
 from ann_dc.study.study import Study
-from ann_dc.study.task_results import Task
+from ann_dc.study.tasks import Task
 
 
 def rows(study: Study) -> list[dict]:

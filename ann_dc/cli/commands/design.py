@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from ann_dc.atomic_files import make_folder
 from ann_dc.cli.arguments.backends import StartOptions, start_of
 from ann_dc.cli.arguments.family import FamilyOptions
 from ann_dc.cli.arguments.kinds import KindsOption, kinds_of
@@ -16,6 +15,7 @@ from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import DesignError
+from ann_dc.files import make_folder
 from ann_dc.network.inputs import ranges_of
 from ann_dc.network.preconditioners.base import ALL_KINDS
 from ann_dc.timing import phase

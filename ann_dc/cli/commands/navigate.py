@@ -62,8 +62,8 @@ def navigate(
     """
     kind = named("--planner", planner, PLANNERS)
     with progress_line() as progress:
-        from ann_dc.atomic_files import make_folder
         from ann_dc.errors import ScenarioError, require_positive
+        from ann_dc.files import make_folder
         from ann_dc.navigation.closed_loop import SHIELD, drive
         from ann_dc.navigation.scenario_file import load_scenario
         from ann_dc.plotting.saving import save

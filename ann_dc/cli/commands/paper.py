@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from ann_dc.atomic_files import make_folder
 from ann_dc.cli.arguments.problem import arithmetic_of
 from ann_dc.cli.terminal import console, list_files, progress_line
+from ann_dc.files import make_folder
 from ann_dc.progress import Progress
 from ann_dc.report.json_file import make_room, write_json
 

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 
 import typer
 
-from ann_dc.atomic_files import check_new, make_folder
 from ann_dc.cli.arguments.backends import (
     BACKENDS,
     BackendOption,
@@ -30,6 +29,7 @@ from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
 from ann_dc.cli.arguments.records import unfolded
 from ann_dc.cli.terminal import console, list_files, notes, progress_line
 from ann_dc.errors import ProblemError, require_positive
+from ann_dc.files import check_new, make_folder
 from ann_dc.progress import Deadline, Progress, Stopped
 from ann_dc.report.json_file import make_room, write_json
 from ann_dc.timing import phase

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.patches import Circle
 
-from ann_dc.atomic_files import write_whole
+from ann_dc.files import write_whole
 from ann_dc.navigation.closed_loop import ClosedLoopRun
 from ann_dc.plotting.style import BLUE, SKY, headline, new_figure, quiet
 from ann_dc.plotting.worlds.journey import ends, patch_of

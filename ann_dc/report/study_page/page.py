@@ -14,8 +14,8 @@ import os
 from importlib import resources
 
 import ann_dc
-from ann_dc.atomic_files import write_whole
 from ann_dc.errors import PlotlyMissing
+from ann_dc.files import write_whole
 from ann_dc.progress import Progress, silent
 from ann_dc.report.statistics import Findings
 from ann_dc.report.study_page import sections

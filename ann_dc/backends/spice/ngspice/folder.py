@@ -10,9 +10,9 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from ann_dc.atomic_files import make_folder
 from ann_dc.backends.spice.ngspice.raw import REMEDY
 from ann_dc.errors import OutputError, SpiceError
+from ann_dc.files import make_folder
 
 DECK, RAW, LOG = "deck.cir", "out.raw", "ngspice.log"
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ann_dc.atomic_files import read_whole
 from ann_dc.backends.spice.ngspice.folder import RAW
 from ann_dc.backends.spice.ngspice.raw import MAX_BYTES, REMEDY, Raw, read_raw
 from ann_dc.errors import (
@@ -18,6 +17,7 @@ from ann_dc.errors import (
     SpiceCrashError,
     SpiceTimeoutError,
 )
+from ann_dc.files import read_whole
 
 END_SHARE = 1e-6
 """Fraction of its end time by which a transient may miss it."""

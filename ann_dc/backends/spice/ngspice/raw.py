@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.atomic_files import read_whole
 from ann_dc.errors import (
     EndedEarlyError,
     FileFormatError,
@@ -23,6 +22,7 @@ from ann_dc.errors import (
     SpiceError,
     UnknownNameError,
 )
+from ann_dc.files import read_whole
 
 MAX_BYTES = 2**30
 """Largest raw file in bytes, for a run and for reading."""

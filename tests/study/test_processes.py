@@ -13,7 +13,7 @@ from small_work import points, tasks
 
 from ann_dc.errors import StudyError
 from ann_dc.study.execution import execute
-from ann_dc.study.process_pool import Apart, pickled
+from ann_dc.study.processes import Apart, pickled
 from ann_dc.study.store import Store
 
 

@@ -1,13 +1,17 @@
-"""Atomic writing and size-limited reading of files and folders.
+"""Atomic writing, size-limited reading and locking of files and folders.
 
 A new file is completed next to the old file and then replaces it. The old content remains until the
 last byte is written. Failures raise an error that names the path as given.
+
+A lock on a folder allows one writer at a time. The operating system releases the lock when the
+process ends in any way. A killed process leaves nothing that would have to be removed.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import platform
 import re
 import secrets
 import shutil
@@ -20,6 +24,10 @@ from ann_dc.errors import AnnDcError, FileFormatError, OutputError
 
 LARGEST_TABLE = 1_000_000
 """Largest size in bytes of a text file with a description."""
+PATIENCE = 0.05
+"""Seconds in which a lock file that its owner has just removed is created again."""
+LOCKED = 1
+"""Number of bytes at the start of a lock file that other Windows processes cannot read."""
 
 # The TOML reader needs quadratic time for a.a.a.a..., so a long one is refused before.
 _LONG_KEY = re.compile(
@@ -230,3 +238,46 @@ def _read_text(file: Path, kind: str) -> str:
         return read_whole(file, LARGEST_TABLE, remedy).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FileFormatError(f"{file}: not UTF-8 text: {error}; save it as UTF-8") from error
+
+
+class Lock:
+    """Lock on a folder, acquired in its construction.
+
+    The lock file, in an existing folder, names the owner and remains after the release; the owner
+    may remove the file. `on` describes the written object in the error message. Raises an error of
+    type `error` that names process and host of another owner, and `OSError` if the file cannot be
+    written.
+    """
+
+    def __init__(
+        self, file: Path, *, on: str = "this folder", error: type[AnnDcError] = OutputError
+    ) -> None:
+        from filelock import FileLock, Timeout  # 10 ms, which readers of files need not pay
+
+        self._lock = FileLock(file, thread_local=False, on_acquired=_sign)
+        try:
+            self._lock.acquire(PATIENCE, PATIENCE / 5)
+        except Timeout as refused:
+            raise error(
+                f"{str(file.parent)!r}: {_holder(file) or 'another process'} is at work on {on}; "
+                "wait for its end or end it, or give another folder"
+            ) from refused
+
+    def release(self) -> None:
+        """Release the lock; a released lock is ignored."""
+        self._lock.release()
+
+
+def _sign(handle: int) -> None:
+    """Write the identity of the owner into the file."""
+    os.ftruncate(handle, 0)
+    os.write(handle, b" " * LOCKED + f"process {os.getpid()} on {platform.node()}\n".encode())
+
+
+def _holder(file: Path) -> str:
+    try:
+        with file.open("rb", buffering=0) as stream:
+            stream.seek(LOCKED)
+            return stream.read(300).decode("utf-8", "replace").strip()
+    except OSError:
+        return ""

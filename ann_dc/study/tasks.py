@@ -1,4 +1,4 @@
-"""Attempt at a task: the records of its cases, or the failure, as plain data."""
+"""Tasks (cases that are executed together) and attempts at them, as plain data."""
 
 from __future__ import annotations
 

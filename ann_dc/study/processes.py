@@ -19,12 +19,12 @@ from collections.abc import Iterator
 from importlib.machinery import ModuleSpec
 from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnProcess
+from typing import Any
 
 from ann_dc.errors import StudyError
-from ann_dc.study.main_script import own_script
 from ann_dc.study.records import LOST, TIMED_OUT
-from ann_dc.study.task_results import Attempt, Task, Work, circumstances
-from ann_dc.study.worker import GRACE, serve
+from ann_dc.study.tasks import Attempt, Task, Work, circumstances
+from ann_dc.study.worker import GRACE, own_script, serve
 
 FIRST = 10.0
 """Additional seconds for the first task of a process, which loads and compiles code."""
@@ -32,6 +32,8 @@ START = 120.0
 """Time limit for the start of a process, in seconds."""
 STARTS = 3
 """Number of start attempts for a process that is killed before its first task."""
+MOMENT = 0.01
+"""Seconds between two checks of a process that is terminating."""
 _STARTING = threading.Lock()
 
 
@@ -53,10 +55,6 @@ def pickled(work: Work) -> bytes:
         return cloudpickle.dumps(work)
 
 
-MOMENT = 0.01
-"""Seconds between two checks of a process that is terminating."""
-
-
 class Worker:
     """Handle of a process that executes tasks (a pickled `Work`).
 
@@ -65,8 +63,7 @@ class Worker:
 
     def __init__(self, work: bytes) -> None:
         for starts_left in reversed(range(STARTS)):
-            self._start(work)
-            problem = self._first_word()
+            problem = self._start(work)
             if not problem:
                 return
             was_killed = (self._process.exitcode or 0) < 0
@@ -74,16 +71,14 @@ class Worker:
             if not (was_killed and starts_left):
                 raise StudyError(f"no process can do the work: {problem}")
 
-    def _start(self, work: bytes) -> None:
+    def _start(self, work: bytes) -> str:
+        """Start the process and return the reason why it cannot execute the work, or nothing."""
         context = multiprocessing.get_context("spawn")
         self._connection, there = context.Pipe()
         self._process = context.Process(target=serve, args=(there, work, own_script()), daemon=True)
         _start(self._process)
         there.close()
         self._is_new = True
-
-    def _first_word(self) -> str:
-        """Return the reason why the process cannot execute the work; empty if it can."""
         try:
             if self._connection.poll(START):
                 return self._connection.recv()
@@ -100,7 +95,10 @@ class Worker:
         until = time.monotonic() + GRACE
         while self._process.exitcode is None and time.monotonic() < until:
             time.sleep(MOMENT)
-        return _end(self._process.exitcode)
+        code = self._process.exitcode
+        if code is None or code >= 0:
+            return f"ended with exit code {code}"
+        return f"was ended by signal {-code} ({signal.strsignal(-code)})"
 
     @property
     def is_there(self) -> bool:
@@ -140,31 +138,29 @@ class Worker:
 def _start(process: SpawnProcess) -> None:
     """Start a process, also from daemonic processes (Dask), with which it ends.
 
-    Ctrl-C is blocked for the new process from its start.
+    The process does not run the parent script, because `multiprocessing` ignores a module of the
+    name ``__main__``. Ctrl-C is blocked for the new process from its start.
     """
     config = multiprocessing.current_process()._config  # type: ignore[attr-defined]
-    with _STARTING:
-        is_daemon = config.pop("daemon", None)
-        try:
-            with _interrupts_blocked(), _script_omitted():
-                process.start()
-        finally:
-            if is_daemon is not None:
-                config["daemon"] = is_daemon
+    unnamed = ModuleSpec("__main__", None)
+    with (
+        _STARTING,
+        _replaced(config, "daemon", False),
+        _replaced(vars(sys.modules["__main__"]), "__spec__", unnamed),
+        _interrupts_blocked(),
+    ):
+        process.start()
 
 
 @contextlib.contextmanager
-def _script_omitted() -> Iterator[None]:
-    """Start processes that do not run the parent script, which may itself run a study.
-
-    `multiprocessing` ignores a module of this name.
-    """
-    main = sys.modules["__main__"]
-    before, main.__spec__ = main.__spec__, ModuleSpec("__main__", None)
+def _replaced(values: dict[str, Any], key: str, value: Any) -> Iterator[None]:
+    """Replace a value in a dictionary for the time of the ``with`` block."""
+    before = values.get(key, value)
+    values[key] = value
     try:
         yield
     finally:
-        main.__spec__ = before
+        values[key] = before
 
 
 @contextlib.contextmanager
@@ -179,13 +175,6 @@ def _interrupts_blocked() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _end(code: int | None) -> str:
-    """Return a description of the end of a process from its exit code."""
-    if code is None or code >= 0:
-        return f"ended with exit code {code}"
-    return f"was ended by signal {-code} ({signal.strsignal(-code)})"
 
 
 class Apart:
