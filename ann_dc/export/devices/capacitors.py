@@ -23,17 +23,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.devices.sidecar import (
-    beside,
-    check_rewritten,
+from ann_dc.export.devices.connection_weights import (
     control_error,
-    network_and_vector,
+    stated_errors,
     time_constants,
     weight_error,
     weights_in,
     with_weights,
 )
-from ann_dc.export.reference.sidecar import file_of, notes_of
+from ann_dc.export.reference.contents import file_of
+from ann_dc.export.reference.sidecar import beside, network_and_vector, notes_of
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
@@ -165,32 +164,19 @@ def units_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
 
 @checked
 def capacitors_check(files: Mapping[str, bytes]) -> str:
-    """Read exported capacitors and compare them with a new export of the network file.
+    """Compute the weights of exported capacitors and compare them with the network file.
 
-    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or changed.
+    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or invalid, or
+    the weights have another error than the notes.
     """
-    network, vector = network_and_vector(files)
+    network, _ = network_and_vector(files)
     notes, units = notes_of(files, NOTES, FORMAT, SCHEMA), units_of(files)
     names = [c.name for c in network.cell.connections]
     if sorted(units) != sorted(names) or any(len(p) != network.stages for p in units.values()):
         raise FileFormatError(f"{TABLE}: its connections are not those of the network beside it")
-    step = notes.get("step", float)
-    if not 0 < step < np.inf:
-        raise FileFormatError(f"{NOTES}.step: expected a positive number, got {step!r}")
-    found = _weights(network, units, step)
+    found = _weights(network, units, notes.get("step", float))
     error = weight_error(weights_in(network), found)
-    known = check_rewritten(
-        files,
-        TABLE,
-        NOTES,
-        lambda: capacitors_files(
-            network,
-            vector,
-            unit=notes.get("unit_F", float),
-            largest=notes.get("largest_F", float),
-            step=step,
-        ),
-    )
+    known = stated_errors(notes, "ratio_error", error)
     return f"ratios within {error:.1e} of the network's; the network of them {known}"
 
 

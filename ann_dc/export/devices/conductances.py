@@ -27,17 +27,16 @@ from decimal import Decimal, DecimalException, localcontext
 import numpy as np
 
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.devices.crossbar import EXACT, Crossbar, crossbar_of, exact, nearest
-from ann_dc.export.devices.sidecar import (
-    beside,
-    check_rewritten,
+from ann_dc.export.devices.connection_weights import (
     control_error,
-    network_and_vector,
+    stated_errors,
     weight_error,
     weights_in,
     with_weights,
 )
-from ann_dc.export.reference.sidecar import file_of, notes_of
+from ann_dc.export.devices.crossbar import EXACT, Crossbar, crossbar_of, exact, nearest
+from ann_dc.export.reference.contents import file_of
+from ann_dc.export.reference.sidecar import beside, network_and_vector, notes_of
 from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
@@ -187,31 +186,18 @@ def weights_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
 
 @checked
 def conductances_check(files: Mapping[str, bytes]) -> str:
-    """Read exported conductances, export them again from the network file and compare.
+    """Compute the weights of exported conductances and the steps of the network that has them.
 
-    The steps of the network with these conductances are computed as well. Returns the result as a
-    sentence. Raises `FileFormatError` if a file is missing or changed, or if the network takes
+    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or invalid, the
+    weights have another error than the notes, or all weights are those of the network and it takes
     different steps.
     """
     network, vector = network_and_vector(files)
-    notes = notes_of(files, NOTES, FORMAT, SCHEMA)
     weights, own = weights_of(files), weights_in(network)
     if weights.keys() != own.keys() or any(len(w) != network.stages for w in weights.values()):
         raise FileFormatError(f"{TABLE}: its connections are not those of the network beside it")
-    known = check_rewritten(
-        files,
-        TABLE,
-        NOTES,
-        lambda: conductances_files(
-            network,
-            vector,
-            lowest=notes.get("lowest_S", float),
-            decades=notes.get("decades", float),
-            levels=notes.get("levels", int),
-            folded=bool(notes.whole("folded", 0, 1)),
-        ),
-    )
     error, changed = weight_error(own, weights), with_weights(network, weights)
+    known = stated_errors(notes_of(files, NOTES, FORMAT, SCHEMA), "weight_error", error)
     if error:
         return f"weights within {error:.1e} of the network's; the network of them {known}"
     walk = EulerWalk(changed, vector.step)

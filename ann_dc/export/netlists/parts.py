@@ -211,8 +211,6 @@ def _is_number(text: str) -> bool:
 def engineering(value: str) -> str:
     """Format the value of a part with an SI prefix.
 
-    Raises `FileFormatError` if the text is not a value.
-
     Examples
     --------
     >>> engineering("10101"), engineering("5.06e-11"), engineering("0")
@@ -254,14 +252,6 @@ def tolerances_of(level: Level) -> Mapping[str, str]:
         "mul4q": product,
         "function": product,
     }
-
-
-def part_of(row: Sequence[str]) -> Part:
-    """Parse a row written by `parts_text` as a part."""
-    wires = {pin: net for pin, _, net in (wire.rpartition("=") for wire in row[5].split())}
-    nets = tuple(wires[pin] for pin in PINS[row[2]])
-    unit = int(row[1]) - 1
-    return Part(reference=row[0], unit=unit, kind=row[2], name=row[3], value=row[4], nets=nets)
 
 
 def parts_text(parts: Iterable[Part]) -> str:
