@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import final
 
 import numpy as np
 
 from ann_dc.export.reference.contents import text_of
+from ann_dc.export.reference.csv_tables import csv_text
 from ann_dc.export.reference.sidecar import MANIFEST, check_vector, walked
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
@@ -67,15 +68,15 @@ def csv_check(files: Mapping[str, bytes]) -> str:
 
 
 def _table(arrays: Mapping[str, object]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(HEAD)
-    for name, given in arrays.items():
-        values = np.array(given, float)
-        shape = " ".join(map(str, values.shape))
-        for number, value in enumerate(values.ravel().tolist() or [""]):
-            writer.writerow([name, shape, _place(number, values.shape), value])
-    return text.getvalue()
+    return csv_text(HEAD, (row for name, given in arrays.items() for row in _rows(name, given)))
+
+
+def _rows(name: str, given: object) -> Iterator[list[object]]:
+    """Yield the lines of an array; an empty array has a line without a value."""
+    values = np.array(given, float)
+    shape = " ".join(map(str, values.shape))
+    for number, value in enumerate(values.ravel().tolist() or [""]):
+        yield [name, shape, _place(number, values.shape), value]
 
 
 def _place(number: int, shape: tuple[int, ...]) -> str:

@@ -14,8 +14,6 @@ opposite clock phase.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -31,7 +29,7 @@ from ann_dc.export.devices.connection_weights import (
     weights_in,
     with_weights,
 )
-from ann_dc.export.reference.contents import file_of
+from ann_dc.export.reference.csv_tables import csv_text, rows_by_connection
 from ann_dc.export.reference.sidecar import beside, network_and_vector, notes_of
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.network.network import Network
@@ -143,22 +141,13 @@ def units_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
     The columns are the signed branch units and the feedback units of the op amp at every stage.
     Raises `FileFormatError` if the files are not those of `capacitors_files`.
     """
-    try:
-        rows = list(csv.reader(io.StringIO(file_of(files, TABLE).decode("utf-8")), strict=True))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise FileFormatError(f"{TABLE}: no table of text: {error}") from error
-    if not rows or tuple(rows[0]) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
-        raise FileFormatError(f"{TABLE}: expected the columns {', '.join(COLUMNS)}")
     unit = notes_of(files, NOTES, FORMAT, SCHEMA).get("unit_F", float)
     found: dict[str, list[tuple[int, int]]] = {}
-    for name, stage, own, across, farads, feedback in rows[1:]:
-        pairs = found.setdefault(name, [])
-        if stage != str(len(pairs)):
-            raise FileFormatError(f"{TABLE}: {name}: stage {stage!r:.20} is out of order")
-        pair = _whole(own), _whole(across)
-        if pair[1] < 1 or (farads, feedback) != tuple(_farads(u, unit) for u in pair):
-            raise FileFormatError(f"{TABLE}: {name}[{stage}]: units and farads do not agree")
-        pairs.append(pair)
+    for name, rows in rows_by_connection(files, TABLE, COLUMNS).items():
+        found[name] = [(_whole(own), _whole(across)) for own, across, _, _ in rows]
+        for stage, (pair, row) in enumerate(zip(found[name], rows)):
+            if pair[1] < 1 or row[2:] != [_farads(u, unit) for u in pair]:
+                raise FileFormatError(f"{TABLE}: {name}[{stage}]: units and farads do not agree")
     return {name: np.array(pairs, np.int64) for name, pairs in found.items()}
 
 
@@ -268,13 +257,12 @@ def _rails(network: Network) -> dict[str, list[float | None]]:
 
 
 def _table(units: Mapping[str, np.ndarray], unit: float) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for name, pairs in units.items():
-        for stage, pair in enumerate(pairs.tolist()):
-            writer.writerow([name, stage, *pair, *(_farads(u, unit) for u in pair)])
-    return text.getvalue().encode()
+    rows = (
+        [name, stage, *pair, *(_farads(u, unit) for u in pair)]
+        for name, pairs in units.items()
+        for stage, pair in enumerate(pairs.tolist())
+    )
+    return csv_text(COLUMNS, rows).encode()
 
 
 def _farads(units: int, unit: float) -> str:

@@ -17,10 +17,7 @@ bit.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-from collections import defaultdict
 from collections.abc import Mapping
 from decimal import Decimal, DecimalException, localcontext
 
@@ -35,7 +32,7 @@ from ann_dc.export.devices.connection_weights import (
     with_weights,
 )
 from ann_dc.export.devices.crossbar import EXACT, Crossbar, crossbar_of, exact, nearest
-from ann_dc.export.reference.contents import file_of
+from ann_dc.export.reference.csv_tables import csv_text, rows_by_connection
 from ann_dc.export.reference.sidecar import beside, network_and_vector, notes_of
 from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
 from ann_dc.network.network import Network
@@ -174,7 +171,7 @@ def weights_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
     True
     """
     notes = notes_of(files, NOTES, FORMAT, SCHEMA)
-    bar, pairs = _bar_of(notes), _pairs_of(file_of(files, TABLE))
+    bar, pairs = _bar_of(notes), _pairs_of(files)
     if pairs.keys() != bar.columns.keys():
         raise FileFormatError(f"{TABLE}: its connections are not those of {NOTES}")
     with localcontext(EXACT):
@@ -207,14 +204,12 @@ def conductances_check(files: Mapping[str, bytes]) -> str:
 
 
 def _table(pairs: Mapping[str, list[Decimal]]) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for name, siemens in pairs.items():
-        for stage, g in enumerate(siemens):
-            plus, minus = max(g, Decimal(0)), max(-g, Decimal(0))
-            writer.writerow([name, stage, f"{plus.normalize():E}", f"{minus.normalize():E}"])
-    return text.getvalue().encode()
+    rows = (
+        [name, stage, *(f"{max(part, Decimal(0)).normalize():E}" for part in (g, -g))]
+        for name, siemens in pairs.items()
+        for stage, g in enumerate(siemens)
+    )
+    return csv_text(COLUMNS, rows).encode()
 
 
 # ---- reading ---------------------------------------------------------------------------------
@@ -252,20 +247,12 @@ def _decimal(text: object) -> Decimal:
     return number
 
 
-def _pairs_of(content: bytes) -> dict[str, list[Decimal]]:
+def _pairs_of(files: Mapping[str, bytes]) -> dict[str, list[Decimal]]:
     """Return the signed conductances by connection, in the order of stages."""
-    try:
-        rows = list(csv.reader(io.StringIO(content.decode("utf-8")), strict=True))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise FileFormatError(f"{TABLE}: no table of text: {error}") from error
-    if not rows or tuple(rows[0]) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
-        raise FileFormatError(f"{TABLE}: expected the columns {', '.join(COLUMNS)}")
-    pairs: dict[str, list[Decimal]] = defaultdict(list)
-    for name, stage, plus, minus in rows[1:]:
-        if stage != str(len(pairs[name])):
-            raise FileFormatError(f"{TABLE}: {name}: stage {stage!r:.20} is out of order")
-        up, down = _decimal(plus), _decimal(minus)
-        if up < 0 or down < 0:
-            raise FileFormatError(f"{TABLE}: {name}[{stage}]: a conductance is negative")
-        pairs[name].append(up - down)
+    pairs: dict[str, list[Decimal]] = {}
+    for name, rows in rows_by_connection(files, TABLE, COLUMNS).items():
+        both = [(_decimal(plus), _decimal(minus)) for plus, minus in rows]
+        if any(min(pair) < 0 for pair in both):
+            raise FileFormatError(f"{TABLE}: {name}: a conductance is negative")
+        pairs[name] = [plus - minus for plus, minus in both]
     return pairs
