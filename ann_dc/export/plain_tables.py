@@ -43,7 +43,7 @@ def csv_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
     >>> sorted(files)
     ['manifest.json', 'reference_vector.json', 'tensors.csv', 'weights.csv']
     >>> files["tensors.csv"].decode().splitlines()[:2]
-    ['tensor,shape,index,value', 'rails,9 2,0 0,-inf']
+    ['tensor,shape,index,value', 'limits,9 2,0 0,-inf']
     """
     check_vector(network, vector)
     manifest, arrays = written(network)
