@@ -28,7 +28,8 @@ from ann_dc.errors import (
 from ann_dc.export.catalogue import FORMATS
 from ann_dc.export.formats import Files, unknown_setting
 from ann_dc.export.index import INDEX, Index, below, hashes_of, is_as_written, read_index
-from ann_dc.export.readme import ABOUT, README, readme
+from ann_dc.export.readme import ABOUT, readme
+from ann_dc.export.reference.contents import README
 from ann_dc.export.reference.vector import ReferenceVector, reference_vector
 from ann_dc.files import Lock, as_output_error, make_folder, write_whole
 from ann_dc.network.network import Network

@@ -9,7 +9,14 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ann_dc.errors import ExportError, UnknownNameError
+from ann_dc.errors import (
+    AnnDcError,
+    ExportError,
+    ExportPackageMissing,
+    FileFormatError,
+    UnknownNameError,
+)
+from ann_dc.export.reference.contents import check_contents, not_run
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.network.network import Network
 
@@ -27,15 +34,23 @@ class Format:
         Purpose and users of the format.
     write : callable
         Function ``(network, vector, **settings)`` that returns files.
-    check : callable
-        Function that checks files and returns the result as a sentence.
+    contents : str
+        Names of the files, as in `check_contents`.
+    run : callable
+        Function that runs files, compares them with their test vector and returns the result as a
+        sentence. By default nothing is run.
+    executes : bool
+        True if reading a file may execute code in it. Such files are run when they are written, and
+        are not run if their origin is unknown.
     carries, loses : str
         Preserved and omitted data, for the table of formats.
     """
 
     title: str
     write: Callable[..., Files]
-    check: Callable[[Files], str]
+    contents: str
+    run: Callable[[Files], str] = not_run
+    executes: bool = False
     carries: str
     loses: str
 
@@ -61,6 +76,31 @@ class Format:
                 return value
         expected = " or ".join(map(str, named)) or _words(kind)
         raise ExportError(f"{name}: expected {expected}, got {text!r}")
+
+    def check(self, files: Files) -> str:
+        """Check the names of files and the list of their hashes, and run them.
+
+        Returns the result as a sentence. Raises `FileFormatError` if a file is missing, changed,
+        foreign or invalid, or does not take the steps of its test vector. Raises
+        `ExportPackageMissing` if a required package is not installed.
+        """
+        check_contents(files, self.contents)
+        try:
+            return self.run(files)
+        except (FileFormatError, ExportPackageMissing):
+            raise
+        except Exception as error:  # of any package or function that an invalid file reaches
+            reason = (
+                str(error) if isinstance(error, AnnDcError) else f"{type(error).__name__}: {error}"
+            )
+            raise FileFormatError(f"cannot be run: {reason:.300}; export it again") from error
+
+    def inspect(self, files: Files) -> str:
+        """Check files of unknown origin: as `check`, without executing code in them."""
+        if self.executes:
+            check_contents(files, self.contents)
+            return "hashes alone; not run: reading a file may execute code in it"
+        return self.check(files)
 
     def files(
         self, network: Network, vector: ReferenceVector, settings: Mapping[str, Any]

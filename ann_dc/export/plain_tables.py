@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import csv
 import io
-import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import final
 
 import numpy as np
 
-from ann_dc.errors import AnnDcError, FileFormatError
-from ann_dc.export.plain_sidecar import MANIFEST, walked
-from ann_dc.export.reference.sidecar import check_vector, text_of
+from ann_dc.export.reference.contents import text_of
+from ann_dc.export.reference.csv_tables import csv_text
+from ann_dc.export.reference.sidecar import MANIFEST, check_vector, walked
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
@@ -60,31 +59,24 @@ def csv_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
 def csv_check(files: Mapping[str, bytes]) -> str:
     """Rebuild a network from its tables, compare hashes and repeat the vector's steps.
 
-    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or differs from
-    the export.
+    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or the network
+    differs from its manifest or its test vector.
     """
     entries = _TableEntries(text_of(files, TENSORS))
-    try:
-        network = network_of(text_of(files, MANIFEST), entries)
-    except FileFormatError:
-        raise
-    except AnnDcError as error:
-        raise FileFormatError(f"{MANIFEST}: {error}") from error
-    if to_csv(network) != text_of(files, MATRIX):
-        raise FileFormatError(f"{MATRIX}: not the weights of {TENSORS}; export the network again")
+    network = network_of(text_of(files, MANIFEST), entries)
     return f"{len(entries.taken)} arrays as hashed; {walked(network, files)}"
 
 
 def _table(arrays: Mapping[str, object]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(HEAD)
-    for name, given in arrays.items():
-        values = np.array(given, float)
-        shape = " ".join(map(str, values.shape))
-        for number, value in enumerate(values.ravel().tolist() or [""]):
-            writer.writerow([name, shape, _place(number, values.shape), value])
-    return text.getvalue()
+    return csv_text(HEAD, (row for name, given in arrays.items() for row in _rows(name, given)))
+
+
+def _rows(name: str, given: object) -> Iterator[list[object]]:
+    """Yield the lines of an array; an empty array has a line without a value."""
+    values = np.array(given, float)
+    shape = " ".join(map(str, values.shape))
+    for number, value in enumerate(values.ravel().tolist() or [""]):
+        yield [name, shape, _place(number, values.shape), value]
 
 
 def _place(number: int, shape: tuple[int, ...]) -> str:
@@ -101,31 +93,15 @@ class _TableEntries(Entries):
     """Arrays of a table; the lines of each array are in the order of their indices."""
 
     def __init__(self, text: str) -> None:
-        self._arrays: dict[str, tuple[tuple[int, ...], list[float]]] = {}
-        try:
-            head, *lines = csv.reader(io.StringIO(text), strict=True)
-            if head != HEAD:
-                raise ValueError(f"expected the columns {', '.join(HEAD)}")
-            for number, line in enumerate(lines, 2):
-                self._take(number, *line)
-        except (csv.Error, TypeError, ValueError, OverflowError) as error:
-            raise FileFormatError(f"{TENSORS}: {error}; export the network again") from error
+        self._arrays: dict[str, tuple[str, list[float]]] = {}
+        for line in csv.DictReader(io.StringIO(text), strict=True):
+            _, values = self._arrays.setdefault(line["tensor"], (line["shape"], []))
+            if line["value"]:
+                values.append(float(line["value"]))
         super().__init__(self._arrays)
 
-    def _take(self, number: int, name: str, shape: str, index: str, value: str) -> None:
-        lengths = tuple(int(length) for length in shape.split())
-        known, values = self._arrays.setdefault(name, (lengths, []))
-        number_of_them = math.prod(lengths)
-        read = [float(value)] if number_of_them else []
-        as_written = [*map(repr, read), ""][0]
-        is_next = known == lengths and index == _place(len(values), lengths)
-        if not is_next or value != as_written or len(values) >= max(number_of_them, 1):
-            raise ValueError(f"line {number} is none that was written")
-        values += read
-
     def stored(self, name: str) -> Stored:
-        """Return the array of the given name after checking that all its lines exist."""
-        shape, values = self._arrays[name]
-        if len(values) != math.prod(shape):
-            raise FileFormatError(f"{TENSORS}: {name!r} has {len(values)} values of shape {shape}")
-        return Stored(NUMBER, shape, np.array(values, "<f8").tobytes())
+        """Return the array of the given name."""
+        lengths, values = self._arrays[name]
+        shape = tuple(map(int, lengths.split()))
+        return Stored(NUMBER, shape, np.array(values, "<f8").reshape(shape).tobytes())

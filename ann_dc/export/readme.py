@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from ann_dc.export.formats import Files, Format
+from ann_dc.export.index import INDEX
 from ann_dc.export.plain_reader import ARRAYS, reader
+from ann_dc.export.reference.contents import not_run
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.network.selection import clamped_rows
-
-README = "README.md"
 
 _NAMES = """\
 A connection is written target<-source: 'u.' are controls, 'q.' states, 't.', 'mu.' and 'beta.'
@@ -92,6 +92,9 @@ def readme(
         for file in ARRAYS
         if name == "weights" and file in files
     ]
+    compared = "what the files do with it"
+    if form.executes or form.run is not_run:
+        compared = f"the SHA-256 of the files with '{INDEX}'"
     settles = f"settles after {vector.steps} steps" if vector.settles else "does not settle"
     return f"""# {" ".join(network.title.split())}: {form.title}
 
@@ -102,10 +105,5 @@ It carries {form.carries}. It loses: {form.loses}.
 {ABOUT[name]}{"".join(read)}
 'reference_vector.json' has inputs, a start and the states that follow it in network units, by the
 step {vector.step!r} in units of network time; the walk {settles} (tolerance {vector.tolerance!r}).
-`ann-dc inspect` on this folder compares what the files do with it.
+`ann-dc inspect` on this folder compares {compared}.
 """.encode()
-
-
-def without_readme(name: str, files: Files) -> Files:
-    """Return the files to which a format's check applies."""
-    return {file: content for file, content in files.items() if file != README or name not in ABOUT}

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ann_dc.errors import FileFormatError, UnknownNameError
-from ann_dc.export.plain_sidecar import MANIFEST, walked
-from ann_dc.export.reference.sidecar import check_vector, file_of, text_of
+from ann_dc.export.reference.contents import file_of, text_of
+from ann_dc.export.reference.sidecar import MANIFEST, check_vector, walked
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked

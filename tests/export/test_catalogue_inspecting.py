@@ -2,7 +2,10 @@
 
 import hashlib
 import json
+import shutil
 import sys
+from functools import cache
+from pathlib import Path
 
 import pytest
 from designs import designed
@@ -43,15 +46,129 @@ def test_a_network_that_does_not_settle_is_not_well(tmp_path):
     assert "does not settle" in found.wrong
 
 
-def test_one_bit_is_found(exported):
-    file = exported / "conductances.csv"
-    content = bytearray(file.read_bytes())
-    content[len(content) // 2] ^= 1
-    file.write_bytes(content)
-    [found] = inspect_export(exported)
+FOLDERS = ["weights", "csv", "conductances", "diagram", "latex", "kicad", "pack", "c99"]
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """Exports of a network to files of every sort: numbers, pictures, text, netlists, code."""
+    network = designed_with_time_constants()
+    place = tmp_path_factory.mktemp("folders")
+    assert not any(done.why_not for done in export_network(network, FOLDERS, place))
+    return place
+
+
+@cache
+def designed_with_time_constants():
+    kind = ann_dc.PreconditionerKind.DIAGONAL
+    return ann_dc.design(ann_dc.plants.double_integrator(N=3), preconditioner=kind).network
+
+
+def files_in(folder):
+    return [file for file in sorted(folder.rglob("*")) if file.is_file()]
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_a_changed_bit_of_any_file_is_found(name, folders, tmp_path):
+    """As is a file that is missing, and one from the export of another network."""
+    folder = Path(shutil.copytree(folders / name, tmp_path / name))
+    other = designed_with_time_constants().with_inputs({"q_d.x": 2.0})
+    export_network(other, name, tmp_path / "other")
+    for file in files_in(folder):
+        content = file.read_bytes()
+        flipped = bytearray(content)
+        flipped[len(content) // 2] ^= 1
+        foreign = tmp_path / "other" / name / file.relative_to(folder)
+        for changed in (bytes(flipped), content[:-1], foreign.read_bytes(), None):
+            if changed == content:
+                continue
+            file.unlink() if changed is None else file.write_bytes(changed)
+            if changed is None and file.name == "export.json":
+                with pytest.raises(FileFormatError, match="no folder that ann-dc export wrote"):
+                    inspect_export(folder)
+                continue
+            [found] = inspect_export(folder)
+            assert not found.good
+            assert file.name in found.wrong or file.name == "export.json"
+        file.write_bytes(content)
+    assert inspect_export(folder)[0].good
+
+
+def listed_anew(folder, **changes):
+    """Write files and an index that has their hashes; None takes a file away."""
+    index = folder / "export.json"
+    table = json.loads(index.read_text())
+    for name, content in changes.items():
+        table["files"].pop(name, None)
+        (folder / name).unlink(missing_ok=True)
+        if content is not None:
+            (folder / name).write_bytes(content)
+            table["files"][name] = hashlib.sha256(content).hexdigest()
+    del table["sha256"]
+    table["sha256"] = hashlib.sha256(json.dumps(table).encode()).hexdigest()
+    index.write_text(json.dumps(table, indent=1) + "\n")
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_a_file_of_no_format_is_found_behind_good_hashes(name, folders, tmp_path):
+    folder = Path(shutil.copytree(folders / name, tmp_path / name))
+    listed_anew(folder, **{"evil.exe": b"MZ"})
+    [found] = inspect_export(folder)
     assert not found.good
-    assert "conductances.csv" in found.wrong
-    assert "SHA-256" in found.wrong
+    assert "evil.exe" in found.wrong
+
+
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [
+        ("diagram", "cell.svg"),
+        ("latex", "reference_vector.json"),
+        ("kicad", "circuit.net"),
+        ("pack", "deck.cir"),
+        ("weights", "network.safetensors"),
+    ],
+)
+def test_a_missing_file_is_found_behind_good_hashes(name, file, folders, tmp_path):
+    folder = Path(shutil.copytree(folders / name, tmp_path / name))
+    listed_anew(folder, **{file: None})
+    [found] = inspect_export(folder)
+    assert found.wrong == f"{file}: missing; export the network again"
+
+
+def test_numbers_of_another_network_are_found_behind_good_hashes(folders, tmp_path):
+    """Files that are run do not take the steps of the vector."""
+    folder = Path(shutil.copytree(folders / "conductances", tmp_path / "conductances"))
+    notes = json.loads((folder / "conductances.json").read_text())
+    notes["scales_S"] = {node: f"{float(k) * 1.01!r}" for node, k in notes["scales_S"].items()}
+    listed_anew(folder, **{"conductances.json": json.dumps(notes).encode()})
+    said = "conductances.json.weight_error: 0, but the weights of the table are 0.0099 off"
+    assert said in inspect_export(folder)[0].wrong
+    listed_anew(folder, **{"conductances.json": b"{}"})
+    assert "conductances.json" in inspect_export(folder)[0].wrong
+
+
+def test_a_program_is_not_loaded_from_a_folder(tmp_path, monkeypatch):
+    """Loading may execute what somebody has put into the file, whoever has hashed it."""
+    torch = pytest.importorskip("torch", reason="the package torch is not installed")
+    [done] = export_network(designed_with_time_constants(), "torch_program", tmp_path)
+    assert "50 steps" in done.worth
+    loads = []
+    monkeypatch.setattr(torch.export, "load", loads.append)
+    [found] = inspect_export(tmp_path)
+    assert found.good
+    assert found.facts["checked"].startswith("hashes alone; not run")
+    assert loads == []
+
+
+def test_a_zipped_pack_is_checked_by_its_hash(tmp_path):
+    network = designed_with_time_constants()
+    [done] = export_network(network, "pack", tmp_path, level="behavioural", zipped=True)
+    [found] = inspect_export(tmp_path)
+    assert found.good
+    assert found.facts["checked"] == done.worth
+    assert "controls are predicted to be off by" in done.worth
+    listed_anew(tmp_path / "pack", **{"pack.zip": b"PK"})
+    assert "BadZipFile" in inspect_export(tmp_path)[0].wrong
 
 
 @pytest.mark.parametrize(

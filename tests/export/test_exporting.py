@@ -189,7 +189,7 @@ def test_what_cannot_be_carried_is_an_error_alone_and_a_sentence_among_others(tm
         (ZeroDivisionError("by nothing"), "ZeroDivisionError: by nothing"),
     ],
 )
-@pytest.mark.parametrize("part", ["write", "check"])
+@pytest.mark.parametrize("part", ["write", "run"])
 def test_a_failure_of_any_kind_keeps_the_others(
     network, tmp_path, monkeypatch, failure, told, part
 ):

@@ -26,9 +26,10 @@ def inspect(
 ) -> None:
     """Show the content of a file or export, and verify hashes and behaviour.
 
-    An export is compared with its test vector, in its runtime if that is
-    installed. The network of a weight file is run until it settles. Nothing
-    from a file is executed except by the runtime of its format. Several
+    Names and hashes of all files of an export are checked. Files that can be
+    run are compared with their test vector, in their runtime if that is
+    installed. The network of a weight file is run until it settles. Code in a
+    file is never executed: torch programs and netlists are not run. Several
     exports have one line each; inspect a single export for all details.
 
     Usage examples:

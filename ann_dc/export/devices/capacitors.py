@@ -14,8 +14,6 @@ opposite clock phase.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -23,17 +21,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.devices.sidecar import (
-    beside,
-    check_rewritten,
+from ann_dc.export.devices.connection_weights import (
     control_error,
-    network_and_vector,
+    stated_errors,
     time_constants,
     weight_error,
     weights_in,
     with_weights,
 )
-from ann_dc.export.reference.sidecar import file_of, notes_of
+from ann_dc.export.reference.csv_tables import csv_text, rows_by_connection
+from ann_dc.export.reference.sidecar import beside, network_and_vector, notes_of
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
@@ -144,53 +141,31 @@ def units_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
     The columns are the signed branch units and the feedback units of the op amp at every stage.
     Raises `FileFormatError` if the files are not those of `capacitors_files`.
     """
-    try:
-        rows = list(csv.reader(io.StringIO(file_of(files, TABLE).decode("utf-8")), strict=True))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise FileFormatError(f"{TABLE}: no table of text: {error}") from error
-    if not rows or tuple(rows[0]) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
-        raise FileFormatError(f"{TABLE}: expected the columns {', '.join(COLUMNS)}")
     unit = notes_of(files, NOTES, FORMAT, SCHEMA).get("unit_F", float)
     found: dict[str, list[tuple[int, int]]] = {}
-    for name, stage, own, across, farads, feedback in rows[1:]:
-        pairs = found.setdefault(name, [])
-        if stage != str(len(pairs)):
-            raise FileFormatError(f"{TABLE}: {name}: stage {stage!r:.20} is out of order")
-        pair = _whole(own), _whole(across)
-        if pair[1] < 1 or (farads, feedback) != tuple(_farads(u, unit) for u in pair):
-            raise FileFormatError(f"{TABLE}: {name}[{stage}]: units and farads do not agree")
-        pairs.append(pair)
+    for name, rows in rows_by_connection(files, TABLE, COLUMNS).items():
+        found[name] = [(_whole(own), _whole(across)) for own, across, _, _ in rows]
+        for stage, (pair, row) in enumerate(zip(found[name], rows)):
+            if pair[1] < 1 or row[2:] != [_farads(u, unit) for u in pair]:
+                raise FileFormatError(f"{TABLE}: {name}[{stage}]: units and farads do not agree")
     return {name: np.array(pairs, np.int64) for name, pairs in found.items()}
 
 
 @checked
 def capacitors_check(files: Mapping[str, bytes]) -> str:
-    """Read exported capacitors and compare them with a new export of the network file.
+    """Compute the weights of exported capacitors and compare them with the network file.
 
-    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or changed.
+    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or invalid, or
+    the weights have another error than the notes.
     """
-    network, vector = network_and_vector(files)
+    network, _ = network_and_vector(files)
     notes, units = notes_of(files, NOTES, FORMAT, SCHEMA), units_of(files)
     names = [c.name for c in network.cell.connections]
     if sorted(units) != sorted(names) or any(len(p) != network.stages for p in units.values()):
         raise FileFormatError(f"{TABLE}: its connections are not those of the network beside it")
-    step = notes.get("step", float)
-    if not 0 < step < np.inf:
-        raise FileFormatError(f"{NOTES}.step: expected a positive number, got {step!r}")
-    found = _weights(network, units, step)
+    found = _weights(network, units, notes.get("step", float))
     error = weight_error(weights_in(network), found)
-    known = check_rewritten(
-        files,
-        TABLE,
-        NOTES,
-        lambda: capacitors_files(
-            network,
-            vector,
-            unit=notes.get("unit_F", float),
-            largest=notes.get("largest_F", float),
-            step=step,
-        ),
-    )
+    known = stated_errors(notes, "ratio_error", error)
     return f"ratios within {error:.1e} of the network's; the network of them {known}"
 
 
@@ -282,13 +257,12 @@ def _rails(network: Network) -> dict[str, list[float | None]]:
 
 
 def _table(units: Mapping[str, np.ndarray], unit: float) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for name, pairs in units.items():
-        for stage, pair in enumerate(pairs.tolist()):
-            writer.writerow([name, stage, *pair, *(_farads(u, unit) for u in pair)])
-    return text.getvalue().encode()
+    rows = (
+        [name, stage, *pair, *(_farads(u, unit) for u in pair)]
+        for name, pairs in units.items()
+        for stage, pair in enumerate(pairs.tolist())
+    )
+    return csv_text(COLUMNS, rows).encode()
 
 
 def _farads(units: int, unit: float) -> str:

@@ -17,27 +17,23 @@ bit.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-from collections import defaultdict
 from collections.abc import Mapping
 from decimal import Decimal, DecimalException, localcontext
 
 import numpy as np
 
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.devices.crossbar import EXACT, Crossbar, crossbar_of, exact, nearest
-from ann_dc.export.devices.sidecar import (
-    beside,
-    check_rewritten,
+from ann_dc.export.devices.connection_weights import (
     control_error,
-    network_and_vector,
+    stated_errors,
     weight_error,
     weights_in,
     with_weights,
 )
-from ann_dc.export.reference.sidecar import file_of, notes_of
+from ann_dc.export.devices.crossbar import EXACT, Crossbar, crossbar_of, exact, nearest
+from ann_dc.export.reference.csv_tables import csv_text, rows_by_connection
+from ann_dc.export.reference.sidecar import beside, network_and_vector, notes_of
 from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
@@ -175,7 +171,7 @@ def weights_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
     True
     """
     notes = notes_of(files, NOTES, FORMAT, SCHEMA)
-    bar, pairs = _bar_of(notes), _pairs_of(file_of(files, TABLE))
+    bar, pairs = _bar_of(notes), _pairs_of(files)
     if pairs.keys() != bar.columns.keys():
         raise FileFormatError(f"{TABLE}: its connections are not those of {NOTES}")
     with localcontext(EXACT):
@@ -187,31 +183,18 @@ def weights_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
 
 @checked
 def conductances_check(files: Mapping[str, bytes]) -> str:
-    """Read exported conductances, export them again from the network file and compare.
+    """Compute the weights of exported conductances and the steps of the network that has them.
 
-    The steps of the network with these conductances are computed as well. Returns the result as a
-    sentence. Raises `FileFormatError` if a file is missing or changed, or if the network takes
+    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or invalid, the
+    weights have another error than the notes, or all weights are those of the network and it takes
     different steps.
     """
     network, vector = network_and_vector(files)
-    notes = notes_of(files, NOTES, FORMAT, SCHEMA)
     weights, own = weights_of(files), weights_in(network)
     if weights.keys() != own.keys() or any(len(w) != network.stages for w in weights.values()):
         raise FileFormatError(f"{TABLE}: its connections are not those of the network beside it")
-    known = check_rewritten(
-        files,
-        TABLE,
-        NOTES,
-        lambda: conductances_files(
-            network,
-            vector,
-            lowest=notes.get("lowest_S", float),
-            decades=notes.get("decades", float),
-            levels=notes.get("levels", int),
-            folded=bool(notes.whole("folded", 0, 1)),
-        ),
-    )
     error, changed = weight_error(own, weights), with_weights(network, weights)
+    known = stated_errors(notes_of(files, NOTES, FORMAT, SCHEMA), "weight_error", error)
     if error:
         return f"weights within {error:.1e} of the network's; the network of them {known}"
     walk = EulerWalk(changed, vector.step)
@@ -221,14 +204,12 @@ def conductances_check(files: Mapping[str, bytes]) -> str:
 
 
 def _table(pairs: Mapping[str, list[Decimal]]) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for name, siemens in pairs.items():
-        for stage, g in enumerate(siemens):
-            plus, minus = max(g, Decimal(0)), max(-g, Decimal(0))
-            writer.writerow([name, stage, f"{plus.normalize():E}", f"{minus.normalize():E}"])
-    return text.getvalue().encode()
+    rows = (
+        [name, stage, *(f"{max(part, Decimal(0)).normalize():E}" for part in (g, -g))]
+        for name, siemens in pairs.items()
+        for stage, g in enumerate(siemens)
+    )
+    return csv_text(COLUMNS, rows).encode()
 
 
 # ---- reading ---------------------------------------------------------------------------------
@@ -266,20 +247,12 @@ def _decimal(text: object) -> Decimal:
     return number
 
 
-def _pairs_of(content: bytes) -> dict[str, list[Decimal]]:
+def _pairs_of(files: Mapping[str, bytes]) -> dict[str, list[Decimal]]:
     """Return the signed conductances by connection, in the order of stages."""
-    try:
-        rows = list(csv.reader(io.StringIO(content.decode("utf-8")), strict=True))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise FileFormatError(f"{TABLE}: no table of text: {error}") from error
-    if not rows or tuple(rows[0]) != COLUMNS or any(len(row) != len(COLUMNS) for row in rows):
-        raise FileFormatError(f"{TABLE}: expected the columns {', '.join(COLUMNS)}")
-    pairs: dict[str, list[Decimal]] = defaultdict(list)
-    for name, stage, plus, minus in rows[1:]:
-        if stage != str(len(pairs[name])):
-            raise FileFormatError(f"{TABLE}: {name}: stage {stage!r:.20} is out of order")
-        up, down = _decimal(plus), _decimal(minus)
-        if up < 0 or down < 0:
-            raise FileFormatError(f"{TABLE}: {name}[{stage}]: a conductance is negative")
-        pairs[name].append(up - down)
+    pairs: dict[str, list[Decimal]] = {}
+    for name, rows in rows_by_connection(files, TABLE, COLUMNS).items():
+        both = [(_decimal(plus), _decimal(minus)) for plus, minus in rows]
+        if any(min(pair) < 0 for pair in both):
+            raise FileFormatError(f"{TABLE}: {name}: a conductance is negative")
+        pairs[name] = [plus - minus for plus, minus in both]
     return pairs

@@ -14,7 +14,7 @@ from decimal import Context, Decimal
 import numpy as np
 
 from ann_dc.errors import ExportError
-from ann_dc.export.devices.sidecar import time_constants, weights_in
+from ann_dc.export.devices.connection_weights import time_constants, weights_in
 from ann_dc.network.network import Network
 
 EXACT = Context(prec=34)

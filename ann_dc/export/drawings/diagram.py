@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.errors import ExportError
 from ann_dc.export.drawings.cell_picture import cell_page
 from ann_dc.export.drawings.chain_diagram import chain_page
-from ann_dc.export.drawings.checking import VECTOR, check_pdf, check_svg, read_vector, told_of
 from ann_dc.export.drawings.labels import short_names
-from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.drawings.page import told_of
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
 
@@ -41,30 +39,9 @@ def diagram_files(
     >>> files = diagram_files(network, reference_vector(network), of="chain")
     >>> sorted(files)
     ['chain.pdf', 'chain.svg', 'reference_vector.json']
-    >>> diagram_check(files)
-    'a diagram of the chain, of the network of the reference vector'
     """
     if of not in PAGES:
         raise ExportError(f"of: {of!r} cannot be drawn; choose one of: {', '.join(PAGES)}")
     names = {short: name for name, short in short_names(network.cell).items() if short != name}
     told = told_of(network, FORM, of) | {"names": names}
     return {**PAGES[of](network).files(of, told), VECTOR: vector.as_json()}
-
-
-@checked
-def diagram_check(files: Mapping[str, bytes]) -> str:
-    """Check that diagrams are complete and belong to the network of the test vector.
-
-    Returns the result as a sentence. Raises `FileFormatError` if a file is missing, is not a
-    diagram, or belongs to another network.
-    """
-    vector = read_vector(files)
-    name = next((name for name in PAGES if f"{name}.svg" in files), None)
-    if name is None or set(files) != {f"{name}.svg", f"{name}.pdf", VECTOR}:
-        given = ", ".join(sorted(files))
-        raise FileFormatError(f"expected an SVG and a PDF file of a diagram, got {given:.200}")
-    table = check_svg(f"{name}.svg", files[f"{name}.svg"], FORM, vector)
-    if table.get("of", str) != name:
-        raise FileFormatError(f"{name}.svg: says that it is of something else")
-    check_pdf(f"{name}.pdf", files[f"{name}.pdf"], vector)
-    return f"a diagram of the {name}, of the network of the reference vector"

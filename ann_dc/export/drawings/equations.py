@@ -9,17 +9,37 @@ network, so they are also available for a loaded network.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
-from ann_dc.errors import FileFormatError
-from ann_dc.export.drawings import check_structure, document_of
-from ann_dc.export.drawings.checking import VECTOR, read_vector
-from ann_dc.export.reference.vector import ReferenceVector
+import numpy as np
+
+from ann_dc.export.drawings.latex_symbols import (
+    INDEX,
+    applied,
+    at_stage,
+    escaped,
+    is_inline,
+    number,
+    range_of,
+    symbols_of,
+)
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector
+from ann_dc.network.cell import ONE, Block, Connection, Product, Sum
 from ann_dc.network.network import Network
+from ann_dc.network.preconditioners.base import PreconditionerKind
+from ann_dc.si_prefixes import counted
 from ann_dc.validation.checked import checked
+from ann_dc.weights.hashes import content_hash, wiring_hash
 
 TEX = "equations.tex"
+TERMS = 4
+"""Terms of a sum per line."""
+PREAMBLE = r"""\documentclass{article}
+\usepackage{amsmath}
+\usepackage{longtable}
+\usepackage[margin=20mm]{geometry}
+\allowdisplaybreaks"""
+"""Preamble of a document; no other packages are loaded."""
 
 
 @checked
@@ -39,33 +59,122 @@ def latex_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
     >>> lines = files["equations.tex"].decode().splitlines()
     >>> print(*(line for line in lines if "d {a}_{k}" in line))
     \tau\,\frac{d {a}_{k}}{ds} &= -{a}_{k} - {m}^{{v}}_{k} \\
-    >>> latex_check(files)
-    'equations of 9 neurons, of the network of the reference vector'
     """
-    text = "\n".join(document_of(network))
+    text = "\n".join(_document(network))
     return {TEX: (text + "\n").encode("ascii"), VECTOR: vector.as_json()}
 
 
-@checked
-def latex_check(files: Mapping[str, bytes]) -> str:
-    """Check that equations are complete, safe to typeset, and match the test vector.
+def _document(network: Network) -> Iterator[str]:
+    """Yield the lines of the document on a network."""
+    names = symbols_of(network)
+    yield from (
+        f"% wiring: {wiring_hash(network)}",
+        f"% content: {content_hash(network)}",
+        PREAMBLE,
+        r"\begin{document}",
+        rf"\section*{{$\mathrm{{{escaped(network.title)}}}$}}",
+        rf"A row of {counted(network.stages, 'cells')}; the equations of cell $k$, "
+        "in network units.",
+        r"\section*{Neurons}",
+        r"\begin{align*}",
+    )
+    for neuron in network.cell.neurons:
+        rows = _sum(network, neuron.name, names)
+        if neuron.shared:
+            rows = rf"\sum_k [ {rows} ]"
+        yield rf"\tau\,\frac{{d {at_stage(names[neuron.name])}}}{{ds}} &= {rows} \\"
+    yield r"\end{align*}"
+    if network.preconditioner.kind is not PreconditionerKind.DIAGONAL:
+        kind = network.preconditioner.kind.value
+        yield f"These are the drives. A {kind} preconditioner spreads them over the row:"
+        yield "it changes how soon the network settles, not where."
+    blocks = [block for block in network.cell.blocks if not is_inline(block)]
+    if blocks:
+        yield r"\section*{Blocks}"
+        yield r"\begin{align*}"
+        for block in blocks:
+            yield rf"{at_stage(names[block.name])} &= {_formula(network, block, names)} \\"
+        yield r"\end{align*}"
+    yield from _neuron_table(network, names)
+    yield from _weight_table(network, names)
+    yield from _ends(network, names)
+    yield r"\end{document}"
 
-    Returns the result as a sentence. Raises `FileFormatError` if a file is missing, braces or
-    environments do not match, an unknown command occurs, or the equations belong to another
-    network.
-    """
-    vector = read_vector(files)
-    if set(files) != {TEX, VECTOR}:
-        raise FileFormatError(f"expected {TEX} and {VECTOR}, got {', '.join(sorted(files)):.200}")
-    try:
-        text = files[TEX].decode("ascii")
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{TEX}: not plain ASCII: {error}") from error
-    head = dict(re.findall(r"^% (wiring|content): ([0-9a-f]{64})$", text, re.MULTILINE))
-    if head != {"wiring": vector.wiring, "content": vector.content}:
-        raise FileFormatError(f"{TEX}: its hashes are not those of {VECTOR}; export them together")
-    check_structure(TEX, text)
-    count = len(re.findall(r"^\\tau\\,\\frac", text, re.MULTILINE))
-    if count != len(vector.start):
-        raise FileFormatError(f"{TEX}: {count} neurons, but the network has {len(vector.start)}")
-    return f"equations of {count} neurons, of the network of the reference vector"
+
+def _formula(network: Network, block: Block, names: Mapping[str, str]) -> str:
+    if isinstance(block, Sum):
+        return _sum(network, block.name, names)
+    if isinstance(block, Product):
+        return rf"{at_stage(names[block.a])}\,{at_stage(names[block.b])}"
+    return applied(block.function, at_stage(names[block.x]))
+
+
+def _sum(network: Network, target: str, names: Mapping[str, str]) -> str:
+    """Return the net input of a node as LaTeX, with a few terms per line."""
+    wires = [
+        (place, wire)
+        for place, wire in enumerate(network.cell.connections, 1)
+        if wire.target == target
+    ]
+    terms = [_term(*wire, names, not place) for place, wire in enumerate(wires)] or ["0"]
+    lines = [" ".join(terms[i : i + TERMS]) for i in range(0, len(terms), TERMS)]
+    return " \\\\\n&\\qquad ".join(lines)
+
+
+def _term(place: int, wire: Connection, names: Mapping[str, str], first: bool) -> str:
+    weight = np.atleast_1d(np.asarray(wire.weight, float))
+    source = at_stage(names[wire.source], int(wire.template))
+    factor, sign = rf"w_{{{place},k}}", "+"
+    if not np.ptp(weight):
+        factor, sign = number(abs(weight[0])), "-" if weight[0] < 0 else "+"
+    lead = f"{sign} " if not first else "-" if sign == "-" else ""
+    if wire.source == ONE:
+        return f"{lead}{factor}"
+    return f"{lead}{source}" if factor == "1" else rf"{lead}{factor}\,{source}"
+
+
+def _neuron_table(network: Network, names: Mapping[str, str]) -> Iterator[str]:
+    yield r"\section*{Neurons: time constants, rails, and the user's value of one and of zero}"
+    yield r"\begin{longtable}{lllllll}"
+    yield r"neuron & role & $\tau$ & lowest & highest & step of 1 & zero \\ \hline \endhead"
+    for neuron in network.cell.neurons:
+        rails = [f"${number(end)}$" for end in (neuron.limiter.low, neuron.limiter.high)]
+        role = neuron.role.value + (", shared" if neuron.shared else "")
+        scale = [f"${number(neuron.scale.factor)}$", f"${number(neuron.scale.offset)}$"]
+        name = f"${at_stage(names[neuron.name])}$"
+        cells = (name, role, f"${range_of(neuron.tau)}$", *rails, *scale)
+        yield " & ".join(cells) + r" \\"
+    yield r"\end{longtable}"
+
+
+def _weight_table(network: Network, names: Mapping[str, str]) -> Iterator[str]:
+    yield r"\section*{Weights}"
+    yield r"\begin{longtable}{rlll}"
+    yield r"number & target & source & weight \\ \hline \endhead"
+    for place, wire in enumerate(network.cell.connections, 1):
+        source = at_stage(names[wire.source], int(wire.template))
+        ends = f"${at_stage(names[wire.target])}$ & ${source}$"
+        yield rf"{place} & {ends} & ${range_of(wire.weight)}$ \\"
+    yield r"\end{longtable}"
+
+
+def _ends(network: Network, names: Mapping[str, str]) -> Iterator[str]:
+    """Yield the inputs and the boundary values of the cell array."""
+    if network.cell.inputs:
+        yield r"\section*{Inputs}"
+        yield r"\begin{longtable}{ll}"
+        yield r"input & value \\ \hline \endhead"
+        for name in network.cell.inputs:
+            yield rf"${at_stage(names[name])}$ & ${range_of(network.input_values[name])}$ \\"
+        yield r"\end{longtable}"
+    if network.fixed or network.omitted or network.left_boundary:
+        yield r"\section*{Ends of the row}"
+        yield r"\begin{longtable}{ll}"
+        at = lambda name, stage: names[name].replace(INDEX, str(stage))  # noqa: E731
+        for pin in network.fixed:
+            yield rf"${at(pin.neuron, pin.stage)}$ & $= {at(pin.input, pin.stage)}$ \\"
+        for gone in network.omitted:
+            yield rf"${at(gone.neuron, gone.stage)}$ & is absent \\"
+        for node, given in network.left_boundary.items():
+            yield rf"${at(node, -1)}$ & $= {at(given, 0)}$ \\"
+        yield r"\end{longtable}"

@@ -25,6 +25,9 @@ from matplotlib.patches import FancyBboxPatch, PathPatch
 from matplotlib.path import Path
 from matplotlib.textpath import TextToPath
 
+from ann_dc.network.network import Network
+from ann_dc.weights.hashes import content_hash, wiring_hash
+
 FAMILY = "STIXGeneral"
 """Font, included with matplotlib on every platform."""
 SMALL, PLAIN, LARGE = 6.0, 6.5, 9.0
@@ -34,6 +37,8 @@ WIDTH = 180.0
 POINT = 25.4 / 72
 """Length of a point in mm."""
 INK, GREY, PALE = "#222222", "#8A8A8A", "#F4F4F4"
+SCHEMA = 1
+"""Version of the metadata of a picture."""
 
 _STYLE: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "ann_dc", "pdf.fonttype": 42}
 
@@ -219,6 +224,18 @@ class Page:
         with matplotlib.rc_context(_STYLE):
             self._figure.savefig(stream, format=kind, metadata=dict(about))
         return stream.getvalue()
+
+
+def told_of(network: Network, form: str, what: str) -> dict[str, object]:
+    """Return the metadata of a picture of a network."""
+    return {
+        "format": f"ann_dc {form}",
+        "schema": SCHEMA,
+        "title": network.title,
+        "of": what,
+        "wiring": wiring_hash(network),
+        "content": content_hash(network),
+    }
 
 
 def _json(told: Mapping[str, object]) -> str:

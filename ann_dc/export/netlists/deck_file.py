@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from ann_dc.backends.spice.netlist.cell_text import number
-from ann_dc.errors import FileFormatError
 from ann_dc.export.netlists.build import Build
 from ann_dc.export.netlists.flat_reader import logical_lines
-from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.fidelity.circuit_study import NEAR
 from ann_dc.weights.hashes import content_hash
 
@@ -120,24 +118,6 @@ def claims_of(build: Build) -> tuple[str, str]:
     """Return the netlist lines on the network and on its accuracy."""
     error = f"{build.control_error:.1e} of {build.probe.size_in_words}"
     return f"{CONTENT} {content_hash(build.given)}", f"{ACCURACY} {error}"
-
-
-def checked_claims(name: str, lines: Iterable[str], vector: ReferenceVector) -> str:
-    """Check that a netlist belongs to the network of a vector, and read its accuracy.
-
-    Returns the network and its predicted accuracy as a clause. Raises `FileFormatError` if the
-    content is that of another network or the accuracy is missing.
-    """
-    known = [line.lstrip("*/ ") for line in lines]
-    if f"{CONTENT} {vector.content}" not in known:
-        raise FileFormatError(f"{name}: it is another network's than {VECTOR}")
-    told = [line.removeprefix(ACCURACY) for line in known if line.startswith(ACCURACY)]
-    try:
-        [(error, _, size)] = [words.partition(" of ") for words in told]
-        accuracy = accuracy_words(float(error), size)
-    except ValueError as wrong:
-        raise FileFormatError(f"{name}: expected one line '{ACCURACY}' with a number") from wrong
-    return f"of the network {vector.content[:12]}, {accuracy}"
 
 
 def accuracy_words(error: float, size: str) -> str:

@@ -1,27 +1,26 @@
 """Single-file decks in the dialects of LTspice and Xyce.
 
 Both dialects follow the grammar in the simulators' manuals. Neither simulator has been run: the
-LTspice deck runs in ngspice's LTspice mode, and the Xyce deck is parsed back.
+LTspice deck runs in ngspice's LTspice mode.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from ann_dc.backends.spice.netlist.cell_text import number, wrapped
 from ann_dc.backends.spice.pdk.files import PACKAGE
-from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.errors import ExportError
 from ann_dc.export.netlists.build import Build, build
 from ann_dc.export.netlists.deck_file import (
     DECK,
-    checked_claims,
     claims_of,
     models_of,
     plain,
 )
 from ann_dc.export.netlists.flat_reader import flattened
-from ann_dc.export.netlists.pack import PARTS, compared_parts
+from ann_dc.export.netlists.pack import PARTS
 from ann_dc.export.netlists.parts import (
     Part,
     accuracy_text,
@@ -30,7 +29,8 @@ from ann_dc.export.netlists.parts import (
     parts_text,
     scaling_text,
 )
-from ann_dc.export.reference.sidecar import check_sums, check_vector, text_of, vector_of, with_sums
+from ann_dc.export.reference.contents import README, with_sums
+from ann_dc.export.reference.sidecar import check_vector
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.si_prefixes import counted
@@ -100,7 +100,7 @@ def xyce_files(
     level: str = "macro",
     series: str = "exact",
 ) -> dict[str, bytes]:
-    """Export a deck in the Xyce dialect, parsed and compared but not run in Xyce.
+    """Export a deck in the Xyce dialect, not tested in Xyce.
 
     Options are those of `pack_files`, except the levels ``sky130`` and ``switched-capacitor``. The
     files are those of `ltspice_files`.
@@ -136,7 +136,7 @@ def _files(
         PARTS: parts_text(parts),
         "scaling.csv": scaling_text(made),
         "expected_controls.csv": expected_text(made),
-        "README.md": _readme(made, parts, simulator, differences),
+        README: _readme(made, parts, simulator, differences),
     }
     files = {name: text.encode() for name, text in texts.items()}
     return with_sums({**files, VECTOR: vector.as_json()})
@@ -232,20 +232,3 @@ def _xyce_end(made: Build) -> Iterator[str]:
     nodes = " ".join(f"v({node})" for node in deck.signals.values())
     yield wrapped(f".print tran format=csv file=waveforms.csv {nodes}")
     yield from (card.replace(".meas", ".measure") for card in _measures(made))
-
-
-@checked
-def dialect_check(files: Mapping[str, bytes]) -> str:
-    """Check a deck of a dialect with a strict reader: hashes and every part.
-
-    The deck is not run. Returns the result as a sentence. Raises `FileFormatError` if a file is
-    missing or changed, or the parts of the deck differ from the list.
-    """
-    check_sums(files)
-    vector = vector_of(files)
-    deck = text_of(files, DECK)
-    if ".control" in deck.lower():
-        raise FileFormatError(f"{DECK}: has commands of ngspice, which no dialect has")
-    claims = checked_claims(DECK, deck.splitlines(), vector)
-    parts = compared_parts(deck, {}, text_of(files, PARTS))
-    return f"{len(files) - 1} files with their hashes; {parts}; {claims}; it was not run"

@@ -1,6 +1,6 @@
 """Flattened deck: elements after expansion of all subcircuits that are not parts.
 
-The reader is strict and does not run the deck.
+The reader takes decks of this package, from which a list of parts is made. It does not run them.
 """
 
 from __future__ import annotations
@@ -23,9 +23,6 @@ ENDS = dict.fromkeys("rcvidb", 2) | dict.fromkeys("segm", 4) | {"q": 3}
 
 VALUED = "rcvi"
 """Elements whose first word after the nodes is their value."""
-
-DEEPEST, MOST = 20, 10**9
-"""Maximum nesting of subcircuits, and maximum characters of all expanded cards."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,23 +57,7 @@ class Element:
 class _Subcircuit:
     pins: tuple[str, ...]
     defaults: dict[str, str]
-    letters: int
     cards: list[str]
-
-
-@dataclass
-class _Letters:
-    """Remaining character budget.
-
-    Expanding a card takes the length of the card and of its path.
-    """
-
-    left: int
-
-    def take(self, count: int) -> None:
-        self.left -= count
-        if self.left < 0:
-            raise FileFormatError("netlist: its subcircuits open to more than its list of parts")
 
 
 @dataclass(frozen=True)
@@ -90,15 +71,13 @@ class _Deck:
     cards: list[str]
     parameters: dict[str, float]
     everywhere: set[str]
-    letters: _Letters
 
 
-def flattened(text: str, files: Mapping[str, str], most: int = MOST) -> list[Element]:
+def flattened(text: str, files: Mapping[str, str]) -> list[Element]:
     r"""Return every element of a deck, in the order of the cards.
 
-    The included ``files`` are given by name, and ``most`` limits the characters of all expanded
-    cards. Raises `FileFormatError` if the deck is invalid, exceeds the limit, or a file or a
-    subcircuit is missing.
+    The included ``files`` are given by name. Raises `FileFormatError` if an element is unknown, or
+    a file or a subcircuit is missing.
 
     Examples
     --------
@@ -106,7 +85,7 @@ def flattened(text: str, files: Mapping[str, str], most: int = MOST) -> list[Ele
     >>> [(e.name, e.nodes, e.value) for e in flattened(deck, {})]
     [('x1.r1', ('in', '0'), 2000.0)]
     """
-    deck = _declared(text, files, _Letters(most))
+    deck = _declared(text, files)
     return list(_opened(deck, deck.cards, deck.parameters, {}, ""))
 
 
@@ -144,13 +123,13 @@ def _included(line: str, left: dict[str, str]) -> Iterator[str]:
     yield from logical_lines(left.pop(name), {})
 
 
-def _declared(text: str, files: Mapping[str, str], letters: _Letters) -> _Deck:
-    deck, inside = _Deck({}, [], {}, {"0"}, letters), None
+def _declared(text: str, files: Mapping[str, str]) -> _Deck:
+    deck, inside = _Deck({}, [], {}, {"0"}), None
     for line in logical_lines(text, files):
         words = line.split()
         if words[0] == ".subckt":
-            inside = _Subcircuit(*_head(words[2:]), len(line), [])
-            deck.subcircuits[_word(words, 1, line)] = inside
+            inside = _Subcircuit(*_head(words[2:]), [])
+            deck.subcircuits[words[1]] = inside
         elif words[0] == ".ends":
             inside = None
         elif words[0] == ".global":
@@ -161,12 +140,6 @@ def _declared(text: str, files: Mapping[str, str], letters: _Letters) -> _Deck:
         elif not words[0].startswith("."):
             (deck if inside is None else inside).cards.append(line)
     return deck
-
-
-def _word(words: list[str], place: int, line: str) -> str:
-    if place >= len(words):
-        raise FileFormatError(f"netlist: {line[:80]!r} ends too early")
-    return words[place]
 
 
 def _braced(given: str) -> str:
@@ -188,10 +161,7 @@ def _opened(
     deck: _Deck, cards: list[str], known: Mapping[str, float], nets: dict[str, str], path: str
 ) -> Iterator[Element]:
     """Yield the elements of cards within the instance that a path names."""
-    if path.count(".") > DEEPEST:
-        raise FileFormatError(f"netlist: subcircuits lie more than {DEEPEST} deep: {path[:80]!r}")
     for card in cards:
-        deck.letters.take(len(path) + len(card))
         words = card.split()
         name = path + words[0]
         if words[0][0] == "x":
@@ -202,8 +172,6 @@ def _opened(
             raise FileFormatError(f"netlist: no element that is read begins like {card[:60]!r}")
         nodes = tuple(_net(deck, word, nets, path) for word in words[1 : 1 + count])
         rest = tuple(words[1 + count :])
-        if len(nodes) < count or not rest:
-            raise FileFormatError(f"netlist: {card[:80]!r} ends too early")
         valued = words[0][0] in VALUED and (rest[0][0] in "{+-." or rest[0][0].isdigit())
         value = value_of(rest[0], known) if valued else None
         yield Element(name=name, kind=words[0][0], nodes=nodes, words=rest, value=value)
@@ -222,7 +190,6 @@ def _instance(
     if kind not in deck.subcircuits:
         raise FileFormatError(f"netlist: {name[:60]} is a {kind[:60]!r}, which no file declares")
     inner, ends = deck.subcircuits[kind], plain[:-1]
-    deck.letters.take(inner.letters)
     if len(ends) != len(inner.pins):
         raise FileFormatError(
             f"netlist: {name[:60]} has {len(ends)} pins, {kind} {len(inner.pins)}"

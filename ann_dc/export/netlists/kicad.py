@@ -6,46 +6,39 @@ second op amp of a package, and the multiplier pad that is tied to its output.
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 import uuid
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeAlias
 
-from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.netlists.board_reader import comments_of, values_of, wiring_of
+from ann_dc.errors import ExportError
 from ann_dc.export.netlists.build import Build, build
-from ann_dc.export.netlists.deck_file import (
-    checked_claims,
-    claims_of,
-    deck_text,
-    library_of,
-    plain,
-)
+from ann_dc.export.netlists.deck_file import claims_of, deck_text, library_of, plain
 from ann_dc.export.netlists.flat_reader import flattened
 from ann_dc.export.netlists.pack import PARTS
-from ann_dc.export.netlists.packages import FEEDBACK, GROUND, PINS
+from ann_dc.export.netlists.packages import FEEDBACK, GROUND
 from ann_dc.export.netlists.parts import (
     CLASSES,
     Part,
     accuracy_text,
     engineering,
     package_of,
-    part_of,
     parts_of,
     parts_text,
     series_of,
     tolerances_of,
-    without_maker,
 )
-from ann_dc.export.netlists.s_expressions import Tree, entries, entry, read, written
-from ann_dc.export.reference.sidecar import check_vector, text_of, vector_of
+from ann_dc.export.reference.contents import README
+from ann_dc.export.reference.sidecar import check_vector
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
+
+Tree: TypeAlias = "str | list[Tree]"
+"""S-expression: a text, or a list that begins with a word."""
 
 NETLIST = "circuit.net"
 ENGINEERING = "rc"
@@ -77,8 +70,8 @@ def kicad_files(
     >>> problem = ann_dc.plants.double_integrator(N=3)
     >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
     >>> files = kicad_files(network, reference_vector(network), level="tl072_ad633")
-    >>> files["circuit.net"][:21], kicad_check(files)[:27]
-    (b'(export (version "E")', '179 parts in 164 components')
+    >>> files["circuit.net"][:21], files["circuit.net"].count(b"(comp (ref")
+    (b'(export (version "E")', 164)
     """
     check_vector(network, vector)
     made = build(network, level, series)
@@ -93,9 +86,9 @@ def kicad_files(
     soldered = (*_in_series((*parts_of(elements, made.level.name),), made.series),)
     tree = _netlist(made, soldered)
     return {
-        NETLIST: (written(tree) + "\n").encode(),
+        NETLIST: (_text(tree) + "\n").encode(),
         PARTS: parts_text(soldered).encode(),
-        "README.md": _readme(made, soldered).encode(),
+        README: _readme(made, soldered).encode(),
         VECTOR: vector.as_json(),
     }
 
@@ -238,73 +231,23 @@ Pads are those of the makers' cases; **check them with the datasheets before a b
 """
 
 
-@checked
-def kicad_check(files: Mapping[str, bytes]) -> str:
-    """Parse a netlist and compare it with its list of parts, part by part.
+def _text(tree: Tree, depth: int = 0) -> str:
+    r"""Format a tree as text: lists of words on one line, lists of lists on several.
 
-    Returns the result as a sentence. Raises `FileFormatError` if the netlist is invalid or a part
-    is wired differently.
+    The first item of a list is a word and the following items are quoted. The indentation is
+    ``depth`` levels.
+
+    Examples
+    --------
+    >>> _text(["comp", ["ref", "R1"], ["value", '1 "k"']])
+    '(comp (ref "R1") (value "1 \\"k\\""))'
     """
-    vector = vector_of(files)
-    tree = read(text_of(files, NETLIST))
-    if entry(tree, "version") != "E":
-        raise FileFormatError(f"{NETLIST}: expected version E")
-    wired, values = wiring_of(tree), values_of(tree)
-    rows = _listed(text_of(files, PARTS))
-    stated = comments_of(tree)
-    level = stated[0].removeprefix("level ")
-    claims = checked_claims(NETLIST, stated[1:], vector)
-    for row in rows:
-        _compare(row, wired, level)
-        if row[2] in ENGINEERING and values.get(row[0]) != engineering(row[4]):
-            raise FileFormatError(f"{NETLIST}: {row[0]} is {values.get(row[0])}, not {row[4]}")
-    listed = {row[0] for row in rows}
-    others = sorted(set(wired) ^ listed)
-    if others:
-        raise FileFormatError(f"{NETLIST}: {others[0][:40]} is not in it and in {PARTS} alike")
-    parts = [part_of(row) for row in rows]
-    _compare_board(tree, parts, level)
-    unnamed = without_maker(parts, level)
-    return (
-        f"{len(rows)} parts in {len(listed)} components, each wired as {PARTS} says"
-        + f", no part to buy for: {unnamed}" * bool(unnamed)
-        + f"; {claims}"
-    )
-
-
-def _compare_board(tree: Tree, parts: list[Part], level: str) -> None:
-    """Compare nets, pads and footprints with those that a list of parts implies."""
-    groups = _components(parts)
-    kinds = dict.fromkeys(group[0].kind for group in groups.values())
-    board = {
-        "libparts": [_library_part(kind, level) for kind in kinds],
-        "nets": [*_nets(groups, level)],
-    }
-    for name, wanted in board.items():
-        if entries(tree, name) != [[name, *wanted]]:
-            raise FileFormatError(
-                f"{NETLIST}: its {name} are not those of {PARTS}; export it again"
-            )
-    for each in (each for group in entries(tree, "components") for each in entries(group, "comp")):
-        footprint = package_of(groups[entry(each, "ref")][0].kind, level).footprint
-        if entries(each, "footprint") != ([["footprint", footprint]] if footprint else []):
-            raise FileFormatError(f"{NETLIST}: {entry(each, 'ref')} has another footprint")
-
-
-def _listed(text: str) -> list[list[str]]:
-    """Return the rows of a list of parts, without its header."""
-    try:
-        return [*csv.reader(io.StringIO(text))][1:]
-    except csv.Error as error:
-        raise FileFormatError(f"{PARTS}: no table: {error}") from error
-
-
-def _compare(row: list[str], wired: Mapping[str, Mapping[str, str]], level: str) -> None:
-    if len(row) != 6 or row[2] not in PINS or not row[1].isdecimal():
-        raise FileFormatError(f"{PARTS}: {','.join(row)[:80]!r} is no part")
-    units = package_of(row[2], level).units
-    unit = units[min(int(row[1]), len(units)) - 1]
-    wires = {pin: net for pin, _, net in (wire.rpartition("=") for wire in row[5].split())}
-    found = {pin: wired.get(row[0], {}).get(unit[pin]) for pin in PINS[row[2]]}
-    if found != wires:
-        raise FileFormatError(f"{NETLIST}: {row[0]} is wired {found}, and listed {wires}")
+    if isinstance(tree, str):
+        return '"' + tree.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    inner = [_text(each, depth + 1) for each in tree[1:]]
+    line = " ".join([f"({tree[0]}", *inner]) + ")"
+    if len(line) <= 90 and "\n" not in line:
+        return line
+    indent = "\n" + "  " * (depth + 1)
+    beside = all(isinstance(each, str) for each in tree[1])  # as KiCad has it: its name or number
+    return f"({tree[0]}{' ' if beside else indent}" + indent.join(inner) + ")"

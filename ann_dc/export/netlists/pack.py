@@ -1,23 +1,18 @@
 """Self-contained circuit folder: deck, library, BOM, scaling and expected results.
 
-Run ``unzip``, then ``ngspice -b deck.cir``; Python is not needed. A check does not run the content.
-It compares the hashes, and every part of the deck with the list of parts.
+Run ``unzip``, then ``ngspice -b deck.cir``; Python is not needed. A check compares the hashes and
+does not run the deck.
 """
 
 from __future__ import annotations
 
 import io
-import struct
 import zipfile
-import zlib
 from collections.abc import Mapping
-from itertools import zip_longest
 
-from ann_dc.errors import FileFormatError
 from ann_dc.export.netlists.build import Build, build
-from ann_dc.export.netlists.deck_file import DECK, FOLDER, checked_claims, deck_text, library_of
+from ann_dc.export.netlists.deck_file import DECK, deck_text, library_of
 from ann_dc.export.netlists.flat_reader import flattened
-from ann_dc.export.netlists.packages import REAL
 from ann_dc.export.netlists.parts import (
     bill_text,
     expected_text,
@@ -26,30 +21,16 @@ from ann_dc.export.netlists.parts import (
     readme_text,
     scaling_text,
     waveforms_text,
-    without_maker,
 )
-from ann_dc.export.reference.sidecar import check_sums, check_vector, text_of, vector_of, with_sums
+from ann_dc.export.reference.contents import README, stated, with_sums
+from ann_dc.export.reference.sidecar import check_vector
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
 
 ZIP, PARTS = "pack.zip", "parts.csv"
-LARGEST, DENSEST = 50_000_000, 50
-"""Largest unpacked size in bytes, and largest ratio to the zip file size; exported folders have a
-ratio of 5.
-"""
-ENTRIES = 1000
-
-OPENED = 10
-"""Largest ratio of the expanded deck to the list of parts, in characters; exported decks have a
-ratio of 1.
-"""
-
-BAD_ZIP = (
-    *(zipfile.BadZipFile, zlib.error, struct.error),
-    *(EOFError, LookupError, NotImplementedError, OSError, RuntimeError, ValueError),
-)
-"""Exceptions that reading a damaged zip file may raise."""
+LONGEST_README = 100_000
+"""Largest number of bytes that are read of a zipped README."""
 
 
 @checked
@@ -106,7 +87,7 @@ def _files(made: Build, vector: ReferenceVector) -> dict[str, bytes]:
         "scaling.csv": scaling_text(made),
         "expected_controls.csv": expected_text(made),
         "expected_waveforms.csv": waveforms_text(made),
-        "README.md": readme_text(made, parts),
+        README: readme_text(made, parts),
     }
     return {name: text.encode() for name, text in texts.items()} | {VECTOR: vector.as_json()}
 
@@ -122,78 +103,9 @@ def _zip(files: Mapping[str, bytes]) -> bytes:
     return stream.getvalue()
 
 
-@checked
-def pack_check(files: Mapping[str, bytes]) -> str:
-    """Check a circuit folder with a strict reader: hashes and every part of the deck.
-
-    The deck is not run. Returns the result as a sentence. Raises `FileFormatError` if a file is
-    missing, changed or unexpected, or the parts of the deck differ from the list.
-    """
-    inside = _unzipped(files[ZIP]) if set(files) == {ZIP} else dict(files)
-    check_sums(inside)
-    vector = vector_of(inside)
-    claims = checked_claims(DECK, text_of(inside, DECK).splitlines(), vector)
-    library = {n: text_of(inside, n) for n in inside if n.startswith(FOLDER + "/")}
-    parts = compared_parts(text_of(inside, DECK), library, text_of(inside, PARTS))
-    return (
-        f"{len(inside) - 1} files with their hashes; {parts}; {claims}; it was not run: "
-        f"ngspice -b {DECK} does"
-    )
-
-
-def compared_parts(deck: str, library: Mapping[str, str], listed: str) -> str:
-    """Compare the parts of a deck with a list of parts, one by one.
-
-    The deck includes the ``library`` files, and the list is the output of `parts_text`. Returns the
-    number of parts, and the parts without a maker if the level is named after parts. Raises
-    `FileFormatError` if the parts differ.
-    """
-    level = _level_of(deck)
-    parts = parts_of(flattened(deck, library, OPENED * len(listed)), level)
-    found = parts_text(parts)
-    if found != listed:
-        rows = zip_longest(found.splitlines(), listed.splitlines(), fillvalue="nothing")
-        here, there = next((pair for pair in rows if pair[0] != pair[1]), (found, listed))
-        raise FileFormatError(f"{PARTS}: says {there[:80]!r}, and the deck {here[:80]!r}")
-    unnamed = without_maker(parts, level) if level in REAL else ""
-    return f"{len(parts)} parts, each as listed" + f", no part to buy for: {unnamed}" * bool(
-        unnamed
-    )
-
-
-def _level_of(deck: str) -> str:
-    """Return the level name at the end of a deck's first line."""
-    head = deck.partition("\n")[0]
-    return head.rpartition("cells, ")[2].removesuffix(" level")
-
-
-def _unzipped(content: bytes) -> dict[str, bytes]:
-    """Unpack a zipped folder, up to the permitted size."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            entries = archive.infolist()
-            _check_entries(entries, min(LARGEST, DENSEST * len(content)))
-            return {entry.filename: _unpacked(archive, entry) for entry in entries}
-    except FileFormatError:
-        raise
-    except BAD_ZIP as error:
-        raise FileFormatError(f"{ZIP}: cannot be read: {error}") from error
-
-
-def _check_entries(entries: list[zipfile.ZipInfo], most: int) -> None:
-    if len(entries) > ENTRIES or sum(entry.file_size for entry in entries) > most:
-        raise FileFormatError(f"{ZIP}: unpacks to more than {most} bytes or {ENTRIES} files")
-    if len({entry.filename for entry in entries}) < len(entries):
-        raise FileFormatError(f"{ZIP}: has a file twice")
-    for entry in entries:
-        if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise FileFormatError(f"{ZIP}: {entry.filename!r:.60} is packed in a way of its own")
-
-
-def _unpacked(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bytes:
-    """Unpack a file up to its declared size and check its checksum."""
-    with archive.open(entry) as stream:
-        content = stream.read(entry.file_size)
-        if len(content) < entry.file_size or stream.read(1):
-            raise FileFormatError(f"{ZIP}: {entry.filename!r:.60} has another size than it says")
-    return content
+def stated_in_pack(files: Mapping[str, bytes]) -> str:
+    """Return the statements of a README, which a zipped folder contains."""
+    if ZIP not in files:
+        return stated(files)
+    with zipfile.ZipFile(io.BytesIO(files[ZIP])) as archive, archive.open(README) as stream:
+        return stated({README: stream.read(LONGEST_README)})

@@ -8,8 +8,6 @@ Files next to the deck: scaling sheet, expected controls and waveforms, README.
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,6 +26,7 @@ from ann_dc.export.netlists.deck_file import (
 )
 from ann_dc.export.netlists.flat_reader import Element
 from ann_dc.export.netlists.packages import GROUND, PASSIVE, PINS, REAL, Package, generic
+from ann_dc.export.reference.csv_tables import csv_text
 from ann_dc.fidelity.circuit_study import NEAR
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.e_series import Series
@@ -178,6 +177,8 @@ BILL = (
     *("part class", "part", "package", "quantity"),
 )
 """Columns of the BOM."""
+LISTED = ("reference", "unit", "kind", "name in the deck", "value", "pins and nets")
+"""Columns of the list of parts."""
 
 
 def bill_text(build: Build, parts: Iterable[Part]) -> str:
@@ -186,18 +187,15 @@ def bill_text(build: Build, parts: Iterable[Part]) -> str:
     for part in parts:
         value = "" if part.kind == "v" and not _is_number(part.value) else part.value
         groups.setdefault((part.kind, value), {})[part.reference] = None
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(BILL)
-    tolerances = tolerances_of(build.level)
+    rows, tolerances = [], tolerances_of(build.level)
     for (kind, value), references in groups.items():
         package = package_of(kind, build.level.name)
         _, meaning, unit = CLASSES[kind]
         bought, series = _bought(kind, value, build.series)
         row = (value, unit, bought, series, tolerances.get(kind, ""), meaning)
         name = package.part if package.library != "ann_dc" else ""
-        writer.writerow((" ".join(references), *row, name, package.case, len(references)))
-    return stream.getvalue()
+        rows.append((" ".join(references), *row, name, package.case, len(references)))
+    return csv_text(BILL, rows)
 
 
 def _is_number(text: str) -> bool:
@@ -210,8 +208,6 @@ def _is_number(text: str) -> bool:
 
 def engineering(value: str) -> str:
     """Format the value of a part with an SI prefix.
-
-    Raises `FileFormatError` if the text is not a value.
 
     Examples
     --------
@@ -256,43 +252,24 @@ def tolerances_of(level: Level) -> Mapping[str, str]:
     }
 
 
-def part_of(row: Sequence[str]) -> Part:
-    """Parse a row written by `parts_text` as a part."""
-    wires = {pin: net for pin, _, net in (wire.rpartition("=") for wire in row[5].split())}
-    nets = tuple(wires[pin] for pin in PINS[row[2]])
-    unit = int(row[1]) - 1
-    return Part(reference=row[0], unit=unit, kind=row[2], name=row[3], value=row[4], nets=nets)
-
-
 def parts_text(parts: Iterable[Part]) -> str:
     """Return all parts as CSV text: reference, unit, kind, deck name, value and nets."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(("reference", "unit", "kind", "name in the deck", "value", "pins and nets"))
-    for part in parts:
-        wires = " ".join(f"{pin}={net}" for pin, net in part.pins.items())
-        row = (part.reference, part.unit + 1, part.kind, part.name, part.value, wires)
-        writer.writerow(row)
-    return stream.getvalue()
+    rows = (
+        (
+            part.reference,
+            part.unit + 1,
+            part.kind,
+            part.name,
+            part.value,
+            " ".join(f"{pin}={net}" for pin, net in part.pins.items()),
+        )
+        for part in parts
+    )
+    return csv_text(LISTED, rows)
 
 
 ROWS = 200
 """Maximum number of rows of a waveform table."""
-
-
-def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    r"""Format rows as CSV text.
-
-    Examples
-    --------
-    >>> csv_text(("a", "b"), [(1, "x, y")])
-    'a,b\n1,"x, y"\n'
-    """
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows(rows)
-    return stream.getvalue()
 
 
 def scaling_text(build: Build) -> str:

@@ -18,7 +18,7 @@ from ann_dc.errors import AnnDcError, FileFormatError
 from ann_dc.export.onnx.files import SETTLE, STEP
 from ann_dc.export.onnx.metadata import DIGEST, digest, metadata
 from ann_dc.export.onnx.sizes import check_sizes, loops_in
-from ann_dc.export.reference.sidecar import file_of
+from ann_dc.export.reference.contents import file_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 
 MOST_BYTES = 2**28

@@ -33,11 +33,10 @@ import numpy as np
 
 from ann_dc.errors import ExportError, ExportPackageMissing, FileFormatError
 from ann_dc.export.reference.rounding import compare
-from ann_dc.export.reference.sidecar import check_vector
+from ann_dc.export.reference.sidecar import check_vector, notes_on, read_beside
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector, check_states
 from ann_dc.export.runtimes.linear_form import linear_form
 from ann_dc.export.runtimes.nir_file import check_file
-from ann_dc.export.runtimes.sidecar import notes_on, read_beside
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.validation.checked import checked

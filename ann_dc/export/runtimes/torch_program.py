@@ -16,9 +16,8 @@ import numpy as np
 
 from ann_dc.errors import ExportPackageMissing, FileFormatError
 from ann_dc.export.reference.rounding import TOLERANCES, Precision, compare
-from ann_dc.export.reference.sidecar import check_vector
+from ann_dc.export.reference.sidecar import Beside, check_vector, notes_on, read_beside
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.export.runtimes.sidecar import Beside, notes_on, read_beside
 from ann_dc.network.network import Network
 from ann_dc.validation.checked import checked
 

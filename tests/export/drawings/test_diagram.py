@@ -1,17 +1,17 @@
-"""Diagrams of cells and rows: what is in them, that it can be read, and how they are checked."""
+"""Diagrams of cells and rows: what is in them, and that it can be read."""
 
-import dataclasses
-import itertools
+import json
+import re
 import time
 
 import pytest
 from drawn import MADE, Picture, cell_of, network_of
 
 import ann_dc
-from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.errors import ExportError
 from ann_dc.export.drawings.cell_picture import cell_page
 from ann_dc.export.drawings.chain_diagram import chain_page
-from ann_dc.export.drawings.diagram import diagram_check, diagram_files
+from ann_dc.export.drawings.diagram import diagram_files
 from ann_dc.network.cell import Cell, Connection, Function, Limiter, Neuron, Product, Sum
 from ann_dc.network.network import Network
 
@@ -125,11 +125,13 @@ def test_very_long_names_are_cut_at_once():
 
 
 @pytest.mark.parametrize("of", ["cell", "chain"])
-def test_files_are_the_same_bytes_and_pass_their_check(network, vector, of):
+def test_files_are_the_same_bytes_and_name_their_network(network, vector, of):
     files = diagram_files(network, vector, of=of)
     assert files == diagram_files(network, vector, of=of)
     assert sorted(files) == [f"{of}.pdf", f"{of}.svg", "reference_vector.json"]
-    assert diagram_check(files) == f"a diagram of the {of}, of the network of the reference vector"
+    told = json.loads(re.search(rb"<metadata>(.*)</metadata>", files[f"{of}.svg"])[1])
+    assert (told["of"], told["wiring"], told["content"]) == (of, vector.wiring, vector.content)
+    assert vector.content.encode() in files[f"{of}.pdf"]
     assert b"/FontFile2" in files[f"{of}.pdf"]
     assert b"DOCTYPE" not in files[f"{of}.svg"]
 
@@ -137,97 +139,3 @@ def test_files_are_the_same_bytes_and_pass_their_check(network, vector, of):
 def test_what_cannot_be_drawn_is_refused(network, vector):
     with pytest.raises(ExportError, match="of: 'row' cannot be drawn; choose one of: cell, chain"):
         diagram_files(network, vector, of="row")
-
-
-def in_svg(more: bytes):
-    return lambda svg: svg.replace(b"</svg>", more + b"</svg>")
-
-
-def in_pdf(more: bytes):
-    return lambda pdf: pdf.replace(b"/Type /Catalog", more + b" /Type /Catalog", 1)
-
-
-BOMB = b'<!DOCTYPE svg [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'
-
-
-@pytest.fixture(scope="module")
-def files(network, vector):
-    return diagram_files(network, vector, of="chain")
-
-
-@pytest.mark.parametrize(
-    ("name", "change", "complaint"),
-    [
-        ("chain.svg", lambda svg: svg.replace(b"<svg", BOMB + b"<svg", 1), "document type"),
-        ("chain.svg", lambda svg: svg[:-20], "not well-formed"),
-        ("chain.svg", lambda svg: svg.replace(b"svg", b"gvs"), "is no SVG"),
-        ("chain.svg", in_svg(b"<script>alert(1)</script>"), "<script> is in no picture"),
-        ("chain.svg", in_svg(b"<a href='http://x'/>"), "<a> is in no picture"),
-        ("chain.svg", in_svg(b"<image/>"), "<image> is in no picture"),
-        ("chain.svg", in_svg(b"<svg onload='alert(1)'/>"), "is no SVG"),
-        ("chain.svg", in_svg(b"<g onclick='alert(1)'/>"), "onclick='alert.1.' of <g>"),
-        ("chain.svg", in_svg(b"<g style='fill: url(http://x)'/>"), "style=.* of <g> is none"),
-        ("chain.svg", in_svg(b"<g style='fill: red; --x: y'/>"), "style=.* of <g> is none"),
-        ("chain.svg", in_svg(b"<g xmlns='http://www.w3.org/1999/xhtml'/>"), "xmlns=.* of <g>"),
-        (
-            "chain.svg",
-            in_svg(b"<style>@import 'http://x';</style>"),
-            "a style that is none",
-        ),
-        ("chain.svg", in_svg(b"<?xml-stylesheet href='http://x'?>"), "or instructions"),
-        (
-            "chain.pdf",
-            in_pdf(b"/S /JavaScript /JS (x())"),
-            "'/JavaScript' is in no",
-        ),
-        ("chain.pdf", in_pdf(b"/S /L#61unch /F (cmd)"), "'/L#61unch' is in no picture"),
-        ("chain.pdf", in_pdf(b"/Type /ObjStm"), "'/ObjStm' is in no picture"),
-        ("chain.svg", lambda svg: svg.replace(b"metadata>", b"defs>"), "not JSON"),
-        ("chain.svg", lambda svg: svg.replace(b'"of": "chain"', b'"of": "cell"'), "something else"),
-        ("chain.svg", lambda svg: b"", "not well-formed"),
-        ("chain.pdf", lambda pdf: pdf[:-50], "no whole PDF"),
-        ("chain.pdf", lambda pdf: pdf.replace(b"wiring", b"gnirwi"), None),
-    ],
-)
-def test_a_changed_file_is_refused(files, name, change, complaint):
-    if complaint is None:  # the word itself says nothing
-        assert diagram_check({**files, name: change(files[name])})
-        return
-    with pytest.raises(FileFormatError, match=complaint):
-        diagram_check({**files, name: change(files[name])})
-
-
-def test_a_picture_of_another_network_is_refused(files, network, vector):
-    moved = network.with_inputs({"q_d.x": 4.0})
-    other = diagram_files(moved, dataclasses.replace(vector, content="0" * 64), of="chain")
-    for name in ("chain.svg", "chain.pdf"):
-        with pytest.raises(FileFormatError, match="hash"):
-            diagram_check({**files, name: other[name]})
-
-
-def test_any_declared_encoding_is_read_as_utf_8(files):
-    for name in (b"rot13", b"utf-16", b"big5"):
-        declared = files["chain.svg"].replace(b'encoding="utf-8"', b'encoding="' + name + b'"')
-        assert diagram_check({**files, "chain.svg": declared})
-
-
-@pytest.mark.parametrize("missing", ["chain.svg", "chain.pdf", "reference_vector.json"])
-def test_a_missing_file_is_refused(files, missing):
-    with pytest.raises(FileFormatError):
-        diagram_check({name: content for name, content in files.items() if name != missing})
-
-
-def test_a_file_besides_is_refused(files):
-    with pytest.raises(FileFormatError, match="expected an SVG and a PDF"):
-        diagram_check({**files, "more.svg": b""})
-
-
-def test_bits_of_the_hashes_matter(files, vector):
-    """Every hash in both files."""
-    for name, digest in itertools.product(
-        ("chain.svg", "chain.pdf"), (vector.wiring, vector.content)
-    ):
-        flipped = ("1" if digest[5] == "0" else "0").join((digest[:5], digest[6:]))
-        changed = files[name].replace(digest.encode(), flipped.encode())
-        with pytest.raises(FileFormatError, match="hash"):
-            diagram_check({**files, name: changed})

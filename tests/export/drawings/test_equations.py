@@ -11,8 +11,7 @@ from drawn import MADE, network_of
 from matplotlib.mathtext import MathTextParser
 
 import ann_dc
-from ann_dc.errors import FileFormatError
-from ann_dc.export.drawings.equations import latex_check, latex_files
+from ann_dc.export.drawings.equations import latex_files
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 from ann_dc.weights.network_file import load, save
@@ -112,47 +111,10 @@ def test_signs_of_micro_and_ohm_are_greek(vector):
     assert rb"\mathrm{\mu \Omega }" in latex_files(network, vector)["equations.tex"]
 
 
-def test_files_pass_their_check(files):
-    assert latex_check(files) == "equations of 9 neurons, of the network of the reference vector"
-
-
-@pytest.mark.parametrize(
-    ("change", "complaint"),
-    [
-        (lambda tex: tex.replace(b"{ds}", b"{ds", 1), "closed where it is not open"),
-        (lambda tex: tex.replace(b"\\end{document}", b""), "document is not closed"),
-        (lambda tex: tex.replace(b"\\end{align*}", b"\\end{longtable}", 1), "longtable is closed"),
-        (lambda tex: tex.replace(b"{align*}", b"{filecontents}"), r"\{filecontents\}.*no environ"),
-        (lambda tex: tex.replace(b"\\begin{", b"\\begin {"), "no environment of ours"),
-        (lambda tex: tex.replace(b"A row", b"^^5cinput{/etc/passwd} A row"), r"'\^\^' hides"),
-        (lambda tex: tex.replace(b"A row", b"\r\\begin A row"), "hides a letter"),
-        (lambda tex: tex.replace(b"\\allow", b"\\usepackage{/tmp/x}\n\\allow"), "class and the pa"),
-        (lambda tex: tex.replace(b"{amsmath}", b"{shellesc}"), "class and the packages"),
-        (lambda tex: tex.replace(b"article}", b"/tmp/evil}"), "class and the packages"),
-        (lambda tex: tex.replace(b"\\doc", b"\\input{x}\n\\doc"), "class and the packages"),
-        (lambda tex: tex.replace(b"A row", b"\\usepackage{x} A row"), r"\\usepackage is none of"),
-        (lambda tex: tex.replace(b"A row", b"\\input{secret} A row"), r"\\input is none of ours"),
-        (lambda tex: tex.replace(b"A row", b"\\write18{rm} A row"), r"\\write is none of ours"),
-        (lambda tex: tex.replace(b"A row", b"\\csname input\\endcsname A row"), "none of ours"),
-        (lambda tex: tex.replace(b"cell $k$", b"cell $k"), "is not closed|not open"),
-        (lambda tex: tex.replace(b"wiring: ", b"wiring: 0"), "hashes"),
-        (lambda tex: tex.replace(b"content: ", b"content; "), "hashes"),
-        (lambda tex: tex.replace(b"\\tau\\,\\frac", b"\\tau\\frac", 1), "8 neurons"),
-        (lambda tex: tex + "ä".encode(), "not plain ASCII"),
-    ],
-)
-def test_a_changed_file_is_refused(files, change, complaint):
-    changed = change(files["equations.tex"])
-    assert changed != files["equations.tex"]
-    with pytest.raises(FileFormatError, match=complaint):
-        latex_check({**files, "equations.tex": changed})
-
-
-def test_other_files_are_refused(files):
-    with pytest.raises(FileFormatError, match=r"expected equations\.tex"):
-        latex_check({**files, "more.tex": b""})
-    with pytest.raises(FileFormatError, match="missing"):
-        latex_check({"equations.tex": files["equations.tex"]})
+def test_every_neuron_has_an_equation_and_the_document_its_hashes(files, vector):
+    text = files["equations.tex"].decode("ascii")
+    assert len(re.findall(r"^\\tau\\,\\frac", text, re.MULTILINE)) == 9
+    assert text.startswith(f"% wiring: {vector.wiring}\n% content: {vector.content}\n")
 
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex here")

@@ -13,10 +13,11 @@ from small_pdk import needs_pdk
 import ann_dc
 from ann_dc.backends.spice.level_words import level_words
 from ann_dc.errors import ExportError, NetworkError
-from ann_dc.export.netlists.dialects import dialect_check, ltspice_files, xyce_files
-from ann_dc.export.netlists.kicad import kicad_check, kicad_files
-from ann_dc.export.netlists.pack import pack_check, pack_files
-from ann_dc.export.netlists.verilog_a import verilog_a_check, verilog_a_files
+from ann_dc.export.netlists.dialects import ltspice_files, xyce_files
+from ann_dc.export.netlists.kicad import kicad_files
+from ann_dc.export.netlists.pack import pack_files
+from ann_dc.export.netlists.verilog_a import verilog_a_files
+from ann_dc.export.reference.contents import stated
 from ann_dc.export.reference.vector import reference_vector
 from ann_dc.fidelity.prediction import predict
 
@@ -57,10 +58,10 @@ def test_netlists_with_rows_for_rails_are_of_the_network_with_rails():
         problem, preconditioner=ann_dc.PreconditionerKind.CYCLIC_REDUCTION
     ).network
     vector = reference_vector(network)
-    for make, check in ((pack_files, pack_check), (kicad_files, kicad_check)):
+    for make in (pack_files, kicad_files):
         files = make(network, vector)
         assert any(b"zeta_high_u_a" in content for content in files.values())
-        assert f"of the network {vector.content[:12]}" in check(files)
+        assert any(f"content {vector.content}".encode() in content for content in files.values())
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +151,7 @@ def test_series_is_predicted_warned_of_and_confirmed_by_ngspice(integrator, tmp_
     meant = r"1\.5% of the largest one off, above 1%, because of the series .* series=E96-pairs"
     with pytest.warns(UserWarning, match=meant):
         files = pack_files(*integrator, series="E96")
-    words = pack_check(files)
+    words = stated(files)
     assert "NOT within 1%" in words
     (tmp_path / "library").mkdir()
     for name, content in files.items():
@@ -161,22 +162,14 @@ def test_series_is_predicted_warned_of_and_confirmed_by_ngspice(integrator, tmp_
     assert predicted(words) == pytest.approx(measured, rel=0.02)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert predicted(pack_check(pack_files(*integrator, series="E96-pairs"))) < 1e-4
+        assert predicted(stated(pack_files(*integrator, series="E96-pairs"))) < 1e-4
 
 
-@pytest.mark.parametrize(
-    ("files", "check"),
-    [
-        (ltspice_files, dialect_check),
-        (xyce_files, dialect_check),
-        (kicad_files, kicad_check),
-        (verilog_a_files, verilog_a_check),
-    ],
-)
+@pytest.mark.parametrize("files", [ltspice_files, xyce_files, kicad_files, verilog_a_files])
 @pytest.mark.filterwarnings("ignore:level:UserWarning")
-def test_every_netlist_carries_the_accuracy_of_its_series(integrator, files, check):
+def test_every_netlist_carries_the_accuracy_of_its_series(integrator, files):
     made = files(*integrator, series="E96")
-    assert predicted(check(made)) == pytest.approx(0.0152, rel=0.02)
+    assert predicted(stated(made)) == pytest.approx(0.0152, rel=0.02)
     assert b"WARNING: its controls are predicted to be" in made["README.md"]
 
 
@@ -184,9 +177,9 @@ def test_parts_without_a_maker_are_told_first(small):
     files = pack_files(*small, level="opa192_ad734")
     told = "o part to buy for: analog switch (21), preset (21), voltage source (5)"
     assert files["README.md"].decode().splitlines()[2] == f"N{told}."
-    assert told in pack_check(files)
-    assert f"n{told}" in kicad_check(kicad_files(*small, level="opa192_ad734"))
-    assert "no part to buy" not in pack_check(pack_files(*small, level="macro"))
+    assert stated(files).startswith(f"N{told}. A circuit whose controls are predicted")
+    assert f"N{told}." in stated(kicad_files(*small, level="opa192_ad734"))
+    assert "part to buy" not in stated(pack_files(*small, level="macro"))
 
 
 def test_parts_that_settle_at_their_rails_are_doubted(small, monkeypatch):

@@ -1,21 +1,18 @@
-"""Netlists for KiCad: parsed back, compared part by part with what ngspice makes of the deck."""
+"""Netlists for KiCad: read, and compared part by part with what ngspice makes of the deck."""
 
 import csv
 import io
-import random
 import re
-import time
 
 import pytest
+from kicad_netlists import entries, entry, read, wiring_of
 from ngspice_listing import expanded, number
 from simulator import needs_ngspice
 
 import ann_dc
-from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.netlists.board_reader import wiring_of
-from ann_dc.export.netlists.kicad import kicad_check, kicad_files
+from ann_dc.errors import ExportError
+from ann_dc.export.netlists.kicad import kicad_files
 from ann_dc.export.netlists.pack import pack_files
-from ann_dc.export.netlists.s_expressions import entries, entry, read
 
 CASES = [
     ("tl072_ad633", "exact"),
@@ -140,41 +137,12 @@ def test_pairs_are_two_resistors_in_series(small):
         assert f"2={name}.m" in by_name[name]["pins and nets"]
         assert f"1={name}.m" in second["pins and nets"]
     assert len({row["reference"] for row in rows}) == len(rows)
-    assert kicad_check(files)
-
-
-def test_a_part_wired_otherwise_is_found(small):
-    files = kicad_files(*small, level="macro")
-    assert re.match(r"179 parts in 179 components, each wired as", kicad_check(files))
-    net = files["circuit.net"].decode()
-    nodes = re.findall(r'\(node \(ref "(\w+)"\) \(pin "(\w+)"\)', net)
-    for reference, pin in nodes[::37]:
-        words = f'(node (ref "{reference}") (pin "{pin}")'
-        for changed in (net.replace(words, f'(node (ref "R1") (pin "{pin}9")'),
-                        net.replace(f'"{reference}"', '"R9999"', 1)):  # fmt: skip
-            with pytest.raises(FileFormatError):
-                kicad_check({**files, "circuit.net": changed.encode()})
-    with pytest.raises(FileFormatError, match="R1 is 11k"):
-        kicad_check(
-            {**files, "circuit.net": net.replace('(value "10k")', '(value "11k")').encode()}
-        )
-
-
-def test_a_board_that_would_not_work_is_found(small, car):
-    """Supplies that are swapped, other cases, an idle op amp, and another network's vector."""
-    files = kicad_files(*small, level="tl072_ad633")
-    net = files["circuit.net"].decode()
-    swapped = net.replace('(name "V+")', "~").replace('(name "V-")', '(name "V+")')
-    for changed in (
-        swapped.replace("~", '(name "V-")'),
-        net.replace("DIP-8_W7.62mm", "DIP-14_W7.62mm", 1),
-        net.replace('(name "V+")', '(name "V9")', 1),
-    ):
-        assert changed != net
-        with pytest.raises(FileFormatError, match=r"wired|nets|libparts|footprint"):
-            kicad_check({**files, "circuit.net": changed.encode()})
-    with pytest.raises(FileFormatError, match="another network"):
-        kicad_check({**files, "reference_vector.json": car[1].as_json()})
+    wired = wiring_of(read(files["circuit.net"].decode()))
+    for row in rows:
+        wires = {
+            pin: net for pin, _, net in (w.rpartition("=") for w in row["pins and nets"].split())
+        }
+        assert set(wires.values()) <= set(wired[row["reference"]].values())
 
 
 def test_a_level_without_parts_is_refused(small):
@@ -189,20 +157,3 @@ def test_same_input_same_bytes(small):
         ann_dc.plants.double_integrator(N=3), preconditioner=ann_dc.PreconditionerKind.DIAGONAL
     )
     assert kicad_files(again.network, vector) == kicad_files(network, vector)
-
-
-def test_hostile_netlists_are_refused_with_our_error(small):
-    files, draw = kicad_files(*small, level="tl072_ad633"), random.Random(11)
-    refused = 0
-    for _ in range(25):
-        name = draw.choice(["circuit.net", "parts.csv"])
-        changed = bytearray(files[name])
-        for _ in range(draw.randint(1, 3)):
-            changed[draw.randrange(len(changed))] = draw.choice(b'()"\\ \n,=0\xff')
-        begun = time.process_time()
-        try:
-            kicad_check({**files, name: bytes(changed)})
-        except FileFormatError:
-            refused += 1
-        assert time.process_time() - begun < 3
-    assert refused > 12

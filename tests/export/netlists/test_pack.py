@@ -1,12 +1,9 @@
-"""Packs: they run in an empty folder, say what they settled to, and are checked without a run."""
+"""Packs: they run in an empty folder, and say what they settled to."""
 
 import csv
-import hashlib
 import io
-import random
 import re
 import subprocess
-import tracemalloc
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -17,15 +14,11 @@ from netlist_problems import CASES, PROBLEMS
 from simulator import needs_ngspice
 
 import ann_dc
-from ann_dc.errors import ExportError, FileFormatError, UnknownNameError
-from ann_dc.export.netlists.dialects import dialect_check, ltspice_files, xyce_files
-from ann_dc.export.netlists.pack import pack_check, pack_files
-from ann_dc.export.netlists.verilog_a import verilog_a_check, verilog_a_files
-from ann_dc.export.reference.sidecar import with_sums
+from ann_dc.errors import ExportError, UnknownNameError
+from ann_dc.export.netlists.pack import pack_files, stated_in_pack
 from ann_dc.export.reference.vector import reference_vector
 from ann_dc.hardware.parts.e_series import E96
 
-SUMS = "SHA256SUMS"
 KINDS = [ann_dc.PreconditionerKind.DIAGONAL]
 
 
@@ -147,107 +140,10 @@ def test_same_input_same_bytes(small):
         assert {n: archive.read(n) for n in archive.namelist()} == pack_files(*small)
 
 
-def test_a_check_says_what_was_found(small):
-    said = pack_check(pack_files(*small, level="behavioural"))
-    assert re.fullmatch(r"13 files with their hashes; \d+ parts, each as listed; .*not run.*", said)
-    assert said == pack_check(pack_files(*small, level="behavioural", zipped=True))
-
-
-def test_a_changed_file_is_found(small):
-    files = pack_files(*small, level="macro")
-    for name, content in files.items():
-        if name != "SHA256SUMS":
-            with pytest.raises(FileFormatError, match=re.escape(name)):
-                pack_check({**files, name: content[:-2] + b"~\n"})
-            with pytest.raises(FileFormatError, match=re.escape(name)):
-                pack_check({n: text for n, text in files.items() if n != name})
-    with pytest.raises(FileFormatError, match="does not list"):
-        pack_check({**files, "more.txt": b""})
-
-
-def test_a_part_wired_otherwise_is_found_behind_good_hashes(small):
-    files = pack_files(*small, level="macro")
-    deck = files["deck.cir"].decode()
-    first = re.search(r"^R_u_a_0 (\S+) ", deck, re.MULTILINE)
-    files["deck.cir"] = deck.replace(first[0], "R_u_a_0 rst ").encode()
-    sums = "".join(
-        f"{hashlib.sha256(text).hexdigest()}  {name}\n"
-        for name, text in sorted(files.items())
-        if name != "SHA256SUMS"
-    )
-    with pytest.raises(FileFormatError, match="r_u_a_0"):
-        pack_check({**files, "SHA256SUMS": sums.encode()})
-
-
-FORMATS = {
-    "pack": (pack_files, pack_check),
-    "ltspice": (ltspice_files, dialect_check),
-    "xyce": (xyce_files, dialect_check),
-    "verilog_a": (verilog_a_files, verilog_a_check),
-}
-
-
-@pytest.mark.parametrize("name", FORMATS)
-def test_another_network_is_found_behind_good_hashes(name, small):
-    network, vector = small
-    write, check = FORMATS[name]
-    moved = reference_vector(network.with_inputs({"q_d.x": 2.0}))
-    files = {**write(network, vector), "reference_vector.json": moved.as_json()}
-    del files[SUMS]
-    with pytest.raises(FileFormatError, match="another network's than reference_vector"):
-        check(with_sums(files))
-
-
-def test_a_bad_zip_is_refused(small):
-    packed = pack_files(*small, zipped=True)["pack.zip"]
-    for content in (b"", b"PK", packed[:-30], packed[: len(packed) // 2]):
-        with pytest.raises(FileFormatError, match=r"pack\.zip|SHA256SUMS"):
-            pack_check({"pack.zip": content})
-
-
-def zip_of(content: bytes, name: str = "deck.cir", method: int = zipfile.ZIP_DEFLATED) -> bytes:
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", method) as archive:
-        archive.writestr(name, content)
-    return stream.getvalue()
-
-
-def lying(content: bytes) -> bytes:
-    """The zip file whose entry says that it has one byte."""
-    packed = bytearray(zip_of(content))
-    for head, place in ((b"PK\x03\x04", 22), (b"PK\x01\x02", 24)):
-        at = packed.index(head) + place
-        packed[at : at + 4] = (1).to_bytes(4, "little")
-    return bytes(packed)
-
-
-@pytest.mark.parametrize("make", [zip_of, lying])
-def test_a_zip_that_grows_is_not_unpacked(make):
-    packed = make(bytes(30_000_000))
-    tracemalloc.start()
-    with pytest.raises(FileFormatError, match=r"pack\.zip: "):
-        pack_check({"pack.zip": packed})
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 2_000_000
-
-
-@pytest.mark.parametrize("method", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
-def test_a_zip_is_stored_or_deflated(method):
-    packed = bytearray(zip_of(random.Random(1).randbytes(3000), method=method))
-    packed[50:60] = bytes(10)  # damaged, so that its own way would fail in its own words
-    with pytest.raises(FileFormatError, match=r"'deck\.cir' is packed in a way of its own"):
-        pack_check({"pack.zip": bytes(packed)})
-
-
-@pytest.mark.filterwarnings("ignore:Duplicate name")
-def test_a_zip_has_each_file_once():
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as archive:
-        for content in (b"one", b"other"):
-            archive.writestr("deck.cir", content)
-    with pytest.raises(FileFormatError, match="has a file twice"):
-        pack_check({"pack.zip": stream.getvalue()})
+@pytest.mark.parametrize("zipped", [False, True])
+def test_accuracy_is_stated_zipped_or_not(zipped, small):
+    said = stated_in_pack(pack_files(*small, level="behavioural", zipped=zipped))
+    assert re.fullmatch(r"A circuit whose controls are .* \(nominal parts\)\. Not run\.", said)
 
 
 @pytest.mark.filterwarnings("ignore:level .*its controls are predicted:UserWarning")
@@ -274,30 +170,3 @@ def test_what_cannot_be_built_is_refused_by_name(car, small):
     ).network
     with pytest.raises(ExportError, match="behavioural circuits cannot build a resistive grid"):
         pack_files(grid, reference_vector(grid), level="behavioural")
-
-
-def mutated(content: bytes, draw: random.Random) -> bytes:
-    changed = bytearray(content)
-    for _ in range(draw.randint(1, 4)):
-        place = draw.randrange(len(changed))
-        if draw.random() < 0.5:
-            changed[place] = draw.randrange(256)
-        else:
-            del changed[place : place + draw.randint(1, 40)]
-    return bytes(changed) or b" "
-
-
-@pytest.mark.parametrize("zipped", [False, True])
-def test_hostile_packs_are_refused_with_our_error(zipped, small):
-    """Those with a change that a hash cannot miss, and those whose hashes were made to fit."""
-    files, draw = pack_files(*small, level="macro", zipped=zipped), random.Random(5)
-    for _ in range(400):
-        name = draw.choice(sorted(files))
-        hostile = {**files, name: mutated(files[name], draw)}
-        if not zipped and draw.random() < 0.7:
-            digests = {n: hashlib.sha256(c).hexdigest() for n, c in hostile.items() if n != SUMS}
-            hostile[SUMS] = "".join(f"{d}  {n}\n" for n, d in sorted(digests.items())).encode()
-        try:
-            pack_check(hostile)
-        except FileFormatError:
-            continue

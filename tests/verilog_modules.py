@@ -1,7 +1,6 @@
-"""Verilog-A modules: ports, parameters, nodes, contributions and instances.
+"""A reader of Verilog-A modules, which fails at text that is not well formed.
 
-The reader covers the subset of the language used here. It rejects unknown syntax, so accepted text
-is well formed.
+It covers the subset of the language that is exported.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from ann_dc.errors import FileFormatError
+from ann_dc.export.netlists.verilog_a import KEYWORDS
 
 NAME = r"[A-Za-z_]\w*+"
 COMMENT = re.compile(r"//[^\n]*")
@@ -24,22 +23,6 @@ DECLARED = re.compile(r"(inout|input|output|electrical|ground)\s+(.+)", re.DOTAL
 BRANCH = re.compile(rf"branch\s*\(\s*({NAME})\s*\)\s*({NAME})")
 INSTANCE = re.compile(rf"({NAME})\s*(?:#\((.*)\)\s*)?({NAME})\s*\(([^()]*)\)", re.DOTALL)
 GIVEN = re.compile(r"\.(\w+)\(([^()]*)\)")
-
-KEYWORDS = frozenset(
-    re.findall(
-        r"\w+",
-        """
-        abs abstol access acos acosh ac_stim analog analysis and asin asinh assign atan atan2 atanh
-        begin branch case cos cosh cross ddt ddx default delay discipline domain electrical else
-        end endcase endfunction endmodule exclude exp flicker_noise flow for forever from function
-        generate ground hypot idt idtmod if inf initial inout input integer laplace_nd
-        last_crossing limexp ln log max min module nature negedge net noise_table not or output
-        parameter posedge potential pow real reg repeat signed sin sinh slew sqrt string table tan
-        tanh time timer transition units vt white_noise while wire
-        """,
-    )
-)
-"""Reserved words that are not permitted as node names."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,14 +74,8 @@ class Module:
 def modules_of(text: str) -> dict[str, Module]:
     """Parse the modules of a file, by name.
 
-    Raises `FileFormatError` for text that is not such a module, an instance of an unknown module,
+    Raises `ValueError` for text that is not such a module, an instance of an unknown module,
     unknown ports or parameters, or a contribution to an undeclared node.
-
-    Examples
-    --------
-    >>> text = "module half(a, b); inout a, b; electrical a, b; analog begin V(b) <+ 0.5 * V(a); "
-    >>> modules_of(text + "end endmodule")["half"].contributions
-    [('V', ('b',), '0.5 * V(a)')]
     """
     plain = INCLUDE.sub("", COMMENT.sub("", text)).rstrip()
     modules: dict[str, Module] = {}
@@ -106,12 +83,12 @@ def modules_of(text: str) -> dict[str, Module]:
     while place < len(plain):
         found = MODULE.match(plain, place)
         if found is None:
-            raise FileFormatError(
+            raise ValueError(
                 f"Verilog-A: no module begins at {plain[place : place + 80].strip()[:40]!r}"
             )
         place, module = found.end(), _module(found[1], found[2], found[3])
         if module.name in modules:
-            raise FileFormatError(f"Verilog-A: module {module.name} is there twice")
+            raise ValueError(f"Verilog-A: module {module.name} is there twice")
         modules[module.name] = module
     for module in modules.values():
         _check(module, modules)
@@ -126,7 +103,7 @@ def _module(name: str, ports: str, body: str) -> Module:
     for statement in _statements(contributions):
         found = CONTRIBUTION.fullmatch(statement)
         if found is None or found[3].count("(") != found[3].count(")"):
-            raise FileFormatError(f"Verilog-A: {name}: no contribution: {statement[:60]!r}")
+            raise ValueError(f"Verilog-A: {name}: no contribution: {statement[:60]!r}")
         module.contributions.append((found[1], _names(found[2]), found[3]))
     return module
 
@@ -147,7 +124,7 @@ def _names(text: str) -> tuple[str, ...]:
 def _statements(text: str) -> list[str]:
     *whole, rest = [part.strip() for part in text.split(";")]
     if rest:
-        raise FileFormatError(f"Verilog-A: no semicolon behind {rest[:60]!r}")
+        raise ValueError(f"Verilog-A: no semicolon behind {rest[:60]!r}")
     return [part for part in whole if part]
 
 
@@ -164,7 +141,7 @@ def _declare(module: Module, statement: str) -> None:
         instance = Instance(module=found[1], name=found[3], given=given, nets=_names(found[4]))
         module.instances.append(instance)
     else:
-        raise FileFormatError(f"Verilog-A: {module.name}: not understood: {statement[:60]!r}")
+        raise ValueError(f"Verilog-A: {module.name}: not understood: {statement[:60]!r}")
 
 
 def _check(module: Module, modules: Mapping[str, Module]) -> None:
@@ -177,10 +154,10 @@ def _check(module: Module, modules: Mapping[str, Module]) -> None:
         used += [name for access in accesses for name in _names(access)]
     for name in used:
         if name not in known or name in KEYWORDS:
-            raise FileFormatError(f"Verilog-A: {module.name}: {name[:40]!r} is not declared")
+            raise ValueError(f"Verilog-A: {module.name}: {name[:40]!r} is not declared")
     for instance in module.instances:
         inner = modules.get(instance.module)
         if inner is None or len(inner.ports) != len(instance.nets):
-            raise FileFormatError(f"Verilog-A: {module.name}: {instance.name} fits no module")
+            raise ValueError(f"Verilog-A: {module.name}: {instance.name} fits no module")
         if not set(instance.given) <= set(inner.parameters):
-            raise FileFormatError(f"Verilog-A: {module.name}: {instance.name} has other parameters")
+            raise ValueError(f"Verilog-A: {module.name}: {instance.name} has other parameters")
