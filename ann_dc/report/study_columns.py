@@ -1,4 +1,8 @@
-"""Column of a study table as arrays: numbers, or text with a code per record."""
+"""Column of a study table as arrays: numbers, or text with a code per record.
+
+Statistics are computed by groups of records. A column with few values has one group per value. A
+column with many numbers is divided into groups of equal size.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,14 @@ BULK = 20.0
 """Ratio of the 95 % to the 5 % quantile from which an axis is logarithmic; 19 for a uniform
 distribution.
 """
+FEW = 40
+"""Largest number of different numbers with one group each."""
+REPEATED = 5
+"""Cases per group required on average."""
+IN_A_GROUP = 50
+"""Smallest number of cases per group of a divided column."""
+FEWEST_GROUPS, MOST_GROUPS = 4, 30
+"""Number of groups of a divided column."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,6 +57,12 @@ class Column:
     def label(self) -> str:
         """Axis label: name and unit."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+    def cell(self, row: int) -> float | str:
+        """Return the value of one record."""
+        if self.numbers is not None:
+            return float(self.numbers[row])
+        return self.words[self.places[row]]
 
     def at(self, rows: np.ndarray) -> Column:
         """Return the column of selected records."""
@@ -79,6 +97,27 @@ class Column:
         return np.unique(self.values)
 
     @cached_property
+    def places(self) -> np.ndarray:
+        """Index (rows,) among the distinct numbers, or codes of text."""
+        if self.numbers is not None:
+            return np.searchsorted(self.distinct, self.numbers)
+        return np.zeros(0, int) if self.codes is None else self.codes
+
+    @cached_property
+    def groups(self) -> np.ndarray | None:
+        """Group (rows,) of every record, -1 for missing numbers; None for too few records."""
+        if self.numbers is None:
+            return self.places
+        if len(self.distinct) <= FEW:
+            is_large = len(self.values) >= REPEATED * len(self.distinct)
+            return np.where(self.finite, self.places, -1) if is_large else None
+        number = min(MOST_GROUPS, len(self.values) // IN_A_GROUP)
+        if number < FEWEST_GROUPS:
+            return None
+        edges = np.unique(np.quantile(self.values, np.linspace(0, 1, number + 1)[1:-1]))
+        return np.where(self.finite, np.searchsorted(edges, self.numbers, side="right"), -1)
+
+    @cached_property
     def spans(self) -> float:
         """Ratio of the largest to the smallest value; 1 if a value is not positive."""
         low = self.values.min(initial=np.inf)
@@ -91,6 +130,10 @@ class Column:
             return False
         low, high = np.quantile(self.values, (0.05, 0.95))
         return bool(high > BULK * low)
+
+    def scaled(self, values: Any) -> np.ndarray:
+        """Return values as an axis of this column places them: logarithms if it is wide."""
+        return np.log(values) if self.is_wide else np.asarray(values)
 
 
 def column_of(name: str, cells: Any, *, unit: str = "", says: str = "") -> Column:
