@@ -17,14 +17,9 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 class Combination(NamedTuple):
-    """Records of one combination of the other settings.
+    """Records `rows` of one combination of the other settings.
 
-    Attributes
-    ----------
-    label : str
-        Values of these settings; empty without settings.
-    is_whole : bool
-        True if no other setting varies within the combination.
+    The label has the values of these settings. `is_whole` is True if no other setting varies.
     """
 
     label: str
@@ -41,6 +36,7 @@ class Band(NamedTuple):
         Median of the setting in each group; code of a text setting.
     quantiles : array (5, groups)
         Quantiles of the metric at 5, 25, 50, 75 and 95 %.
+    counts : array (groups,) of int
     clustered : array (groups,) of bool
         True for a group of two clusters, whose median may not be close to any case.
     """

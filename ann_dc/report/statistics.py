@@ -109,15 +109,11 @@ class Findings:
         return tuple(self.columns[name] for name in asked if name in self.columns)
 
     @cached_property
-    def settings(self) -> tuple[Column, ...]:
-        """Columns of settings."""
-        others = {*HEAD, *TAIL, *(metric.name for metric in self.metrics)}
-        return tuple(column for name, column in self.columns.items() if name not in others)
-
-    @cached_property
     def varied(self) -> tuple[Column, ...]:
         """Settings that differ between cases."""
-        return tuple(column for column in self.settings if len(column.distinct) > 1)
+        others = {*HEAD, *TAIL, *(metric.name for metric in self.metrics)}
+        settings = (column for name, column in self.columns.items() if name not in others)
+        return tuple(column for column in settings if len(column.distinct) > 1)
 
     @property
     def seconds(self) -> Column | None:

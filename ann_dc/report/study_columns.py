@@ -73,13 +73,13 @@ class Column:
     def finite(self) -> np.ndarray:
         """Records with a finite number; none for text."""
         if self.numbers is None:
-            return np.zeros(0 if self.codes is None else len(self.codes), bool)
+            return np.zeros(len(self.places), bool)
         return np.isfinite(self.numbers)
 
     @cached_property
     def values(self) -> np.ndarray:
         """Finite numbers."""
-        return np.zeros(0) if self.numbers is None else self.numbers[self.finite]
+        return self.as_numbers[self.finite]
 
     @cached_property
     def as_numbers(self) -> np.ndarray:
@@ -149,36 +149,18 @@ def column_of(name: str, cells: Any, *, unit: str = "", says: str = "") -> Colum
     >>> column_of("closed", pandas.Series([True, False, None])).words
     ('true', 'false', '')
     """
-    numbers = _numbers(cells)
-    if numbers is not None:
-        return Column(name=name, unit=unit, says=says, numbers=numbers)
     import pandas
 
+    kinds = {type(cell) for cell in cells.dropna()}
+    is_text = any(not issubclass(kind, (int, float, np.number)) for kind in kinds)
+    if not is_text and bool not in kinds and cells.dtype.kind != "b":
+        numbers = cells.to_numpy(dtype=float, na_value=np.nan)
+        has_whole = any(issubclass(kind, (int, np.integer)) for kind in kinds)
+        largest = np.abs(numbers[np.isfinite(numbers)]).max(initial=0.0)
+        if not has_whole or largest < LARGEST_WHOLE:
+            return Column(name=name, unit=unit, says=says, numbers=numbers)
     codes, words = pandas.factorize(cells.map(_word).fillna("").to_numpy(dtype=object))
     return Column(name=name, unit=unit, says=says, codes=codes, words=tuple(words))
-
-
-def _numbers(cells: Any) -> np.ndarray | None:
-    """Return the cells as numbers; None if a cell is not a number."""
-    from pandas.api import types
-
-    if types.is_bool_dtype(cells):
-        return None
-    if not types.is_numeric_dtype(cells):
-        kinds = {type(cell) for cell in cells.dropna()}
-        if not all(issubclass(kind, (int, float, np.number)) for kind in kinds - {bool}):
-            return None
-        if bool in kinds:
-            return None
-    numbers = cells.to_numpy(dtype=float, na_value=np.nan)
-    whole = np.abs(numbers[np.isfinite(numbers)]).max(initial=0.0) >= LARGEST_WHOLE
-    return None if whole and _holds_whole_numbers(cells) else numbers
-
-
-def _holds_whole_numbers(cells: Any) -> bool:
-    from pandas.api import types
-
-    return types.is_integer_dtype(cells) or any(isinstance(cell, int) for cell in cells)
 
 
 def _word(cell: Any) -> str:

@@ -25,15 +25,7 @@ _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 
 
 class Limit(NamedTuple):
-    """One limit of a specification.
-
-    Attributes
-    ----------
-    column : Column
-        Limited metric.
-    low, high : float
-        Limits; infinite if open.
-    """
+    """One limit of a specification: `low` and `high` of a metric's column, infinite if open."""
 
     column: Column
     low: float
@@ -69,16 +61,9 @@ class Limit(NamedTuple):
 
 
 class Cause(NamedTuple):
-    """Cases with the same cause.
+    """Cases with the same outcome for the same reason.
 
-    Attributes
-    ----------
-    points : int
-        Number of cases.
-    row : int
-        Record of an example.
-    message : str
-        Message of the example.
+    `points` is the number of cases; `row` and `message` belong to an example.
     """
 
     outcome: str
@@ -88,7 +73,7 @@ class Cause(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """Metric with its prediction (``x`` with ``predicted_x``)."""
+    """Metric `measured` with the metric `predicted` (``x`` with ``predicted_x``)."""
 
     measured: Column
     predicted: Column
@@ -102,7 +87,7 @@ class Prediction(NamedTuple):
 
 
 class Growth(NamedTuple):
-    """Power law metric ~ setting^p."""
+    """Power law metric ~ setting^p with its exponent."""
 
     metric: Column
     setting: Column
@@ -110,7 +95,7 @@ class Growth(NamedTuple):
 
 
 class Outliers(NamedTuple):
-    """Records with the largest values of a metric, or farthest outside a limit, worst first."""
+    """Title and `rows` of the largest values of a column, or farthest outside a limit."""
 
     title: str
     column: Column

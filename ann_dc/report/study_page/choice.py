@@ -31,14 +31,9 @@ MAPPED = 4
 
 
 class Candidate(NamedTuple):
-    """Candidate for a figure.
+    """Candidate for a figure of a `kind` of `ROOM`, with its title and its worth.
 
-    Attributes
-    ----------
-    kind : str
-        Key of `ROOM`.
-    draw : callable
-        Function that returns the `Figure`, or None for too few cases.
+    The function `draw` returns the figure, or None for too few cases.
     """
 
     kind: str

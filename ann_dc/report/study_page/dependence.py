@@ -217,9 +217,7 @@ def over_two(found: Findings, metric: Column, across: Column, up: Column) -> Fig
 
 def _cells(setting: Column, known: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return map cell edges along a setting, and the cell of every known record."""
-    values, distinct = (
-        setting.scaled(one) for one in (setting.as_numbers[known], setting.distinct)
-    )
+    values, distinct = map(setting.scaled, (setting.as_numbers[known], setting.distinct))
     if len(distinct) <= CELLS:
         inner = (distinct[1:] + distinct[:-1]) / 2
         first, last = 2 * distinct[0] - inner[0], 2 * distinct[-1] - inner[-1]
@@ -227,9 +225,8 @@ def _cells(setting: Column, known: np.ndarray, count: int) -> tuple[np.ndarray, 
     else:
         number = int(np.clip(np.sqrt(count / 8), 4, 25))
         edges = np.linspace(values.min(), values.max(), number + 1)
-    return np.exp(edges) if setting.is_wide else edges, np.searchsorted(
-        edges[1:-1], values, side="right"
-    )
+    cells = np.searchsorted(edges[1:-1], values, side="right")
+    return np.exp(edges) if setting.is_wide else edges, cells
 
 
 def yield_over(found: Findings, setting: Column) -> Figure | None:

@@ -31,10 +31,6 @@ PACKAGES = {"pandas": PandasMissing, "plotly.offline": PlotlyMissing, "jinja2": 
 """Packages of the extra `study` that a page needs, with the error if one is missing."""
 LARGEST_TABLE = 200_000
 """Largest number of records in a page; statistics and figures use all records."""
-MENU = {
-    "asked": "Asked", "summary": "Summary", "figures": "Figures", "points": "Points",
-    "table": "Table", "versions": "Versions",
-}  # fmt: skip
 
 
 def write_study_page(
@@ -65,22 +61,17 @@ def page_of(found: Findings, *, progress: Progress = silent) -> str:
     scripts = [
         _as_read(text) for text in (get_plotlyjs(), _asset("table.js"), _asset("figures.js"))
     ]
-    data = {
+    data = {  # no "<" of a text can end the element of its script
         "figure-data": json.dumps([figure.content() for figure in figures]),
         "table-data": pack(found.columns.values(), min(len(found), LARGEST_TABLE)),
         "command": json.dumps(found.command),
     }
-    points = [*sections.points(found)]
     return _template().render(
-        found=found, count=len(found), figures=figures, left_out=left_out,
-        menu={name: title for name, title in MENU.items() if name != "points" or points},
-        measured=sections.measured(found), medians=sections.medians(found),
-        yields=sections.yields(found), predictions=sections.predictions(found),
-        exponents=sections.exponents(found), points=points, printed=sections.printed(found),
-        versions=sections.versions(found), no_result=NO_RESULT, largest=LARGEST_TABLE,
+        found=found, sections=sections, figures=figures, left_out=left_out, no_result=NO_RESULT,
+        largest=LARGEST_TABLE, style=_asset("page.css"), scripts=scripts,
         written_by=f"ann_dc {ann_dc.__version__} with plotly.js {get_plotlyjs_version()}",
-        style=_asset("page.css"), data={name: _inert(text) for name, text in data.items()},
-        scripts=scripts, hashes=" ".join(f"'sha256-{_digest(text)}'" for text in scripts),
+        data={name: text.replace("<", "\\u003c") for name, text in data.items()},
+        hashes=" ".join(f"'sha256-{_digest(text)}'" for text in scripts),
     )  # fmt: skip
 
 
@@ -103,19 +94,15 @@ def _template() -> Any:
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         keep_trailing_newline=True, loader=FunctionLoader(_asset),
     )  # fmt: skip
-    filters = {"number": sections.number, "percent": percent, "plain": sections.plain}
-    environment.filters |= {**filters, "value_range": sections.value_range}
+    environment.filters |= {
+        "number": sections.number, "percent": percent, "plain": sections.plain,
+    }  # fmt: skip
     return environment.get_template("page.html")
 
 
 def _asset(name: str) -> str:
     place = resources.files("ann_dc.report.study_page") / "assets" / name
     return place.read_text(encoding="utf-8")
-
-
-def _inert(text: str) -> str:
-    """Return data that cannot terminate its script element."""
-    return text.replace("<", "\\u003c")
 
 
 def _as_read(script: str) -> str:

@@ -6,8 +6,8 @@ A row has one value per column. The page template right-aligns numbers and escap
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -25,12 +25,8 @@ PRINTED_COLUMNS = 8
 LISTED = 12
 """Largest number of items shown of a list."""
 
-
-class Rows(NamedTuple):
-    """Head and rows of a table."""
-
-    head: tuple[str, ...]
-    rows: Sequence[tuple[object, ...]]
+Row: TypeAlias = tuple[object, ...]
+"""Values of one row of a table."""
 
 
 def number(value: float) -> str:
@@ -71,23 +67,17 @@ def _short(value: object) -> str:
     return "none" if value is None else str(value)
 
 
-def value_range(column: Column) -> tuple[object, ...]:
-    """Return the number of distinct values, and the first and the last one."""
-    count = len(column.distinct)
-    if column.numbers is None:
-        words = [str(word) for word in column.distinct]
-        return count, words[0] if words else "", words[-1] if len(words) > 1 else ""
-    ends = (float(column.distinct[0]), float(column.distinct[-1])) if count else ("", "")
-    return count, *ends
+def value_range(column: Column) -> Row:
+    """Return the number of distinct values of a varied column, the first and the last one."""
+    kind = str if column.numbers is None else float
+    return len(column.distinct), *map(kind, column.distinct[[0, -1]])
 
 
-def measured(found: Findings) -> Rows:
-    """Return the metrics with their ranges."""
-    head = ("metric", "unit", "definition", "points with it", "lowest", "median", "highest")
-    return Rows(head, [(m.name, m.unit, m.says, *_measured(m)) for m in found.metrics])
+def measured(metric: Column) -> Row:
+    """Return the number of values, and the lowest, the median and the highest one.
 
-
-def _measured(metric: Column) -> tuple[object, ...]:
+    The median occurs; two clusters have no value between them.
+    """
     if metric.codes is not None:
         counts = np.bincount(metric.codes, minlength=len(metric.words))
         some = [*zip(metric.words, counts / max(1, counts.sum()))][:4]
@@ -95,84 +85,72 @@ def _measured(metric: Column) -> tuple[object, ...]:
         return int(counts.sum()), "", shares, ""
     if not len(metric.values):
         return 0, "", "", ""
-    ends = (float(end) for end in np.quantile(metric.values, (0, 0.5, 1), method="inverted_cdf"))
-    return len(metric.values), *ends
+    ends = np.quantile(metric.values, (0, 0.5, 1), method="inverted_cdf")
+    return len(metric.values), *map(float, ends)
 
 
 def medians(found: Findings) -> Iterator[str]:
-    """Yield the medians of the first metrics, which occur as values of a case."""
+    """Yield the medians of the first metrics."""
     for metric in found.metrics[:3]:
         if len(metric.values) and not metric.name.startswith(PREDICTED):
             median = float(np.quantile(metric.values, 0.5, method="inverted_cdf"))
             yield f"median {metric.name} {number(median)} {metric.unit}".rstrip()
 
 
-def yields(found: Findings) -> Rows:
-    """Return the yields with their intervals."""
-    rows = []
+def yields(found: Findings) -> Iterator[Row]:
+    """Yield the yields with their intervals."""
     for name, one in found.yields:
-        low, high = one.interval
-        ends = (
-            f"{percent(low, 2)} to {percent(high, 2)}" if one.draws != 0 else "none: nothing drawn"
-        )
-        rows.append((name, one.passed, one.count, percent(one.share, 2), ends))
-    return Rows(("spec", "within", "of", "yield", "95 % interval (Clopper-Pearson)"), rows)
+        interval = " to ".join(percent(end, 2) for end in one.interval)
+        ends = "none: nothing drawn" if one.draws == 0 else interval
+        yield name, one.passed, one.count, percent(one.share, 2), ends
 
 
-def predictions(found: Findings) -> Rows:
-    """Return the errors of predictions."""
-    rows = [
-        (one.measured.name, len(one.errors), *(percent(end, 2) for end in quantiles))
-        for one in found.predictions
-        if len(one.errors) and len(quantiles := np.quantile(one.errors, (0.5, 0.95, 1.0)))
-    ]
-    return Rows(("metric", "points", "median error", "95 % of errors below", "largest"), rows)
+def predictions(found: Findings) -> Iterator[Row]:
+    """Yield the errors of predictions."""
+    for pair in found.predictions:
+        off = pair.errors
+        if len(off):
+            ends = np.quantile(off, (0.5, 0.95, 1.0))
+            yield pair.measured.name, len(off), *(percent(end, 2) for end in ends)
 
 
-def exponents(found: Findings) -> Rows:
-    """Return the fitted power laws."""
-    rows = [
-        (
-            f"{one.metric.name} ~ {one.setting.name}^p", f"{law.value:.3f}",
-            f"{law.low:.3f} to {law.high:.3f}", f"{law.told:.3f}", law.points,
-        )
-        for one in found.exponents
-        if (law := one.exponent)
-    ]  # fmt: skip
-    return Rows(("law", "p", "95 % interval", "R\N{SUPERSCRIPT TWO}", "points"), rows)
+def exponents(found: Findings) -> Iterator[Row]:
+    """Yield the fitted power laws."""
+    for metric, setting, law in found.exponents:
+        interval = f"{law.low:.3f} to {law.high:.3f}"
+        name = f"{metric.name} ~ {setting.name}^p"
+        yield name, f"{law.value:.3f}", interval, f"{law.told:.3f}", law.points
 
 
-def points(found: Findings) -> Iterator[tuple[str, tuple[str, ...], list[tuple[object, ...]]]]:
-    """Yield the title and table of the slowest and worst cases, with the commands of each."""
+def points(found: Findings) -> Iterator[tuple[str, Row, list[Row]]]:
+    """Yield title, head and rows of the slowest and worst cases, with the command of each."""
     for title, column, rows in found.outliers:
         columns = [column, *[one for one in found.varied if one is not column][:SHOWN]]
         head = ("point", *(one.label for one in columns), "repeated by")
         yield title, head, [(*_record(found, row, columns), found.repeating(row)) for row in rows]
 
 
-def _record(found: Findings, row: int, columns: Iterable[Column]) -> tuple[object, ...]:
+def _record(found: Findings, row: int, columns: Iterable[Column]) -> Row:
     return str(found.points[row]), *(column.cell(row) for column in columns)
 
 
-def printed(found: Findings) -> Rows:
-    """Return the first records with the important columns, for printing."""
+def printed(found: Findings) -> tuple[Row, list[Row]]:
+    """Return head and rows of the first records with the important columns, for printing."""
     outcome = [found.columns[OUTCOME]] if OUTCOME in found.columns else []
     room = PRINTED_COLUMNS - len(outcome)
     metrics = found.metrics[: room // 2]
     columns = [*found.varied[: room - len(metrics)], *metrics, *outcome]
     count = min(PRINTED, len(found))
     head = ("point", *(column.label for column in columns))
-    return Rows(head, [_record(found, row, columns) for row in range(count)])
+    return head, [_record(found, row, columns) for row in range(count)]
 
 
-def versions(found: Findings) -> Rows:
-    """Return the software versions of the cases."""
+def versions(found: Findings) -> Iterator[Row]:
+    """Yield the software versions of the cases."""
     column = found.columns.get(VERSIONS)
-    rows = []
     if column is not None and column.codes is not None:
         counts = np.bincount(column.codes, minlength=len(column.words))
-        rows = [(int(count), _versions(word)) for word, count in zip(column.words, counts)]
-    return Rows(("points", "run with"), rows)
+        yield from ((int(count), _versions(word)) for word, count in zip(column.words, counts))
 
 
 def _versions(text: str) -> str:
