@@ -137,6 +137,10 @@ class PlotlyMissing(AnnDcError, ImportError):
     """Raised if plotly, required for the figures of a page, is not installed."""
 
 
+class JinjaMissing(AnnDcError, ImportError):
+    """Raised if jinja2, required for the HTML of a page, is not installed."""
+
+
 class ExportPackageMissing(AnnDcError, ImportError):
     """Raised if a package for a format is missing; the message has the command."""
 

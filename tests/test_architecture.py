@@ -48,7 +48,7 @@ RANK = {room: rank for rank, rooms in enumerate(ORDER) for room in rooms.split()
 SYMBOLIC = ("problem", "decomposition", "synthesis")
 """The only rooms that know SymPy."""
 
-HEAVY = ("torch", "matplotlib", "numba", "sympy", "casadi", "onnx", "pandas", "pyarrow",
+HEAVY = ("torch", "matplotlib", "numba", "sympy", "casadi", "onnx", "pandas", "pyarrow", "jinja2",
          "distributed", "plotly", "onnxruntime", "safetensors", "nir", "schemdraw")  # fmt: skip
 MONOTONIC = {"monotonic", "perf_counter", "process_time", "sleep"}
 

@@ -1,8 +1,4 @@
-"""Medians and quantile bands of a metric over the values or ranges of a setting.
-
-A setting with few values has one group per value. A setting with many values is divided into groups
-of equal size.
-"""
+"""Medians and quantile bands of a metric over the groups of a setting."""
 
 from __future__ import annotations
 
@@ -13,13 +9,6 @@ import numpy as np
 
 from ann_dc.report.study_columns import Column
 
-FEW = 40
-"""Largest number of different values with one group each."""
-REPEATED = 5
-"""Cases per group required for a band."""
-IN_A_GROUP = 50
-"""Smallest number of cases per group of a divided setting."""
-MOST_GROUPS = 30
 SMALLEST_CLUSTER = 0.2
 """Smallest fraction of the cases of a group in a cluster."""
 GAP = 0.25
@@ -28,14 +17,9 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 class Combination(NamedTuple):
-    """Records of one combination of the other settings.
+    """Records `rows` of one combination of the other settings.
 
-    Attributes
-    ----------
-    label : str
-        Values of these settings; empty without settings.
-    is_whole : bool
-        True if no other setting varies within the combination.
+    The label has the values of these settings. `is_whole` is True if no other setting varies.
     """
 
     label: str
@@ -49,9 +33,10 @@ class Band(NamedTuple):
     Attributes
     ----------
     at : array (groups,)
-        Value of the setting, or median of the group.
+        Median of the setting in each group; code of a text setting.
     quantiles : array (5, groups)
         Quantiles of the metric at 5, 25, 50, 75 and 95 %.
+    counts : array (groups,) of int
     clustered : array (groups,) of bool
         True for a group of two clusters, whose median may not be close to any case.
     """
@@ -62,37 +47,25 @@ class Band(NamedTuple):
     clustered: np.ndarray
 
 
-def groups(setting: Column) -> np.ndarray | None:
-    """Return the group (rows,) of every record, from 0; None for too few records.
-
-    The group is -1 if the setting has no number.
-    """
-    assert setting.numbers is not None
-    count = len(setting.values)
-    if len(setting.distinct) <= FEW:
-        if count < REPEATED * len(setting.distinct):
-            return None
-        found = np.searchsorted(setting.distinct, setting.numbers)
-    else:
-        number = min(MOST_GROUPS, count // IN_A_GROUP)
-        if number < 4:
-            return None
-        edges = np.quantile(setting.values, np.linspace(0, 1, number + 1)[1:-1])
-        found = np.searchsorted(np.unique(edges), setting.numbers, side="right")
-    return np.where(setting.finite, found, -1)
-
-
 def band(setting: Column, metric: Column) -> Band | None:
-    """Return the band of a metric over a numeric setting; None for too few cases."""
-    assert metric.numbers is not None
-    group = groups(setting)
-    if group is None:
+    """Return the band of a metric over a setting; None for too few cases."""
+    if setting.groups is None:
         return None
-    known = metric.finite & (group >= 0)
-    if not known.any():
+    known = np.flatnonzero(metric.finite & (setting.groups >= 0))
+    if not len(known):
         return None
-    at = _quantiles(setting, group, known)
-    return Band(at.quantiles[2], *_quantiles(metric, group, known)[1:])
+    known = known[np.argsort(setting.groups[known], kind="stable")]
+    codes, starts = np.unique(setting.groups[known], return_index=True)
+    parts, of_setting = (
+        np.split(column.as_numbers[known], starts[1:]) for column in (metric, setting)
+    )
+    is_text = setting.numbers is None
+    return Band(
+        codes if is_text else np.array([np.quantile(part, 0.5) for part in of_setting]),
+        np.array([np.quantile(part, QUANTILES) for part in parts]).T,
+        np.array([len(part) for part in parts]),
+        np.array([is_clustered(metric.scaled(part)) for part in parts]),
+    )
 
 
 def combinations(
@@ -103,47 +76,31 @@ def combinations(
     All text settings split the records. Numeric settings split them as long as there are not too
     many combinations. A median over several combinations may not be close to any case.
     """
-    codes = np.zeros((len(rows), 0), int)
+    codes, count = np.zeros(len(rows), int), 1
     chosen: list[Column] = []
     for one in sorted(settings, key=lambda one: (one.numbers is not None, len(one.distinct))):
-        wider = np.column_stack([codes, _codes(one)[rows]])
-        if len(np.unique(wider, axis=0)) <= most:
-            codes, chosen = wider, [*chosen, one]
+        local = one.places[rows]
+        names, wider = np.unique(codes * (local.max() + 1) + local, return_inverse=True)
+        if len(names) <= most:
+            codes, count, chosen = wider, len(names), [*chosen, one]
         elif one.numbers is None:
             return None
-    _, firsts, place = np.unique(codes, axis=0, return_index=True, return_inverse=True)
+    parts = (rows[codes == number] for number in range(count))
     return [
         Combination(
-            ", ".join(_valued(one, int(rows[first])) for one in chosen),
-            rows[place.ravel() == number],
+            ", ".join(_valued(one, int(part[0])) for one in chosen),
+            part,
             len(chosen) == len(settings),
         )
-        for number, first in enumerate(firsts)
+        for part in parts
     ]
 
 
-def _codes(setting: Column) -> np.ndarray:
-    """Return the index (rows,) of each record's value among the distinct values."""
-    if setting.numbers is not None:
-        return np.searchsorted(setting.distinct, setting.numbers)
-    assert setting.codes is not None
-    return setting.codes
-
-
 def _valued(setting: Column, row: int) -> str:
-    if setting.numbers is not None:
-        return f"{setting.name} {setting.numbers[row]:.4g}"
-    assert setting.codes is not None
-    return setting.words[setting.codes[row]] or f"no {setting.name}"
-
-
-def boxes(setting: Column, metric: Column) -> Band:
-    """Return quantiles of a metric for each value of a text setting.
-
-    `Band.at` contains the codes of the values.
-    """
-    assert setting.codes is not None
-    return _quantiles(metric, setting.codes, metric.finite)
+    value = setting.cell(row)
+    if isinstance(value, str):
+        return value or f"no {setting.name}"
+    return f"{setting.name} {value:.4g}"
 
 
 def is_clustered(values: np.ndarray) -> bool:
@@ -167,40 +124,18 @@ def is_clustered(values: np.ndarray) -> bool:
 
 
 def strength(setting: Column, metric: Column) -> float:
-    """Return the fraction of a metric's rank variance explained by groups, 0 to 1."""
+    """Return the fraction of a metric's rank variance explained by groups, 0 to 1.
+
+    A setting with few records has four groups.
+    """
     from scipy.stats import rankdata
 
-    assert metric.numbers is not None
-    group = setting.codes if setting.numbers is None else groups(setting)
+    group = setting.groups
     if group is None:
-        group = _quarters(setting)
+        group = np.where(setting.finite, setting.places * 4 // len(setting.distinct), -1)
     known = metric.finite & (group >= 0)
-    ranks = rankdata(metric.numbers[known])
+    ranks, group = rankdata(metric.as_numbers[known]), group[known]
     if len(ranks) < 2 or np.ptp(ranks) == 0:
         return 0.0
-    _, where = np.unique(group[known], return_inverse=True)
-    means = np.bincount(where, ranks) / np.bincount(where)
-    return float(np.var(means[where]) / np.var(ranks))
-
-
-def _quarters(setting: Column) -> np.ndarray:
-    """Return four groups of a setting with few records."""
-    assert setting.numbers is not None
-    ranks = np.searchsorted(setting.distinct, setting.numbers)
-    return np.where(setting.finite, ranks * 4 // len(setting.distinct), -1)
-
-
-def _quantiles(column: Column, group: np.ndarray, known: np.ndarray) -> Band:
-    """Return the quantiles of the known values in every non-empty group."""
-    values = column.as_numbers
-    order = np.argsort(group[known], kind="stable")
-    ordered, codes = values[known][order], group[known][order]
-    names, starts = np.unique(codes, return_index=True)
-    parts = np.split(ordered, starts[1:])
-    found = np.array([np.quantile(part, QUANTILES) for part in parts]).T
-    return Band(
-        names,
-        found.reshape(5, len(names)),
-        np.array([len(part) for part in parts]),
-        np.array([is_clustered(np.log(part) if column.is_wide else part) for part in parts], bool),
-    )
+    means = np.bincount(group, ranks) / np.maximum(np.bincount(group), 1)
+    return float(np.var(means[group]) / np.var(ranks))

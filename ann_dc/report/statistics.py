@@ -1,4 +1,7 @@
-"""Data of a study page: study declaration, table and selected trajectories."""
+"""Data of a study page: declaration, table and selected trajectories, with all statistics.
+
+Every statistic is computed at most once, when it is first read.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +13,31 @@ from typing import Any
 
 import numpy as np
 
-from ann_dc.errors import PandasMissing
 from ann_dc.report.study_columns import Column, column_of
-from ann_dc.study.records import HEAD, POINT, SECONDS, TAIL
+from ann_dc.report.study_results import (
+    Cause,
+    Growth,
+    Limit,
+    Outliers,
+    Prediction,
+    causes_of,
+    exponents_of,
+    outliers_of,
+    predictions_of,
+)
+from ann_dc.study.records import HEAD, MESSAGE, OUTCOME, POINT, SECONDS, TAIL
 from ann_dc.study.store import Store
+from ann_dc.study.yield_metrics import SETTLED, draws_of
+from ann_dc.yields import Yield, ends_of
 
 KEPT = 24
 """Cases whose trajectories a page shows."""
 LOOKED_AT = 2000
 """Largest number of cases that are searched for trajectories."""
+WORST_FOR = 6
+"""Number of metrics with a list of worst cases."""
+STANDING_OUT = 8
+"""Number of cases listed as slowest, or as worst for a metric."""
 
 SAYS = {
     "point": ("", "Number of the point, in the order of the design."),
@@ -57,12 +76,6 @@ class Findings:
     @classmethod
     def of(cls, store: Store) -> Findings:
         """Return the data of a store; raise `PandasMissing` if pandas is not installed."""
-        try:
-            import pandas  # noqa: F401
-        except ImportError as error:
-            raise PandasMissing(
-                "the page of a study needs pandas: pip install 'ann-dc[study]'"
-            ) from error
         frame = store.to_frame()
         curves = _some_curves(store, frame[POINT]) if store.identity.get("curves") else {}
         place = str(store.folder)
@@ -96,15 +109,11 @@ class Findings:
         return tuple(self.columns[name] for name in asked if name in self.columns)
 
     @cached_property
-    def settings(self) -> tuple[Column, ...]:
-        """Columns of settings."""
-        others = {*HEAD, *TAIL, *(metric.name for metric in self.metrics)}
-        return tuple(column for name, column in self.columns.items() if name not in others)
-
-    @cached_property
     def varied(self) -> tuple[Column, ...]:
         """Settings that differ between cases."""
-        return tuple(column for column in self.settings if len(column.distinct) > 1)
+        others = {*HEAD, *TAIL, *(metric.name for metric in self.metrics)}
+        settings = (column for name, column in self.columns.items() if name not in others)
+        return tuple(column for column in settings if len(column.distinct) > 1)
 
     @property
     def seconds(self) -> Column | None:
@@ -116,14 +125,101 @@ class Findings:
         """Case number of each record."""
         return self.frame[POINT].to_numpy()
 
-    def repeating(self, row: int) -> str:
-        """Return the command that repeats the case of a record."""
-        return f"{self.command} --point {self.points[row]}"
-
     @property
     def command(self) -> str:
         """Command that runs this study, without a case number."""
         return f"ann-dc study {shlex.quote(self.place)}"
+
+    @property
+    def retrying(self) -> str:
+        """Command that runs the cases without a result again."""
+        return f"ann-dc study FILE.toml --out {shlex.quote(self.place)} --retry"
+
+    def repeating(self, row: int) -> str:
+        """Return the command that repeats the case of a record."""
+        return f"{self.command} --point {self.points[row]}"
+
+    @cached_property
+    def limits(self) -> tuple[Limit, ...]:
+        """Limits of the specification whose metrics were measured."""
+        spec = (self.identity.get("spec") or {}).items()
+        known = self.columns
+        return tuple(Limit(known[name], *ends_of(limit)) for name, limit in spec if name in known)
+
+    def limit_of(self, metric: Column) -> Limit | None:
+        """Return the limit of a metric in the specification."""
+        return next((limit for limit in self.limits if limit.column is metric), None)
+
+    @cached_property
+    def settled(self) -> np.ndarray:
+        """Mask (rows,) of settled cases."""
+        outcome = self.columns.get(OUTCOME)
+        if outcome is None or outcome.codes is None:
+            return np.zeros(len(self), bool)
+        return np.array([word == SETTLED for word in outcome.words], bool)[outcome.codes]
+
+    @cached_property
+    def within(self) -> np.ndarray:
+        """Mask (rows,) of settled cases that satisfy every limit."""
+        return np.logical_and.reduce([self.settled, *(limit.met for limit in self.limits)])
+
+    @cached_property
+    def yields(self) -> list[tuple[str, Yield]]:
+        """Yields of settled cases, of each limit and of all; empty without limits."""
+        if not self.limits:
+            return []
+        masks = [("settled", self.settled)]
+        masks += [(f"settled, {limit}", self.settled & limit.met) for limit in self.limits]
+        masks += [("all of it", self.within)] if len(self.limits) > 1 else []
+        return [(name, self._yield_of(good, self._draws)) for name, good in masks]
+
+    def yield_among(self, rows: np.ndarray) -> Yield:
+        """Return the yield of selected records with its confidence interval."""
+        draws = draws_of({name: cells[rows] for name, cells in self._cells.items()})
+        return self._yield_of(self.within[rows], draws)
+
+    def _yield_of(self, good: np.ndarray, draws: int | None) -> Yield:
+        return Yield(passed=int(good.sum()), count=len(good), draws=draws)
+
+    @cached_property
+    def _cells(self) -> dict[str, np.ndarray]:
+        return {name: self.frame[name].to_numpy() for name in self.frame.columns}
+
+    @cached_property
+    def _draws(self) -> int | None:
+        return draws_of(self._cells)
+
+    @cached_property
+    def causes(self) -> list[Cause]:
+        """Outcomes by cause, most frequent first."""
+        return causes_of(*(self._texts(name) for name in (OUTCOME, MESSAGE)))
+
+    def _texts(self, name: str) -> Iterable[str]:
+        if name not in self.frame.columns:
+            return [""] * len(self)
+        return self.frame[name].astype(object).fillna("").astype(str).tolist()
+
+    @cached_property
+    def predictions(self) -> list[Prediction]:
+        """Metrics that have predictions."""
+        return predictions_of(self.metrics)
+
+    @cached_property
+    def exponents(self) -> list[Growth]:
+        """Exponents of metrics and wall time over settings, clearest first."""
+        seconds = () if self.seconds is None else (self.seconds,)
+        return exponents_of((*self.metrics, *seconds), self.varied)
+
+    @cached_property
+    def outliers(self) -> list[Outliers]:
+        """Slowest cases, and the worst ones by limit or else by metric."""
+        limited = [limit.column for limit in self.limits]
+        about = [(f"Furthest out of, or nearest to, {limit}", limit) for limit in self.limits]
+        about += [(f"Largest {m.name}", m) for m in self.metrics if m not in limited]
+        about = about[:WORST_FOR]
+        about = [*([("Slowest", self.seconds)] if self.seconds else []), *about]
+        found = (outliers_of(title, one, STANDING_OUT) for title, one in about)
+        return [one for one in found if one is not None]
 
 
 def _some_curves(store: Store, points: Iterable[int]) -> dict[int, Mapping[str, np.ndarray]]:

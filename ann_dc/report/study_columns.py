@@ -1,4 +1,8 @@
-"""Column of a study table as arrays: numbers, or text with a code per record."""
+"""Column of a study table as arrays: numbers, or text with a code per record.
+
+Statistics are computed by groups of records. A column with few values has one group per value. A
+column with many numbers is divided into groups of equal size.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,14 @@ BULK = 20.0
 """Ratio of the 95 % to the 5 % quantile from which an axis is logarithmic; 19 for a uniform
 distribution.
 """
+FEW = 40
+"""Largest number of different numbers with one group each."""
+REPEATED = 5
+"""Cases per group required on average."""
+IN_A_GROUP = 50
+"""Smallest number of cases per group of a divided column."""
+FEWEST_GROUPS, MOST_GROUPS = 4, 30
+"""Number of groups of a divided column."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,6 +58,12 @@ class Column:
         """Axis label: name and unit."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
+    def cell(self, row: int) -> float | str:
+        """Return the value of one record."""
+        if self.numbers is not None:
+            return float(self.numbers[row])
+        return self.words[self.places[row]]
+
     def at(self, rows: np.ndarray) -> Column:
         """Return the column of selected records."""
         numbers, codes = (None if a is None else a[rows] for a in (self.numbers, self.codes))
@@ -55,13 +73,13 @@ class Column:
     def finite(self) -> np.ndarray:
         """Records with a finite number; none for text."""
         if self.numbers is None:
-            return np.zeros(0 if self.codes is None else len(self.codes), bool)
+            return np.zeros(len(self.places), bool)
         return np.isfinite(self.numbers)
 
     @cached_property
     def values(self) -> np.ndarray:
         """Finite numbers."""
-        return np.zeros(0) if self.numbers is None else self.numbers[self.finite]
+        return self.as_numbers[self.finite]
 
     @cached_property
     def as_numbers(self) -> np.ndarray:
@@ -79,6 +97,27 @@ class Column:
         return np.unique(self.values)
 
     @cached_property
+    def places(self) -> np.ndarray:
+        """Index (rows,) among the distinct numbers, or codes of text."""
+        if self.numbers is not None:
+            return np.searchsorted(self.distinct, self.numbers)
+        return np.zeros(0, int) if self.codes is None else self.codes
+
+    @cached_property
+    def groups(self) -> np.ndarray | None:
+        """Group (rows,) of every record, -1 for missing numbers; None for too few records."""
+        if self.numbers is None:
+            return self.places
+        if len(self.distinct) <= FEW:
+            is_large = len(self.values) >= REPEATED * len(self.distinct)
+            return np.where(self.finite, self.places, -1) if is_large else None
+        number = min(MOST_GROUPS, len(self.values) // IN_A_GROUP)
+        if number < FEWEST_GROUPS:
+            return None
+        edges = np.unique(np.quantile(self.values, np.linspace(0, 1, number + 1)[1:-1]))
+        return np.where(self.finite, np.searchsorted(edges, self.numbers, side="right"), -1)
+
+    @cached_property
     def spans(self) -> float:
         """Ratio of the largest to the smallest value; 1 if a value is not positive."""
         low = self.values.min(initial=np.inf)
@@ -91,6 +130,10 @@ class Column:
             return False
         low, high = np.quantile(self.values, (0.05, 0.95))
         return bool(high > BULK * low)
+
+    def scaled(self, values: Any) -> np.ndarray:
+        """Return values as an axis of this column places them: logarithms if it is wide."""
+        return np.log(values) if self.is_wide else np.asarray(values)
 
 
 def column_of(name: str, cells: Any, *, unit: str = "", says: str = "") -> Column:
@@ -106,36 +149,18 @@ def column_of(name: str, cells: Any, *, unit: str = "", says: str = "") -> Colum
     >>> column_of("closed", pandas.Series([True, False, None])).words
     ('true', 'false', '')
     """
-    numbers = _numbers(cells)
-    if numbers is not None:
-        return Column(name=name, unit=unit, says=says, numbers=numbers)
     import pandas
 
+    kinds = {type(cell) for cell in cells.dropna()}
+    is_text = any(not issubclass(kind, (int, float, np.number)) for kind in kinds)
+    if not is_text and bool not in kinds and cells.dtype.kind != "b":
+        numbers = cells.to_numpy(dtype=float, na_value=np.nan)
+        has_whole = any(issubclass(kind, (int, np.integer)) for kind in kinds)
+        largest = np.abs(numbers[np.isfinite(numbers)]).max(initial=0.0)
+        if not has_whole or largest < LARGEST_WHOLE:
+            return Column(name=name, unit=unit, says=says, numbers=numbers)
     codes, words = pandas.factorize(cells.map(_word).fillna("").to_numpy(dtype=object))
     return Column(name=name, unit=unit, says=says, codes=codes, words=tuple(words))
-
-
-def _numbers(cells: Any) -> np.ndarray | None:
-    """Return the cells as numbers; None if a cell is not a number."""
-    from pandas.api import types
-
-    if types.is_bool_dtype(cells):
-        return None
-    if not types.is_numeric_dtype(cells):
-        kinds = {type(cell) for cell in cells.dropna()}
-        if not all(issubclass(kind, (int, float, np.number)) for kind in kinds - {bool}):
-            return None
-        if bool in kinds:
-            return None
-    numbers = cells.to_numpy(dtype=float, na_value=np.nan)
-    whole = np.abs(numbers[np.isfinite(numbers)]).max(initial=0.0) >= LARGEST_WHOLE
-    return None if whole and _holds_whole_numbers(cells) else numbers
-
-
-def _holds_whole_numbers(cells: Any) -> bool:
-    from pandas.api import types
-
-    return types.is_integer_dtype(cells) or any(isinstance(cell, int) for cell in cells)
 
 
 def _word(cell: Any) -> str:

@@ -5,7 +5,7 @@ import pandas
 import pytest
 from study_pages import findings
 
-from ann_dc.report.quantile_bands import band, boxes, is_clustered, strength
+from ann_dc.report.quantile_bands import band, is_clustered, strength
 from ann_dc.report.study_columns import column_of
 
 
@@ -36,7 +36,7 @@ def test_few_points_have_no_band():
 def test_boxes_by_word():
     found = findings(500)
     setting = found.columns["coordinators"]
-    told = boxes(setting, found.columns["wall_time"])
+    told = band(setting, found.columns["wall_time"])
     medians = found.frame.groupby("coordinators")["wall_time"].median()
     names = [setting.words[code] for code in told.at]
     expected = [medians[name == "true"] for name in names]

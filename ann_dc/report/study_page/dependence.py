@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ann_dc.report.fractions import Limit, within, yield_of
-from ann_dc.report.quantile_bands import Band, band, boxes, combinations, groups, is_clustered
+from ann_dc.report.quantile_bands import Band, band, combinations, is_clustered
 from ann_dc.report.statistics import Findings
 from ann_dc.report.study_columns import Column
 from ann_dc.report.study_page.figure import (
@@ -40,37 +39,27 @@ FILLED = 0.6
 """Fraction of the cells of a map that must contain cases."""
 
 
-def over_numbers(
-    found: Findings, metric: Column, setting: Column, limit: Limit | None
-) -> Figure | None:
+def over_numbers(found: Findings, metric: Column, setting: Column) -> Figure | None:
     """Plot a metric over a numeric setting: cases, medians, bands of 5 to 95 %.
 
     Every combination of the other settings has a line, up to `LINES`; with more, no lines are
-    drawn. A line has a gap at cases that form two clusters. The limit is that of the metric in the
-    specification. Return None without cases.
+    drawn. A line has a gap at cases that form two clusters. Return None without cases.
     """
     known = np.flatnonzero(metric.finite & setting.finite)
     if not len(known):
         return None
-    assert metric.numbers is not None
-    assert setting.numbers is not None
-    extremes = known[[np.argmin(metric.numbers[known]), np.argmax(metric.numbers[known])]]
-    some = drawn(known, keep=extremes)
+    values, limit = metric.as_numbers[known], found.limit_of(metric)
+    some = drawn(known, keep=known[[np.argmin(values), np.argmax(values)]])
     lines, more = _lines(found, setting, metric, known)
     layout = {
         "xaxis": axis(setting), "yaxis": axis(metric), "shapes": limit_lines(limit, "y"),
     }  # fmt: skip
-    dots = _dots(found, setting, metric, some)
     return Figure(
         title=f"{metric.name} over {setting.name}",
-        says=told(len(known), len(some), *more, *_dashed(limit)),
-        traces=[*dots, *lines],
+        says=told(len(known), len(some), *more, limit=limit),
+        traces=[*_dots(found, setting, metric, some), *lines],
         layout=layout,
     )
-
-
-def _dashed(limit: Limit | None) -> list[str]:
-    return [] if limit is None else [f"Dashed: the spec, {limit}"]
 
 
 def _lines(
@@ -83,16 +72,16 @@ def _lines(
         return [], ["No lines: too many combinations of other settings"]
     lines, said = [], {}
     for part, dash in zip(parts, DASHES):
-        own, values = setting.at(part.rows), metric.at(part.rows)
-        groups_of_it = band(own, values)
-        if groups_of_it is not None:
-            lines += _band(groups_of_it, part.label, dash)
+        x, y = setting.at(part.rows), metric.at(part.rows)
+        quantiles = band(x, y)
+        if quantiles is not None:
+            lines += _band(quantiles, part.label, dash)
             said["Line: median; band: 5 to 95 %"] = None
-            if groups_of_it.clustered.any():
+            if quantiles.clustered.any():
                 said["No median where points form two clusters"] = None
-        elif part.is_whole and len(part.rows) == len(own.distinct):
-            order = np.argsort(own.values)
-            lines.append(_line(own.values[order], values.values[order], part.label, dash))
+        elif part.is_whole and len(part.rows) == len(x.distinct):
+            order = np.argsort(x.values)
+            lines.append(_line(x.values[order], y.values[order], part.label, dash))
     return lines, [*said]
 
 
@@ -157,31 +146,33 @@ def _points(
 def _at(column: Column, rows: np.ndarray) -> list[Any]:
     if column.numbers is not None:
         return listed(column.numbers[rows])
-    assert column.codes is not None
-    return [shown(column.words[code]) for code in column.codes[rows]]
+    return [shown(column.words[code]) for code in column.places[rows]]
 
 
-def over_words(found: Findings, metric: Column, setting: Column, limit: Limit | None) -> Figure:
+def over_words(found: Findings, metric: Column, setting: Column) -> Figure | None:
     """Plot a metric by the values of a text setting, as boxes or single cases.
 
-    Cases that form two clusters have no box, because its median would lie between the clusters. The
-    limit is that of the metric in the specification.
+    Cases that form two clusters have no box, because its median would lie between the clusters.
+    Return None without cases.
     """
-    groups_of_it = boxes(setting, metric)
+    by_word = band(setting, metric)
+    if by_word is None:
+        return None
+    limit = found.limit_of(metric)
     layout = {"xaxis": axis(setting), "yaxis": axis(metric), "shapes": limit_lines(limit, "y")}
     count, title = int(metric.finite.sum()), f"{metric.name} by {setting.name}"
-    if groups_of_it.counts.max() <= STRIP or groups_of_it.clustered.any():
+    if by_word.counts.max() <= STRIP or by_word.clustered.any():
         rows = drawn(np.flatnonzero(metric.finite))
         dots = _dots(found, setting, metric, rows)
-        says = told(count, len(rows), *_dashed(limit))
+        says = told(count, len(rows), limit=limit)
         return Figure(title=title, says=says, traces=dots, layout=layout)
-    low, first, middle, third, high = (listed(row) for row in groups_of_it.quantiles)
+    low, first, middle, third, high = (listed(row) for row in by_word.quantiles)
     trace = {
-        "type": "box", "x": [shown(setting.words[code]) for code in groups_of_it.at],
+        "type": "box", "x": [shown(setting.words[code]) for code in by_word.at],
         "q1": first, "median": middle, "q3": third, "lowerfence": low, "upperfence": high,
         "fillcolor": "#0072b233", "line": {"color": BLUE}, "name": "",
     }  # fmt: skip
-    says = told(count, count, "Box: 25, 50 and 75 %; whiskers: 5 and 95 %", *_dashed(limit))
+    says = told(count, count, "Box: 25, 50 and 75 %; whiskers: 5 and 95 %", limit=limit)
     return Figure(title=title, says=says, traces=[trace], layout=layout)
 
 
@@ -199,9 +190,8 @@ def over_two(found: Findings, metric: Column, across: Column, up: Column) -> Fig
     count = int(known.sum())
     (x, column), (y, line) = (_cells(setting, known, count) for setting in (across, up))
     shape = (len(y) - 1, len(x) - 1)
-    assert metric.numbers is not None
-    cells = pandas.Series(metric.numbers[known]).groupby([line, column])
-    medians = cells.median().loc[~cells.apply(_in_clusters, metric)]
+    cells = pandas.Series(metric.as_numbers[known]).groupby([line, column])
+    medians = cells.median().loc[~cells.apply(lambda part: is_clustered(metric.scaled(part)))]
     if len(medians) < FILLED * shape[0] * shape[1]:
         return None
     values = np.full(shape, np.nan)
@@ -225,15 +215,9 @@ def over_two(found: Findings, metric: Column, across: Column, up: Column) -> Fig
     )
 
 
-def _in_clusters(values: Any, metric: Column) -> bool:
-    return is_clustered(np.log(values) if metric.is_wide else np.asarray(values))
-
-
 def _cells(setting: Column, known: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return map cell edges along a setting, and the cell of every known record."""
-    assert setting.numbers is not None
-    there, back = (np.log, np.exp) if setting.is_wide else (np.array, np.array)
-    values, distinct = there(setting.numbers[known]), there(setting.distinct)
+    values, distinct = map(setting.scaled, (setting.as_numbers[known], setting.distinct))
     if len(distinct) <= CELLS:
         inner = (distinct[1:] + distinct[:-1]) / 2
         first, last = 2 * distinct[0] - inner[0], 2 * distinct[-1] - inner[-1]
@@ -241,19 +225,18 @@ def _cells(setting: Column, known: np.ndarray, count: int) -> tuple[np.ndarray, 
     else:
         number = int(np.clip(np.sqrt(count / 8), 4, 25))
         edges = np.linspace(values.min(), values.max(), number + 1)
-    return back(edges), np.searchsorted(edges[1:-1], values, side="right")
+    cells = np.searchsorted(edges[1:-1], values, side="right")
+    return np.exp(edges) if setting.is_wide else edges, cells
 
 
 def yield_over(found: Findings, setting: Column) -> Figure | None:
     """Plot the yield with its interval over a numeric setting; None for too few cases."""
-    group = groups(setting)
+    group = setting.groups
     if group is None:
         return None
-    good = within(found)
     rows = [np.flatnonzero(group == number) for number in range(group.max() + 1)]
-    shares = [yield_of(found, good, of_it) for of_it in rows]
-    assert setting.numbers is not None
-    at = [np.median(setting.numbers[of_it]) for of_it in rows]
+    shares = [found.yield_among(of_it) for of_it in rows]
+    at = [np.median(setting.as_numbers[of_it]) for of_it in rows]
     value = np.array([one.share for one in shares])
     low, high = np.array([one.interval for one in shares]).T
     trace = {

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ann_dc.report.fractions import Limit
 from ann_dc.report.statistics import Findings
 from ann_dc.report.study_columns import Column
 from ann_dc.report.study_page.figure import (
@@ -19,11 +18,12 @@ from ann_dc.report.study_page.figure import (
     drawn,
     limit_lines,
     listed,
+    percent,
     plain_axis,
     shown,
     told,
 )
-from ann_dc.report.study_page.markup import percent
+from ann_dc.report.study_results import Prediction
 
 BARS = 40
 SAMPLES = 300
@@ -31,9 +31,9 @@ SAMPLES = 300
 TIME, RESIDUALS = "time", "residuals"
 
 
-def distribution(metric: Column, limit: Limit | None) -> Figure:
+def distribution(found: Findings, metric: Column) -> Figure:
     """Plot the histogram and empirical distribution of a metric, with its limit."""
-    values = np.sort(metric.values)
+    values, limit = np.sort(metric.values), found.limit_of(metric)
     scaled = np.log10(values) if metric.is_wide else values
     bars = int(np.clip(np.sqrt(len(values)), 5, BARS))
     counts, edges = np.histogram(scaled, bars)
@@ -59,8 +59,7 @@ def distribution(metric: Column, limit: Limit | None) -> Figure:
         ),
         "shapes": limit_lines(limit, "x"),
     }  # fmt: skip
-    more = [ends, *([] if limit is None else [f"Dashed: the spec, {limit}"])]
-    says = told(len(values), len(values), *more)
+    says = told(len(values), len(values), ends, limit=limit)
     return Figure(title=f"How {metric.name} spreads", says=says, traces=traces, layout=layout)
 
 
@@ -75,41 +74,18 @@ def _bars(edges: np.ndarray, shares: np.ndarray) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def predictions(found: Findings) -> list[tuple[Column, Column]]:
-    """Return metrics with their predictions (``x`` with ``predicted_x``).
-
-    Only pairs with values in common cases are returned.
-    """
-    names = {metric.name: metric for metric in found.metrics if metric.numbers is not None}
-    return [
-        (metric, predicted)
-        for name, metric in names.items()
-        if (predicted := names.get(f"predicted_{name}")) is not None
-        and (metric.finite & predicted.finite).any()
-    ]
-
-
-def errors(measured: Column, predicted: Column) -> np.ndarray:
-    """Return |predicted / measured - 1| of the records that have both."""
-    assert measured.numbers is not None
-    assert predicted.numbers is not None
-    both = measured.finite & predicted.finite & (measured.numbers != 0)
-    return np.abs(predicted.numbers[both] / measured.numbers[both] - 1)
-
-
-def beside(found: Findings, measured: Column, predicted: Column) -> Figure:
+def beside(found: Findings, pair: Prediction) -> Figure:
     """Plot predictions over measurements, with the line of equality."""
-    assert measured.numbers is not None
-    assert predicted.numbers is not None
+    measured, predicted = pair
+    x, y = measured.as_numbers, predicted.as_numbers
     known = np.flatnonzero(measured.finite & predicted.finite)
     some = drawn(known)
-    both = np.concatenate([measured.numbers[known], predicted.numbers[known]])
-    ends = [both.min(), both.max()]
-    off = errors(measured, predicted)
+    both = np.concatenate([x[known], y[known]])
+    ends, off = [both.min(), both.max()], pair.errors
     traces = [
         {
             "type": "scatter", "mode": "markers", "name": "points", "showlegend": False,
-            "x": listed(measured.numbers[some]), "y": listed(predicted.numbers[some]),
+            "x": listed(x[some]), "y": listed(y[some]),
             "customdata": [int(point) for point in found.points[some]],
             "hovertemplate": "%{x}, predicted %{y}<br>point %{customdata}<extra></extra>",
             "marker": {"color": BLUE, "size": 4, "opacity": 0.45},

@@ -6,15 +6,14 @@ some HTML in every text.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
 import numpy as np
 
-from ann_dc.report.fractions import Limit
 from ann_dc.report.study_columns import Column
+from ann_dc.report.study_results import Limit
 
 BLUE, RED, GREEN, ORANGE, VIOLET, GREY = (
     "#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#777777",
@@ -129,12 +128,19 @@ def limit_lines(limit: Limit | None, across: str) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def told(count: int, drawn_of_it: int, *more: str) -> str:
-    """Return the caption text of the number of cases, with further sentences."""
+def told(count: int, drawn_of_it: int, *more: str, limit: Limit | None = None) -> str:
+    """Return the caption text of the number of cases, with further sentences and the limit."""
     few = f", {drawn_of_it:,} of them drawn" if drawn_of_it < count else ""
-    return ". ".join([f"{count:,} points{few}", *more]) + "."
+    dashed = [] if limit is None else [f"Dashed: the spec, {limit}"]
+    return ". ".join([f"{count:,} points{few}", *more, *dashed]) + "."
 
 
-def limit_of(metric: Column, spec: Sequence[Limit]) -> Limit | None:
-    """Return the limit of a metric in a specification."""
-    return next((limit for limit in spec if limit.column is metric), None)
+def percent(share: float, digits: int = 1) -> str:
+    """Return a fraction in percent, with `digits` decimals.
+
+    Examples
+    --------
+    >>> percent(0.12345)
+    '12.3 %'
+    """
+    return f"{100 * share:.{digits}f} %"

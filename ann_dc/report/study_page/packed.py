@@ -40,10 +40,9 @@ def pack(columns: Iterable[Column], rows: int) -> str:
 def _values(column: Column) -> np.ndarray:
     if column.numbers is not None:
         return column.numbers.astype("<f8")
-    assert column.codes is not None
     count = len(column.words)
     kind = "<u1" if count <= 2**8 else "<u2" if count <= 2**16 else "<u4"
-    return column.codes.astype(kind)
+    return column.places.astype(kind)
 
 
 def _padded(content: bytes) -> bytes:

@@ -14,7 +14,7 @@ import pytest
 from browser import Browser, needs_chromium
 from study_pages import HOSTILE, findings, frame, hostile, store
 
-from ann_dc.errors import OutputError, PandasMissing, PlotlyMissing
+from ann_dc.errors import JinjaMissing, OutputError, PandasMissing, PlotlyMissing
 from ann_dc.report.study_page.page import page_of, write_study_page
 
 READY = "document.documentElement.dataset.table && document.documentElement.dataset.figures"
@@ -108,7 +108,7 @@ def test_a_whole_file_or_none(tmp_path):
     assert [*tmp_path.iterdir()] == [file]
 
 
-MISSING = {"pandas": PandasMissing, "plotly.offline": PlotlyMissing}
+MISSING = {"pandas": PandasMissing, "plotly.offline": PlotlyMissing, "jinja2": JinjaMissing}
 
 
 @pytest.mark.parametrize(("package", "error"), MISSING.items())

@@ -6,12 +6,12 @@ import pytest
 from scipy.stats import linregress
 from study_pages import EXPONENT, findings
 
-from ann_dc.report.growth_exponents import exponents, fit
 from ann_dc.report.study_columns import column_of
+from ann_dc.report.study_results import fit
 
 
 def test_the_exponent_of_the_wall_time_is_found():
-    told = {(one.metric.name, one.setting.name): one for one in exponents(findings(2000))}
+    told = {(one.metric.name, one.setting.name): one for one in findings(2000).exponents}
     law = told["wall_time", "problem.N"].exponent
     assert law.low < EXPONENT < law.high
     assert law.high - law.low < 0.01

@@ -4,14 +4,13 @@ import numpy as np
 import pandas
 from study_pages import IDENTITY, findings
 
-from ann_dc.report.failure_causes import causes, slowest, worst
-from ann_dc.report.fractions import limits
-from ann_dc.report.statistics import Findings
+from ann_dc.report.statistics import STANDING_OUT, Findings
+from ann_dc.report.study_results import outliers_of
 
 
 def test_messages_that_differ_in_numbers_are_one_cause():
     found = findings(2000)
-    told = {cause.outcome: cause for cause in causes(found)}
+    told = {cause.outcome: cause for cause in found.causes}
     counts = found.frame["outcome"].value_counts()
     assert {name: cause.points for name, cause in told.items()} == counts.to_dict()
     example = told["diverged"]
@@ -22,7 +21,7 @@ def test_messages_that_differ_in_numbers_are_one_cause():
 def test_what_fails_for_two_reasons_is_two_causes_and_rare_ones_are_counted_together():
     messages = ["no gains"] * 3 + [f"reason {chr(97 + n)}" for n in range(20)]
     frame = pandas.DataFrame({"point": range(23), "outcome": "failed", "message": messages})
-    told = causes(Findings(place="out", identity=IDENTITY, frame=frame))
+    told = Findings(place="out", identity=IDENTITY, frame=frame).causes
     assert told[0].message == "no gains"
     assert sum(cause.points for cause in told) == 23
     assert told[-1].outcome == "7 further causes"
@@ -32,8 +31,11 @@ def test_what_fails_for_two_reasons_is_two_causes_and_rare_ones_are_counted_toge
 def test_the_slowest_and_the_worst_come_first():
     found = findings(300)
     seconds = found.frame["wall_time"]
-    assert [*slowest(found, 5)] == [*seconds.sort_values(ascending=False).index[:5]]
+    slowest, limited = found.outliers[:2]
+    assert slowest.title == "Slowest"
+    assert [*slowest.rows] == [*seconds.nlargest(STANDING_OUT).index]
     settling = found.frame["settling_time"]
-    rows = worst(limits(found)[0], 4)
-    assert [*settling[rows]] == [*settling.nlargest(4)]
-    assert np.isfinite(settling[worst(found.columns["settling_time"], 400)]).all()
+    assert [*settling[limited.rows]] == [*settling.nlargest(STANDING_OUT)]
+    every = outliers_of("all", found.columns["settling_time"], 400).rows
+    assert len(every) == settling.count()
+    assert np.isfinite(settling[every]).all()

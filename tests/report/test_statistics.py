@@ -3,22 +3,22 @@
 import numpy as np
 from study_pages import findings
 
-from ann_dc.report.fractions import limits, within
+from ann_dc.study.yield_metrics import yield_of
 
 
 def test_what_has_no_value_is_not_within_the_spec():
     found = findings(500, spec={"settling_time": 30.0, "power": [None, 100.0], "missing": 1.0})
     settling, power = (found.frame[name] for name in ("settling_time", "power"))
     assert settling.isna().any()
-    spec = limits(found)
+    spec = found.limits
     assert [limit.column.name for limit in spec] == ["settling_time", "power"]
     settled = found.frame["outcome"] == "settled"
-    np.testing.assert_array_equal(within(found), settled & (settling <= 30) & (power <= 100))
+    np.testing.assert_array_equal(found.within, settled & (settling <= 30) & (power <= 100))
 
 
 def test_a_limit_from_below_and_from_both_sides():
     found = findings(50, spec={"settling_time": [5, None], "overshoot": [0.05, 0.1]})
-    low, both = limits(found)
+    low, both = found.limits
     assert str(low) == "settling_time ≥ 5 us"
     assert str(both) == "overshoot in 0.05 to 0.1"
     np.testing.assert_array_equal(low.met, found.frame["settling_time"] >= 5)
@@ -28,13 +28,24 @@ def test_a_limit_from_below_and_from_both_sides():
 
 def test_true_is_one_in_a_spec():
     found = findings(100, spec={"coordinators": [1, None]})
-    (limit,) = limits(found)
+    (limit,) = found.limits
     np.testing.assert_array_equal(limit.met, found.frame["coordinators"])
 
 
 def test_a_point_that_did_not_settle_is_not_within_the_spec_whatever_it_measured():
     found = findings(500, spec={"predicted_settling_time": [0.0, None]})
-    met = limits(found)[0].met
+    met = found.limits[0].met
     diverged = (found.frame["outcome"] == "diverged").to_numpy()
     assert met[diverged].all()
-    assert not within(found)[diverged].any()
+    assert not found.within[diverged].any()
+
+
+def test_yields_of_a_page_are_those_of_the_study():
+    found = findings(400)
+    columns = {name: found.frame[name].to_numpy() for name in found.frame.columns}
+    names, yields = zip(*found.yields)
+    assert (names[0], names[-1]) == ("settled", "all of it")
+    assert yields[-1] == yield_of(columns, found.identity["spec"])
+    rows = np.arange(7, 150, 3)
+    some = {name: cells[rows] for name, cells in columns.items()}
+    assert found.yield_among(rows) == yield_of(some, found.identity["spec"])
