@@ -76,7 +76,9 @@ def _library(wiring: Wiring) -> dict[str, Callable[..., Signal]]:
     """Return the operations of trees on signals, in terms of blocks."""
 
     def divide(a: Signal, b: Signal) -> Signal:
-        return scaled(a, 1 / b[()]) if set(b) == {()} else times(a, wiring.function("reciprocal", b))
+        if set(b) == {()}:
+            return scaled(a, 1 / b[()])
+        return times(a, wiring.function("reciprocal", b))
 
     library: dict[str, Callable[..., Signal]] = {
         "add": add,
@@ -84,4 +86,5 @@ def _library(wiring: Wiring) -> dict[str, Callable[..., Signal]]:
         "multiply": times,
         "divide": divide,
     }
-    return library | {name: functools.partial(wiring.function, name) for name in ELEMENTARY.values()}
+    functions = {name: functools.partial(wiring.function, name) for name in ELEMENTARY.values()}
+    return library | functions

@@ -26,13 +26,11 @@ SOFTPLUS = FunctionBlock(
     name="softplus",
     formula=lambda lib, x: lib.log(1 + lib.exp(x)),
     slope_formula=lambda lib, x, y: 1 - lib.exp(-y),
-    derivative=None,
 )
 LOGISTIC = FunctionBlock(
     name="logistic",
     formula=lambda lib, x: 1 / (1 + lib.exp(-x)),
     slope_formula=lambda lib, x, y: y * (1 - y) / 1.0,
-    derivative=None,
 )
 WAVE = FunctionBlock(
     name="wave",
@@ -43,19 +41,23 @@ WAVE = FunctionBlock(
         - lib.arctan(x) * lib.cos(x)
         - lib.sinh(x) / 9
     ),
-    derivative=None,
 )
 OPAQUE = FunctionBlock(
     name="opaque",
     formula=lambda lib, x: lib.log1p(lib.exp(x)),
     slope_formula=lambda lib, x, y: 1 - lib.exp(-y),
-    derivative=None,
 )
-BLOCKS = {block.name: block for block in (SOFTPLUS, LOGISTIC, WAVE, OPAQUE)}
+LEAKY = FunctionBlock(
+    name="leaky",
+    formula=lambda lib, x: lib.where(lib.real(x) > 0, x, 0.1 * x),
+    slope_formula=lambda lib, x, y: lib.where(lib.real(x) <= 0, 0.1 * lib.ones_like(x), 1.0),
+)
+BLOCKS = {block.name: block for block in (SOFTPLUS, LOGISTIC, WAVE, LEAKY, OPAQUE)}
 VALUES = {
     "softplus": np.log(1 + np.e),
     "logistic": 1 / (1 + np.exp(-1.0)),
     "wave": 2 - np.pi / 4 * np.sin(1) + np.sqrt(2) - np.cosh(1) / 9,
+    "leaky": 1.0,
     "opaque": np.log(1 + np.e),
 }
 EVALUATORS = (
@@ -149,8 +151,28 @@ def test_a_formula_that_is_no_tree_is_refused_by_name():
         _ = OPAQUE.trees
 
 
-def test_an_adjoint_without_a_rule_is_refused_by_name():
+def test_an_adjoint_is_wired_from_the_slope():
     wiring = Wiring(["x"])
     x = wiring.signal("x")
-    with pytest.raises(SynthesisError, match="'softplus': it has no wiring rule"):
-        gradient(wiring, wiring.function("softplus", x), [next(iter(x))[0]])
+    slopes = gradient(wiring, wiring.function("softplus", x), [next(iter(x))[0]])
+    (signal,) = slopes.values()
+    inner = wiring.functions[next(atom for (*_, atom) in filter(None, signal))]
+    assert signal[()] == 1.0
+    assert sorted(signal.values()) == [-1.0, 1.0]
+    assert inner[0] == "exp"
+    assert wiring.sums[inner[1]] == {(wiring.atom(wiring.function("softplus", x)),): -1.0}
+
+
+def test_an_adjoint_with_a_choice_is_refused_by_name():
+    wiring = Wiring(["x"])
+    x = wiring.signal("x")
+    with pytest.raises(SynthesisError, match=r"'rectify'.*'where'"):
+        gradient(wiring, wiring.function("rectify", x), [next(iter(x))[0]])
+
+
+def test_a_formula_that_computes_with_a_condition_is_refused_by_name():
+    step = FunctionBlock(
+        name="ramp", formula=lambda lib, x: (x > 0) * x, slope_formula=lambda lib, x, y: 1.0 * x
+    )
+    with pytest.raises(NetworkError, match="'ramp'"):
+        _ = step.trees
