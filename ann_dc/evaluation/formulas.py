@@ -16,14 +16,9 @@ import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.jit_functions import callback, kept
-from ann_dc.network.functions import ELEMENTARY, FUNCTIONS, OPERATIONS, Tree, written
+from ann_dc.network.functions import FUNCTIONS, NUMPY, OPERATIONS, Tree, written
 
-_FORMS = {
-    **{"add": "{} + {}", "subtract": "{} - {}", "multiply": "{} * {}", "divide": "{} / {}"},
-    **{"maximum": "max({}, {})", "where": "({1} if {0} else {2})"},
-    **{"at_most": "{} <= {}", "above": "{} > {}"},
-    **{operation: f"np.{name}({{}})" for name, operation in ELEMENTARY.items()},
-}
+_FORMS = NUMPY | {"maximum": "max({}, {})", "where": "({1} if {0} else {2})"}
 """Operations of trees in Python, as Numba compiles it."""
 
 

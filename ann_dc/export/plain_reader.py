@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from string import Template
 
-from ann_dc.network.functions import ELEMENTARY, function_block, written
+from ann_dc.network.functions import ELEMENTARY, NUMPY, function_block, written
 
 ARRAYS = {
     "network.safetensors": """\
@@ -99,11 +99,6 @@ def projected(x, d):  # v = M (d + r): currents r of diodes hold neurons at rail
 """Statements for networks with saturation limits at neurons that M couples."""
 
 
-FORMS = {"add": "{} + {}", "subtract": "{} - {}", "multiply": "{} * {}", "divide": "{} / {}"}
-FORMS |= {"maximum": "np.maximum({}, {})", "where": "np.where({}, {}, {})"}
-FORMS |= {"at_most": "{} <= {}", "above": "{} > {}"}
-FORMS |= {operation: f"np.{name}({{}})" for name, operation in ELEMENTARY.items()}
-"""Operations of formulas in NumPy."""
 NAMED = ("rectify", "reciprocal")
 """Function blocks that `NETWORK` or NumPy has by name, in addition to elementary ones."""
 
@@ -130,6 +125,6 @@ def _functions(used: Iterable[str]) -> str:
     lines = [", ".join(entries)]
     for block in map(function_block, used):
         if not block.is_elementary and block.name not in NAMED:
-            formula = written(block.trees[0], {"x": "x"}, FORMS)
+            formula = written(block.trees[0], {"x": "x"}, NUMPY)
             lines.append(f'"{block.name}": lambda x: {formula}')
     return ",\n               ".join(dict.fromkeys(lines))

@@ -1,4 +1,4 @@
-"""Function blocks: one record per curve y = g(x), from which every realisation is derived.
+"""Function blocks: one record per curve y = g(x), read by every realisation.
 
 A formula is written once for every array library that has the elementary functions (NumPy, torch);
 the library is an argument. Traced with a library that records operations, a formula becomes a tree
@@ -46,6 +46,12 @@ CHOICES = ("maximum", "where", "at_most", "above")
 """Operations max(a, b), in which nan in a passes, ``where(condition, a, b)``, a <= b and a > b."""
 OPERATIONS = (*ARITHMETIC, *CHOICES, *ELEMENTARY.values())
 """All operations of trees."""
+INFIX = {"add": "{} + {}", "subtract": "{} - {}", "multiply": "{} * {}", "divide": "{} / {}"}
+INFIX |= {"at_most": "{} <= {}", "above": "{} > {}"}
+"""Forms of infix operators in most languages; see `written`."""
+NUMPY = INFIX | {operation: f"np.{name}({{}})" for name, operation in ELEMENTARY.items()}
+NUMPY |= {"maximum": "np.maximum({}, {})", "where": "np.where({}, {}, {})"}
+"""Forms of all operations in NumPy."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Functions that formulas of a problem call by name: SymPy classes of the function blocks.
+"""Functions that formulas call by name: SymPy classes of the function blocks.
 
 An elementary block has SymPy's class of the same name. Another block becomes a class that is
 evaluated and differentiated by the trees of `ann_dc.network.functions`; it stays one function, so

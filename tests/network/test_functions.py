@@ -15,7 +15,6 @@ from ann_dc.evaluation import formulas
 from ann_dc.evaluation.codegen.evaluator import GeneratedEvaluator, fast_evaluator
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import ReferenceEvaluator
-from ann_dc.export import plain_reader
 from ann_dc.export.catalogue import FORMATS
 from ann_dc.export.drawings import latex_symbols
 from ann_dc.export.netlists import verilog_library
@@ -26,6 +25,7 @@ from ann_dc.network.functions import (
     CHOICES,
     ELEMENTARY,
     FUNCTIONS,
+    NUMPY,
     OPERATIONS,
     folded,
     function_block,
@@ -195,7 +195,7 @@ def test_a_formula_that_computes_with_a_condition_is_refused_by_name():
 
 LIBRARIES = {
     "loops": (formulas._FORMS, ()),
-    "NumPy program": (plain_reader.FORMS, ()),
+    "NumPy program": (NUMPY, ()),
     "Verilog-A": (verilog_library.FORMS, ()),
     "LaTeX": (latex_symbols.FORMS, ("where", "at_most", "above")),
     "SymPy": (named_functions._LIBRARY, CHOICES),

@@ -6,7 +6,7 @@ flows.
 
 from __future__ import annotations
 
-from ann_dc.network.functions import CODE, ELEMENTARY, function_block, written
+from ann_dc.network.functions import CODE, ELEMENTARY, INFIX, function_block, written
 
 RESET = "0.0, V(rst) > 2.5"
 """Initial value of an integral, and the condition under which it is reset to this value."""
@@ -126,9 +126,7 @@ endmodule
 """Modules by library cell name."""
 
 ARGUMENT = "min(max(sx * V(x), lo), hi)"
-FORMS = {"add": "{} + {}", "subtract": "{} - {}", "multiply": "{} * {}", "divide": "{} / {}"}
-FORMS |= {"maximum": "max({}, {})", "where": "({} ? {} : {})"}
-FORMS |= {"at_most": "{} <= {}", "above": "{} > {}"}
+FORMS = INFIX | {"maximum": "max({}, {})", "where": "({} ? {} : {})"}
 FORMS |= {name: f"{name}({{}})" for name in ELEMENTARY.values()} | {"log": "ln({})"}
 """Operations of formulas in Verilog-A."""
 
@@ -145,7 +143,7 @@ def function_module(function: str) -> str:
     """
     tree = function_block(function).trees[0]
     formula = written(tree, {"x": ARGUMENT}, FORMS, _number)
-    if tree[0] in ("add", "subtract"):
+    if isinstance(tree, tuple) and tree[0] in ("add", "subtract"):
         formula = f"({formula})"
     return f"""\
 // function generator: v(out) = (1 + ge) * {function}(u) / sy + oy, u = sx * v(x) in lo .. hi
