@@ -321,7 +321,7 @@ _UNITS: dict[str, tuple[Callable[[Sample], Value], ...]] = {
 }
 
 
-def definition_of(value: Callable[[Sample], float]) -> str:
+def definition_of(value: Callable[[Sample], Any]) -> str:
     """Return the docstring of a metric as a noun phrase with its details, on one line.
 
     Examples
