@@ -114,7 +114,8 @@ class _MarginSearch:
         of the bracket is kept twice, its damping ratio is halved.
         """
         stable, slope, side = None, SLOPE, 0
-        low, high = int(np.searchsorted(margins, unstable.margin, "right")) - 1, len(margins)
+        low = int(np.searchsorted(margins, unstable.margin * (1 + 1e-9))) - 1  # up to rounding
+        high = len(margins)
         while high - low > 1:
             at = int(np.searchsorted(margins, unstable.zero(slope)))
             at = max(low + 1, min(at, high - 1))
