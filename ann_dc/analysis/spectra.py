@@ -274,6 +274,8 @@ class Spectrum:
     >>> modes = Spectrum(eigenvalues=np.array([-4.0, -0.5 + 1j, -0.5 - 1j]))
     >>> modes.radius, modes.abscissa, modes.stiffness_ratio, modes.largest_step
     (4.0, -0.5, 8.0, 0.5)
+    >>> round(modes.damping_ratio, 3)
+    0.447
     """
 
     eigenvalues: np.ndarray
@@ -287,6 +289,13 @@ class Spectrum:
     def abscissa(self) -> float:
         """Largest real part; negative if the point is stable, minus the settling rate."""
         return float(np.real(self.eigenvalues).max(initial=-np.inf))
+
+    @property
+    def damping_ratio(self) -> float:
+        """Smallest damping ratio -Re(lambda) / |lambda|; positive if the point is stable."""
+        sizes = np.abs(self.eigenvalues)
+        ratios = np.divide(-np.real(self.eigenvalues), sizes, where=sizes > 0, out=0 * sizes)
+        return float(ratios.min(initial=1.0))
 
     @property
     def stiffness_ratio(self) -> float:

@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 
-from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.backends.ode import BDF, RADAU, OdeBackend
 from ann_dc.backends.run import Run
@@ -24,7 +23,7 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.building import emulate, emulate_clamps
 from ann_dc.hardware.emulation.emulation import Emulation
-from ann_dc.hardware.emulation.states import emulated_state, modes_at
+from ann_dc.hardware.emulation.states import modes_at, settled_state
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OP_AMPS, SwitchedCapacitors
 from ann_dc.hardware.schematic.elements import Integrator
@@ -123,8 +122,7 @@ class CircuitInstance:
         NetworkError
             If no equilibrium exists near the ideal one.
         """
-        start = emulated_state(self.emulation, self.probe.final)
-        return equilibrium(self.emulation.network, start)
+        return settled_state(self.emulation, self.probe.final)
 
     @cached_property
     def modes(self) -> Spectrum:

@@ -9,8 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.fidelity.boards.trim_order import DRAWN
-from ann_dc.fidelity.boards.trimming import Trimming
+from ann_dc.fidelity.boards.trimming import DRAWN, Trimming
 from ann_dc.report.tables import named_rows, table, verdict_text
 from ann_dc.report.yield_table import drawn_from, noise_told
 

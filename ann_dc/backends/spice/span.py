@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError
@@ -25,7 +24,7 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.idle_clamps import beside_rails
-from ann_dc.hardware.emulation.states import emulated_state, pole_spectrum
+from ann_dc.hardware.emulation.states import pole_spectrum, settled_state
 from ann_dc.hardware.parts.levels import Level
 
 LONGER = 1.5
@@ -112,7 +111,7 @@ def _lifetimes(probe: Trajectory) -> float:
 def _lifetimes_of_error(emulation: Emulation, probe: Trajectory) -> float:
     """Return the time constants that leave `LEFT` of the error; 0 without equilibrium."""
     try:
-        x = equilibrium(emulation.network, emulated_state(emulation, probe.final))
+        x = settled_state(emulation, probe.final)
     except NetworkError:
         return 0.0
     left = LEFT * control_error(emulation.controls(x), probe) * probe.control_size

@@ -18,7 +18,6 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NotFiniteError, SpiceTimeoutError, UnknownNameError
-from ann_dc.fidelity.boards.passives import PASSIVES
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.prediction import Unpredicted, prediction_of
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -38,6 +37,20 @@ PATIENCE = 60.0
 
 STAYS = 0.9
 """Ringing threshold: swing of the controls in a third of a run relative to the third before."""
+
+PASSIVES: dict[str, dict[str, float]] = {
+    "multipliers bent by 0.1 %": {"multiplier_nonlinearity": 1e-3},
+    "multipliers bent by 0.4 %": {"multiplier_nonlinearity": 4e-3},
+    "0.3 % of feedthrough": {"multiplier_feedthrough": 3e-3},
+    "5 pF at every input of a multiplier": {"multiplier_capacitance": 5e-12},
+    "insulators of 0.1 s": {"capacitor_leakage": 0.1},
+    "open switches of 1 Gohm": {"switch_leakage": 1e9},
+    "open switches of 5 pF": {"switch_capacitance": 5e-12},
+    "open switches of 1 Gohm and 5 pF": {"switch_leakage": 1e9, "switch_capacitance": 5e-12},
+    "switches that leave 0.5 pC": {"switch_charge": 0.5e-12},
+    "switches that leave 5 pC": {"switch_charge": 5e-12},
+}
+"""Parasitics of multipliers, capacitors and reset switches by description, rows of the table."""
 
 
 @checked

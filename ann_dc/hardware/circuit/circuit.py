@@ -27,9 +27,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
+from ann_dc.dataclass_pickling import Record
 from ann_dc.errors import require_positive
 from ann_dc.hardware.circuit.aliases import aliases
 from ann_dc.hardware.circuit.scaling import Scaling, values_of_grid
@@ -169,17 +171,8 @@ def parameters_of(
         for entry in chain(*entries):
             present = entry.present & (alive if entry.wire is None else wired)
             if present.any():
-                found.append(
-                    Parameter(
-                        part=part.name,
-                        alias=alias[part.name],
-                        quantity=entry.quantity,
-                        wire=entry.wire,
-                        present=present,
-                        owner=entry.owner,
-                        meaning=entry.meaning,
-                    )
-                )
+                given: dict[str, Any] = vars(entry) | {"present": present}
+                found.append(Parameter(part=part.name, alias=alias[part.name], **given))
     return tuple(found)
 
 
@@ -275,7 +268,7 @@ diode drops from the output.
 
 @such_as("ann_dc.SpiceBackend().prepare(network)[0]")
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Circuit:
+class Circuit(Record):
     """Schematic with component values in volts, seconds, ohms and farads.
 
     An absent component has infinite ohms.

@@ -34,7 +34,8 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
     """Return the network of a circuit's equations.
 
     The network starts at the state set by the reset switches. Clamps at saturation limits are ideal
-    limiters, as they are at rest.
+    limiters, as they are at rest. The emulation without deviations is cached as long as the circuit
+    exists.
 
     Parameters
     ----------
@@ -78,7 +79,15 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
     >>> emulation.controls(x).round(4).tolist()
     [0.4991]
     """
-    return _emulated(circuit, level, deviations or {}, moving=False)
+    if deviations:
+        return _emulated(circuit, level, deviations, moving=False)
+    kept = vars(circuit).setdefault(_KEPT, {})  # beside the cached properties of the record
+    if level not in kept:
+        kept[level] = _emulated(circuit, level, {}, moving=False)
+    return kept[level]
+
+
+_KEPT = "_emulations"
 
 
 @checked

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ann_dc.dataclass_pickling import Record
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.network.network import Network
@@ -21,7 +22,7 @@ from ann_dc.validation.values import such_as
 
 @such_as("ann_dc.emulate(circuit, level)")
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Emulation:
+class Emulation(Record):
     """Network that represents a circuit.
 
     Attributes

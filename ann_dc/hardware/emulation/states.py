@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import SEEPING
@@ -119,5 +120,28 @@ def modes_at(emulation: Emulation, x: np.ndarray) -> Spectrum:
 
 @checked
 def pole_spectrum(emulation: Emulation, x: np.ndarray) -> Spectrum:
-    """Return the pole-model eigenvalues (1 / network time) at an ideal state ``x``."""
-    return modes_at(emulation, emulated_state(emulation, x))
+    """Return the pole-model eigenvalues (1 / network time) at an ideal state ``x``.
+
+    They are cached for every state as long as the emulation exists.
+    """
+    kept = vars(emulation).setdefault("_pole_spectra", {})
+    key = np.asarray(x, float).tobytes()
+    if key not in kept:
+        kept[key] = modes_at(emulation, emulated_state(emulation, x))
+    return kept[key]
+
+
+@checked
+def settled_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
+    """Return the equilibrium (n',) of an emulation near an ideal state ``x``.
+
+    It is cached for every state as long as the emulation exists. Raises `NetworkError` if there is
+    no equilibrium near that state.
+    """
+    kept = vars(emulation).setdefault("_settled_states", {})
+    key = np.asarray(x, float).tobytes()
+    if key not in kept:
+        found = equilibrium(emulation.network, emulated_state(emulation, x))
+        found.setflags(write=False)
+        kept[key] = found
+    return kept[key]

@@ -47,8 +47,20 @@ from ann_dc.validation.values import State
 HIGHEST = 1e4
 """Largest margin that is considered."""
 
+HALVINGS = 7
+"""Number of halvings of an octave up to the accuracy of the smallest margin, 0.54 %."""
+
+SLOPE = 1 / 3
+"""Typical increase of the smallest damping ratio per unit of log margin, near zero."""
+
+FARTHEST = 4.0
+"""Largest ratio of one tried margin to the one before."""
+
 SPARE = 1.5
 """Factor on the smallest margin, for effects outside the pole model and for settling."""
+
+TWO_DIGITS = np.outer(10.0 ** np.arange(-1, 3), np.arange(10, 100)).ravel()
+"""All margins of two digits up to about `HIGHEST`."""
 
 FOLLOWING = 0.08
 """Smallest Omega lambda of a grid with rectifying neurons; Omega in radians per network time."""
@@ -60,7 +72,7 @@ def is_stable(circuit: Circuit, level: Level, x: State) -> bool:
 
     Raises `NetworkError` if the circuit has no emulation.
     """
-    return pole_spectrum(emulate(circuit, level), x).abscissa < 0
+    return _damping(circuit, level, x) > 0
 
 
 @checked
@@ -72,22 +84,87 @@ def least_margin(circuit: Circuit, level: Level, x: State, *, progress: Progress
     infinite if a margin of 10000 is not sufficient. Raises `NetworkError` if the circuit has no
     emulation.
     """
-    radius = spectrum(circuit.schematic.network, x).radius
-    wanted = radius / (2 * np.pi * level.datasheet.usable_bandwidth)  # time at a margin of one
+    search = _MarginSearch(circuit, level, x, progress)
+    first = search.tried(1.0)
+    return 1.0 if first.damping > 0 else search.first_stable(_margins(), first)
 
-    def stable(margin: float) -> bool:
-        progress(f"smallest margin: is {margin:.3g} enough?")
-        return is_stable(circuit.slower(margin * wanted / circuit.scaling.time), level, x)
 
-    low, high = 1.0, 1.0
-    while not stable(high):
-        low, high = high, 2 * high
-        if high > HIGHEST:
-            return float("inf")
-    while high > 1.01 * low:
-        middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if stable(middle) else (middle, high)
-    return high
+class _MarginSearch:
+    """Search for the smallest margin of a circuit's resistors with which the circuit is stable.
+
+    The smallest damping ratio of the poles increases with the logarithm of the margin. Near zero it
+    is almost linear, unlike the spectral abscissa, which slow modes bound from below.
+    """
+
+    def __init__(self, circuit: Circuit, level: Level, x: State, progress: Progress) -> None:
+        self.circuit, self.level, self.x, self.progress = circuit, level, x, progress
+        radius = spectrum(circuit.schematic.network, x).radius
+        self.unit_time = radius / (2 * np.pi * level.datasheet.usable_bandwidth)  # margin of one
+
+    def tried(self, margin: float) -> _Tried:
+        """Return a margin with the smallest damping ratio of the circuit."""
+        self.progress(f"smallest margin: is {margin:.3g} enough?")
+        slower = self.circuit.slower(margin * self.unit_time / self.circuit.scaling.time)
+        return _Tried(margin, _damping(slower, self.level, self.x))
+
+    def first_stable(self, margins: np.ndarray, unstable: _Tried) -> float:
+        """Return the first stable one of increasing margins; infinite if there is none.
+
+        The margin ``unstable`` is too small. The steps are those of the Illinois method: if an end
+        of the bracket is kept twice, its damping ratio is halved.
+        """
+        stable, slope, side = None, SLOPE, 0
+        low = int(np.searchsorted(margins, unstable.margin * (1 + 1e-9))) - 1  # up to rounding
+        high = len(margins)
+        while high - low > 1:
+            at = int(np.searchsorted(margins, unstable.zero(slope)))
+            at = max(low + 1, min(at, high - 1))
+            tried = self.tried(float(margins[at]))
+            if tried.damping > 0:
+                unstable = unstable.halved() if side > 0 else unstable
+                stable, high, side = tried, at, 1
+                slope = unstable.slope(stable)
+            else:
+                stable = stable.halved() if stable and side < 0 else stable
+                slope = tried.slope(stable or unstable)
+                unstable, low, side = tried, at, -1
+        return float(margins[high]) if stable else math.inf
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """Margin with the smallest damping ratio of the circuit's poles."""
+
+    margin: float
+    damping: float
+
+    def halved(self) -> _Tried:
+        """Return the margin with half the damping ratio."""
+        return replace(self, damping=self.damping / 2)
+
+    def slope(self, other: _Tried) -> float:
+        """Return the damping ratio per unit of log margin between two margins."""
+        return (other.damping - self.damping) / math.log(other.margin / self.margin)
+
+    def zero(self, slope: float) -> float:
+        """Return the margin, at most `FARTHEST` times as large, at which the ratio is zero."""
+        further = -self.damping / slope if slope > 0 else math.inf
+        return self.margin * math.exp(min(further, math.log(FARTHEST)))
+
+
+def _margins() -> np.ndarray:
+    """Return margins from 1 to `HIGHEST`, every octave halved `HALVINGS` times."""
+    margins = 2.0 ** np.arange(math.floor(math.log2(HIGHEST)) + 1)
+    for _ in range(HALVINGS):
+        between = np.sqrt(margins[:-1] * margins[1:])
+        margins = np.sort(np.concatenate([margins, between]))
+    return margins
+
+
+def _damping(circuit: Circuit, level: Level, x: State) -> float:
+    """Return the smallest damping ratio of a circuit's poles; negative if one grows."""
+    found = pole_spectrum(emulate(circuit, level), x).damping_ratio
+    return -1.0 if math.isnan(found) else found
 
 
 @checked
@@ -263,10 +340,7 @@ def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circui
         wanted = max(wanted, begun * level.smallest_capacitor / circuit.ranges[1][0])
     rings = level.datasheet.parasitics.ground or _second_pole(level)
     if level.emulated and rings:
-        spared = circuit.slower(wanted / begun / SPARE)
-        if not is_stable(spared, level, sizing.x):
-            least = least_margin(circuit, level, sizing.x, progress=progress)
-            wanted = max(wanted, SPARE * least)
+        wanted = max(wanted, _spared(circuit, sizing, wanted, progress))
     if math.isinf(wanted):
         raise NetworkError(
             f"smallest_resistor: with {circuit.inverter:.3g} ohm and "
@@ -274,6 +348,18 @@ def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circui
             f"the circuit stable; {cure(circuit, level, sizing.x)}"
         )
     return circuit if wanted == begun else circuit.slower(-two_digits(-wanted) / begun)
+
+
+def _spared(circuit: Circuit, sizing: Sizing, wanted: float, progress: Progress) -> float:
+    """Return the first margin, ``wanted`` or one of two digits, that is stable over `SPARE`."""
+    level, x = sizing.level, sizing.x
+    slower = wanted / circuit.scaling.margin / SPARE
+    damping = _damping(circuit.slower(slower), level, x)
+    if damping > 0:
+        return wanted
+    search = _MarginSearch(circuit, level, x, progress)
+    tried = _Tried(slower * circuit.scaling.time / search.unit_time, damping)
+    return SPARE * search.first_stable(TWO_DIGITS / SPARE, tried)
 
 
 @checked

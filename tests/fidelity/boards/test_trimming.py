@@ -12,8 +12,7 @@ from ann_dc import PreconditionerKind, SpiceBackend, design, plants
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.errors import ArgumentError, NetworkError
 from ann_dc.fidelity.boards.measurements import misread, reading_of
-from ann_dc.fidelity.boards.trim_order import trim_steps
-from ann_dc.fidelity.boards.trimming import Trimming, trimming
+from ann_dc.fidelity.boards.trimming import Trimming, trim_steps, trimming
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.circuit_study import predicted_errors
 from ann_dc.fidelity.error_budget import sensitivity

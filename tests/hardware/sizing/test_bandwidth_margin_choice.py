@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from wired import neighbour_wired
 
+from ann_dc.analysis.spectra import Spectrum
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.loads import heaviest
 from ann_dc.hardware.circuit.scaling import MARGIN
+from ann_dc.hardware.emulation import building, emulate
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR, Datasheet
 from ann_dc.hardware.parts.foundry import SKY130
@@ -18,7 +20,7 @@ from ann_dc.hardware.parts.levels import TRANSISTOR, Level, macro
 from ann_dc.hardware.parts.parasitics import Parasitics
 from ann_dc.hardware.schematic.elements import Adder, PICell
 from ann_dc.hardware.sizing.bandwidth_margin import SPARE, is_stable, least_margin
-from ann_dc.hardware.sizing.resistors import CURRENT, GROUND, SHARE, STIFF
+from ann_dc.hardware.sizing.resistors import CURRENT, GROUND, SHARE, STIFF, two_digits
 
 PLANTS = {"double_integrator": 4, "car": 3}
 
@@ -171,10 +173,8 @@ def test_resistors_that_are_given_and_too_small_for_the_op_amps_are_refused():
 
 
 def test_no_margin_at_all_is_told(monkeypatch):
-    monkeypatch.setattr(
-        "ann_dc.hardware.sizing.bandwidth_margin.least_margin", lambda *_, **__: np.inf
-    )
-    monkeypatch.setattr("ann_dc.hardware.sizing.bandwidth_margin.is_stable", lambda *_: False)
+    grows = Spectrum(eigenvalues=np.array([1.0]))
+    monkeypatch.setattr("ann_dc.hardware.sizing.bandwidth_margin.pole_spectrum", lambda *_: grows)
     with pytest.raises(NetworkError, match=r"^smallest_resistor: with .* no margin makes the circ"):
         made(level(input_capacitance=20e-12))
 
@@ -184,3 +184,38 @@ def test_presets_keep_strays_small_on_boards():
         assert presets.get(name).smallest_capacitor == 47e-12
     assert macro().smallest_capacitor == 0
     assert TRANSISTOR.smallest_capacitor == SKY130.smallest_capacitor == 0.5e-12
+
+
+@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("farads", [20e-12, 40e-12])
+def test_chosen_margin_is_first_one_of_two_digits_with_a_stable_circuit_at_two_thirds(name, farads):
+    wanted = level(input_capacitance=farads, ohms=SMALLEST_RESISTOR)
+    circuit, probe, _ = made(wanted, name)
+    margin = circuit.scaling.margin
+    before = two_digits(margin * (1 - 1e-3))
+    for value, stable in ((before, False), (margin, True)):
+        spared = circuit.slower(value / SPARE / margin)
+        assert is_stable(spared, wanted, probe.final) == stable
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_run_with_margin_search_emulates_few_circuits_and_run_without_search_one(name, monkeypatch):
+    emulated = []
+
+    def counted(*args, **options):
+        emulated.append(args)
+        return build(*args, **options)
+
+    build = building._emulated
+    monkeypatch.setattr(building, "_emulated", counted)
+    wanted = level(input_capacitance=20e-12, ohms=SMALLEST_RESISTOR)
+    network, counts = neighbour_wired(name, PLANTS[name]), []
+    for margin in (None, 100.0):
+        emulated.clear()
+        backend = SpiceBackend(level=wanted, margin=margin)
+        circuit, probe = backend.prepare(network)
+        backend.check_stable(emulate(circuit, wanted, {}), probe)
+        backend.deck(circuit, probe, {})
+        counts.append(len(emulated))
+    assert 2 < counts[0] <= 6
+    assert counts[1] == 1
