@@ -19,7 +19,7 @@ from ann_dc.export.plain_sidecar import MANIFEST, walked
 from ann_dc.export.reference.sidecar import check_vector, text_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 from ann_dc.weights.entries import NUMBER, Entries, Stored
 from ann_dc.weights.matrix import to_csv
 from ann_dc.weights.network_file import written

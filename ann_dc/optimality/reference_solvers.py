@@ -21,7 +21,7 @@ import numpy as np
 from ann_dc.errors import ProblemError
 from ann_dc.optimality.soft_constraints import Slacks
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 _FUNCTIONS = (
     "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt",

@@ -40,8 +40,7 @@ from ann_dc.export.reference.sidecar import check_vector, notes_of, vector_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.lowering.writing import check_rails
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import PositiveFinite
+from ann_dc.validation import PositiveFinite, checked
 from ann_dc.weights.manifest import Table
 
 FORMAT = "ann_dc analog computer"

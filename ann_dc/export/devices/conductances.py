@@ -40,8 +40,7 @@ from ann_dc.export.devices.sidecar import (
 from ann_dc.export.reference.sidecar import file_of, notes_of
 from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Index, PositiveFinite
+from ann_dc.validation import Index, PositiveFinite, checked
 from ann_dc.weights.manifest import Table
 
 FORMAT = "ann_dc conductances"

@@ -17,7 +17,7 @@ from ann_dc.export.drawings import check_structure, document_of
 from ann_dc.export.drawings.checking import VECTOR, read_vector
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 TEX = "equations.tex"
 

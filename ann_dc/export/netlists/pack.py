@@ -31,7 +31,7 @@ from ann_dc.export.netlists.parts import (
 from ann_dc.export.reference.sidecar import check_sums, check_vector, text_of, vector_of, with_sums
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 ZIP, PARTS = "pack.zip", "parts.csv"
 LARGEST, DENSEST = 50_000_000, 50

@@ -20,7 +20,7 @@ from ann_dc.export.reference.sidecar import check_vector
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.export.runtimes.sidecar import Beside, notes_on, read_beside
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 if TYPE_CHECKING:
     import torch

@@ -18,8 +18,7 @@ from ann_dc.hardware.circuit.circuit import Parameter, Quantity
 from ann_dc.hardware.circuit.deviations import draw
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.schematic.elements import Generator
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import PositiveFinite, Share
+from ann_dc.validation import PositiveFinite, Share, checked
 
 TRIMMED = (Kind.OFFSET, Kind.GAIN, Kind.PRODUCT_OFFSET)
 """Kinds of quantities that are trimmed; resistors are bought with the required tolerance."""

@@ -29,8 +29,7 @@ from ann_dc.fidelity.noise_run import control_noise, noisy
 from ann_dc.fidelity.prediction import REPELS, not_emulated
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.progress import Progress
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count, PositiveFinite, Share
+from ann_dc.validation import Count, PositiveFinite, Share, checked
 from ann_dc.yields import Yield
 
 BEST = 1.05
