@@ -8,9 +8,7 @@ import collections.abc as abc
 import enum
 import inspect
 from collections.abc import Callable
-from typing import TypeVar
-
-import numpy as np
+from typing import Any, TypeVar
 
 _Class = TypeVar("_Class", bound=type)
 
@@ -216,9 +214,14 @@ def class_words(kind: type) -> str:
     return _with_article(kind.__name__) + example
 
 
-def given_words(given: object) -> str:
+def given_words(given: Any) -> str:
     """Return the description of a given value in error messages."""
-    if given is None or isinstance(given, (bool, int, float, complex, np.generic, enum.Enum)):
+    code = getattr(getattr(given, "dtype", None), "kind", "")  # NumPy is not loaded for it
+    shape = getattr(given, "shape", ()) if code else ()
+    if shape:
+        kind = "an array" if code in "fiu" else f"an array of {given.dtype}"
+        return f"{kind} of shape {shape}"
+    if code or given is None or isinstance(given, (bool, int, float, complex, enum.Enum)):
         return repr(given)
     if isinstance(given, (str, bytes)):
         text = repr(given[:_LONGEST_TEXT]) + ("..." if len(given) > _LONGEST_TEXT else "")
@@ -226,9 +229,6 @@ def given_words(given: object) -> str:
     if isinstance(given, type) or inspect.isroutine(given):
         kind = "class" if isinstance(given, type) else "function"
         return f"the {kind} {getattr(given, '__name__', given)}"
-    if isinstance(given, np.ndarray):
-        kind = "an array" if given.dtype.kind in "fiu" else f"an array of {given.dtype}"
-        return f"{kind} of shape {given.shape}"
     name = type(given).__name__
     if isinstance(given, abc.Collection) and type(given).__module__ == "builtins":
         return f"{_with_article(name)} of {len(given)}" if given else f"an empty {name}"

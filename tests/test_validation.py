@@ -148,7 +148,7 @@ REFUSED = [
     (tuple[int, str], (1,), "expected a tuple of 2, got a tuple of 1"),
     (Sequence[float], [1, "x"], "given[1]: expected a number, got the text 'x'"),
     (Sequence[Dog], Dog, "expected a sequence of Dog, got the class Dog"),
-    (Sequence[float], np.array(1.0), "expected a sequence, got an array of shape ()"),
+    (Sequence[float], np.array(1.0), "expected a sequence, got array(1.)"),
     (Mapping[str, float], {1: 1.0}, "expected text for a key, got 1"),
     (Mapping[str, float], {"a": {}}, "given[a]: expected a number, got an empty dict"),
     (Callable[[int], int], dict, "expected a function, got the class dict"),
