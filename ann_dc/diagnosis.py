@@ -14,14 +14,13 @@ import numpy as np
 
 from ann_dc.analysis.saddle import RowShadow
 from ann_dc.analysis.slowness import LIMIT, SHOWN, Cause, Mode, Slowness, slowness_of
-from ann_dc.errors import DesignError
+from ann_dc.errors import DesignError, such_as
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.trial_run import Candidate
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.si_prefixes import counted
 from ann_dc.solution.solution import Solution
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import such_as
+from ann_dc.validation import checked
 
 NEAR = 2.0
 """Factor to the limit within which no remedy is worthwhile."""

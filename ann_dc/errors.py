@@ -1,8 +1,19 @@
-"""Error types of the package.
+"""Error types of the package, and words for their messages.
 
 Every error inherits from `AnnDcError` and from the matching builtin exception. Its message names
 the field, the given value and a remedy.
 """
+
+import collections.abc as abc
+import enum
+import inspect
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+_Class = TypeVar("_Class", bound=type)
+
+_EXAMPLES: dict[type, str] = {}
+_LONGEST_TEXT = 40  # characters of a given text in a message
 
 
 class AnnDcError(Exception):
@@ -187,3 +198,46 @@ class RawFileError(SpiceError, FileFormatError):
 
 class RangeWarning(UserWarning):
     """Issued if an input lies outside the ranges for which a network was designed."""
+
+
+def such_as(example: str) -> Callable[[_Class], _Class]:
+    """Declare an example of a class, such as "ann_dc.plants.car()", for error messages."""
+
+    def keep(kind: _Class) -> _Class:
+        _EXAMPLES[kind] = example
+        return kind
+
+    return keep
+
+
+def class_words(kind: type) -> str:
+    """Return the description of an instance of a class in messages, with its example."""
+    if issubclass(kind, enum.Enum):
+        return f"one of {', '.join(map(str, kind))}"
+    example = f" such as {_EXAMPLES[kind]}" if kind in _EXAMPLES else ""
+    return _with_article(kind.__name__) + example
+
+
+def given_words(given: Any) -> str:
+    """Return the description of a given value in error messages."""
+    code = getattr(getattr(given, "dtype", None), "kind", "")  # NumPy is not loaded for it
+    shape = getattr(given, "shape", ()) if code else ()
+    if shape:
+        kind = "an array" if code in "fiu" else f"an array of {given.dtype}"
+        return f"{kind} of shape {shape}"
+    if code or given is None or isinstance(given, (bool, int, float, complex, enum.Enum)):
+        return repr(given)
+    if isinstance(given, (str, bytes)):
+        text = repr(given[:_LONGEST_TEXT]) + ("..." if len(given) > _LONGEST_TEXT else "")
+        return f"{'the text' if isinstance(given, str) else 'the bytes'} {text}"
+    if isinstance(given, type) or inspect.isroutine(given):
+        kind = "class" if isinstance(given, type) else "function"
+        return f"the {kind} {getattr(given, '__name__', given)}"
+    name = type(given).__name__
+    if isinstance(given, abc.Collection) and type(given).__module__ == "builtins":
+        return f"{_with_article(name)} of {len(given)}" if given else f"an empty {name}"
+    return _with_article(name)
+
+
+def _with_article(name: str) -> str:
+    return f"{'an' if name[:1] in 'AEIOaeio' else 'a'} {name}"

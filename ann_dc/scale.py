@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 class _Numbers(NamedTuple):

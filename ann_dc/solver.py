@@ -37,8 +37,7 @@ from ann_dc.solution.running import solution_of
 from ann_dc.solution.solution import Solution
 from ann_dc.synthesis import synthesis
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain, continuous
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count, NotEmpty, NotNegative, Own, Positive
+from ann_dc.validation import Count, NotEmpty, NotNegative, Own, Positive, checked
 
 OF_DESIGN = 0.7
 """Fraction of a time limit that the design may take; the rest is for the run of its network."""

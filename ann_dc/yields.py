@@ -11,8 +11,7 @@ import numpy as np
 from scipy.stats import beta
 
 from ann_dc.errors import StudyError
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Index, Share
+from ann_dc.validation import Index, Share, checked
 
 CONFIDENCE = 0.95
 

@@ -41,7 +41,7 @@ ORDER = (
 )
 """Rooms of the package, and modules that stand in it: imports go up this list, or stay inside."""
 
-LONGEST_CHAIN = 31
+LONGEST_CHAIN = 30
 """Modules of which each imports the next."""
 MOST_NAMES = 28
 """Names on the face of a room; tests import modules."""

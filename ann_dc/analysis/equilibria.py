@@ -15,8 +15,7 @@ from scipy.sparse.linalg import splu
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import State
+from ann_dc.validation import State, checked
 
 NEWTON_STEPS = 20
 """Largest number of Newton steps; a settled state needs two or three."""

@@ -15,7 +15,7 @@ from typing import NamedTuple, final
 
 import numpy as np
 
-from ann_dc.validation.values import such_as
+from ann_dc.errors import such_as
 
 
 class Slope(NamedTuple):

@@ -26,8 +26,7 @@ from ann_dc.analysis.spectra import dense_flow
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import PositiveFinite, State
+from ann_dc.validation import PositiveFinite, State, checked
 
 LARGEST = 1500
 """Number of neurons up to which all modes are computed, in some seconds."""

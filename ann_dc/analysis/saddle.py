@@ -31,8 +31,7 @@ from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator, tape_with_penalty
 from ann_dc.evaluation.rules import DUAL, POSITION, PRIMAL, STATE
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import State
+from ann_dc.validation import State, checked
 
 # ---- the saddle problem at a settled point: H, A, and how strongly the multipliers answer a push
 

@@ -22,7 +22,7 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM, reading
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 @checked

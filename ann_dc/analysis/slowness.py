@@ -35,8 +35,7 @@ from ann_dc.analysis.saddle import RowShadow, Saddle, penalty_threshold, saddle_
 from ann_dc.analysis.spectra import Spectrum, slowest_modes, spectrum
 from ann_dc.errors import NetworkError
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import State
+from ann_dc.validation import State, checked
 
 LIMIT = 2.0
 """Stiffness ratio of the exact preconditioner, for every problem."""

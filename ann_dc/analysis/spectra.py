@@ -37,8 +37,7 @@ from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ArrayLayout, Preconditioner, PreconditionerKind
 from ann_dc.progress import Paced, Progress, silent
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count, State
+from ann_dc.validation import Count, State, checked
 
 # ---- the ends of a large network's spectrum, by Arnoldi iterations on J = M d drive / dx
 

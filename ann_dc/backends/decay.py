@@ -10,8 +10,7 @@ import numpy as np
 
 from ann_dc.backends.settling import last_exit
 from ann_dc.backends.trajectory import Trajectory
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import PositiveFinite
+from ann_dc.validation import PositiveFinite, checked
 
 FEWEST = 5
 """Smallest number of residuals in a tail for which a rate is computed."""

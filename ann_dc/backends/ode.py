@@ -47,8 +47,7 @@ from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
 from ann_dc.progress import Paced, Progress, Stopped, silent
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count, Index, Positive
+from ann_dc.validation import Count, Index, Positive, checked
 
 CRAWL = 1000
 """Number of steps that together must cover at least one fastest time constant (of the start)."""

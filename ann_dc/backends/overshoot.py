@@ -6,7 +6,7 @@ import numpy as np
 
 from ann_dc.backends.integration.exits import LOOKS
 from ann_dc.backends.trajectory import Trajectory, control_values
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 STAYS = 1e-6
 """Smallest net change of a control that counts as moving, relative to the largest final control."""

@@ -9,10 +9,10 @@ import numpy as np
 
 from ann_dc.backends.status import Status
 from ann_dc.backends.trajectory import Trajectory
+from ann_dc.errors import such_as
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Deadline
-from ann_dc.validation.values import such_as
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

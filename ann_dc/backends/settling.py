@@ -18,10 +18,9 @@ import numpy as np
 
 from ann_dc.backends.integration.exits import LOOKS, last_exit as last_exit, located_exit
 from ann_dc.backends.trajectory import Trajectory, control_values
-from ann_dc.errors import require_positive
+from ann_dc.errors import require_positive, such_as
 from ann_dc.evaluation.rules import size_of
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import PositiveFinite, such_as
+from ann_dc.validation import PositiveFinite, checked
 
 HEADWAY = 0.97
 """Ratio to the best residual of the last window that the best of a window must fall below."""

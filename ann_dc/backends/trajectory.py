@@ -16,10 +16,9 @@ import numpy as np
 from ann_dc.backends.curves import Curves, Tabulated
 from ann_dc.backends.integration.methods import Between, Known
 from ann_dc.dataclass_pickling import Record
-from ann_dc.errors import NetworkError
+from ann_dc.errors import NetworkError, such_as
 from ann_dc.evaluation.rules import size_in_words, size_of
 from ann_dc.network.network import Network
-from ann_dc.validation.values import such_as
 
 SAMPLES = 2000
 """Number of states stored per run; larger records are thinned to every second state."""

@@ -22,12 +22,11 @@ from ann_dc.decomposition.drift import at_rest, drift_and_drive
 from ann_dc.decomposition.form import CORRECTED, CostWeight, Form, LowerForm
 from ann_dc.decomposition.inequalities import InequalityRow, end_rows, pressed, stage_rows
 from ann_dc.decomposition.symbols import fresh, rounded
-from ann_dc.errors import FormError
+from ann_dc.errors import FormError, such_as
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.step_length import StepLength
 from ann_dc.timing import phase
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import NotEmpty, such_as
+from ann_dc.validation import NotEmpty, checked
 
 
 @checked

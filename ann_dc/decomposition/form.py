@@ -9,9 +9,8 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, replace
 
-from ann_dc.errors import UnknownNameError
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import such_as
+from ann_dc.errors import UnknownNameError, such_as
+from ann_dc.validation import checked
 
 
 class CostWeight(enum.Enum):

@@ -12,7 +12,7 @@ import sympy as sp
 from ann_dc.decomposition.equations import StageEquations
 from ann_dc.decomposition.inequalities import InequalityRow
 from ann_dc.decomposition.symbols import rounded
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 @checked

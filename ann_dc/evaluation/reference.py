@@ -26,7 +26,7 @@ from ann_dc.evaluation.tape import (
 )
 from ann_dc.network.functions import FUNCTIONS
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 @checked

@@ -13,12 +13,11 @@ from typing import Annotated
 
 import numpy as np
 
-from ann_dc.errors import NetworkError
+from ann_dc.errors import NetworkError, such_as
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.variant_wiring import require_one_wiring
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import NotEmpty, Own, such_as
+from ann_dc.validation import NotEmpty, Own, checked
 
 
 @such_as("numbers_of(networks)")

@@ -36,7 +36,7 @@ from ann_dc.export.weight_files import weights_check, weights_files
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 from ann_dc.si_prefixes import counted
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 from ann_dc.weights.hashes import content_hash, wiring_hash
 from ann_dc.weights.network_file import load
 

@@ -34,7 +34,7 @@ from ann_dc.export.reference.vector import ReferenceVector, reference_vector
 from ann_dc.files import Lock, as_output_error, make_folder, write_whole
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 LOCK = ".lock"
 """File in a folder that marks a writer while it is active."""

@@ -18,7 +18,7 @@ from ann_dc.export.reference.csv_tables import csv_text
 from ann_dc.export.reference.sidecar import MANIFEST, check_vector, walked
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 from ann_dc.weights.entries import NUMBER, Entries, Stored
 from ann_dc.weights.matrix import to_csv
 from ann_dc.weights.network_file import written

@@ -10,7 +10,7 @@ from ann_dc.export.reference.contents import file_of, text_of
 from ann_dc.export.reference.sidecar import MANIFEST, check_vector, walked
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 from ann_dc.weights.hashes import check_hashes
 from ann_dc.weights.manifest import read_manifest
 from ann_dc.weights.network_file import packed, unpacked, written

@@ -16,8 +16,7 @@ from ann_dc.errors import ProblemError, UnknownNameError
 from ann_dc.network.inputs import drawn_values, input_batch, moved_starts
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Own
+from ann_dc.validation import Own, checked
 
 Sample = dict[str, np.ndarray]
 """Value (N,) of every input of the operating range, in the user's units."""

@@ -25,7 +25,7 @@ import numpy as np
 from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.decomposition.equations import decompose
-from ann_dc.errors import DesignError
+from ann_dc.errors import DesignError, such_as
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.families.family import Family, Over, Sample, family_of
 from ann_dc.families.race import LIMIT, ROUNDS, Runner, entered, raced, run_on, run_sample
@@ -42,8 +42,7 @@ from ann_dc.progress import Progress, silent
 from ann_dc.solution.knowledge import knowledge_of
 from ann_dc.solution.solution import certificate_of
 from ann_dc.synthesis.synthesis import synthesize
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Own, such_as
+from ann_dc.validation import Own, checked
 
 # ---- validation: on inputs that no choice has seen, what share settles to a certified optimum?
 

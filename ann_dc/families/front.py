@@ -35,8 +35,7 @@ from ann_dc.problem.minimax import weights_of
 from ann_dc.progress import Progress, silent
 from ann_dc.solution.solution import certificate_of
 from ann_dc.synthesis.synthesis import synthesize
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import NotEmpty, Own
+from ann_dc.validation import NotEmpty, Own, checked
 
 REGULAR = 0.02
 """Regularisation weight of all objectives in the search for the ideal point, relative to the size

@@ -34,8 +34,7 @@ from ann_dc.solution.knowledge import knowledge_of
 from ann_dc.solution.solution import Solution, certificate_of
 from ann_dc.synthesis.row import start_values
 from ann_dc.synthesis.synthesis import synthesize
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import NotEmpty, Own
+from ann_dc.validation import NotEmpty, Own, checked
 
 NEAR_ONE_OPTIMUM = (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
 """Preconditioner kinds derived from the optimum of the design, at which few others are stable."""

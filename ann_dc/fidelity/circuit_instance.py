@@ -27,7 +27,7 @@ from ann_dc.hardware.emulation.states import modes_at, settled_state
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OP_AMPS, SwitchedCapacitors
 from ann_dc.hardware.schematic.elements import Integrator
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 TRANSIENT = OdeBackend(verify=False, limit=1e6, most_steps=300_000)
 """Backend of the transient; the fastest poles are those of multipliers, far from the slowest."""

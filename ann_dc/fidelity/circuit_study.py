@@ -37,7 +37,7 @@ from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Progress, silent
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 @checked

@@ -20,7 +20,7 @@ from ann_dc.hardware.circuit.circuit import Parameter
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.datasheet import TYPICAL, Kind, Tolerances
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

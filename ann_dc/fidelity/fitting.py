@@ -29,7 +29,7 @@ from ann_dc.hardware.sizing.clamps import holding_margin
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 from ann_dc.scale import Scale
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 WIDER = (2**0.5, 2.0)
 """Tested widths of the multiplier intervals, relative to the reached values."""

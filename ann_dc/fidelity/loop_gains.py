@@ -32,8 +32,7 @@ from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, PICell
 from ann_dc.hardware.schematic.schematic import Schematic
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import State
+from ann_dc.validation import State, checked
 
 LARGEST = 1500
 """Largest number of emulation neurons for which all modes are computed."""

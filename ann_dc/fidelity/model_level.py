@@ -22,7 +22,7 @@ from ann_dc.hardware.parts.levels import (
 )
 from ann_dc.hardware.schematic.saturation import with_rails
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 SLOWEST = 0.3
 """Step of the switched-capacitor level relative to the stability limit at the settled point."""

@@ -35,7 +35,7 @@ from ann_dc.hardware.emulation.noise_currents import (
 )
 from ann_dc.hardware.emulation.noise_inputs import noise_input, noisy_network
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 LARGEST = 1000
 """Largest number of emulation neurons whose noise is computed by default."""

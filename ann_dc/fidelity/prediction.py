@@ -26,7 +26,7 @@ from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.parts.conditions import NOMINAL
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 LARGEST = 6000
 """Largest number of emulation neurons for which the transient is run."""

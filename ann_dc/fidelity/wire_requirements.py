@@ -23,8 +23,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.schematic.preconditioner_wiring import PreconditionerWiring, wiring_of
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import State
+from ann_dc.validation import State, checked
 
 WORSE = 2.0
 """Allowed factor on the time of the slowest mode."""

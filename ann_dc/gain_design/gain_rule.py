@@ -57,13 +57,12 @@ from typing import Annotated
 import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation, MeanLinearisation
-from ann_dc.errors import DesignError, UnknownNameError, require_positive
+from ann_dc.errors import DesignError, UnknownNameError, require_positive, such_as
 from ann_dc.gain_design.coarse_gains import diode_weights, pressed_weights, pyramid
 from ann_dc.gain_design.gains import Gains, row_with
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.network.preconditioners.diagonal import Diagonal
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Own, such_as
+from ann_dc.validation import Own, checked
 
 MEASURING = 2.0
 """1 / tau of the neurons that measure objectives."""

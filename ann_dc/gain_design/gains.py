@@ -13,15 +13,14 @@ from typing import Annotated
 
 import numpy as np
 
-from ann_dc.errors import DesignError, UnknownNameError
+from ann_dc.errors import DesignError, UnknownNameError, such_as
 from ann_dc.evaluation.preconditioner_arrays import preconditioner_arrays
 from ann_dc.evaluation.reference import tape_with_penalty
 from ann_dc.evaluation.tape import Tape
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ArrayLayout, Preconditioner
 from ann_dc.network.preconditioners.diagonal import Diagonal
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import FloatOrNan, OrNan, Shape, such_as
+from ann_dc.validation import FloatOrNan, OrNan, Shape, checked
 
 
 @such_as("ann_dc.manual_gains(network)")

@@ -12,7 +12,7 @@ from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.trial_run import PATIENCE, TOLERANCE, TRANSIENT, Pace, run_with_constants
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 SHARES = (0.05, 0.15)
 """Deviations of initial guesses and initial states, relative to each neuron's range."""

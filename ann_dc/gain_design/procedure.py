@@ -24,7 +24,7 @@ from ann_dc.analysis.linearisation import Linearisation
 from ann_dc.analysis.objectives import Objective
 from ann_dc.analysis.saddle import threshold_of
 from ann_dc.analysis.spectra import Spectrum
-from ann_dc.errors import DesignError
+from ann_dc.errors import DesignError, such_as
 from ann_dc.gain_design.choice import Choice, FoundChoice
 from ann_dc.gain_design.gain_rule import GAIN_RULES, GainRule, recipe_of_first_run
 from ann_dc.gain_design.gains import Gains, apply_gains
@@ -38,8 +38,7 @@ from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ALL_KINDS, Kinds, PreconditionerKind, several
 from ann_dc.progress import Progress, Stopped, silent
 from ann_dc.timing import phase
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Own, such_as
+from ann_dc.validation import Own, checked
 
 ALTERNATIVES = 2
 """Number of other gains that are run if those of a design settle elsewhere."""

@@ -15,8 +15,7 @@ from ann_dc.navigation.planner import Plan, Planner, Situation
 from ann_dc.navigation.safety_filter import SafetyFilter
 from ann_dc.navigation.scenario import Scenario
 from ann_dc.progress import Progress, silent
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count
+from ann_dc.validation import Count, checked
 
 SHIELD = SafetyFilter()
 """Default safety filter of a closed-loop run."""

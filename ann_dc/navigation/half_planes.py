@@ -23,8 +23,7 @@ import numpy as np
 
 from ann_dc.navigation.obstacles import Obstacle
 from ann_dc.problem.robot_planning import LINEAR, NONLINEAR
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count, NotNegative
+from ann_dc.validation import Count, NotNegative, checked
 
 CROSSED = 0.9
 """Fraction of an obstacle's reach below which a passing path counts as crossing."""

@@ -40,8 +40,7 @@ from ann_dc.problem.robot_planning import Planning, planning_problem
 from ann_dc.problem.soft import Soft
 from ann_dc.progress import Progress, silent
 from ann_dc.synthesis.synthesis import synthesize
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count, Positive
+from ann_dc.validation import Count, Positive, checked
 
 SOFT = Soft(weight=100.0, compliance=0.002)
 """Soft constraint: price above the gain from a violation, small compliance for dependent rows."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ann_dc.errors import such_as
 from ann_dc.navigation.planner import Plan, Situation
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count, NotNegative, Positive, such_as
+from ann_dc.validation import Count, NotNegative, Positive, checked
 
 STILL = 1e-6
 """Largest change of a state in one period for which a robot counts as stationary."""

@@ -8,11 +8,10 @@ from typing import Annotated
 
 import numpy as np
 
-from ann_dc.errors import ScenarioError
+from ann_dc.errors import ScenarioError, such_as
 from ann_dc.navigation.obstacles import Obstacle, disc
 from ann_dc.problem.robot import Robot, car_robot
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Index, Own, Positive, such_as
+from ann_dc.validation import Index, Own, Positive, checked
 
 
 @such_as("ann_dc.navigation.random_scenario(0)")

@@ -32,7 +32,7 @@ from ann_dc.files import read_table
 from ann_dc.navigation.obstacles import Obstacle, disc, polygon
 from ann_dc.navigation.scenario import Scenario
 from ann_dc.problem.robot import Robot, car_robot, unicycle_robot
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 ROBOTS: Mapping[str, Callable[..., Robot]] = {"car": car_robot, "unicycle": unicycle_robot}
 OBSTACLES: Mapping[str, Callable[..., Obstacle]] = {"discs": disc, "polygons": polygon}

@@ -28,8 +28,7 @@ from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.robot import Robot
 from ann_dc.problem.robot_planning import leg_problem
 from ann_dc.progress import Progress, silent
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count, Index, Positive
+from ann_dc.validation import Count, Index, Positive, checked
 
 PACE = 0.7
 """Design speed of a leg, as a fraction of the maximum speed."""

@@ -23,7 +23,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 Library: TypeAlias = Any
 """Array library: the module ``numpy`` or ``torch``."""

@@ -15,7 +15,7 @@ from typing import Annotated, TypeAlias
 import numpy as np
 
 from ann_dc.dataclass_pickling import Record
-from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.errors import NetworkError, UnknownNameError, such_as
 from ann_dc.network.cell import (
     ONE,
     Cell,
@@ -41,8 +41,7 @@ from ann_dc.network.preconditioners.base import (
 from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.scale import Scale
 from ann_dc.si_prefixes import counted
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import OrNan, Shape, such_as
+from ann_dc.validation import OrNan, Shape, checked
 
 # ---- what a network is wired of, as a table of text: in one cell, and in all of them
 

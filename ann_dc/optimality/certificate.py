@@ -33,8 +33,7 @@ from ann_dc.optimality.minimum import minimum_of
 from ann_dc.optimality.newton import step_of
 from ann_dc.optimality.soft_constraints import SoftRows
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import OrNan, Shape
+from ann_dc.validation import OrNan, Shape, checked
 
 StageStates: TypeAlias = Annotated[np.ndarray, Shape("problem.n", "problem.horizon"), OrNan()]
 

@@ -13,7 +13,7 @@ import scipy.linalg
 
 from ann_dc.optimality.expansion import Expansion
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 LARGEST_REDUCED = 2000
 """Number of control values above which the eigenvalue is not computed."""

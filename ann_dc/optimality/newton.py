@@ -29,7 +29,7 @@ from scipy.linalg import get_lapack_funcs
 
 from ann_dc.optimality.expansion import Expansion
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 (solve_band,) = get_lapack_funcs(("gbsv",), dtype=np.float64)
 

@@ -22,7 +22,7 @@ from ann_dc.errors import ProblemError
 from ann_dc.network.functions import ARITHMETIC, ELEMENTARY, FUNCTIONS, folded
 from ann_dc.optimality.soft_constraints import Slacks
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 _EXACT = {
     "print_time": False,

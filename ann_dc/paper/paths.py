@@ -8,8 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from ann_dc.solution.solution import Solution
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import OrNan, Shape
+from ann_dc.validation import OrNan, Shape, checked
 
 REACH = 1.6
 """Limit of x and y, relative to the largest target component, up to which a diverging run is drawn.

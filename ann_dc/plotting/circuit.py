@@ -25,7 +25,7 @@ from ann_dc.plotting.style import (
     quiet,
 )
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 COLOURS = {"q": BLUE, "u": VERMILION, "mu": PURPLE, "t": SKY, "beta": GREEN}
 

@@ -19,7 +19,7 @@ from ann_dc.plotting.style import (
     with_unit,
 )
 from ann_dc.solution.solution import Solution
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 @checked

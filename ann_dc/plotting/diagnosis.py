@@ -27,7 +27,7 @@ from ann_dc.plotting.style import (
     quiet,
 )
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 LINES = (BLUE, VERMILION, PURPLE, SKY, ORANGE, GREEN)
 """Colours of the leading neurons of a mode."""

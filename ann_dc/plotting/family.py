@@ -23,7 +23,7 @@ from ann_dc.plotting.style import (
     with_unit,
 )
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 PAIRS = 3
 """Number of pairs of inputs or objectives drawn."""

@@ -12,8 +12,7 @@ from ann_dc.fidelity.model_level import Group
 from ann_dc.plotting.circuit import LOWEST
 from ann_dc.plotting.style import BLUE, GREY, INK, VERMILION, caption, headline, new_figure, quiet
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import NotEmpty
+from ann_dc.validation import NotEmpty, checked
 
 
 @checked

@@ -13,7 +13,7 @@ from ann_dc.plotting.settling import settling
 from ann_dc.plotting.spectrum import spectrum
 from ann_dc.plotting.trajectory import trajectory
 from ann_dc.solution.solution import Solution
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 @checked

@@ -31,7 +31,7 @@ from ann_dc.plotting.style import (
     title,
 )
 from ann_dc.solution.solution import Solution
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 POPULATION = {
     "q": (BLUE, "-"),

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solution.solution import Solution
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, PURPLE, INK, GREY = "#56B4E9", "#CC79A7", "#222222", "#8A8A8A"

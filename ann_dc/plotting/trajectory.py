@@ -24,7 +24,7 @@ from ann_dc.plotting.style import (
 )
 from ann_dc.problem.bounds import NO_BOUND
 from ann_dc.solution.solution import Solution
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 HEADINGS = ("phi", "theta", "psi")
 """States drawn as arrows in the plane of x and y."""

@@ -20,7 +20,7 @@ import numpy as np
 import sympy as sp
 
 from ann_dc.dataclass_pickling import Record
-from ann_dc.errors import ProblemError
+from ann_dc.errors import ProblemError, such_as
 from ann_dc.problem.assumptions import bounds_assumed, check_inputs
 from ann_dc.problem.bounds import bounds_of, limits_of, rows_of
 from ann_dc.problem.carried_state import HandedOn
@@ -53,8 +53,7 @@ from ann_dc.problem.step_length import SCALE, StepLength, step_length
 from ann_dc.problem.units import Measured
 from ann_dc.scale import Scale
 from ann_dc.si_prefixes import counted
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import such_as
+from ann_dc.validation import checked
 
 HOLD = "hold_{}"
 """Input that weights the holding of a control at stages at which it has no effect

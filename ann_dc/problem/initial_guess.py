@@ -10,12 +10,11 @@ from typing import Annotated
 
 import numpy as np
 
-from ann_dc.errors import ProblemError
+from ann_dc.errors import ProblemError, such_as
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.domain import culprit, terms
 from ann_dc.problem.scales import straight_line
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Index, Shape, such_as
+from ann_dc.validation import Index, Shape, checked
 
 SPREAD = 0.1
 """Deviation of a random initial guess from the straight line, relative to the distance of the ends.

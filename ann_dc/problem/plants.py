@@ -31,7 +31,7 @@ from ann_dc.problem.vehicles import (
     unicycle,
     unicycle_soft_obstacle,
 )
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 @checked

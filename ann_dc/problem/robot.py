@@ -9,11 +9,10 @@ from functools import cached_property, lru_cache
 import numpy as np
 import sympy as sp
 
-from ann_dc.errors import ScenarioError
+from ann_dc.errors import ScenarioError, such_as
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.functions import ProblemFunctions
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import NotNegative, Positive, such_as
+from ann_dc.validation import NotNegative, Positive, checked
 
 
 @such_as("ann_dc.problem.car_robot()")

@@ -19,13 +19,13 @@ from functools import lru_cache
 
 import numpy as np
 
+from ann_dc.errors import such_as
 from ann_dc.problem.bounds import widths
 from ann_dc.problem.declaration import HOLD, OptimalControlProblem
 from ann_dc.problem.domain import into_domain, within_domain
 from ann_dc.problem.excursions import bridge_variance
 from ann_dc.scale import Scale
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import such_as
+from ann_dc.validation import checked
 
 NEARLY = 0.05
 """Span relative to the excursion below which the ends of a state nearly coincide."""

@@ -14,7 +14,7 @@ import sympy as sp
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.step_length import StepLength, step_length
 from ann_dc.problem.vehicles import HALF, car
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 @checked

@@ -70,7 +70,7 @@ from ann_dc.problem.inequality import PREFIXES
 from ann_dc.problem.relation_text import parse_relations
 from ann_dc.problem.step_length import StepLength
 from ann_dc.scale import Scale
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 REQUIRED = ("states", "controls", "dt", "horizon", "q_0")
 OPTIONAL = (

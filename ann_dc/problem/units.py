@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ann_dc.errors import UnknownNameError
 from ann_dc.problem.step_length import StepLength
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 class Measured:

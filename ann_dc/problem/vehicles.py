@@ -9,8 +9,7 @@ from __future__ import annotations
 import sympy as sp
 
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Finite
+from ann_dc.validation import Finite, checked
 
 HALF = sp.Rational(1, 2)
 

@@ -13,7 +13,7 @@ from ann_dc.optimality.certificate import Certificate
 from ann_dc.problem.serialisation import WrittenProblem, declared
 from ann_dc.solution.saved_result import opened_result
 from ann_dc.solution.solution import Solution
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 @checked

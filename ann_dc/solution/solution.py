@@ -17,7 +17,7 @@ from ann_dc.backends.status import Outcome, Status
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.dataclass_pickling import Record
 from ann_dc.decomposition.equations import StageEquations
-from ann_dc.errors import UnknownNameError
+from ann_dc.errors import UnknownNameError, such_as
 from ann_dc.evaluation.populations import kkt_point, neuron_values
 from ann_dc.gain_design.procedure import Design
 from ann_dc.network.network import Network
@@ -28,8 +28,7 @@ from ann_dc.problem.step_length import StepLength, mean_length, stage_times
 from ann_dc.si_prefixes import lasting
 from ann_dc.solution.saved_result import save_result
 from ann_dc.timing import phase
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import such_as
+from ann_dc.validation import checked
 
 
 @such_as("ann_dc.solve(problem)")

@@ -42,8 +42,7 @@ from ann_dc.study.table import Table
 from ann_dc.study.tasks import Task, attempted
 from ann_dc.study.work import Work, versions
 from ann_dc.study.worker import stop_script
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count, Index, Positive
+from ann_dc.validation import Count, Index, Positive, checked
 from ann_dc.yields import ends_of
 
 WHOLE = ("problem.N", "seed")

@@ -41,7 +41,7 @@ from ann_dc.study.metrics import DEFAULT
 from ann_dc.study.sampling import Sampling, Span
 from ann_dc.study.settings import subject_from
 from ann_dc.study.study import LAYOUT, Study
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 SAMPLINGS = {sampling.value: sampling for sampling in Sampling}
 PLAIN = {

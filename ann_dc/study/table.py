@@ -14,7 +14,7 @@ from ann_dc.errors import PandasMissing, UnknownNameError
 from ann_dc.study.records import FAILED, LOST, OUTCOME, TIMED_OUT, Row, Value
 from ann_dc.study.store import Store
 from ann_dc.study.yield_metrics import yield_of
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 from ann_dc.yields import Limit, Yield
 
 NO_RESULT = (FAILED, TIMED_OUT, LOST)

@@ -44,7 +44,7 @@ from ann_dc.synthesis.row import fixed_targets, input_scale, row_of, start_value
 from ann_dc.synthesis.signals import Signal, add, divided, scaled
 from ann_dc.synthesis.wiring import Wiring
 from ann_dc.timing import phase
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 DUALS = (("mu", "c", "m"), ("beta", "r", "b"))
 """Population, its residual, and the multiplier that replaces the population for all readers."""

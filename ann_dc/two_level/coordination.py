@@ -39,8 +39,7 @@ from ann_dc.two_level.upper_level import (
     OracleCoordinator,
     UpperLevel,
 )
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import State
+from ann_dc.validation import State, checked
 
 ROUNDING = 1e-9
 """Relative increase of Theta that counts as rounding."""

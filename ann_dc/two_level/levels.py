@@ -36,8 +36,7 @@ from ann_dc.two_level.lyapunov import Distances, Lyapunov
 from ann_dc.two_level.run import TwoLevelRun
 from ann_dc.two_level.sample import Sample, rows_of
 from ann_dc.two_level.upper_level import UpperLevel, distances_of
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Shape
+from ann_dc.validation import Shape, checked
 
 
 @checked

@@ -8,11 +8,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from ann_dc.errors import NetworkError, require_positive
+from ann_dc.errors import NetworkError, require_positive, such_as
 from ann_dc.network.network import Network
 from ann_dc.two_level.sample import Sample
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import such_as
+from ann_dc.validation import checked
 
 SMALLEST = 100 * float(np.finfo(float).eps)
 """Net inputs below which rounding dominates."""

@@ -22,8 +22,7 @@ from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.network.network import COORDINATION, Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.two_level.lyapunov import Lyapunov, lyapunov_of
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Shape
+from ann_dc.validation import Shape, checked
 
 
 @checked

@@ -14,8 +14,7 @@ import numpy as np
 from ann_dc.backends.status import Outcome
 from ann_dc.si_prefixes import counted
 from ann_dc.two_level.lyapunov import Distances, Lyapunov, printed_of
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import OrNan, Shape
+from ann_dc.validation import OrNan, Shape, checked
 
 
 @checked

@@ -36,13 +36,12 @@ from typing import Annotated
 
 import numpy as np
 
-from ann_dc.errors import DesignError, NetworkError
+from ann_dc.errors import DesignError, NetworkError, such_as
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator, tape_with_penalty
 from ann_dc.network.network import COORDINATION, Network
 from ann_dc.two_level.upper_gains import UpperMap
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import NotEmpty, NotNegative, Shape, State, such_as
+from ann_dc.validation import NotEmpty, NotNegative, Shape, State, checked
 
 STAGE_POPULATIONS = ("q", "u")
 """Populations of v_k."""

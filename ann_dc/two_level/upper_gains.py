@@ -25,8 +25,7 @@ from scipy.optimize import minimize
 from ann_dc.errors import DesignError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.network.network import COORDINATION, Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import State
+from ann_dc.validation import State, checked
 
 SINGULAR = 1e13
 """Condition number above which the lower level counts as singular."""

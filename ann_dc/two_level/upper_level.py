@@ -8,13 +8,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from ann_dc.errors import require_positive
+from ann_dc.errors import require_positive, such_as
 from ann_dc.two_level.lower_level import Closed, Linearised, LowerLevel
 from ann_dc.two_level.lyapunov import Distances, Lyapunov, lyapunov_of
 from ann_dc.two_level.oracle_gain import OracleGain
 from ann_dc.two_level.sample import Rows, Sample
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import such_as
+from ann_dc.validation import checked
 
 
 @such_as("ann_dc.two_level.NewtonCoordinator()")

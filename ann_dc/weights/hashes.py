@@ -17,7 +17,7 @@ import numpy as np
 
 from ann_dc.errors import FileFormatError
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 from ann_dc.weights.manifest import Table
 from ann_dc.weights.writing import arrays_of, manifest_of
 

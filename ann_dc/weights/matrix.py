@@ -11,7 +11,7 @@ from scipy import sparse
 
 from ann_dc.network.cell import ONE, Sum
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 LARGEST_TABLE = 200_000
 """Largest number of matrix entries written as a table; larger matrices are written as a list."""

@@ -53,7 +53,7 @@ from pathlib import Path
 from ann_dc.errors import FileFormatError, NetworkError, OutputError, UnknownNameError
 from ann_dc.files import read_whole, write_whole
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 from ann_dc.weights.hashes import hashes_of
 from ann_dc.weights.npz import BROKEN, NpzEntries, packed_entries
 from ann_dc.weights.reading import MAX_MANIFEST, network_of

@@ -9,9 +9,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, TSIT5_TABLEAU, Rows, Tableau
-from ann_dc.errors import ArgumentTypeError
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import PositiveFinite, given_words, such_as
+from ann_dc.errors import ArgumentTypeError, given_words, such_as
+from ann_dc.validation import PositiveFinite, checked
 
 SciPys: TypeAlias = Literal["RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA"]
 """Names of the `scipy.integrate` solvers; SciPy is imported only when one of them runs."""

@@ -29,8 +29,7 @@ from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
 from ann_dc.progress import Progress, Stopped, silent
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count, Index
+from ann_dc.validation import Count, Index, checked
 
 LARGEST_CURVE = 40_000_000
 """Largest count of state values that a run records."""

@@ -42,8 +42,7 @@ from ann_dc.hardware.sizing.bandwidth_margin import Sizing, cure, sized_circuit
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Progress, silent
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Index, PositiveFinite, Range
+from ann_dc.validation import Index, PositiveFinite, Range, checked
 
 NODE_LAG = 1e-3
 """Time constant of a grid's nodes, in the network's fastest time constants."""

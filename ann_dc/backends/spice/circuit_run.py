@@ -20,7 +20,7 @@ from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.trajectory import Trajectory, control_error
-from ann_dc.errors import NetworkError
+from ann_dc.errors import NetworkError, such_as
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import RESTING
@@ -29,8 +29,7 @@ from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, PICell
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import such_as
+from ann_dc.validation import checked
 
 OVERLOAD = 0.95
 """Fraction of full scale above which a node without rails counts as overloaded."""

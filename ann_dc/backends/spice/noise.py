@@ -18,7 +18,7 @@ from ann_dc.backends.spice.netlist.values import Nodes
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.noise_currents import Currents, Place
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 MACRO = {"models/macro/mul4q.lib", "models/board/mul4q.lib"}
 """Models of multipliers that have a pole to which noise can be added."""

@@ -21,8 +21,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import SpiceError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.parts.datasheet import Datasheet
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count
+from ann_dc.validation import Count, checked
 
 FINER = 4
 """Ratio of the largest steps of a run and the next one."""

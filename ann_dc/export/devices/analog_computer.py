@@ -41,8 +41,7 @@ from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.lowering.stiffness_sums import reduction
 from ann_dc.lowering.writing import check_rails, program_of
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import PositiveFinite
+from ann_dc.validation import PositiveFinite, checked
 from ann_dc.weights.manifest import Table
 
 FORMAT = "ann_dc analog computer"

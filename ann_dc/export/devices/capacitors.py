@@ -34,8 +34,7 @@ from ann_dc.export.reference.sidecar import beside, network_and_vector, notes_of
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import NotNegative, PositiveFinite
+from ann_dc.validation import NotNegative, PositiveFinite, checked
 
 FORMAT = "ann_dc capacitors"
 SCHEMA = 1

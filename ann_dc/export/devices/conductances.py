@@ -36,8 +36,7 @@ from ann_dc.export.reference.csv_tables import csv_text, rows_by_connection
 from ann_dc.export.reference.sidecar import beside, network_and_vector, notes_of
 from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Index, PositiveFinite
+from ann_dc.validation import Index, PositiveFinite, checked
 from ann_dc.weights.manifest import Table
 
 FORMAT = "ann_dc conductances"

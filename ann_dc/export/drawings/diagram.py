@@ -9,7 +9,7 @@ from ann_dc.export.drawings.labels import short_names
 from ann_dc.export.drawings.page import told_of
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 FORM = "diagram"
 PAGES = {"cell": cell_page, "chain": chain_page}

@@ -28,7 +28,7 @@ from ann_dc.network.cell import ONE, Block, Connection, Product, Sum
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.si_prefixes import counted
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 from ann_dc.weights.hashes import content_hash, wiring_hash
 
 TEX = "equations.tex"

@@ -11,7 +11,7 @@ from ann_dc.hardware.parts import presets
 from ann_dc.network.cell import Role
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 FORM = "schematic"
 

@@ -20,8 +20,7 @@ from ann_dc.export.fixed_point.readme_text import BEYOND_C99, C99
 from ann_dc.export.fixed_point.widths import Bits, fixed_point
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import PositiveFinite
+from ann_dc.validation import PositiveFinite, checked
 
 WIDTH = 96
 """Characters per line of numbers."""

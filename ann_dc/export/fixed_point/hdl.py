@@ -18,8 +18,7 @@ from ann_dc.export.fixed_point.widths import Bits, fixed_point
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.lowering.program import DRIVE, FUNCTION, PRODUCT, SUM, UPDATE
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import PositiveFinite
+from ann_dc.validation import PositiveFinite, checked
 
 CLOCKS = {PRODUCT: 7, FUNCTION: 9}
 """Clock cycles of an operation; other operations take one more cycle per edge."""

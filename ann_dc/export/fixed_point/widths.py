@@ -31,8 +31,7 @@ from ann_dc.export.fixed_point.sampling import Sample, confirmed, covered, held_
 from ann_dc.export.reference.vector import EARLY, ReferenceVector
 from ann_dc.lowering.program import FUNCTION, UPDATE
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import PositiveFinite, Range
+from ann_dc.validation import PositiveFinite, Range, checked
 
 WIDTHS = (8, 12, 16, 20, 24, 28, 32)
 """Widths that are tested if none is given."""

@@ -34,7 +34,7 @@ from ann_dc.export.reference.sidecar import check_vector
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.si_prefixes import counted
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 MEASURED = 0.999
 """Time of the control measurement relative to the end of the run."""

@@ -35,7 +35,7 @@ from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 Tree: TypeAlias = "str | list[Tree]"
 """S-expression: a text, or a list that begins with a word."""

@@ -26,7 +26,7 @@ from ann_dc.export.reference.contents import README, stated, with_sums
 from ann_dc.export.reference.sidecar import check_vector
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 ZIP, PARTS = "pack.zip", "parts.csv"
 LONGEST_README = 100_000

@@ -23,7 +23,7 @@ from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.functions import CODE
 from ann_dc.network.network import Network
 from ann_dc.si_prefixes import counted
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 MODULES, LEVEL = "network.va", "behavioural"
 GROUND = "gnd"

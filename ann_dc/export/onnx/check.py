@@ -12,7 +12,7 @@ from ann_dc.export.onnx.files import SETTLE, STEP, require
 from ann_dc.export.onnx.reading import names_of_inputs, read_model, read_vector, refused
 from ann_dc.export.reference.rounding import Precision, compare
 from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 END = {"float64": 1e-6, "float32": 1e-3}
 """Tolerance of the settled states."""

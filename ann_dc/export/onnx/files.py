@@ -11,7 +11,7 @@ from ann_dc.export.reference.rounding import Precision
 from ann_dc.export.reference.sidecar import check_vector
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 STEP, SETTLE = "step.onnx", "settle.onnx"
 

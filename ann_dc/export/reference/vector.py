@@ -21,8 +21,7 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import FileFormatError
 from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import PositiveFinite
+from ann_dc.validation import PositiveFinite, checked
 from ann_dc.weights.hashes import content_hash, wiring_hash
 from ann_dc.weights.manifest import Table, read_manifest
 

@@ -39,7 +39,7 @@ from ann_dc.export.runtimes.linear_form import linear_form
 from ann_dc.export.runtimes.nir_file import check_file
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 FORMAT = "ann_dc NIR graph"
 SCHEMA = 1

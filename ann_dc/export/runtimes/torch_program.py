@@ -19,7 +19,7 @@ from ann_dc.export.reference.rounding import TOLERANCES, Precision, compare
 from ann_dc.export.reference.sidecar import Beside, check_vector, notes_on, read_beside
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 if TYPE_CHECKING:
     import torch

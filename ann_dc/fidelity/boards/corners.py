@@ -26,7 +26,7 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.parts.conditions import CORNERS, NOMINAL, ROOM, Conditions
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 TEMPERATURES = (-40.0, ROOM, 125.0)
 """Temperatures in degrees Celsius: the limits of the industrial range and room temperature."""

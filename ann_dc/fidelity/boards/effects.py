@@ -26,8 +26,7 @@ from ann_dc.hardware.parts.levels import Level, macro
 from ann_dc.hardware.parts.parasitics import Parasitics
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import PositiveFinite
+from ann_dc.validation import PositiveFinite, checked
 
 MARGIN, OHMS = 10.0, 10e3
 """Bandwidth margin and resistance (ohms) of the tested circuits: fast, ignoring parasitics."""

@@ -31,8 +31,7 @@ from ann_dc.fidelity.noise_run import control_noise
 from ann_dc.fidelity.prediction import CLOCKED, astray_of, not_emulated
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import NotNegative, Range
+from ann_dc.validation import NotNegative, Range, checked
 
 Bits = Annotated[int, Range(words="a whole number of bits, 1 to 32", low=1, high=32)]
 

@@ -26,7 +26,7 @@ from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.hardware.circuit.circuit import CLAMP_OFFSETS, Parameter, Quantity
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, Part
 from ann_dc.network.functions import function_block
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 HELD = {
     Quantity.GAIN: ((1, 1, 0.25), (1, -1, -0.25), (-1, 1, -0.25), (-1, -1, 0.25)),

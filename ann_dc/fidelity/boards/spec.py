@@ -10,8 +10,7 @@ import re
 from dataclasses import dataclass
 
 from ann_dc.errors import NetworkError
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Positive
+from ann_dc.validation import Positive, checked
 
 TERM = re.compile(r"(error|settle)\s*<=?\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(%|[munµμ]?s|)")
 """Pattern of a limit: quantity, value and unit."""

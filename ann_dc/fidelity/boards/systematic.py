@@ -14,7 +14,7 @@ import numpy as np
 from ann_dc.evaluation.rules import size_of
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.hardware.parts.parasitics import NONE, Parasitics
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 STILL = ("bias_doubling", "multiplier_noise", "amplifier_noise")
 """Parasitics that do not shift the controls by themselves, or only briefly."""

@@ -32,8 +32,7 @@ from ann_dc.hardware.circuit.deviations import draw
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.schematic.elements import Generator
 from ann_dc.progress import Progress
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count, PositiveFinite, Share
+from ann_dc.validation import Count, PositiveFinite, Share, checked
 from ann_dc.yields import Yield
 
 TRIMMED = (Kind.OFFSET, Kind.GAIN, Kind.PRODUCT_OFFSET)

@@ -28,8 +28,7 @@ from ann_dc.fidelity.circuit_study import (
 from ann_dc.fidelity.noise_run import control_noise, noisy
 from ann_dc.fidelity.prediction import Unpredicted, not_emulated, prediction_of, untimed
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count, Index
+from ann_dc.validation import Count, Index, checked
 from ann_dc.yields import Yield, within
 
 CLOSE = 0.1

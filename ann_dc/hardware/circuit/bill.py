@@ -25,7 +25,7 @@ from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 from ann_dc.hardware.schematic.elements import GridNode, Integrator, PICell
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 COLUMNS = ("cell", "component", "count", "value", "unit", "to buy", "deviation", "what")
 

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ann_dc.hardware.parts.datasheet import Datasheet
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import FloatOrNan
+from ann_dc.validation import FloatOrNan, checked
 
 OP_AMP, OTA, MULTIPLIER = "op amps", "transconductors", "multipliers"
 INNER = "multipliers in generators"

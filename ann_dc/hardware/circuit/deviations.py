@@ -16,8 +16,7 @@ from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.hardware.circuit.circuit import Circuit, Parameter, Quantity
 from ann_dc.hardware.parts.datasheet import Kind, Tolerances
 from ann_dc.hardware.parts.e_series import Series
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import FloatOrNan
+from ann_dc.validation import FloatOrNan, checked
 
 Deviations: TypeAlias = Mapping[str, FloatOrNan | np.ndarray]
 """Deviations of parameters by name."""

@@ -29,8 +29,7 @@ from ann_dc.hardware.schematic.elements import (
     Wire,
 )
 from ann_dc.hardware.schematic.preconditioner_wiring import OWN
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import State
+from ann_dc.validation import State, checked
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,7 +43,7 @@ from ann_dc.hardware.schematic.preconditioner_wiring import (
 from ann_dc.network.cell import ONE, Product
 from ann_dc.network.network import Network
 from ann_dc.scale import Scale
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 HEADROOM = 1.2
 """Ratio of full scale to the largest magnitude of the probe run."""

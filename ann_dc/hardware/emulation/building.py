@@ -26,7 +26,7 @@ from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier, 
 from ann_dc.hardware.schematic.saturation import check_rails
 from ann_dc.hardware.schematic.shared import check_shared
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 @checked

@@ -32,8 +32,7 @@ from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.network.cell import ONE, Block, Connection, Function, Sum
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import FloatOrNan, State
+from ann_dc.validation import FloatOrNan, State, checked
 
 FARTHEST = 30.0
 """Widths from a corner beyond which a diode is straight; its tail is below 1e-13 widths."""

@@ -34,7 +34,7 @@ from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.parts.parasitics import Parasitics
 from ann_dc.hardware.schematic.elements import Adder, Integrator, Multiplier, PICell
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 @checked

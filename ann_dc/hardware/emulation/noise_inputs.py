@@ -25,7 +25,7 @@ from ann_dc.hardware.emulation.noise_currents import Currents, Place, Source
 from ann_dc.hardware.schematic.elements import Integrator
 from ann_dc.network.cell import Connection
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 def noise_input(source: Source) -> str:

@@ -13,7 +13,7 @@ from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.schematic.elements import PICell
 from ann_dc.hardware.schematic.preconditioner_wiring import preconditioner_values
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 ALL_MODES = 3000
 """Largest number of neurons for which all modes are computed: exactly, in ten seconds."""

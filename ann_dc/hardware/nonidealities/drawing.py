@@ -15,8 +15,7 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.hardware.nonidealities.strengths import TIME_CONSTANTS, draws, require_finite
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import FloatOrNan, Index, NotEmpty
+from ann_dc.validation import FloatOrNan, Index, NotEmpty, checked
 
 
 @checked

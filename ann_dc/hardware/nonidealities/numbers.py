@@ -34,8 +34,7 @@ from ann_dc.network.selection import (
     connections_of,
     neurons_of,
 )
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import FloatOrNan, Index
+from ann_dc.validation import FloatOrNan, Index, checked
 
 
 @checked

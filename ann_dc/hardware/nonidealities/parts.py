@@ -14,8 +14,7 @@ from ann_dc.hardware.nonidealities.strengths import errors_of, require_strength
 from ann_dc.network.network import Network
 from ann_dc.network.rewiring import arrival, fresh, slewing, slowed, stopped, wire, with_wires
 from ann_dc.network.selection import EVERYWHERE, Selection, blocks_of, chosen, neurons_of
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import FloatOrNan
+from ann_dc.validation import FloatOrNan, checked
 
 
 @checked

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ann_dc.errors import NetworkError
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 ROOM = 27.0
 """Temperature in degrees Celsius of part data, and default for simulations."""

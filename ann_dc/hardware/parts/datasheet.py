@@ -13,12 +13,11 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 
-from ann_dc.errors import NetworkError
+from ann_dc.errors import NetworkError, such_as
 from ann_dc.hardware.parts.conditions import ROOM, Conditions
 from ann_dc.hardware.parts.parasitics import NONE, PRODUCT, MultiplierLaw, Parasitics
 from ann_dc.si_prefixes import engineering
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import such_as
+from ann_dc.validation import checked
 
 FOLLOWING = ("rails", "multiplier_rails", "amplifier_power", "multiplier_power")
 """Quantities proportional to the supplies."""

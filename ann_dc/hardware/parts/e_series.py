@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 _E24 = (
     *(1.0, 1.1, 1.2, 1.3, 1.5, 1.6, 1.8, 2.0, 2.2, 2.4, 2.7, 3.0),

@@ -6,7 +6,7 @@ from ann_dc.hardware.parts.datasheet import Datasheet, Kind, Tolerances
 from ann_dc.hardware.parts.generator_curves import Polynomial
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.parasitics import MultiplierLaw
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 TRANSLINEAR = MultiplierLaw(
     gain=(7920e-6, -5154e-6, 194e-6),

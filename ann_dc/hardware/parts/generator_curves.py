@@ -17,7 +17,7 @@ from scipy.optimize import linprog
 
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.parts.generator_stretch import GRID, Stretch
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 FINE = 10
 """Subdivision of each sampling interval when the error of a fit is evaluated."""

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from ann_dc.errors import NetworkError, require_positive
+from ann_dc.errors import NetworkError, require_positive, such_as
 from ann_dc.hardware.parts.board_models import (
     MACRO_PARAMETERS,
     check_parasitics,
@@ -32,8 +32,7 @@ from ann_dc.hardware.parts.technologies import (
 )
 from ann_dc.hardware.parts.transistors import transistor_sheet
 from ann_dc.network.preconditioners import base as contract
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import FloatOrNan, PositiveFinite, such_as
+from ann_dc.validation import FloatOrNan, PositiveFinite, checked
 
 
 @such_as("ann_dc.levels.macro()")

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, fields, replace
 
 from ann_dc.errors import NetworkError
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 LIMITING = {
     "second_pole": "Hz",

@@ -18,7 +18,7 @@ from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
 from ann_dc.hardware.parts.levels import MACRO_PARAMETERS, Level
 from ann_dc.hardware.parts.parasitics import Parasitics
 from ann_dc.resources import circuits_path
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 TOLERANCES = {
     "resistor_tolerance": "resistor",

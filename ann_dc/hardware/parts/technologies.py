@@ -16,7 +16,7 @@ import numpy as np
 from ann_dc.errors import NetworkError, require_positive
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.network.preconditioners import base as contract
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 FEED_FORWARD = tuple(
     kind

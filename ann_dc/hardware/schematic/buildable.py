@@ -7,7 +7,7 @@ from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 from ann_dc.network.preconditioners import base as contract
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 @checked

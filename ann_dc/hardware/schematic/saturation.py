@@ -13,7 +13,7 @@ from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OpAmps
 from ann_dc.network.network import Network
 from ann_dc.network.selection import clamped_rows
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 HIGHEST = 1.0
 """Largest full scale in volts for which limits are built.

@@ -16,7 +16,7 @@ from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OpAmps
 from ann_dc.network.cell import ONE, Block, Connection, Function, Product
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 
 def shared_nodes(network: Network) -> frozenset[str]:

@@ -41,8 +41,7 @@ from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.hardware.sizing.clamps import check_clamps, holding_margin
 from ann_dc.hardware.sizing.resistors import SHARE, fitting_resistor, two_digits
 from ann_dc.progress import Progress, silent
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import State
+from ann_dc.validation import State, checked
 
 HIGHEST = 1e4
 """Largest margin that is considered."""

@@ -26,8 +26,7 @@ from ann_dc.hardware.schematic.elements import Integrator
 from ann_dc.hardware.sizing.resistors import two_digits
 from ann_dc.network.cell import Limiter
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import State
+from ann_dc.validation import State, checked
 
 GIVEN = 0.7
 """Largest used fraction of the output swing of a clamp's op amp; its gain drops beyond."""

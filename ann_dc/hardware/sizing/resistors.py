@@ -23,7 +23,7 @@ from ann_dc.hardware.circuit.loads import heaviest
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import Adder, PICell
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 GROUND = 0.4
 """Largest ratio of op-amp bandwidth to the corner of the slowest virtual ground."""

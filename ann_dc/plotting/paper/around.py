@@ -12,7 +12,7 @@ from ann_dc.paper.around import APART, RADIUS, Around, obstacles, whole
 from ann_dc.plotting.paper.plane import Disc, Drawn, Panel, plane
 from ann_dc.plotting.paper.stages import controls_over_stages
 from ann_dc.plotting.style import BLUE, GREEN, INK, ORANGE, VERMILION, with_unit
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 COLUMNS = 3
 """Panels of a case: as printed, with segments (legs), with discs."""

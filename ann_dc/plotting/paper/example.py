@@ -12,7 +12,7 @@ from ann_dc.plotting.paper.plane import Drawn, Panel, plane
 from ann_dc.plotting.paper.stages import controls_over_stages
 from ann_dc.plotting.style import BLUE, GREY, INK, ORANGE, SKY, VERMILION, caption, with_unit
 from ann_dc.solution.solution import Solution
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 FADING = (SKY, ORANGE, GREY)
 HOLDS, PRINTED = "what holds", "what the printed equations give"

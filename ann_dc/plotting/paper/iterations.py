@@ -22,8 +22,7 @@ from ann_dc.plotting.style import (
     new_figure,
     quiet,
 )
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import NotEmpty, NotNegative, OrNan, Shape
+from ann_dc.validation import NotEmpty, NotNegative, OrNan, Shape, checked
 
 THIRD = 3
 """Iteration after which the paper reports convergence."""

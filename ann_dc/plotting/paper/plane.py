@@ -24,8 +24,7 @@ from ann_dc.plotting.style import (
     quiet,
     with_unit,
 )
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Finite, NotEmpty, OrNan, Positive, Shape
+from ann_dc.validation import Finite, NotEmpty, OrNan, Positive, Shape, checked
 
 OBSTACLE = "#D9D9D9"
 

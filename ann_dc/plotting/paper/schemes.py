@@ -11,8 +11,7 @@ from matplotlib.patches import Arc, FancyBboxPatch, Polygon
 
 from ann_dc.plotting.style import BLUE, GREEN, GREY, INK, ORANGE, VERMILION, headline, new_figure
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Finite, Positive
+from ann_dc.validation import Finite, Positive, checked
 
 WHEEL = 0.3, 0.09
 """Length and width of a wheel relative to the wheel base."""

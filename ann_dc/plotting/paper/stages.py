@@ -12,8 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ann_dc.plotting.paper.plane import Panel
 from ann_dc.plotting.style import INK, drawable, headline, legend_below, new_figure, quiet
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import NotEmpty
+from ann_dc.validation import NotEmpty, checked
 
 
 @checked

@@ -14,7 +14,7 @@ from ann_dc.files import write_whole
 from ann_dc.navigation.closed_loop import ClosedLoopRun
 from ann_dc.plotting.style import BLUE, SKY, headline, new_figure, quiet
 from ann_dc.plotting.worlds.journey import ends, patch_of
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 FRAMES_A_SECOND = 10
 DOTS = 70

@@ -26,7 +26,7 @@ from ann_dc.plotting.style import (
     new_figure,
     quiet,
 )
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 PLANS = 8
 """Number of plans drawn with the path."""

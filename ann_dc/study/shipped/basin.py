@@ -13,8 +13,7 @@ from ann_dc.study.records import Value
 from ann_dc.study.study import Study
 from ann_dc.study.table import Table
 from ann_dc.study.yield_metrics import SETTLED
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count, Index
+from ann_dc.validation import Count, Index, checked
 
 SPREADS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Spreads of random initial guesses around the interpolated one; a neuron is near one."""

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.study.study import Study
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count, Index
+from ann_dc.validation import Count, Index, checked
 
 METRICS = (
     "settling_time",

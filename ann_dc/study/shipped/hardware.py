@@ -13,8 +13,7 @@ from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.study.records import Value
 from ann_dc.study.study import Study
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import Count, Index
+from ann_dc.validation import Count, Index, checked
 
 BOARD: dict[str, Value] = {
     "circuit.level": "macro",

@@ -28,7 +28,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.network.inputs import input_batch, start_moves
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 from ann_dc.weights.hashes import frame_hash, wiring_hash
 
 

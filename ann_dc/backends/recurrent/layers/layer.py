@@ -23,7 +23,7 @@ from ann_dc.backends.settling import Settling, window_of
 from ann_dc.errors import require_positive
 from ann_dc.network.network import Network
 from ann_dc.progress import Paced, Progress, Stopped, silent
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 LONGER = AdaptiveStep(share=0.9, first=0.3)
 """Default step rule with acceleration: combinations of steps stabilise longer steps."""

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ann_dc.errors import require_positive
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import such_as
+from ann_dc.errors import require_positive, such_as
+from ann_dc.validation import checked
 
 
 @such_as("ann_dc.Anderson()")

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ann_dc.errors import NetworkError, UnknownNameError
+from ann_dc.errors import NetworkError, UnknownNameError, such_as
 from ann_dc.network.network import Network
-from ann_dc.validation.values import such_as
 
 NAMES = "simultaneous", "two-phase", "stage by stage"
 

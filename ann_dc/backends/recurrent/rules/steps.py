@@ -25,10 +25,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 from ann_dc.backends.lanes.recurrence import StepLengths as StepLengths
-from ann_dc.errors import require_positive
+from ann_dc.errors import require_positive, such_as
 from ann_dc.network.network import Network
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import such_as
+from ann_dc.validation import checked
 
 
 @such_as("ann_dc.FixedStep(step=0.1)")

@@ -11,11 +11,10 @@ import numpy as np
 
 from ann_dc.backends.spice.netlist.cell_text import number
 from ann_dc.backends.spice.pdk.files import PACKAGE
-from ann_dc.errors import require_positive
+from ann_dc.errors import require_positive, such_as
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import SwitchedCapacitors, Technology
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import such_as
+from ann_dc.validation import checked
 
 ACCURATE = "method=trap reltol=1e-4 abstol=1e-12 vntol=1e-7 pivrel=1e-9"
 """Options of a run that proves stability; a damped method would hide ringing."""

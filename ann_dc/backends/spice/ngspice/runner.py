@@ -21,12 +21,11 @@ from ann_dc.backends.spice.ngspice.folder import DECK, LOG, RAW, run_folder, wri
 from ann_dc.backends.spice.ngspice.outcome import check_end, check_finite, checked_outcome
 from ann_dc.backends.spice.ngspice.process import Processes, find_ngspice
 from ann_dc.backends.spice.ngspice.raw import Raw
-from ann_dc.errors import OutputError, SpiceError, SpiceInputError
+from ann_dc.errors import OutputError, SpiceError, SpiceInputError, such_as
 from ann_dc.progress import Progress, silent
 from ann_dc.resources import cores
 from ann_dc.timing import phase
-from ann_dc.validation.checked import checked
-from ann_dc.validation.values import such_as
+from ann_dc.validation import checked
 
 FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+-]{0,99}")
 NO_FILES: Mapping[str, str] = MappingProxyType({})

@@ -23,7 +23,7 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import INNER, MULTIPLIER, OP_AMP
 from ann_dc.hardware.schematic.elements import Adder, Integrator, PICell
 from ann_dc.hardware.schematic.schematic import Schematic
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 SHEET = 2000.0
 """Sheet resistance of the poly resistors in ohms per square, ``rsheet`` of the PDK's

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ann_dc.errors import FileFormatError, UnknownNameError
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 PREFIX = "sky130_fd_pr__"
 """Prefix of the PDK's subcircuit names."""

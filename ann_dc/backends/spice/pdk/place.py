@@ -10,7 +10,7 @@ from ann_dc.backends.spice.pdk.excerpt import excerpt
 from ann_dc.backends.spice.pdk.files import PACKAGE, installed
 from ann_dc.hardware.parts.conditions import ROOM
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.validation.checked import checked
+from ann_dc.validation import checked
 
 INSTEAD = {
     "models/switch.lib": f"models/{PACKAGE}/switch.lib",

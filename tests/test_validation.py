@@ -21,16 +21,17 @@ from ann_dc.errors import (
     ArgumentValueError,
     DesignError,
     require_positive,
+    such_as,
 )
-from ann_dc.validation.checked import check_of, checked
-from ann_dc.validation.values import (
+from ann_dc.validation import (
     Count,
     FloatOrNan,
     NotEmpty,
     Own,
     PositiveFinite,
     Shape,
-    such_as,
+    check_of,
+    checked,
 )
 
 PROBLEM = ann_dc.plants.double_integrator(N=3)
@@ -147,6 +148,7 @@ REFUSED = [
     (tuple[int, str], (1,), "expected a tuple of 2, got a tuple of 1"),
     (Sequence[float], [1, "x"], "given[1]: expected a number, got the text 'x'"),
     (Sequence[Dog], Dog, "expected a sequence of Dog, got the class Dog"),
+    (Sequence[float], np.array(1.0), "expected a sequence, got array(1.)"),
     (Mapping[str, float], {1: 1.0}, "expected text for a key, got 1"),
     (Mapping[str, float], {"a": {}}, "given[a]: expected a number, got an empty dict"),
     (Callable[[int], int], dict, "expected a function, got the class dict"),

@@ -1,1 +1,0 @@
-from .checked import checked as checked
