@@ -50,6 +50,7 @@ from ann_dc.hardware.schematic.preconditioner_wiring import preconditioner_value
 from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.network.cell import ONE, Limiter
 from ann_dc.scale import IDENTITY, Scale
+from ann_dc.validation import such_as
 
 
 class Quantity(enum.Enum):
