@@ -1,15 +1,13 @@
 """Compiled formulas of all function blocks, and compiler settings of the package.
 
-`ann_dc.network.functions` has the same formulas for array libraries. The conformance tests of the
-evaluators check that both agree.
+The text of the formulas is written from the trees of `ann_dc.network.functions`.
 """
 
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,28 +16,35 @@ import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.jit_functions import callback, kept
-from ann_dc.network.functions import CODE, FUNCTIONS
+from ann_dc.network.functions import FUNCTIONS, NUMPY, OPERATIONS, Tree, written
 
-_SIN = CODE["sin"]
-_COS = CODE["cos"]
-_TAN = CODE["tan"]
-_EXP = CODE["exp"]
-_LOG = CODE["log"]
-_SQRT = CODE["sqrt"]
-_RECIPROCAL = CODE["reciprocal"]
-_TANH = CODE["tanh"]
-_SINH = CODE["sinh"]
-_COSH = CODE["cosh"]
-_ATAN = CODE["atan"]
-_ASIN = CODE["asin"]
-_ACOS = CODE["acos"]
-_RECTIFY = CODE["rectify"]
-WRITTEN = (
-    *("sin", "cos", "tan", "exp", "log", "sqrt", "reciprocal", "tanh", "sinh", "cosh"),
-    *("atan", "asin", "acos", "rectify"),
-)
+_FORMS = NUMPY | {"maximum": "max({}, {})", "where": "({1} if {0} else {2})"}
+"""Operations of trees in Python, as Numba compiles it."""
+
+
+def _trees() -> dict[int, tuple[Tree, Tree]]:
+    """Return value and slope by code, without the function blocks that cannot be traced."""
+    found: dict[int, tuple[Tree, Tree]] = {}
+    for code, block in enumerate(FUNCTIONS):
+        with suppress(NetworkError):  # raised by name where a network has the block
+            found[code] = block.trees
+    return found
+
+
+def _source() -> str:
+    """Return the text of two functions with one branch per function block."""
+    lines: list[str] = []
+    for head, place in (("value_at(code, x)", 0), ("slope_at(code, x, y)", 1)):
+        lines.append(f"def {head}:")
+        for code, trees in _trees().items():
+            formula = written(trees[place], {"x": "x", "y": "y"}, _FORMS)
+            lines += [f"    if code == {code}:", f"        return {formula}"]
+        lines.append("    return np.nan")
+    return "\n".join(lines)
+
+
+WRITTEN = frozenset(FUNCTIONS[code].name for code in _trees())
 """Function blocks that `value_at` and `slope_at` implement."""
-
 
 ROOMS = "evaluation", "backends/integration", "backends/lanes"
 """Folders with functions and records that are compiled into one another."""
@@ -51,7 +56,7 @@ def _folder() -> Path:
     Numba checks only the module of a function, and would otherwise reuse code that has inlined an
     older version of another module.
     """
-    package, sources = Path(__file__).parents[1], hashlib.sha256(repr(CODE).encode())
+    package, sources = Path(__file__).parents[1], hashlib.sha256(_source().encode())
     for room in ROOMS:
         for module in sorted((package / room).rglob("*.py")):
             sources.update(module.read_bytes())
@@ -112,79 +117,22 @@ index = np.uint64
 def check_written(codes: Iterable[int]) -> None:
     """Raise `NetworkError` if the compiled formulas lack a function block.
 
-    The codes are those of `CODE`. The message names the function block.
+    The codes are those of `ann_dc.network.functions.CODE`. The message names the function block.
     """
-    for name in (FUNCTIONS[code].name for code in codes):
-        if name not in WRITTEN:
+    for block in (FUNCTIONS[code] for code in codes):
+        if block.name not in WRITTEN:
             raise NetworkError(
-                f"function block {name!r}: the interpreted evaluator and fixed-point programs have "
-                f"no formula for it; add one to value_at and slope_at of {__name__}"
+                f"function block {block.name!r}: the interpreted evaluator and fixed-point "
+                f"programs have no formula for it; write it with {', '.join(OPERATIONS)}"
             )
 
 
-@inner
-def value_at(code, x):  # noqa: C901 - one line a function block
-    """Return f(x) of the function block with a code."""
-    if code == _SIN:
-        return math.sin(x)
-    if code == _COS:
-        return math.cos(x)
-    if code == _TAN:
-        return math.tan(x)
-    if code == _EXP:
-        return np.exp(x)
-    if code == _LOG:
-        return np.log(x)
-    if code == _SQRT:
-        return np.sqrt(x)
-    if code == _RECIPROCAL:
-        return 1.0 / x
-    if code == _TANH:
-        return math.tanh(x)
-    if code == _SINH:
-        return np.sinh(x)
-    if code == _COSH:
-        return np.cosh(x)
-    if code == _ATAN:
-        return math.atan(x)
-    if code == _ASIN:
-        return np.arcsin(x)
-    if code == _ACOS:
-        return np.arccos(x)
-    if code == _RECTIFY:
-        return max(x, 0.0)
-    return np.nan
+def _compiled_formulas() -> tuple[Any, Any]:
+    """Compile `value_at` and `slope_at`; the cache files them under this module."""
+    names: dict[str, Any] = {"np": np, "__name__": __name__}
+    exec(compile(_source(), __file__, "exec"), names)
+    return inner(names["value_at"]), inner(names["slope_at"])
 
 
-@inner
-def slope_at(code, x, y):  # noqa: C901 - one line a function block
-    """Return df/dx of the function block with a code at x, with y = f(x)."""
-    if code == _SIN:
-        return math.cos(x)
-    if code == _COS:
-        return -math.sin(x)
-    if code == _TAN:
-        return 1.0 + y * y
-    if code == _EXP:
-        return y
-    if code == _LOG:
-        return 1.0 / x
-    if code == _SQRT:
-        return 0.5 / y
-    if code == _RECIPROCAL:
-        return -y * y
-    if code == _TANH:
-        return 1.0 - y * y
-    if code == _SINH:
-        return np.cosh(x)
-    if code == _COSH:
-        return np.sinh(x)
-    if code == _ATAN:
-        return 1.0 / (1.0 + x * x)
-    if code == _ASIN:
-        return 1.0 / np.sqrt(1.0 - x * x)
-    if code == _ACOS:
-        return -1.0 / np.sqrt(1.0 - x * x)
-    if code == _RECTIFY:
-        return 1.0 if x > 0.0 else 0.0
-    return np.nan
+value_at, slope_at = _compiled_formulas()
+"""Compiled f(x) by code and x, and df/dx by code, x and y = f(x)."""

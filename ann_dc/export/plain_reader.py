@@ -1,6 +1,9 @@
 """Text of a program that reads exported networks with NumPy alone, for READMEs."""
 
+from collections.abc import Iterable
 from string import Template
+
+from ann_dc.network.functions import ELEMENTARY, NUMPY, function_block, written
 
 ARRAYS = {
     "network.safetensors": """\
@@ -56,7 +59,7 @@ def moves(x):  # dx/ds (P, N)
     for b in m["blocks"]:
         f, read = b.get("function", b["kind"]), [value[b[e]][N + 1 : -N] for e in "abx" if e in b]
         own = {"product": np.multiply, "rectify": lambda x: np.maximum(x, 0), "sum": arriving,
-               "atan": np.arctan, "asin": np.arcsin, "acos": np.arccos}
+               $functions}
         node(b["name"], (own.get(f) or getattr(np, f))(*read or [b["name"]]))  # as NumPy calls f
     d = np.array([arriving(n) for n in names])
     d[shared, -1] = d[shared].sum(1)
@@ -96,14 +99,32 @@ def projected(x, d):  # v = M (d + r): currents r of diodes hold neurons at rail
 """Statements for networks with saturation limits at neurons that M couples."""
 
 
-def reader(file: str, *, is_clamped: bool = True) -> str:
+NAMED = ("rectify", "reciprocal")
+"""Function blocks that `NETWORK` or NumPy has by name, in addition to elementary ones."""
+
+
+def reader(file: str, *, is_clamped: bool = True, functions: Iterable[str] = ()) -> str:
     """Return a program that reads the weights in ``file`` and repeats the test vector.
 
     Set ``is_clamped`` if the preconditioner couples neurons that have saturation limits.
+    ``functions`` are the names of the network's function blocks. Raises `NetworkError` if the
+    formula of one of them has no tree.
     """
+    parts = PROJECTED if is_clamped else CUT
     return f"""\
 import collections, json, sys
 import numpy as np
 folder = (sys.argv[1:] or ["."])[0]
 m = json.load(open(folder + "/manifest.json", encoding="utf-8"))
-{ARRAYS[file]}{Template(NETWORK).substitute(PROJECTED if is_clamped else CUT)}"""
+{ARRAYS[file]}{Template(NETWORK).substitute(parts, functions=_functions(functions))}"""
+
+
+def _functions(used: Iterable[str]) -> str:
+    """Return the entries of functions that NumPy does not have under the name of their block."""
+    entries = [f'"{name}": np.{other}' for other, name in ELEMENTARY.items() if other != name]
+    lines = [", ".join(entries)]
+    for block in map(function_block, used):
+        if not block.is_elementary and block.name not in NAMED:
+            formula = written(block.trees[0], {"x": "x"}, NUMPY)
+            lines.append(f'"{block.name}": lambda x: {formula}')
+    return ",\n               ".join(dict.fromkeys(lines))

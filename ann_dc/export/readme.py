@@ -5,6 +5,7 @@ from __future__ import annotations
 from ann_dc.export.formats import Files, Format
 from ann_dc.export.plain_reader import ARRAYS, reader
 from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.network.cell import Function
 from ann_dc.network.network import Network
 from ann_dc.network.selection import clamped_rows
 
@@ -87,8 +88,9 @@ def readme(
 ) -> bytes:
     """Return a README for readers that have only the folder."""
     is_clamped = len(clamped_rows(network)) > 0
+    functions = [block.function for block in network.cell.blocks if isinstance(block, Function)]
     read = [
-        f"```python\n{reader(file, is_clamped=is_clamped)}```\n"
+        f"```python\n{reader(file, is_clamped=is_clamped, functions=functions)}```\n"
         for file in ARRAYS
         if name == "weights" and file in files
     ]

@@ -1,20 +1,21 @@
-"""Function blocks: smooth curves y = g(x) with derivative and domain.
+"""Function blocks: one record per curve y = g(x), read by every realisation.
 
 A formula is written once for every array library that has the elementary functions (NumPy, torch);
-the library is an argument. Code generators without a specific line for a block read the formula as
-a tree (`FunctionBlock.trees`). Compiled loops have a separate switch.
+the library is an argument. Traced with a library that records operations, a formula becomes a tree
+(`FunctionBlock.trees`). Compiled loops, generated code, ONNX, LaTeX, Verilog-A, SymPy and CasADi
+read this tree, and the adjoint half of a cell is wired from the tree of the slope. A realisation
+knows only the operations of trees, never the names of function blocks. It refuses a block by name
+if the tree contains an operation that it does not have.
 
-The derivative is given in two forms: `slope` as a number, for the Jacobian, and `derivative` as a
-wiring rule, for the adjoint half of a cell, in which g'(x) must be built from blocks. A wiring rule
-is a sum of terms (coefficient, factors). The factors ``"x"`` and ``"y"`` are the input and output
-of the block; any other is a function block on ``"x"`` or on ``"y"``, written ``"cos(x)"``.
-Derivatives that such a sum cannot express (atan, asin) are wired by the front end.
+A new block is a record in `FUNCTIONS` and, for circuits, a subcircuit ``func_<name>`` in
+``circuits/models/ideal/func.lib`` and ``circuits/models/macro/func.lib``.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import operator
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -32,7 +33,25 @@ ELEMENTARY = {
     name: name for name in ["sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "sinh", "cosh"]
 }
 ELEMENTARY |= {"arctan": "atan", "arcsin": "asin", "arccos": "acos"}
-"""Function blocks that a tree may apply, by what array libraries call them."""
+"""Elementary operations of trees, by the names that array libraries give them. C, LLVM, SymPy and
+CasADi use the names of the operations.
+"""
+ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
+    "add": operator.add,
+    "subtract": operator.sub,
+    "multiply": operator.mul,
+    "divide": operator.truediv,
+}
+CHOICES = ("maximum", "where", "at_most", "above")
+"""Operations max(a, b), in which nan in a passes, ``where(condition, a, b)``, a <= b and a > b."""
+OPERATIONS = (*ARITHMETIC, *CHOICES, *ELEMENTARY.values())
+"""All operations of trees."""
+INFIX = {"add": "{} + {}", "subtract": "{} - {}", "multiply": "{} * {}", "divide": "{} / {}"}
+INFIX |= {"at_most": "{} <= {}", "above": "{} > {}"}
+"""Forms of infix operators in most languages; see `written`."""
+NUMPY = INFIX | {operation: f"np.{name}({{}})" for name, operation in ELEMENTARY.items()}
+NUMPY |= {"maximum": "np.maximum({}, {})", "where": "np.where({}, {}, {})"}
+"""Forms of all operations in NumPy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +87,41 @@ class _Traced:
     def __neg__(self) -> _Traced:
         return _applied("multiply", -1.0, self)
 
+    def __le__(self, other: Any) -> _Condition:
+        return _Condition(("at_most", self.tree, _tree(other)))
+
+    def __gt__(self, other: Any) -> _Condition:
+        return _Condition(("above", self.tree, _tree(other)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Condition:
+    """Comparison of traced numbers, which has no use but in a choice."""
+
+    tree: Tree
+
 
 class _Trace:
-    """Array library of traced numbers."""
+    """Array library of traced numbers, all of which are real."""
+
+    @staticmethod
+    def real(x: _Traced) -> _Traced:
+        return x
+
+    @staticmethod
+    def ones_like(x: _Traced) -> float:
+        return 1.0
+
+    @staticmethod
+    def where(condition: _Condition, a: Any, b: Any) -> _Traced:
+        """Record a choice; ``where(b <= a, a, b)`` is a maximum in which nan in b passes."""
+        if condition.tree == ("at_most", _tree(b), _tree(a)):
+            return _applied("maximum", b, a)
+        return _Traced(("where", condition.tree, _tree(a), _tree(b)))
 
     def __getattr__(self, name: str) -> Callable[[Any], _Traced]:
         if name not in ELEMENTARY:
-            raise AttributeError(f"{name!r} is none of {', '.join(ELEMENTARY)}")
+            raise AttributeError(f"{name!r} is none of {', '.join(ELEMENTARY)}, where")
         return lambda x: _applied(ELEMENTARY[name], x)
 
 
@@ -86,22 +133,66 @@ def _tree(operand: Any) -> Tree:
     return operand.tree if isinstance(operand, _Traced) else float(operand)
 
 
-def folded(tree: Tree, leaf: Callable[[str | float], str], node: Callable[..., str]) -> str:
-    """Return the text of a tree, written from the leaves to the root.
+def folded(
+    tree: Tree,
+    given: Mapping[str, Any],
+    library: Mapping[str, Callable],
+    number: Callable[[float], Any] = float,
+) -> Any:
+    """Return the value of a tree, computed from the leaves to the root.
 
-    ``leaf`` gives the text of ``"x"``, ``"y"`` or a number. ``node`` gives the text of an operation
-    from its name and the texts of its operands. Operations are ``add``, ``subtract``, ``multiply``,
-    ``divide`` and the values of `ELEMENTARY`.
+    ``given`` has the meaning of ``"x"`` and ``"y"``, ``library`` a function per operation, and
+    ``number`` converts numbers.
 
     Examples
     --------
-    >>> value, slope = function_block("atan").trees
-    >>> folded(slope, str, lambda name, *operands: f"{name}({', '.join(operands)})")
-    'divide(1.0, add(1.0, multiply(x, x)))'
+    >>> folded(("divide", 1.0, "x"), {"x": 4.0}, ARITHMETIC)
+    0.25
     """
     if not isinstance(tree, tuple):
-        return leaf(tree)
-    return node(tree[0], *(folded(part, leaf, node) for part in tree[1:]))
+        return given[tree] if isinstance(tree, str) else number(tree)
+    return library[tree[0]](*(folded(part, given, library, number) for part in tree[1:]))
+
+
+def lacking(tree: Tree, known: Container[str]) -> str | None:
+    """Return the first operation of a tree that is not among the known ones, or None."""
+    if not isinstance(tree, tuple):
+        return None
+    found = None if tree[0] in known else tree[0]
+    return found or next(filter(None, (lacking(part, known) for part in tree[1:])), None)
+
+
+def written(
+    tree: Tree, given: Mapping[str, str], forms: Mapping[str, str], number: Callable = repr
+) -> str:
+    """Return the text of a tree in a language with infix operators.
+
+    Parameters
+    ----------
+    tree : Tree
+        Formula.
+    given : mapping of str to str
+        Texts of ``"x"`` and ``"y"``.
+    forms : mapping of str to str
+        Format string per operation. A form that begins with ``{}`` is an infix operator, whose
+        operands are enclosed in parentheses if they are infix operations themselves.
+    number : callable
+        Text of a number.
+
+    Examples
+    --------
+    >>> forms = {"add": "{} + {}", "multiply": "{} * {}", "divide": "{} / {}"}
+    >>> written(function_block("atan").trees[1], {"x": "u"}, forms)
+    '1.0 / (1.0 + (u * u))'
+    """
+    if not isinstance(tree, tuple):
+        return given[tree] if isinstance(tree, str) else number(tree)
+    is_infix = lambda part: isinstance(part, tuple) and forms[part[0]].startswith("{}")  # noqa: E731
+    texts = []
+    for part in tree[1:]:
+        text = written(part, given, forms, number)
+        texts.append(f"({text})" if is_infix(tree) and is_infix(part) else text)
+    return forms[tree[0]].format(*texts)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,20 +205,20 @@ class FunctionBlock:
         Name in expressions, netlists and files.
     formula, slope_formula : callable
         y = formula(library, x) and dy/dx = slope_formula(library, x, y).
-    derivative : tuple of (float, tuple of str), or None
-        dy/dx as a sum of products of blocks, see the module docstring.
     domain : (float, float)
         Open interval of x in which the block is defined.
     has_pole : bool
         True if x = 0 is a pole inside the domain, so that x must not change its sign.
+    in_expressions : bool
+        True if formulas of a problem call the block by its name, which is then reserved.
     """
 
     name: str
     formula: Callable[[Library, Any], Any]
     slope_formula: Callable[[Library, Any, Any], Any]
-    derivative: tuple[tuple[float, tuple[str, ...]], ...] | None
     domain: tuple[float, float] = (-math.inf, math.inf)
     has_pole: bool = False
+    in_expressions: bool = True
 
     def value(self, x: Any, library: Library = np) -> Any:
         """Return y = g(x) elementwise for library arrays of any (also complex) type."""
@@ -139,7 +230,7 @@ class FunctionBlock:
 
     @cached_property
     def trees(self) -> tuple[Tree, Tree]:
-        """Value and slope as trees of sums, products, quotients and elementary functions.
+        """Value and slope as trees of `OPERATIONS`.
 
         Raises `NetworkError` with the name of the function block if a formula uses other
         operations.
@@ -153,6 +244,11 @@ class FunctionBlock:
             ) from error
 
     @property
+    def is_elementary(self) -> bool:
+        """True if the block is an operation of trees itself."""
+        return self.name in ELEMENTARY.values()
+
+    @property
     def is_limited(self) -> bool:
         """True if the block is undefined at some finite x."""
         return self.has_pole or self.domain != (-math.inf, math.inf)
@@ -163,94 +259,82 @@ FUNCTIONS: tuple[FunctionBlock, ...] = (
         name="sin",
         formula=lambda lib, x: lib.sin(x),
         slope_formula=lambda lib, x, y: lib.cos(x),
-        derivative=((1.0, ("cos(x)",)),),
     ),
     FunctionBlock(
         name="cos",
         formula=lambda lib, x: lib.cos(x),
         slope_formula=lambda lib, x, y: -lib.sin(x),
-        derivative=((-1.0, ("sin(x)",)),),
     ),
     FunctionBlock(
         name="tan",
         formula=lambda lib, x: lib.tan(x),
         slope_formula=lambda lib, x, y: 1 + y * y,
-        derivative=((1.0, ()), (1.0, ("y", "y"))),
         domain=(-math.pi / 2, math.pi / 2),
     ),
     FunctionBlock(
         name="exp",
         formula=lambda lib, x: lib.exp(x),
         slope_formula=lambda lib, x, y: y,
-        derivative=((1.0, ("y",)),),
     ),
     FunctionBlock(
         name="log",
         formula=lambda lib, x: lib.log(x),
         slope_formula=lambda lib, x, y: 1 / x,
-        derivative=((1.0, ("reciprocal(x)",)),),
         domain=(0.0, math.inf),
     ),
     FunctionBlock(
         name="sqrt",
         formula=lambda lib, x: lib.sqrt(x),
         slope_formula=lambda lib, x, y: 0.5 / y,
-        derivative=((0.5, ("reciprocal(y)",)),),
         domain=(0.0, math.inf),
     ),
     FunctionBlock(
         name="reciprocal",
         formula=lambda lib, x: 1 / x,
         slope_formula=lambda lib, x, y: -y * y,
-        derivative=((-1.0, ("y", "y")),),
         has_pole=True,
+        in_expressions=False,
     ),
     FunctionBlock(
         name="tanh",
         formula=lambda lib, x: lib.tanh(x),
         slope_formula=lambda lib, x, y: 1 - y * y,
-        derivative=((1.0, ()), (-1.0, ("y", "y"))),
     ),
     FunctionBlock(
         name="sinh",
         formula=lambda lib, x: lib.sinh(x),
         slope_formula=lambda lib, x, y: lib.cosh(x),
-        derivative=((1.0, ("cosh(x)",)),),
     ),
     FunctionBlock(
         name="cosh",
         formula=lambda lib, x: lib.cosh(x),
         slope_formula=lambda lib, x, y: lib.sinh(x),
-        derivative=((1.0, ("sinh(x)",)),),
     ),
     FunctionBlock(
         name="atan",
         formula=lambda lib, x: lib.arctan(x),
         slope_formula=lambda lib, x, y: 1 / (1 + x * x),
-        derivative=None,
     ),
     FunctionBlock(
         name="asin",
         formula=lambda lib, x: lib.arcsin(x),
         slope_formula=lambda lib, x, y: 1 / lib.sqrt(1 - x * x),
-        derivative=None,
         domain=(-1.0, 1.0),
     ),
     FunctionBlock(
         name="acos",
         formula=lambda lib, x: lib.arccos(x),
         slope_formula=lambda lib, x, y: -1 / lib.sqrt(1 - x * x),
-        derivative=None,
         domain=(-1.0, 1.0),
     ),
     FunctionBlock(
         name="rectify",
         formula=lambda lib, x: lib.where(lib.real(x) <= 0, 0.0, x),  # what is no number passes
         slope_formula=lambda lib, x, y: lib.where(lib.real(x) > 0, lib.ones_like(x), 0.0),
-        derivative=None,
+        in_expressions=False,
     ),
 )
-"""Function blocks; the position is the code that the compiled loops switch on."""
+"""Function blocks; the position is the code on tapes and in compiled loops."""
 
 CODE = {block.name: code for code, block in enumerate(FUNCTIONS)}
 

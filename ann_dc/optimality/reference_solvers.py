@@ -19,13 +19,11 @@ from typing import Any
 import numpy as np
 
 from ann_dc.errors import ProblemError
+from ann_dc.network.functions import ARITHMETIC, ELEMENTARY, FUNCTIONS, folded
 from ann_dc.optimality.soft_constraints import Slacks
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.validation.checked import checked
 
-_FUNCTIONS = (
-    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt",
-)  # fmt: skip
 _EXACT = {
     "print_time": False,
     "expand": True,
@@ -291,7 +289,12 @@ def _functions(ca: Any, problem: OptimalControlProblem):
     q, u = ca.SX.sym("q", problem.n), ca.SX.sym("u", problem.m)
     inputs = ca.SX.sym("inputs", len(problem.inputs))
     parts = [*ca.vertsplit(q), *ca.vertsplit(u), *(ca.vertsplit(inputs) if problem.inputs else ())]
-    table = {name: getattr(ca, name) for name in _FUNCTIONS}
+    library = ARITHMETIC | {name: getattr(ca, name) for name in ELEMENTARY.values()}
+    table = {
+        block.name: lambda x, block=block: folded(block.trees[0], {"x": x}, library)
+        for block in FUNCTIONS
+        if block.in_expressions
+    }
     step, cost, terminal, rows, end_rows = (
         ca.vertcat(*function(*parts))
         for function in problem.functions.in_library([table, vars(math)])

@@ -25,16 +25,7 @@ from typing import Any
 import sympy as sp
 
 from ann_dc.errors import ExpressionError
-
-FUNCTIONS = {
-    function.__name__: function
-    for function in (
-        sp.sin, sp.cos, sp.tan, sp.asin, sp.acos, sp.atan,
-        sp.sinh, sp.cosh, sp.tanh, sp.exp, sp.log, sp.sqrt,
-        sp.asinh, sp.acosh, sp.atanh, sp.sec, sp.csc, sp.cot, sp.sech, sp.csch, sp.coth,
-    )
-}  # fmt: skip
-"""Functions that an expression may call, each with one argument."""
+from ann_dc.problem.named_functions import FUNCTIONS
 
 NON_SMOOTH_NAMES = frozenset(
     ("abs", "fabs", "max", "min", "clip", "relu", "sign", "sgn", "step", "heaviside")

@@ -17,11 +17,12 @@ from sympy.concrete.expr_with_limits import ExprWithLimits
 from sympy.core.function import AppliedUndef
 
 from ann_dc.errors import ProblemError
+from ann_dc.network.functions import FUNCTIONS
 from ann_dc.scale import Scale
 
 FORMULA_NAMES: frozenset[str] = frozenset(
-    ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "sqrt")
-).union(("pi",))
+    ("pi", *(block.name for block in FUNCTIONS if block.in_expressions))
+)
 """Names with a predefined meaning in formulas that are written as text."""
 
 NO_SYMBOL: dict[str, str] = {

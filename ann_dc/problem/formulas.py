@@ -8,33 +8,19 @@ digits.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import sympy as sp
 
 from ann_dc.errors import ExpressionError
-from ann_dc.problem.expression import FUNCTIONS, MAX_CHARACTERS, parse_expression
+from ann_dc.problem.expression import MAX_CHARACTERS, parse_expression
+from ann_dc.problem.named_functions import FUNCTIONS, IN_OTHER_WORDS
 
 LONGEST_PART = MAX_CHARACTERS // 8
 """Length in characters from which a part of an expression becomes a separate line."""
 DEEPEST_PART = 20
 """Depth of nested parentheses from which a part becomes a separate line."""
-
-IN_OTHER_WORDS: dict[str, Callable[[Any], Any]] = {
-    "sec": lambda x: 1 / sp.cos(x),
-    "csc": lambda x: 1 / sp.sin(x),
-    "cot": lambda x: sp.cos(x) / sp.sin(x),
-    "coth": lambda x: 1 / sp.tanh(x),
-    "sech": lambda x: 1 / sp.cosh(x),
-    "csch": lambda x: 1 / sp.sinh(x),
-    "acosh": lambda x: sp.log(x + sp.sqrt(x**2 - 1)),
-    "asinh": lambda x: sp.log(x + sp.sqrt(x**2 + 1)),
-    "atanh": lambda x: sp.log((1 + x) / (1 - x)) / 2,
-}
-"""Functions that parser and network blocks do not provide, expressed in functions that they
-provide.
-"""
 
 
 def lines_of(expression: sp.Expr) -> tuple[str, ...]:

@@ -205,7 +205,9 @@ class ProblemFunctions:
         """
         own = self._compiled
         told = own.f, [own.l], [own.l_N], own.g, own.g_N
-        return tuple(sp.lambdify(own.arguments, part, modules=modules) for part in told)
+        return tuple(
+            sp.lambdify(own.arguments, part, modules=modules, use_imps=False) for part in told
+        )
 
 
 class _Table:

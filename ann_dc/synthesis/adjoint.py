@@ -8,10 +8,11 @@ that are only multiplied by a constant, to save multipliers.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import functools
+from collections.abc import Callable, Iterable
 
 from ann_dc.errors import SynthesisError
-from ann_dc.network.functions import function_block
+from ann_dc.network.functions import ELEMENTARY, folded, function_block, lacking
 from ann_dc.synthesis.signals import Signal, add, atoms, partial, scaled, times
 from ann_dc.synthesis.wiring import Wiring
 
@@ -60,29 +61,30 @@ def _slopes(wiring: Wiring, atom: int) -> list[tuple[int, Signal]]:
 
 def _derivative(wiring: Wiring, name: str, x: int, y: int) -> Signal:
     """Return dy/dx of a block y = name(x), in x, y and further blocks of either."""
-    rule = function_block(name).derivative
-    if rule is None:
-        return _special_derivative(wiring, name, x)
-    total: Signal = {}
-    for weight, factors in rule:
-        term: Signal = {(): weight}
-        for factor in factors:
-            outer, _, inner = factor.rpartition("(")
-            signal = {((x if inner.startswith("x") else y),): 1.0}
-            term = times(term, wiring.function(outer, signal) if outer else signal)
-        total = add(total, term)
-    return total
-
-
-def _special_derivative(wiring: Wiring, name: str, x: int) -> Signal:
-    """Return the derivative of atan, asin or acos, which needs a sum inside a block."""
-    if name not in ("atan", "asin", "acos"):
+    tree, library = function_block(name).trees[1], _library(wiring)
+    lacked = lacking(tree, library)
+    if lacked:
         raise SynthesisError(
-            f"function block {name!r}: it has no wiring rule for its derivative, which the adjoint "
-            "half of a cell needs; give the block a derivative"
+            f"function block {name!r}: its derivative has the operation {lacked!r}, but the "
+            f"adjoint half of a cell is wired from {', '.join(library)}"
         )
-    square = {(x, x): 1.0}
-    if name == "atan":
-        return wiring.function("reciprocal", add({(): 1.0}, square))
-    root = wiring.function("sqrt", add({(): 1.0}, scaled(square, -1.0)))
-    return scaled(wiring.function("reciprocal", root), 1.0 if name == "asin" else -1.0)
+    given: dict[str, Signal] = {"x": {(x,): 1.0}, "y": {(y,): 1.0}}
+    return folded(tree, given, library, lambda value: {(): value})
+
+
+def _library(wiring: Wiring) -> dict[str, Callable[..., Signal]]:
+    """Return the operations of trees on signals, in terms of blocks."""
+
+    def divide(a: Signal, b: Signal) -> Signal:
+        if set(b) == {()}:
+            return scaled(a, 1 / b[()])
+        return times(a, wiring.function("reciprocal", b))
+
+    library: dict[str, Callable[..., Signal]] = {
+        "add": add,
+        "subtract": lambda a, b: add(a, scaled(b, -1.0)),
+        "multiply": times,
+        "divide": divide,
+    }
+    functions = {name: functools.partial(wiring.function, name) for name in ELEMENTARY.values()}
+    return library | functions

@@ -14,7 +14,7 @@ import sympy as sp
 
 from ann_dc.errors import SynthesisError
 from ann_dc.network.functions import CODE
-from ann_dc.problem.formulas import IN_OTHER_WORDS
+from ann_dc.problem.named_functions import IN_OTHER_WORDS
 from ann_dc.synthesis.signals import Signal, add, times
 from ann_dc.synthesis.wiring import Wiring
 

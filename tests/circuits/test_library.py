@@ -8,8 +8,11 @@ from collections import Counter
 from pathlib import Path
 
 import library_table
+import numpy as np
 import pytest
 from library_table import CIRCUITS, FOUNDRY, INSTANCE, LEVELS, VARIANTS, head_of, library, split
+
+from ann_dc.network.functions import FUNCTIONS
 
 BENCHES = sorted((CIRCUITS / "testbenches").glob("*.cir"))
 PRESETS = sorted((CIRCUITS / "models" / "presets").glob("*.lib"))
@@ -264,6 +267,23 @@ def test_a_cell_names_the_levels_that_have_its_models(each):
     cells = {cell.name for cell in CELLS}
     possible = [level for level in LEVELS if parts <= known[level] | cells]
     assert each.levels == ("every" if possible == list(LEVELS) else ", ".join(possible))
+
+
+RANGE = "min(max({sx}*v(x),{lo}),{hi})"
+"""Argument of a function generator, as behavioural sources have it."""
+SPICE = {"ln": np.log, "max": np.maximum, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan}
+
+
+@pytest.mark.parametrize("level", ["ideal", "macro"])
+@pytest.mark.parametrize("block", FUNCTIONS, ids=lambda block: block.name)
+def test_a_function_generator_has_the_formula_of_its_function_block(block, level):
+    text = (CIRCUITS / "models" / level / "func.lib").read_text(encoding="ascii")
+    source = re.search(
+        rf"^\.subckt func_{block.name} .*\nB1 [^{{]*{{[^}}]*}}\*(.*)\+{{", text, re.M
+    )
+    x = np.linspace(*np.clip(block.domain, -2.0, 2.0), 8)[1:-1]
+    found = eval(source[1].replace(RANGE, "x"), {"__builtins__": {}}, vars(np) | SPICE | {"x": x})
+    np.testing.assert_allclose(found, block.value(x), rtol=1e-14)
 
 
 def test_names_are_unique_whatever_their_case():

@@ -4,20 +4,35 @@ import sys
 
 import numpy as np
 import pytest
+import sympy as sp
 
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.errors import AnnDcError, NetworkError, SynthesisError
+from ann_dc.errors import AnnDcError, ExportError, NetworkError, ProblemError, SynthesisError
+from ann_dc.evaluation import formulas
 from ann_dc.evaluation.codegen.evaluator import GeneratedEvaluator, fast_evaluator
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import ReferenceEvaluator
 from ann_dc.export.catalogue import FORMATS
+from ann_dc.export.drawings import latex_symbols
+from ann_dc.export.netlists import verilog_library
 from ann_dc.export.reference.vector import reference_vector
 from ann_dc.network.cell import Cell, Connection, Function, Neuron
-from ann_dc.network.functions import FUNCTIONS, function_block
+from ann_dc.network.functions import (
+    ARITHMETIC,
+    CHOICES,
+    ELEMENTARY,
+    FUNCTIONS,
+    NUMPY,
+    OPERATIONS,
+    folded,
+    function_block,
+)
 from ann_dc.network.network import Network
+from ann_dc.problem import named_functions
+from ann_dc.synthesis import adjoint
 from ann_dc.synthesis.adjoint import gradient
 from ann_dc.synthesis.wiring import Wiring
 
@@ -26,13 +41,11 @@ SOFTPLUS = FunctionBlock(
     name="softplus",
     formula=lambda lib, x: lib.log(1 + lib.exp(x)),
     slope_formula=lambda lib, x, y: 1 - lib.exp(-y),
-    derivative=None,
 )
 LOGISTIC = FunctionBlock(
     name="logistic",
     formula=lambda lib, x: 1 / (1 + lib.exp(-x)),
     slope_formula=lambda lib, x, y: y * (1 - y) / 1.0,
-    derivative=None,
 )
 WAVE = FunctionBlock(
     name="wave",
@@ -43,19 +56,23 @@ WAVE = FunctionBlock(
         - lib.arctan(x) * lib.cos(x)
         - lib.sinh(x) / 9
     ),
-    derivative=None,
 )
 OPAQUE = FunctionBlock(
     name="opaque",
     formula=lambda lib, x: lib.log1p(lib.exp(x)),
     slope_formula=lambda lib, x, y: 1 - lib.exp(-y),
-    derivative=None,
 )
-BLOCKS = {block.name: block for block in (SOFTPLUS, LOGISTIC, WAVE, OPAQUE)}
+LEAKY = FunctionBlock(
+    name="leaky",
+    formula=lambda lib, x: lib.where(lib.real(x) > 0, x, 0.1 * x),
+    slope_formula=lambda lib, x, y: lib.where(lib.real(x) <= 0, 0.1 * lib.ones_like(x), 1.0),
+)
+BLOCKS = {block.name: block for block in (SOFTPLUS, LOGISTIC, WAVE, LEAKY, OPAQUE)}
 VALUES = {
     "softplus": np.log(1 + np.e),
     "logistic": 1 / (1 + np.exp(-1.0)),
     "wave": 2 - np.pi / 4 * np.sin(1) + np.sqrt(2) - np.cosh(1) / 9,
+    "leaky": 1.0,
     "opaque": np.log(1 + np.e),
 }
 EVALUATORS = (
@@ -149,8 +166,68 @@ def test_a_formula_that_is_no_tree_is_refused_by_name():
         _ = OPAQUE.trees
 
 
-def test_an_adjoint_without_a_rule_is_refused_by_name():
+def test_an_adjoint_is_wired_from_the_slope():
     wiring = Wiring(["x"])
     x = wiring.signal("x")
-    with pytest.raises(SynthesisError, match="'softplus': it has no wiring rule"):
-        gradient(wiring, wiring.function("softplus", x), [next(iter(x))[0]])
+    slopes = gradient(wiring, wiring.function("softplus", x), [next(iter(x))[0]])
+    (signal,) = slopes.values()
+    inner = wiring.functions[next(atom for (*_, atom) in filter(None, signal))]
+    assert signal[()] == 1.0
+    assert sorted(signal.values()) == [-1.0, 1.0]
+    assert inner[0] == "exp"
+    assert wiring.sums[inner[1]] == {(wiring.atom(wiring.function("softplus", x)),): -1.0}
+
+
+def test_an_adjoint_with_a_choice_is_refused_by_name():
+    wiring = Wiring(["x"])
+    x = wiring.signal("x")
+    with pytest.raises(SynthesisError, match=r"'rectify'.*'where'"):
+        gradient(wiring, wiring.function("rectify", x), [next(iter(x))[0]])
+
+
+def test_a_formula_that_computes_with_a_condition_is_refused_by_name():
+    step = FunctionBlock(
+        name="ramp", formula=lambda lib, x: (x > 0) * x, slope_formula=lambda lib, x, y: 1.0 * x
+    )
+    with pytest.raises(NetworkError, match="'ramp'"):
+        _ = step.trees
+
+
+LIBRARIES = {
+    "loops": (formulas._FORMS, ()),
+    "NumPy program": (NUMPY, ()),
+    "Verilog-A": (verilog_library.FORMS, ()),
+    "LaTeX": (latex_symbols.FORMS, ("where", "at_most", "above")),
+    "SymPy": (named_functions._LIBRARY, CHOICES),
+    "adjoint": (adjoint._library(Wiring([])), CHOICES),
+}
+"""Operations of realisations, and those that a realisation refuses by name.
+
+Generated code and ONNX have all: `test_contract` and `test_functions` of ONNX run every block."""
+
+
+@pytest.mark.parametrize("realisation", LIBRARIES)
+def test_a_realisation_has_every_operation_or_refuses_it(realisation):
+    library, refused = LIBRARIES[realisation]
+    assert set(OPERATIONS) - set(library) == set(refused)
+    assert set(library) <= set(OPERATIONS)
+
+
+@pytest.mark.parametrize("block", FUNCTIONS, ids=lambda block: block.name)
+def test_trees_compute_the_formulas(block):
+    library = ARITHMETIC | {name: getattr(np, other) for other, name in ELEMENTARY.items()}
+    library |= {"maximum": np.maximum, "where": np.where, "at_most": np.less_equal}
+    library |= {"above": np.greater}
+    x = np.linspace(*np.clip(block.domain, -2.0, 2.0), 8)[1:-1]
+    value, slope = block.trees
+    y = folded(value, {"x": x}, library)
+    np.testing.assert_array_equal(y, block.value(x))
+    np.testing.assert_array_equal(folded(slope, {"x": x, "y": y}, library), block.slope(x, y))
+
+
+def test_a_choice_is_refused_by_name_in_latex_and_in_a_problem():
+    with pytest.raises(ExportError, match=r"'leaky'.*'where'"):
+        latex_symbols.applied("leaky", "x")
+    made = named_functions._class_of(LEAKY)
+    with pytest.raises(ProblemError, match=r"'leaky' is not smooth.*'where'"):
+        made(sp.Symbol("x")).diff()

@@ -3,8 +3,7 @@
 The argument of a sine is reduced to within pi / 4 of a multiple of pi / 2. The multiple is
 subtracted in three parts without loss of digits (Cody and Waite [1]_). The remainder is evaluated
 with the polynomials of fdlibm [2]_. The reduction is valid up to `LARGEST_ARGUMENT`; larger
-arguments use libm, lane by lane. A function block without an implementation here is written from
-the trees of its formulas.
+arguments use libm, lane by lane. Function blocks are written from the trees of their formulas.
 
 References
 ----------
@@ -15,9 +14,10 @@ References
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 from ann_dc.evaluation.codegen.writer import Function
-from ann_dc.network.functions import CODE, FUNCTIONS, Tree, folded
+from ann_dc.network.functions import FUNCTIONS, Tree
 
 LARGEST_ARGUMENT = 1e5
 """Largest argument of a sine, in radians, for the polynomials."""
@@ -45,82 +45,63 @@ _COSINE = (
 )
 _ROUNDING = 1.5 * 2.0**52
 """Constant that, added to a number, leaves the nearest integer in the last bits."""
-_LIBM = ("tanh", "sinh", "cosh", "atan", "asin", "acos")
 _LLVM = ("exp", "log", "sqrt")
+"""Elementary operations that LLVM has; the others are functions of libm."""
 _ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
+_COMPARISONS = {"at_most": "ole", "above": "ogt"}
 CIRCULAR = ("sin", "cos", "tan")
 """Functions evaluated as polynomials: long chains of dependent instructions."""
-WRITTEN = frozenset((*CIRCULAR, *_LIBM, *_LLVM, "reciprocal", "rectify"))
-"""Function blocks implemented here; the others are written from their trees."""
+
+Circular: TypeAlias = dict[str, tuple[str, str]]
+"""Pairs (sine, cosine) by argument."""
 
 
-def function_of(f: Function, code: int, x: str, circular: dict[str, tuple[str, str]]) -> str:
+def function_of(f: Function, code: int, x: str, circular: Circular) -> str:
     """Write a function block and return the name of its value.
 
-    ``code`` is the code of the block in ``CODE`` and ``x`` the name of its argument, a vector.
+    ``code`` is the code of the block on tapes and ``x`` the name of its argument, a vector.
     ``circular`` contains the computed (sine, cosine) pairs by argument; new pairs are added.
     """
-    name = FUNCTIONS[code].name
-    if name in CIRCULAR:
-        if x not in circular:
-            circular[x] = sine_and_cosine(f, x)
-        sine, cosine = circular[x]
-        return {"sin": sine, "cos": cosine}.get(name) or f.op("fdiv", sine, cosine)
-    if name == "reciprocal":
-        return f.op("fdiv", f.constant(1.0), x)
-    if name == "rectify":  # what is no number passes
-        return f.select(f.compare("ole", x, f.constant(0.0)), f.constant(0.0), x)
-    if name in _LIBM:
-        return _lane_by_lane(f, name, x)
-    if name in _LLVM:
-        return f.call(name, x)
     return _of_tree(f, FUNCTIONS[code].trees[0], {"x": x}, circular)
 
 
-def _of_tree(
-    f: Function, tree: Tree, given: dict[str, str], circular: dict[str, tuple[str, str]]
-) -> str:
-    def leaf(value: str | float) -> str:
-        return given[value] if isinstance(value, str) else f.constant(value)
-
-    def node(operation: str, *operands: str) -> str:
-        if operation in _ARITHMETIC:
-            return f.op(_ARITHMETIC[operation], *operands)
-        (x,) = operands
-        return function_of(f, CODE[operation], x, circular)
-
-    return folded(tree, leaf, node)
-
-
-def slope_of(f: Function, code: int, x: str, y: str, circular: dict[str, tuple[str, str]]) -> str:
+def slope_of(f: Function, code: int, x: str, y: str, circular: Circular) -> str:
     """Write df/dx of a function block at ``x`` with value ``y`` and return its name.
 
     The other arguments are those of `function_of`.
     """
-    one, name = f.constant(1.0), FUNCTIONS[code].name
-    square = lambda v: f.op("fmul", v, v)  # noqa: E731
-    inverse = lambda v: f.op("fdiv", one, v)  # noqa: E731
-    of = lambda other: function_of(f, CODE[other], x, circular)  # noqa: E731
-    root = lambda: f.call("sqrt", f.op("fsub", one, square(x)))  # noqa: E731
-    formulas = {
-        "sin": lambda: of("cos"),
-        "cos": lambda: f.op("fneg", of("sin")),
-        "tan": lambda: f.fma(y, y, one),
-        "exp": lambda: y,
-        "log": lambda: inverse(x),
-        "sqrt": lambda: f.op("fdiv", f.constant(0.5), y),
-        "reciprocal": lambda: f.op("fneg", square(y)),
-        "tanh": lambda: f.op("fsub", one, square(y)),
-        "sinh": lambda: of("cosh"),
-        "cosh": lambda: of("sinh"),
-        "atan": lambda: inverse(f.fma(x, x, one)),
-        "asin": lambda: inverse(root()),
-        "acos": lambda: f.op("fneg", inverse(root())),
-        "rectify": lambda: f.select(f.compare("ogt", x, f.constant(0.0)), one, f.constant(0.0)),
-    }
-    if name not in WRITTEN:
-        return _of_tree(f, FUNCTIONS[code].trees[1], {"x": x, "y": y}, circular)
-    return formulas[name]()
+    return _of_tree(f, FUNCTIONS[code].trees[1], {"x": x, "y": y}, circular)
+
+
+def _of_tree(f: Function, tree: Tree, given: dict[str, str], circular: Circular) -> str:
+    if not isinstance(tree, tuple):
+        return given[tree] if isinstance(tree, str) else f.constant(tree)
+    operation, *parts = tree
+    of = lambda part: _of_tree(f, part, given, circular)  # noqa: E731
+    match operation, parts:
+        case "add", (a, ("multiply", b, c)):
+            return f.fma(of(b), of(c), of(a))
+        case "multiply", (-1.0, a):
+            return f.op("fneg", of(a))
+        case "where", ((comparison, a, b), c, d):
+            return f.select(f.compare(_COMPARISONS[comparison], of(a), of(b)), of(c), of(d))
+        case "maximum", (a, b):  # nan in a passes
+            a, b = of(a), of(b)
+            return f.select(f.compare("ole", a, b), b, a)
+    if operation in _ARITHMETIC:
+        return f.op(_ARITHMETIC[operation], *map(of, parts))
+    return _elementary(f, operation, of(parts[0]), circular)
+
+
+def _elementary(f: Function, name: str, x: str, circular: Circular) -> str:
+    if name in _LLVM:
+        return f.call(name, x)
+    if name not in CIRCULAR:
+        return _lane_by_lane(f, name, x)
+    if x not in circular:
+        circular[x] = sine_and_cosine(f, x)
+    sine, cosine = circular[x]
+    return {"sin": sine, "cos": cosine}.get(name) or f.op("fdiv", sine, cosine)
 
 
 def sine_and_cosine(f: Function, x: str) -> tuple[str, str]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.code import key_of
-from ann_dc.evaluation.codegen.elementary import CIRCULAR, WRITTEN
+from ann_dc.evaluation.codegen.elementary import CIRCULAR
 from ann_dc.evaluation.rules import DUAL, FLOOR, POSITION, PRIMAL, SMALLEST_POSITION, STATE
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM, Tape
 from ann_dc.network.functions import FUNCTIONS, Tree
@@ -217,10 +217,9 @@ def refusal(tape: Tape) -> str | None:
 
 
 def _traced_functions(tape: Tape) -> list[tuple[str, Tree, Tree]]:
-    """Return the function blocks whose code is generated from formulas, with trees."""
+    """Return the function blocks of a tape with their trees, from which code is generated."""
     used = {int(code) for kind, _, code, _ in tape.blocks if kind == FUNCTION}
-    blocks = [FUNCTIONS[code] for code in sorted(used)]
-    return [(block.name, *block.trees) for block in blocks if block.name not in WRITTEN]
+    return [(block.name, *block.trees) for block in (FUNCTIONS[code] for code in sorted(used))]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -6,8 +6,10 @@ import re
 
 import numpy as np
 
+from ann_dc.errors import ExportError
 from ann_dc.export.drawings.labels import short_names
 from ann_dc.network.cell import ONE, Block, Function
+from ann_dc.network.functions import ELEMENTARY, function_block, lacking, written
 from ann_dc.network.network import Network
 
 PLAIN = ("q", "u")
@@ -28,9 +30,12 @@ SPECIAL = {
     "%": r"\%", "_": r"\_", "^": r"\wedge ", "~": r"\sim ", " ": r"\ ", "-": "{-}",
     INDEX: r"\mathrm{at}",
 }  # fmt: skip
-PLAIN_FUNCTIONS = "sin cos tan exp log tanh sinh cosh"
-FUNCTIONS = {name: rf"\{name}" for name in PLAIN_FUNCTIONS.split()}
-FUNCTIONS |= {"atan": r"\arctan", "asin": r"\arcsin", "acos": r"\arccos"}
+FUNCTIONS = {name: rf"\{other}" for other, name in ELEMENTARY.items()}
+"""LaTeX commands of elementary operations."""
+FORMS = {name: f"{command}({{}})" for name, command in FUNCTIONS.items()}
+FORMS |= {"add": "{} + {}", "subtract": "{} - {}", "multiply": r"{} \cdot {}"}
+FORMS |= {"divide": r"\frac{{{}}}{{{}}}", "sqrt": r"\sqrt{{{}}}", "maximum": r"\max({1}, {0})"}
+"""Operations of formulas in LaTeX."""
 
 
 def symbols_of(network: Network) -> dict[str, str]:
@@ -69,14 +74,18 @@ def is_inline(block: Block) -> bool:
 
 
 def applied(function: str, x: str) -> str:
-    """Return a function of ``x`` in LaTeX."""
-    if function == "rectify":
-        return rf"\max(0, {x})"
-    if function == "sqrt":
-        return rf"\sqrt{{{x}}}"
-    if function == "reciprocal":
-        return rf"\frac{{1}}{{{x}}}"
-    return rf"{FUNCTIONS.get(function) or _letter(function)}({x})"
+    """Return a function of ``x`` in LaTeX, by its formula.
+
+    Raises `NetworkError` if the formula has no tree, and `ExportError` if it has a choice.
+    """
+    tree = function_block(function).trees[0]
+    lacked = lacking(tree, FORMS)
+    if lacked:
+        raise ExportError(
+            f"latex: function block {function!r} has the operation {lacked!r}; its formula can "
+            f"be written with {', '.join(FORMS)}"
+        )
+    return written(tree, {"x": x}, FORMS, number)
 
 
 def _letter(name: str) -> str:

@@ -17,10 +17,11 @@ from ann_dc.export.netlists.build import Build, build
 from ann_dc.export.netlists.deck_file import checked_claims, claims_of, plain
 from ann_dc.export.netlists.flat_reader import logical_lines
 from ann_dc.export.netlists.parts import accuracy_text, expected_text, scaling_text
-from ann_dc.export.netlists.verilog_library import LIBRARY
+from ann_dc.export.netlists.verilog_library import LIBRARY, module_text
 from ann_dc.export.netlists.verilog_reader import KEYWORDS, modules_of
 from ann_dc.export.reference.sidecar import check_sums, check_vector, text_of, vector_of, with_sums
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
+from ann_dc.network.functions import CODE
 from ann_dc.network.network import Network
 from ann_dc.si_prefixes import counted
 from ann_dc.validation.checked import checked
@@ -70,7 +71,9 @@ def _text(made: Build) -> str:
     cells = [*_cells(logical_lines("\n".join(deck.cells), {}))]
     network = _network(made, logical_lines("\n".join((*deck.row, *deck.inputs)), {}))
     own = "\n".join((*cells, network))
-    used = [text for name, text in LIBRARY.items() if re.search(rf"^  {name} ", own, re.MULTILINE)]
+    placed = {*re.findall(r"^  (\w+) ", own, re.MULTILINE)}
+    names = [name for name in (*LIBRARY, *(f"func_{name}" for name in CODE)) if name in placed]
+    used = [text for name in names if (text := module_text(name))]
     head = (
         f"// {plain(made.network.title)}: {counted(made.network.stages, 'cells')}, {LEVEL} level\n"
         + "".join(f"// {words}\n" for words in claims_of(made))
@@ -168,7 +171,7 @@ def _instances(cards: list[list[str]]) -> Iterator[Instance]:
             continue
         if nets[:2] in rails:
             module, given = "integ_railed", given | rails[nets[:2]]
-        if module not in LIBRARY:
+        if module_text(module) is None:
             raise ExportError(f"verilog-a: {card[0]} is a {module}, of which there is no module")
         yield module, card[0], nets, given
 

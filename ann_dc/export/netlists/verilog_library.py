@@ -6,7 +6,7 @@ flows.
 
 from __future__ import annotations
 
-from ann_dc.network.functions import FUNCTIONS
+from ann_dc.network.functions import CODE, ELEMENTARY, INFIX, function_block, written
 
 RESET = "0.0, V(rst) > 2.5"
 """Initial value of an integral, and the condition under which it is reset to this value."""
@@ -126,22 +126,25 @@ endmodule
 """Modules by library cell name."""
 
 ARGUMENT = "min(max(sx * V(x), lo), hi)"
-SAME_NAME = ("sin", "cos", "tan", "exp", "sqrt", "tanh", "sinh", "cosh", "atan", "asin", "acos")
-"""Function blocks with the same name in Verilog-A."""
-FORMULAS = {name: f"{name}({ARGUMENT})" for name in SAME_NAME}
-FORMULAS |= {"reciprocal": f"1 / {ARGUMENT}", "log": f"ln({ARGUMENT})"}
-FORMULAS |= {"rectify": f"max({ARGUMENT}, 0.0)"}
-"""Function blocks that have a module; a network with another one is refused."""
+FORMS = INFIX | {"maximum": "max({}, {})", "where": "({} ? {} : {})"}
+FORMS |= {name: f"{name}({{}})" for name in ELEMENTARY.values()} | {"log": "ln({})"}
+"""Operations of formulas in Verilog-A."""
 
 
 def function_module(function: str) -> str:
-    """Return the module of a function generator, by function block name in `FORMULAS`.
+    """Return the module of a function generator, by function block name.
+
+    Raises `NetworkError` if the formula of the block has no tree.
 
     Examples
     --------
     >>> print(function_module("sin").splitlines()[-3])
         V(out) <+ (1 + ge) * sin(min(max(sx * V(x), lo), hi)) / sy + oy;
     """
+    tree = function_block(function).trees[0]
+    formula = written(tree, {"x": ARGUMENT}, FORMS, _number)
+    if isinstance(tree, tuple) and tree[0] in ("add", "subtract"):
+        formula = f"({formula})"
     return f"""\
 // function generator: v(out) = (1 + ge) * {function}(u) / sy + oy, u = sx * v(x) in lo .. hi
 module func_{function}(x, out);
@@ -154,10 +157,22 @@ module func_{function}(x, out);
   parameter real ge = 0;
   parameter real oy = 0;
   analog begin
-    V(out) <+ (1 + ge) * {FORMULAS[function]} / sy + oy;
+    V(out) <+ (1 + ge) * {formula} / sy + oy;
   end
 endmodule
 """
 
 
-LIBRARY |= {f"func_{b.name}": function_module(b.name) for b in FUNCTIONS if b.name in FORMULAS}
+def _number(value: float) -> str:
+    return f"{value:.17g}" if value else "0.0"  # max(x, 0) would be an integer
+
+
+def module_text(name: str) -> str | None:
+    """Return the text of a library module by the name of its SPICE cell; None if there is none.
+
+    Raises `NetworkError` if the name is that of a function generator without a traceable formula.
+    """
+    function = name.removeprefix("func_")
+    if function != name and function in CODE:
+        return function_module(function)
+    return LIBRARY.get(name)

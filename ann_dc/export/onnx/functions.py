@@ -7,8 +7,8 @@ the float32 value :math:`y_0`:
 .. math:: \arctan x = y_0 + \arctan\frac{x c - s}{c + x s}, \qquad
     \arcsin x = y_0 + \arcsin(x c - r s), \quad r = \sqrt{1 - x^2},
 
-where the correction is so small that two terms of its series are exact. A function block without
-operations here is written from the tree of its formula.
+where the correction is so small that two terms of its series are exact. Function blocks are written
+from the trees of their formulas.
 """
 
 from __future__ import annotations
@@ -16,26 +16,11 @@ from __future__ import annotations
 import numpy as np
 
 from ann_dc.export.onnx.graph import Graph
-from ann_dc.network.functions import FunctionBlock, folded, function_block
+from ann_dc.network.functions import FunctionBlock, Tree, function_block
 
-PLAIN = {
-    "sin": "Sin",
-    "cos": "Cos",
-    "exp": "Exp",
-    "log": "Log",
-    "sqrt": "Sqrt",
-    "reciprocal": "Reciprocal",
-    "tanh": "Tanh",
-}
-"""Operations for every type."""
-SINGLE = {"tan": "Tan", "sinh": "Sinh", "cosh": "Cosh"} | {
-    "atan": "Atan",
-    "asin": "Asin",
-    "acos": "Acos",
-}
-"""Operations that onnxruntime supports only in float32."""
-ARITHMETIC = {"add": "Add", "subtract": "Sub", "multiply": "Mul", "divide": "Div"}
-"""Operations of formula trees."""
+KINDS = {"add": "Add", "subtract": "Sub", "multiply": "Mul", "divide": "Div", "where": "Where"}
+KINDS |= {"at_most": "LessOrEqual", "above": "Greater"}
+"""ONNX operations of trees; those of elementary operations are capitalised: ``Sin``, ``Atan``."""
 SMALL = 0.5
 """Bound on the argument below which the hyperbolic sine is computed from the hyperbolic tangent of
 its
@@ -48,27 +33,22 @@ BELOW_RIGHT_ANGLE = 6.123233995736766e-17
 
 def value(graph: Graph, function: str, x: str) -> str:
     """Return y = g(x) of a function block, element by element."""
-    if function in PLAIN:
-        return graph.op(PLAIN[function], x)
-    if function == "rectify":  # what is no number passes
-        return graph.op("Where", graph.op("LessOrEqual", x, _zero(graph)), _zero(graph), x)
-    if function not in SINGLE:
-        return _from_tree(graph, function, x)
-    if graph.dtype == np.float32:
-        return graph.op(SINGLE[function], x)
-    return _COMPOSED[function](graph, x)
+    return _of_tree(graph, function_block(function).trees[0], x)
 
 
-def _from_tree(graph: Graph, function: str, x: str) -> str:
-    def leaf(given: str | float) -> str:
-        return x if isinstance(given, str) else graph.number(given)
-
-    def node(operation: str, *operands: str) -> str:
-        if operation in ARITHMETIC:
-            return graph.op(ARITHMETIC[operation], *operands)
-        return value(graph, operation, *operands)
-
-    return folded(function_block(function).trees[0], leaf, node)
+def _of_tree(graph: Graph, tree: Tree, x: str) -> str:
+    if not isinstance(tree, tuple):
+        return x if isinstance(tree, str) else graph.number(tree)
+    operation, first = tree[0], tree[1]
+    if operation == "divide" and first == 1.0:
+        return graph.op("Reciprocal", _of_tree(graph, tree[2], x))
+    given = [_of_tree(graph, part, x) for part in tree[1:]]
+    if operation == "maximum":  # nan in the first operand passes
+        a, b = given
+        return graph.op("Where", graph.op("LessOrEqual", a, b), b, a)
+    if operation in _COMPOSED and graph.dtype != np.float32:
+        return _COMPOSED[operation](graph, *given)
+    return graph.op(KINDS.get(operation) or operation.capitalize(), *given)
 
 
 def inside(graph: Graph, block: FunctionBlock, x: str, side: str | None) -> str | None:
@@ -174,3 +154,4 @@ _COMPOSED = {
     "asin": _asin,
     "acos": _acos,
 }
+"""Operations that onnxruntime supports only in float32."""
