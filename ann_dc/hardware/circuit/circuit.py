@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from ann_dc.dataclass_pickling import Record
-from ann_dc.errors import require_positive
+from ann_dc.errors import require_positive, such_as
 from ann_dc.hardware.circuit.aliases import aliases
 from ann_dc.hardware.circuit.scaling import Scaling, values_of_grid
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR, Kind
@@ -50,7 +50,6 @@ from ann_dc.hardware.schematic.preconditioner_wiring import preconditioner_value
 from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.network.cell import ONE, Limiter
 from ann_dc.scale import IDENTITY, Scale
-from ann_dc.validation import such_as
 
 
 class Quantity(enum.Enum):

@@ -14,10 +14,10 @@ from functools import cached_property
 import numpy as np
 
 from ann_dc.dataclass_pickling import Record
+from ann_dc.errors import such_as
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.network.network import Network
-from ann_dc.validation import such_as
 
 
 @such_as("ann_dc.emulate(circuit, level)")
