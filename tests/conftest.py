@@ -12,6 +12,9 @@ from ann_dc.jit_cache import FOLDER_VARIABLE
 
 load_profile()
 
+collect_ignore = ["added_function.py"]
+"""A script that `tests/network/test_functions_added.py` runs in a changed copy of the package."""
+
 
 CASES = 6
 """So many of a sampled test's cases CI runs, or as many as its mark says: those that have most

@@ -37,6 +37,7 @@ class Band(NamedTuple):
     quantiles : array (5, groups)
         Quantiles of the metric at 5, 25, 50, 75 and 95 %.
     counts : array (groups,) of int
+        Cases in each group.
     clustered : array (groups,) of bool
         True for a group of two clusters, whose median may not be close to any case.
     """

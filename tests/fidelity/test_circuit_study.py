@@ -17,6 +17,7 @@ from ann_dc.fidelity.circuit_study import NEAR, study_circuit
 from ann_dc.fidelity.prediction import Reason
 from ann_dc.gain_design.gain_rule import DIAGONAL_RULE
 from ann_dc.gain_design.procedure import design
+from ann_dc.hardware.emulation import states
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.e_series import E96
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, ota_c
@@ -56,7 +57,7 @@ def counted(monkeypatch):
         monkeypatch.setattr(module, name, counting)
 
     count(instance, "emulate")
-    count(instance, "equilibrium")
+    count(states, "equilibrium")
     count(SpiceBackend, "deck")
     silent = SimpleNamespace(timed=None)  # ngspice does not matter here
     monkeypatch.setattr(SpiceBackend, "measure", lambda *_: silent)

@@ -26,7 +26,7 @@ def row(point):
 
 
 def script(text, *arguments, **options):
-    head = "import sys\nfrom ann_dc.errors import StoreError\n"
+    head = "import sys, filelock\nfrom ann_dc.errors import StoreError\n"
     head += "from ann_dc.study.records import Finished\nfrom ann_dc.study.store import Store\n"
     return subprocess.run(
         [sys.executable, "-c", head + text, *map(str, arguments)],
