@@ -76,7 +76,7 @@ class Remedy:
         return f"{self.change:44}{'unstable':>10}{'-':>15}"
 
 
-@such_as("ann_dc.analyse(design)")
+@such_as("ann_dc.diagnose(design)")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnosis:
     """Reasons for the settling time of a design, and remedies.

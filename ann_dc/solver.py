@@ -66,7 +66,7 @@ def solve(
     form : Form
         `CORRECTED` (default), `PRINTED`, or a `switch` of the printed form. A printed form runs
         with the gains designed for the corrected form.
-    start : Start, optional
+    initial_guess : InitialGuess, optional
         Initial guess. Default: the straight line from q_0 to q_d.
     gains : Gains or Design, optional
         Manual gains (`manual_gains`), or a `design` with another gain rule or a refinement.
@@ -164,7 +164,7 @@ def synthesize(
         A problem is decomposed in the corrected form first.
     scales : Scales, optional
         Scales of states, controls and cost. Default: `scales_of` the problem.
-    start : Start, optional
+    initial_guess : InitialGuess, optional
         Initial guess in the user's units. Default: the straight line.
     rho : float
         Proportional gain of every PI multiplier neuron; zero gives the plain Lagrangian. Default 1.
@@ -236,7 +236,7 @@ def design(
     ----------
     source : OptimalControlProblem or Network
         A problem is synthesized first.
-    over : mapping, sequence of mappings, or callable, optional
+    ranges : mapping, sequence of mappings, or callable, optional
         Operating range of the network: ranges such as {"q_d.x": (3, 7)}, a list of samples, or a
         function that draws samples (`family_of`). It requires a problem and gain rules that the
         function compares itself.
@@ -257,17 +257,17 @@ def design(
     Returns
     -------
     Design or FamilyDesign
-        `FamilyDesign` if ``over`` is given.
+        `FamilyDesign` if ``ranges`` is given.
 
     Raises
     ------
     DesignError
-        If the network has no PI multiplier neurons, or its numbers overflow. With ``over``, also if
-        a recipe or refinement is given, or if no input leads to a settled point.
+        If the network has no PI multiplier neurons, or its numbers overflow. With ``ranges``, also
+        if a recipe or refinement is given, or if no input leads to a settled point.
     ProblemError
-        If a range of ``over`` is empty, or a sample has a value that is not a number.
+        If a range of ``ranges`` is empty, or a sample has a value that is not a number.
     UnknownNameError
-        If ``over`` names an input that the network does not have.
+        If ``ranges`` names an input that the network does not have.
 
     Examples
     --------
@@ -278,7 +278,7 @@ def design(
     if ranges is not None:
         if not (isinstance(source, OptimalControlProblem) and gain_rule is None and refine is None):
             raise DesignError(
-                "over: a family needs the problem itself, whose optima it certifies, and neither "
+                "ranges: a family needs the problem itself, whose optima it certifies, and neither "
                 "gain_rule= nor refine="
             )
         source = held(source, any_start=True)

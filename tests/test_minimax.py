@@ -141,7 +141,7 @@ def test_what_objectives_exclude_is_refused_by_name():
     problem = small()
     with pytest.raises(FormError, match="effort, error"):
         ann_dc.solve(problem, form=ann_dc.PRINTED)
-    with pytest.raises(DesignError, match="kinds: a grid or a tree"):
+    with pytest.raises(DesignError, match="preconditioner: a resistive grid or cyclic reduction"):
         ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.RESISTIVE_GRID)
     with pytest.raises(ProblemError, match="objectives: cart has effort, error"):
         ipopt_point(problem)

@@ -220,7 +220,7 @@ HELD_OUT = 1000
 """Number of inputs in the validation."""
 
 
-@such_as("ann_dc.design(problem, over=...)")
+@such_as("ann_dc.design(problem, ranges=...)")
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FamilyDesign:
@@ -288,7 +288,7 @@ def design_family(
     ----------
     problem : OptimalControlProblem
         Problem whose inputs count as one sample; they set the scales of the network.
-    over : Over
+    ranges : Over
         Operating range; see `family_of`.
     preconditioner : PreconditionerKind or iterable of PreconditionerKind
         Preconditioner kinds to choose from. Default: all.

@@ -53,7 +53,7 @@ class Multistart:
         Wired equations.
     design : Design
         Design of the one network that ran from all guesses.
-    starts : tuple of Start
+    starts : tuple of InitialGuess
         Initial guesses.
     backend : RecurrentBackend
         Backend of the batch.
@@ -194,7 +194,7 @@ def multistart(
     ----------
     problem : OptimalControlProblem
         Problem to solve.
-    starts : int or sequence of Start
+    starts : int or sequence of InitialGuess
         Number of guesses to generate (`seeded_starts`), or the guesses. The network is designed
         from the first. Default 64.
     seed : int

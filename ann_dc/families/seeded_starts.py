@@ -82,17 +82,17 @@ def checked_starts(
 ) -> list[InitialGuess]:
     """Return the user's initial guesses, if a network of the problem can start there.
 
-    Raises `ProblemError` naming the guess: if there are none, or if one is not a `InitialGuess`. It
-    is also raised for arrays of another shape, for numbers that are not finite, and outside the
+    Raises `ProblemError` naming the guess: if there are none, or if one is not an `InitialGuess`.
+    It is also raised for arrays of another shape, for numbers that are not finite, and outside the
     domain of the dynamics or the cost.
     """
     starts = list(starts)
     if not starts:
-        raise ProblemError("starts: the list is empty; give a number, or one Start or more")
+        raise ProblemError("starts: the list is empty; give a number, or one InitialGuess or more")
     for index, start in enumerate(starts):
         name = f"starts[{index}]"
         if not isinstance(start, InitialGuess):
-            raise ProblemError(f"{name}: expected a Start, got {start!r}")
+            raise ProblemError(f"{name}: expected an InitialGuess, got {start!r}")
         _check_arrays(problem, start, name)
         try:
             check_start(problem, start)

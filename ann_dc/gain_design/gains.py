@@ -36,7 +36,7 @@ class Gains:
         neurons per cell.
     rate : (P, N) array
         1 / tau of every neuron at every stage, in units of 1 / network time.
-    preconditioner : Metric
+    preconditioner : Preconditioner
         Preconditioner; diagonal by default.
 
     Examples

@@ -188,8 +188,7 @@ def grid_gains_of(
     if not common > -low:
         raise DesignError(
             f"{network.title}: a {gain_rule.kind.value} needs penalties above rho* = {-low:.3g} "
-            "times "
-            f"the row weights, got {common:.3g}; give a recipe with penalty > "
+            f"times the row weights, got {common:.3g}; give a gain rule with penalty > "
             f"{-low / common * gain_rule.penalty:.3g} instead of {gain_rule.penalty:g}"
         )
     rho = common * weights
@@ -244,7 +243,8 @@ def _shadow_range(points: Sequence[SettledPoint], weights: np.ndarray) -> tuple[
             if not settled.resting.any():
                 raise DesignError(
                     f"{points[0].network.title}: the settled point is not isolated (its KKT matrix "
-                    "is singular), so there is no stiffness for a grid; use a pyramid"
+                    "is singular), so a resistive grid has no stiffness; use a multilevel "
+                    "preconditioner"
                 ) from error
             ends.append((0.0, 0.0))
     found = [pair for pair in ends if np.isfinite(pair).all()] or [(0.0, 0.0)]
@@ -257,7 +257,7 @@ def _check(network: Network, kind: PreconditionerKind) -> None:
     if (tape.roles == STATE).any() or network.cell.objectives:
         raise DesignError(
             f"{network.title}: has neurons that are neither primal nor dual, for which a "
-            f"{kind.value} has no stiffness; use a pyramid"
+            f"{kind.value} has no stiffness; use a multilevel preconditioner"
         )
 
 

@@ -1,10 +1,10 @@
 """Gain design: from a wired network to constant gains, realised as R*C values.
 
 1. First run with gain scheduling, to a settled point (`scheduled_run`).
-2. Candidates (`freeze`): the closed form is evaluated at that point for every allowed
+2. Candidates (`choice`): the closed form is evaluated at that point for every allowed
    preconditioner kind and several constraint weights. Of the candidates with small stiffness
    ratios, the one that settles fastest from the initial guess with constant gains is chosen
-   (`rehearsal`).
+   (`trial_run`).
 3. If networks settle to another point than the first run, step 2 is repeated there. If the best is
    slow, another first run, with equal weights throughout, may find another settled point with
    networks that settle several times faster.
@@ -197,8 +197,8 @@ def design(
         Allowed preconditioner kinds; all by default. If the first run does not settle, a multilevel
         preconditioner replaces a grid or a tree.
     gain_rule : GainRule, optional
-        Fixes the factors of the closed form and the preconditioner kind, regardless of ``kinds``;
-        the best of `GAIN_RULES` by default.
+        Fixes the factors of the closed form and the preconditioner kind, regardless of
+        ``preconditioner``; the best of `GAIN_RULES` by default.
     refine : Objective, optional
         Minimise this objective afterwards, along the gradients of the eigenvalues: `SETTLING_TIME`
         for continuous time, `STEPS` or `TWO_PHASE_STEPS` for recurrent layers. Takes about 20
@@ -286,7 +286,8 @@ def _wirable(
     )
     if not found:
         raise DesignError(
-            "kinds: a grid or a tree couples neighbours, and objectives act on the whole row; "
+            "preconditioner: a resistive grid or cyclic reduction couples neighbours, and "
+            "objectives act on the whole row; "
             "allow PreconditionerKind.MULTILEVEL or PreconditionerKind.DIAGONAL"
         )
     return found

@@ -10,7 +10,7 @@ Candidates of constant gains: preconditioner kinds, row weights and penalties.
 The closed form is evaluated at the settled point for every allowed preconditioner kind, with equal
 and with equilibrated constraint weights. Multilevel and diagonal kinds are compared at several
 penalties, by octaves, and grids at several weights of their path term. The criterion is the
-stiffness ratio of the spectrum; trial runs make the final choice (`rehearsal`). Above `LONG_ROW`
+stiffness ratio of the spectrum; trial runs make the final choice (`rehearse`). Above `LONG_ROW`
 stages, where every spectrum takes long, the choices are made one after the other.
 """
 

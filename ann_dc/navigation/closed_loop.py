@@ -31,7 +31,7 @@ class ClosedLoopRun:
 
     Attributes
     ----------
-    world : World
+    world : Scenario
         World of the run.
     dt : float
         Control period, in seconds.
@@ -96,7 +96,7 @@ class ClosedLoopRun:
         ]
         rows.append(f"way {self.length:.2f}, effort {self.effort:.2f}, {periods} control periods")
         if self.shielded.any():
-            rows.append(f"the shield stepped in {self.shielded.sum()} times")
+            rows.append(f"the safety filter stepped in {self.shielded.sum()} times")
         if self.spent.any():
             settled = (self.residuals < SETTLED).mean()
             rows.append(
@@ -124,11 +124,11 @@ def drive(
 
     Parameters
     ----------
-    worlds : sequence of World
+    worlds : sequence of Scenario
         Worlds with robots of one kind.
     planner : Planner
         Planner of all runs.
-    safety_filter : Shield or None
+    safety_filter : SafetyFilter or None
         Safety filter; None disables the filter.
     substeps : int
         Integration steps of the plant per control period.

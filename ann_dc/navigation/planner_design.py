@@ -98,7 +98,7 @@ def design_planner(
         Weight of the squared distance to the goal, per stage.
     soft : Soft
         Soft-constraint parameters of all obstacle constraints, with a finite price.
-    worlds : sequence of World, optional
+    worlds : sequence of Scenario, optional
         Worlds for contacts, by default 12 random worlds. Each third uses the gains from the
         preceding third.
     progress : Progress
@@ -121,7 +121,7 @@ def design_planner(
     """
     if not np.isfinite(soft.weight):
         raise DesignError(
-            f"soft: a robot between two obstacles needs a finite price, got {soft.weight!r}"
+            f"soft: a robot between two obstacles needs a finite weight, got {soft.weight!r}"
         )
     reach = float(robot.limits[0, 1]) * horizon * dt
     planning = planning_problem(

@@ -1,4 +1,4 @@
-"""Safety filter (shield): controls that replace unsafe or unconverged plans."""
+"""Safety filter: controls that replace unsafe or unconverged plans."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GENTLE = 0.25
 """Fraction of a limit that is tried as an escape control in addition to the limit itself."""
 
 
-@such_as("ann_dc.navigation.Shield()")
+@such_as("ann_dc.navigation.SafetyFilter()")
 @checked
 @dataclass(frozen=True, kw_only=True)
 class SafetyFilter:

@@ -115,7 +115,7 @@ class Network(Record):
         Inputs that PREVIOUS connections of cell 0 read; zero by default.
     start : mapping of neuron name to float or (N,) array
         Initial states in network units, zero by default.
-    preconditioner : Metric
+    preconditioner : Preconditioner
         Preconditioner M of dx/ds = M d(x); diagonal (time constants only) by default.
     title : str
         Title of the network.

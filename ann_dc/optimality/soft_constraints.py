@@ -95,7 +95,7 @@ class SoftRows:
         """Numbers of exceeded constraints and the largest violation, as text."""
         if not self.worst:
             return "all kept"
-        found = [f"{self.at_price} exceeded at their price"] if self.at_price else []
+        found = [f"{self.at_price} exceeded at their penalty weight"] if self.at_price else []
         found += [f"{self.yielding} give way below it"] if self.yielding else []
         return (
             f"{', '.join(found)}; {self.worst} most, by {self.excess:.4g} at stage {self.stage}; "

@@ -159,7 +159,7 @@ def check_start(problem: OptimalControlProblem, start: InitialGuess) -> None:
     expected = (problem.n, problem.horizon + 1), (problem.m, problem.horizon)
     if (start.q.shape, start.u.shape) != expected:
         raise ProblemError(
-            f"start: expected q and u of shapes {expected[0]} and {expected[1]}, got "
+            f"initial_guess: expected q and u of shapes {expected[0]} and {expected[1]}, got "
             f"{start.q.shape} and {start.u.shape}; interpolated_guess(problem) makes one"
         )
     q = start.q[:, :-1]
@@ -173,7 +173,7 @@ def check_start(problem: OptimalControlProblem, start: InitialGuess) -> None:
         given = {symbol: float(np.asarray(rows)[k]) for symbol, rows in problem.inputs.items()}
         found = culprit(expressions, values | given)
         raise ProblemError(
-            f"start: {name} or its slope has no finite value at stage {k} ({at})"
+            f"initial_guess: {name} or its slope has no finite value at stage {k} ({at})"
             f"{f', because of {found}' if found else ''}; q_0, q_d and the start have to lie "
             "inside the domain of every function (give initial_guess=)"
         )

@@ -61,7 +61,7 @@ class Findings:
     place : str
         Folder of the store, as named in a command.
     identity : mapping
-        Declaration: title, subject, over, fixed, metrics, settings, spec, seed.
+        Declaration: title, subject, vary, fixed, metrics, settings, spec, seed.
     frame : pandas.DataFrame
         One row per case.
     curves : mapping of int to mapping of str to array (m,)

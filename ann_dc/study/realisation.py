@@ -356,7 +356,7 @@ def _recipe(kinds: tuple[PreconditionerKind, ...], given: Mapping[str, Value]) -
         return None
     if len(kinds) > 1:
         raise StudyError(
-            f"design.{next(iter(given))}: a factor of the recipe needs design.kind, one of "
+            f"design.{next(iter(given))}: a factor of the gain rule needs design.kind, one of "
             f"{', '.join(KINDS)}"
         )
     kind = next(iter(kinds))

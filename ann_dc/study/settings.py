@@ -269,7 +269,7 @@ FAMILIES: dict[str, Family] = {
     "problem": Family(
         Effect.PROBLEM, "parameters of the problem, and its ends", lambda s: s.parameters
     ),
-    "design": Family(Effect.DESIGN, "form, kind of metric, factors of the recipe", _design),
+    "design": Family(Effect.DESIGN, "form, preconditioner kind, factors of the gain rule", _design),
     "gains": Family(Effect.NUMBERS, "factors on penalties, time constants, coordinators", _gains),
     "input": Family(Effect.NUMBERS, "inputs of the frozen network", lambda s: s.wired.cell.inputs),
     "start": Family(Effect.NUMBERS, "where neurons start", lambda _: ("kind", "spread")),

@@ -69,7 +69,7 @@ def synthesize(
     ----------
     scales : Scales, optional
         Scales of states, controls and cost; `scales_of(problem)` by default.
-    start : Start, optional
+    initial_guess : InitialGuess, optional
         Initial guess in the user's units; the straight line by default.
     rho : float
         Weight of the proportional path of every PI multiplier neuron, zero for the plain

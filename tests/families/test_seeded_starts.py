@@ -64,8 +64,8 @@ def with_a_nan(array: np.ndarray) -> np.ndarray:
     [
         (InitialGuess(q=LINE.q, u=LINE.u + np.inf), "starts[1].u: "),
         (LONGER, "starts[1].q: expected an array of shape (2, 6), got (2, 7)"),
-        (LINE.q, "starts[1]: expected a Start, got array"),
-        (None, "starts[1]: expected a Start, got None"),
+        (LINE.q, "starts[1]: expected an InitialGuess, got array"),
+        (None, "starts[1]: expected an InitialGuess, got None"),
     ],
 )
 def test_starts_that_are_refused(bad, message):

@@ -200,7 +200,7 @@ def test_a_candidate_tells_the_spectrum_of_its_network():
 def test_a_grid_below_the_threshold_says_which_penalty_it_needs():
     point, gain_rule = settled("pendulum"), freeze.GAIN_RULES[PreconditionerKind.RESISTIVE_GRID]
     low = replace(gain_rule, penalty=0.5)
-    with pytest.raises(DesignError, match=r"above rho\* = .* recipe with penalty > ") as caught:
+    with pytest.raises(DesignError, match=r"above rho\* = .* gain rule with penalty > ") as caught:
         candidate_of(point, low, 1.0)
     needed = float(str(caught.value).partition("penalty > ")[2].partition(" ")[0])
     candidate_of(point, replace(gain_rule, penalty=1.01 * needed), 1.0)

@@ -94,7 +94,7 @@ def test_its_time_in_hardware_is_that_of_a_circuit_of_its_network(planner):
 
 
 def test_a_price_has_to_be_finite():
-    with pytest.raises(DesignError, match=r"soft: .* finite price"):
+    with pytest.raises(DesignError, match=r"soft: .* finite weight"):
         design_planner(ROBOT, soft=Soft(compliance=0.1))
 
 

@@ -31,7 +31,7 @@ def navigate(
         float, typer.Option(metavar="SECONDS", help="Control period, a stage of the plan.")
     ] = 0.1,
     safety_filter: Annotated[
-        bool, typer.Option(help="Whether a shield steps in where a plan would collide.")
+        bool, typer.Option(help="Whether the safety filter steps in where a plan would collide.")
     ] = True,
     film: Annotated[bool, typer.Option("--film", help="Write a film too (GIF).")] = False,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the pictures.")] = (

@@ -44,7 +44,7 @@ def schematic_files(
         primal = ", ".join(n.name for n in network.cell.neurons if n.role is Role.PRIMAL)
         raise ExportError(
             f"schematic: the resistors of a grid between {primal:.200} are not drawn; design the "
-            "network with time constants alone, a pyramid or a tree"
+            "network with a diagonal, multilevel or cyclic-reduction preconditioner"
         )
     circuit = build(network, level).circuit
     files, told = {}, told_of(network, FORM, level)

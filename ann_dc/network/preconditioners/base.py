@@ -187,7 +187,7 @@ class Preconditioner(ABC):
     @property
     @abstractmethod
     def kind(self) -> PreconditionerKind:
-        """PreconditionerKind of the preconditioner."""
+        """Kind of the preconditioner."""
 
     @abstractmethod
     def check(self, row: ArrayLayout) -> None:

@@ -37,7 +37,7 @@ class CyclicReduction(Stiffness):
 
     @property
     def kind(self) -> PreconditionerKind:
-        """PreconditionerKind of the preconditioner, `PreconditionerKind.CYCLIC_REDUCTION`."""
+        """Kind of the preconditioner, `PreconditionerKind.CYCLIC_REDUCTION`."""
         return PreconditionerKind.CYCLIC_REDUCTION
 
     def elimination(self, row: ArrayLayout) -> Elimination:

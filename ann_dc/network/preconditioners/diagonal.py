@@ -24,7 +24,7 @@ class Diagonal(Preconditioner):
 
     @property
     def kind(self) -> PreconditionerKind:
-        """PreconditionerKind of the preconditioner, `PreconditionerKind.DIAGONAL`."""
+        """Kind of the preconditioner, `PreconditionerKind.DIAGONAL`."""
         return PreconditionerKind.DIAGONAL
 
     def check(self, row: ArrayLayout) -> None:

@@ -36,7 +36,7 @@ class ResistiveGrid(Stiffness):
 
     @property
     def kind(self) -> PreconditionerKind:
-        """PreconditionerKind of the preconditioner, `PreconditionerKind.RESISTIVE_GRID`."""
+        """Kind of the preconditioner, `PreconditionerKind.RESISTIVE_GRID`."""
         return PreconditionerKind.RESISTIVE_GRID
 
     def wires(self, row: ArrayLayout) -> Wires:

@@ -96,7 +96,7 @@ def plane(axes: Axes, journey: ClosedLoopRun) -> None:
     axes.plot(x, y, color=BLUE, lw=2.0, label="way of the robot")
     shielded = np.flatnonzero(journey.shielded)
     if len(shielded):
-        axes.plot(x[shielded], y[shielded], ".", color=VERMILION, ms=5, label="shield")
+        axes.plot(x[shielded], y[shielded], ".", color=VERMILION, ms=5, label="safety filter")
     ends(axes, journey)
 
 
@@ -138,7 +138,7 @@ def _room(axes: Axes, journey: ClosedLoopRun) -> None:
 
 def _pressed(axes: Axes, journey: ClosedLoopRun) -> None:
     axes.plot(_time(journey), journey.pressed, color=ORANGE)
-    axes.set(ylabel="largest multiplier\n(share of price)", ylim=(-0.05, 1.05))
+    axes.set(ylabel="largest multiplier\n(fraction of penalty weight)", ylim=(-0.05, 1.05))
 
 
 def _residual(axes: Axes, journey: ClosedLoopRun) -> None:

@@ -51,7 +51,7 @@ def settling_against_steps(
     ----------
     subject : str or OptimalControlProblem
         Plant name or problem.
-    over : mapping of str to pair
+    vary : mapping of str to pair
         Ranges of sampled settings, such as ``{"input.q_d.x": (4, 6)}``. Random initial guesses and
         targets are equal in all studies.
     kind : str

@@ -122,8 +122,8 @@ class Flow:
     ) -> torch.Tensor:
         """Return moves with saturated neurons, from the moves without.
 
-        See `evaluation.clamps`. All samples exchange neurons in the same rounds; samples without a
-        violation are not changed.
+        See `evaluation.lane_clamps`. All samples exchange neurons in the same rounds; samples
+        without a violation are not changed.
         """
         places, is_traced = self.layout.clamped, torch.compiler.is_compiling()
         x, rows = state.flatten(0, 1)[places], places // state.shape[1]

@@ -3,8 +3,8 @@ r"""Fitted function generator as one subcircuit of cells of ``circuits/``.
 .. math:: v_{out} = (1 + ge)\, f(u) / s_y + oy, \qquad u = s_x v_x ,
 
 without a behavioural source in place of the function. A polynomial is a cascade of multipliers
-(`ann_dc.hardware.generators`). A quotient is an op amp with a multiplier in its feedback: with V
-the amplitude of the input, it computes
+(`ann_dc.hardware.parts.generator_curves`). A quotient is an op amp with a multiplier in its
+feedback: with V the amplitude of the input, it computes
 
 .. math:: |v_x| v_y / V = \pm\frac{1}{|s_x s_y| V}, \qquad v_y = \frac{1}{s_x s_y v_x} .
 
