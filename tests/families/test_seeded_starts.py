@@ -96,5 +96,5 @@ def test_no_start_at_all():
 def test_a_start_outside_a_domain_is_named():
     problem = plants.orbit_transfer()
     line = interpolated_guess(problem)
-    with pytest.raises(ProblemError, match=re.escape("starts[0]: start: the map f")):
+    with pytest.raises(ProblemError, match=re.escape("starts[0]: initial_guess: the map f")):
         checked_starts(problem, [InitialGuess(q=0 * line.q, u=line.u)])

@@ -2,6 +2,6 @@
 
 import lazy_loader
 
-from ann_dc.backends.recurrent import cell as cell  # raises the ImportError that names the extra
+import ann_dc.backends.recurrent.cell  # noqa: F401 - raises the ImportError that names the extra
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
