@@ -103,7 +103,7 @@ def test_a_step_length_that_is_chosen_is_not_fixed():
 def test_a_start_in_the_middle_of_a_distance_is_refused_by_name():
     """The slope of a distance has no value at its centre."""
     given = problem(constraints={"disc": sp.sqrt((x - 1) ** 2 + y**2) >= 0.3})
-    with pytest.raises(ProblemError, match=r"^initial_guess: the inequality disc or its slope has no fin"):
+    with pytest.raises(ProblemError, match=r"^initial_guess: the inequality disc or its slope"):
         ann_dc.synthesize(given)
     line = ann_dc.interpolated_guess(given)
     assert ann_dc.synthesize(given, initial_guess=replace(line, q=line.q + np.array([[0], [0.1]])))
