@@ -61,7 +61,7 @@ class Bench:
     def predict(self, gain_rule: ann_dc.GainRule, value: float) -> Point:
         """The spectrum's word on a recipe."""
         found = self._spectrum(gain_rule)
-        steps = np.log(1 / TOLERANCE) * found.ratio
+        steps = np.log(1 / TOLERANCE) * found.stiffness_ratio
         return Point(value=value, abscissa=found.abscissa, predicted=float(steps))
 
     def measure(self, gain_rule: ann_dc.GainRule, value: float) -> Point:

@@ -69,7 +69,7 @@ def runs_of(problem) -> tuple[dict[str, TwoLevelRun], dict]:
         "hypothesis": ann_dc.theorem_IV_2(network, settled),
         "warm": warm,
         "jacobian_entries": len(evaluator(network).tape.entries),
-        "coarse_neurons": whole.preconditioner.wires(whole.row).nodes,
+        "coarse_neurons": whole.preconditioner.wires(whole.layout).nodes,
     }
     return runs, known
 
