@@ -1,4 +1,4 @@
-"""Pickling and copying of records by their fields, without cached results.
+"""Cached results of records, and pickling and copying without them.
 
 A used record caches compiled functions, evaluators and eigenvalues. These are not part of its
 content, and compiled functions cannot be pickled.
@@ -6,8 +6,11 @@ content, and compiled functions cannot be pickled.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import fields
-from typing import Any
+from typing import Any, TypeVar
+
+_Result = TypeVar("_Result")
 
 WHERE_GIVEN = "where given"
 """Metadata key of a field that a file omits if the field is None."""
@@ -30,6 +33,17 @@ class Record:
     def __reduce__(self) -> tuple[Any, ...]:
         given = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
         return _arrived, (type(self), given)
+
+
+def cached_on(record: object, name: str, key: Hashable, compute: Callable[[], _Result]) -> _Result:
+    """Return a result that is computed once per record and key, as long as the record exists.
+
+    The results are stored under ``name``, next to the cached properties of the record.
+    """
+    results = vars(record).setdefault(name, {})
+    if key not in results:
+        results[key] = compute()
+    return results[key]
 
 
 def _arrived(kind: type, given: dict[str, Any]) -> Any:

@@ -1,6 +1,4 @@
-"""Why it is slow, against closed forms: rates as quotients, modes of the exact preconditioner,
-waves.
-"""
+"""Causes of slow settling, against closed forms: rates, exact preconditioner, waves."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,4 @@
-"""What evaluators on a CPU can do besides: the preconditioner, a recurrence, inputs in place,
+"""Evaluators on a CPU: the preconditioner, a recurrence, inputs in place,
 rates.
 """
 

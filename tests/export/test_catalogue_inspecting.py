@@ -1,4 +1,4 @@
-"""What `inspect_export` says of files that are what they were, and of those that are not."""
+"""Inspection of unchanged files, and of changed, missing and foreign ones."""
 
 import hashlib
 import json
@@ -70,7 +70,7 @@ def files_in(folder):
 
 @pytest.mark.parametrize("name", FOLDERS)
 def test_a_changed_bit_of_any_file_is_found(name, folders, tmp_path):
-    """As is a file that is missing, and one from the export of another network."""
+    """A missing file and one of another network are refused too."""
     folder = Path(shutil.copytree(folders / name, tmp_path / name))
     other = designed_with_time_constants().with_inputs({"q_d.x": 2.0})
     export_network(other, name, tmp_path / "other")

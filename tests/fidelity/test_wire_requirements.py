@@ -1,4 +1,4 @@
-"""What a preconditioner demands of its wires: within it a network is at least half as fast."""
+"""Requirements of a preconditioner on its wires: within them a network is at least half as fast."""
 
 import numpy as np
 import pytest

@@ -347,7 +347,7 @@ class CellWriter:
 
 
 JACOBIAN_FIELDS = (*FIELDS, "slots")
-"""What the code reads and fills, in the order of the table of addresses."""
+"""Arrays that the code reads and fills, in the order of the table of addresses."""
 JACOBIAN_NAMES = "cell", "jacobian"
 """The functions of a piece of code."""
 

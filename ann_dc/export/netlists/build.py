@@ -16,6 +16,7 @@ from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.level_words import level_words
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.trajectory import Trajectory
+from ann_dc.dataclass_pickling import cached_on
 from ann_dc.errors import ExportError, NetworkError, UnknownNameError
 from ann_dc.fidelity.circuit_instance import CircuitInstance, transient_of
 from ann_dc.fidelity.circuit_study import NEAR
@@ -150,14 +151,8 @@ def build(network: Network, level: str, series: str = "exact") -> Build:
     """
     if series.lower() not in WORDS:
         raise UnknownNameError.of("series", series, [s.replace(" ", "-") for s in SERIES])
-    kept = vars(network).setdefault(_KEPT, {})  # beside the cached properties of the record
     key = level.lower(), series.lower()
-    if key not in kept:
-        kept[key] = _built(network, level, WORDS[key[1]])
-    return kept[key]
-
-
-_KEPT = "_builds"
+    return cached_on(network, "_builds", key, lambda: _built(network, level, WORDS[key[1]]))
 
 
 def _built(network: Network, level: str, series: Series) -> Build:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ann_dc.dataclass_pickling import cached_on
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -81,13 +82,9 @@ def emulate(circuit: Circuit, level: Level, deviations: Deviations | None = None
     """
     if deviations:
         return _emulated(circuit, level, deviations, moving=False)
-    kept = vars(circuit).setdefault(_KEPT, {})  # beside the cached properties of the record
-    if level not in kept:
-        kept[level] = _emulated(circuit, level, {}, moving=False)
-    return kept[level]
-
-
-_KEPT = "_emulations"
+    return cached_on(
+        circuit, "_emulations", level, lambda: _emulated(circuit, level, {}, moving=False)
+    )
 
 
 @checked

@@ -6,6 +6,7 @@ import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.analysis.spectra import Spectrum, spectrum
+from ann_dc.dataclass_pickling import cached_on
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import SEEPING
 from ann_dc.hardware.emulation.diodes import paced_at
@@ -124,11 +125,10 @@ def pole_spectrum(emulation: Emulation, x: np.ndarray) -> Spectrum:
 
     They are cached for every state as long as the emulation exists.
     """
-    kept = vars(emulation).setdefault("_pole_spectra", {})
     key = np.asarray(x, float).tobytes()
-    if key not in kept:
-        kept[key] = modes_at(emulation, emulated_state(emulation, x))
-    return kept[key]
+    return cached_on(
+        emulation, "_pole_spectra", key, lambda: modes_at(emulation, emulated_state(emulation, x))
+    )
 
 
 @checked
@@ -138,10 +138,10 @@ def settled_state(emulation: Emulation, x: np.ndarray) -> np.ndarray:
     It is cached for every state as long as the emulation exists. Raises `NetworkError` if there is
     no equilibrium near that state.
     """
-    kept = vars(emulation).setdefault("_settled_states", {})
-    key = np.asarray(x, float).tobytes()
-    if key not in kept:
+
+    def settled() -> np.ndarray:
         found = equilibrium(emulation.network, emulated_state(emulation, x))
         found.setflags(write=False)
-        kept[key] = found
-    return kept[key]
+        return found
+
+    return cached_on(emulation, "_settled_states", np.asarray(x, float).tobytes(), settled)
