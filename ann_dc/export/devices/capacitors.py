@@ -56,8 +56,8 @@ def capacitors_files(
 ) -> dict[str, bytes]:
     """Export the weights of a network as capacitor ratios, with the rounding errors.
 
-    ``capacitors.csv`` has one row per branch. ``capacitors.json`` contains the step, the errors and
-    the saturation limits.
+    The CSV table has one row per branch. The JSON notes contain the step, the errors and the
+    saturation limits.
 
     Parameters
     ----------
