@@ -95,22 +95,7 @@ class UnknownNameError(AnnDcError, LookupError):
 
     @classmethod
     def of(cls, kind: str, given: object, available) -> "UnknownNameError":
-        """Return the error for a requested name and the available names.
-
-        Parameters
-        ----------
-        kind : str
-            Kind of the named object, at the start of the message.
-        given : object
-            Requested name.
-        available : iterable of str
-            Available names.
-
-        Returns
-        -------
-        UnknownNameError
-            Error to raise.
-        """
+        """Return the error for a requested name and the available names of a ``kind``."""
         return cls(f"{kind} {str(given)!r} does not exist; choose one of: {', '.join(available)}")
 
 

@@ -46,11 +46,6 @@ def cores() -> int:
 
     If the system does not restrict a process to some of its cores (macOS, Windows), the result is
     the number of cores of the machine.
-
-    Examples
-    --------
-    >>> cores() >= 1
-    True
     """
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

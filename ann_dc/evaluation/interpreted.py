@@ -23,14 +23,6 @@ class InterpretedEvaluator(Evaluator):
 
     Every call overwrites the workspace ``work``. An optional tape replaces the network's tape by
     other numbers (a trial of other gains). `fast_evaluator` returns generated code if available.
-
-    Examples
-    --------
-    >>> from ann_dc import plants, synthesize
-    >>> network = synthesize(plants.double_integrator(N=5))
-    >>> x = network.start_state
-    >>> bool(np.allclose(InterpretedEvaluator(network).rhs(x), evaluator(network).rhs(x)))
-    True
     """
 
     def __init__(self, network: Network, tape: Tape | None = None) -> None:

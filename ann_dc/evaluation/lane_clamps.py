@@ -54,16 +54,10 @@ ARRAYS = (
 class LaneClamps:
     """Arrays of the clamps of all lanes, and their table for generated code.
 
-    Parameters
-    ----------
-    at, state_at : (P, N) array of int
-        Offsets of the neurons among net inputs and derivatives, and among states, in the first
-        lane; -1 if there is none.
-    lanes : int
-        Number of states: 1, or the samples of a group.
-    given : dict of str to array
-        Uncut net inputs ``drives``; also ``rates_of_lanes`` and ``roots`` if every sample has
-        separate ones.
+    ``at`` and ``state_at`` (P, N) are the offsets of the neurons in the first lane, among net
+    inputs and derivatives, and among states; -1 if there is none. ``lanes`` is 1, or the samples of
+    a group. ``given`` contains the uncut net inputs ``drives``, and ``rates_of_lanes`` and
+    ``roots`` if every sample has separate ones.
     """
 
     def __init__(

@@ -30,16 +30,10 @@ BY_WEIGHT, BY_VALUE, BY_SLOPE = 0, 1, 2
 
 @lru_cache(maxsize=256)
 def reading(offset: int, stages: int) -> tuple[slice, slice]:
-    """Return the stages that a connection feeds and the columns it reads.
+    """Return the stages (of N) that a connection feeds and the columns (of N + 2) that it reads.
 
-    The offset counts stages from the target to the source; ``stages`` is N. Node values have N + 2
-    columns. The outer columns contain the values of a neighbour beyond the end of the row. Sources
-    further outside do not exist.
-
-    Examples
-    --------
-    >>> reading(-1, 4), reading(-3, 4)
-    ((slice(0, 4, None), slice(0, 4, None)), (slice(2, 4, None), slice(0, 2, None)))
+    The offset counts stages from the target to the source. The outer columns contain the values of
+    a neighbour beyond the end of the row; sources further outside do not exist.
     """
     offset, stages = int(offset), int(stages)  # equal keys of any type share what is kept
     first = min(max(0, -1 - offset), stages)

@@ -111,18 +111,10 @@ def equilibrated(
     equilibration_sweeps: int,
     weights: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return the equilibrated weights (P,) of the dual neurons, zero for others.
+    """Return the equilibrated weights (P,) of the dual neurons [1]_, zero for others.
 
-    Parameters
-    ----------
-    linear : Linearisation
-        Linearisation evaluated at a state.
-    penalty : float
-        Base penalty rho_0, the unit of the cost's curvature.
-    equilibration_sweeps : int
-        Number of iterations; fewer sweeps stay nearer to the initial weights.
-    weights : (P,) array, optional
-        Initial weights; equal by default.
+    ``penalty`` is the base penalty rho_0, the unit of the cost's curvature. Fewer sweeps stay
+    nearer to the initial ``weights`` (P,), equal by default.
 
     References
     ----------

@@ -164,19 +164,9 @@ def grid_gains_of(
 ) -> Gains:
     """Return gains with a resistive grid, or with cyclic reduction of the same matrix.
 
-    Raises `DesignError` if the penalty lies below rho*, so that the stiffness is not positive
-    definite.
-
-    Parameters
-    ----------
-    points : sequence of SettledPoint
-        One point, or those of several inputs, whose stiffnesses are averaged.
-    weights : (P,) array
-        Constraint weights of the dual neurons.
-    gain_rule : GainRule
-        Gain rule; its kind, path term, penalty and eta are used.
-    penalty_factor : float
-        Factor on every penalty.
+    The stiffnesses of several points, one per input, are averaged. ``weights`` (P,) are those of
+    the dual neurons' constraints; kind, path term, penalty and eta are the rule's. Raises
+    `DesignError` if the penalty lies below rho*, so that the stiffness is not positive definite.
     """
     network = points[0].network
     _check(network, gain_rule.kind)
@@ -264,13 +254,12 @@ def _check(network: Network, kind: PreconditionerKind) -> None:
 def stiffness_of(
     network: Network, G: Any, kind: PreconditionerKind = PreconditionerKind.RESISTIVE_GRID
 ) -> tuple[np.ndarray, Stiffness]:
-    """Return a stiffness between neighbours as a preconditioner.
+    """Return a stiffness between neighbours as a preconditioner, with its time constants.
 
     G (z, z) is sparse and symmetric positive definite over the primal neurons, in the order of the
-    state vector; `kind` is `PreconditionerKind.RESISTIVE_GRID` or
-    `PreconditionerKind.CYCLIC_REDUCTION`. Returns the diagonal (z,) of G, the time constants of the
-    primal neurons, and a `ResistiveGrid` or `CyclicReduction` of G with a unit diagonal. Raises
-    `DesignError` if a diagonal entry is not positive, or G couples cells that are not neighbours.
+    state vector. Its diagonal (z,) becomes their time constants; the `ResistiveGrid` or
+    `CyclicReduction` has a unit diagonal. Raises `DesignError` if a diagonal entry is not positive,
+    or G couples cells that are not neighbours.
     """
     diagonal = G.diagonal()
     if not (np.isfinite(diagonal).all() and (diagonal > 0).all()):

@@ -35,11 +35,6 @@ class Knowledge(NamedTuple):
     `doubt` is called when a first run stalls. `cost` is that of a settled point: a faster network
     that settles at a higher cost is rejected. `finder` searches for an optimum if the first run
     does not settle soon, `cheaper` for one of lower cost than the point at which it settled.
-
-    Examples
-    --------
-    >>> Knowledge().cost(np.zeros(3))
-    0.0
     """
 
     doubt: Doubt = lambda x: None

@@ -14,20 +14,12 @@ HALF_OCTAVE = 2**0.5
 def downhill(
     ratio: Callable[[float], float], penalty_factor: float, *, around: float | None = None
 ) -> float:
-    """Return the penalty factor of the smallest ratio found by octave steps.
+    """Return the penalty factor of the smallest stiffness ratio found by octave steps.
 
-    The search begins at the first factor with a stable point; finally half an octave is tried on
-    either side.
-
-    Parameters
-    ----------
-    ratio : callable
-        Stiffness ratio as a function of a penalty factor.
-    penalty_factor : float
-        Initial factor, returned if no factor gives a stable point.
-    around : float, optional
-        Reference that limits the search to `LARGEST_FACTOR` either way; ``penalty_factor`` by
-        default.
+    The search begins at ``penalty_factor`` times the first power of two with a stable point;
+    finally half an octave is tried on either side. `LARGEST_FACTOR` limits it either way of
+    ``around``, by default of the initial factor, which is returned if no factor gives a stable
+    point.
     """
     known: dict[float, float] = {}
 

@@ -76,21 +76,9 @@ def refined(
     """Return a better candidate than ``best`` with the same wires, or ``best`` itself.
 
     Every evaluation computes all eigenvalues and eigenvectors. Above `DENSE_LIMIT` neurons this is
-    too expensive, and ``best`` is returned with a message.
-
-    Parameters
-    ----------
-    best : Candidate
-        Candidate with a finite stiffness ratio.
-    progress : Progress
-        Receives the best result so far, twice a second.
-    seconds : float
-        Processor time in seconds after which the search ends. The last evaluation and the settling
-        check take additional time.
-    freedom : Freedom
-        Independent gains.
-    objective : Objective
-        Quantity to minimise.
+    too expensive, and ``best`` is returned with a message. ``best`` must have a finite stiffness
+    ratio. The search ends after a processor time in ``seconds``; the last evaluation and the
+    settling check take additional time.
     """
     began, network, state = clock.process_time(), settled.network, settled.state
     if network.size > DENSE_LIMIT:

@@ -40,19 +40,9 @@ class Preset(NamedTuple):
 
 
 def presets_of(network: Network, state: np.ndarray) -> Iterator[Preset]:
-    """Yield initial guesses that approach an optimum.
+    """Yield initial guesses that approach an optimum, coarse ones first.
 
     `network` has its default initial guess; `state` (n,) is the optimum.
-
-    Examples
-    --------
-    >>> from ann_dc import design, plants
-    >>> designed = design(plants.double_integrator(N=13))
-    >>> for preset in presets_of(designed.network, designed.state):
-    ...     print(preset.words)
-    6 stages of the found path
-    the found path
-    a state near the optimum
     """
     primal = np.zeros(len(network.live), bool)
     primal[RoleRows.of(evaluator(network).tape.roles).primal] = True

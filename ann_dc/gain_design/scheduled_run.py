@@ -106,21 +106,10 @@ def first_run(
     """Run a network until its relative KKT residual is below ``tolerance``.
 
     The result is returned for every outcome. The network must have PI duals; its gains are not
-    used.
-
-    Parameters
-    ----------
-    gain_rule : GainRule
-        Factors of the closed form.
-    limit : int
-        Largest number of steps, restarts included.
-    equal_rows : int
-        Steps after which the constraint weights are equilibrated.
-    progress : Progress
-        Receives one line per chunk.
-    knowledge : Knowledge
-        Its `doubt` is called when the run stalls; its `finder` when the run is lost or has not
-        settled after ``equal_rows`` steps; its `cheaper` when the run settles.
+    used. At most ``limit`` steps are done, restarts included; after ``equal_rows`` steps the
+    constraint weights are equilibrated. The `doubt` of ``knowledge`` is called when the run stalls,
+    its `finder` when the run is lost or has not settled after ``equal_rows`` steps, its `cheaper`
+    when the run settles.
     """
     return _Schedule(network, gain_rule, equal_rows, knowledge).run(tolerance, limit, progress)
 

@@ -183,22 +183,11 @@ def compare(
 ) -> tuple[Candidate, ...]:
     """Return the candidates of one preconditioner kind, in order of evaluation.
 
-    The result is empty if no grid exists.
-
-    Parameters
-    ----------
-    penalty_factor : float
-        Initial penalty factor: the final factor of the first run.
-    progress : Progress
-        Receives one line per spectrum.
-    gain_rule : GainRule, optional
-        If given, only its penalties are compared, not other constraint weights.
-    penalty : float
-        Factor on the penalties of the kind's default rule.
-    is_brief : bool
-        Compare penalties for one set of constraint weights, as for a long cell array.
-    take : callable
-        Receives every candidate as soon as its spectrum is known.
+    The result is empty if no grid exists. ``penalty_factor`` is the final factor of the first run.
+    If ``gain_rule`` is given, only its penalties are compared, not other constraint weights;
+    ``penalty`` is a factor on the penalties of the kind's default rule. ``is_brief`` compares
+    penalties for one set of constraint weights, as for a long cell array. ``take`` receives every
+    candidate as soon as its spectrum is known.
     """
     tried = _Tried(settled, kind, progress, take)
     own = replace(GAIN_RULES[kind], penalty=penalty * GAIN_RULES[kind].penalty)
@@ -392,22 +381,9 @@ def run_with_constants(
 ) -> tuple[float, int]:
     """Integrate with Euler steps that are small relative to the current fastest mode.
 
-    Returns the elapsed fastest time constants and the outcome `RAN`, `SETTLED` or `LOST`.
-
-    Parameters
-    ----------
-    trial : FastEvaluator
-        Evaluator of a network with constant gains.
-    x : (n,) array
-        Initial state; overwritten by the final state.
-    limit : float
-        Time limit in fastest time constants.
-    tolerance : float
-        KKT residual at which the run has settled.
-    progress : Progress
-        Receives occasional lines.
-    longest : int
-        Largest number of steps.
+    ``x`` (n,) is overwritten by the final state. ``limit`` is in fastest time constants,
+    ``tolerance`` the KKT residual at which the run has settled, ``longest`` the largest number of
+    steps. Returns the elapsed fastest time constants and the outcome `RAN`, `SETTLED` or `LOST`.
     """
     free = np.full(len(x), np.inf)
     guard = trial.domain_guard(x)
@@ -459,16 +435,8 @@ def rehearsed(
 
     Candidates that settled come first, the fastest in front, then all others by increasing
     stiffness ratio. A candidate that cannot be the fastest by its ratio is not run, nor is a kind
-    that fails repeatedly. Candidates with a result are not run again.
-
-    Parameters
-    ----------
-    candidates : iterable of Candidate
-        At least one candidate.
-    progress : Progress
-        Receives one line per trial run.
-    take : callable
-        Receives every candidate after its trial run.
+    that fails repeatedly. Candidates with a result are not run again. ``take`` receives every
+    candidate after its trial run.
     """
     fastest, seen, failures = np.inf, [], dict[object, int]()
     at_best = 1.0 if settled.network.stages > LONG_ROW else AT_BEST

@@ -143,12 +143,8 @@ class Product:
 class Function:
     """Function generator on one node of its cell, y = g(x).
 
-    Attributes
-    ----------
-    function : str
-        Name of the `FunctionBlock` g.
-    x : str
-        Name of the argument: a neuron, an input or an earlier block.
+    ``function`` is the name of the `FunctionBlock` g, ``x`` that of a neuron, an input or an
+    earlier block.
     """
 
     name: str
@@ -270,12 +266,8 @@ class Cell:
 def check_cell(cell: Cell, stages: int) -> None:
     """Reject a cell that is inconsistent or does not fit the number N of stages.
 
-    The result is cached: networks that differ only in their inputs are checked once.
-
-    Raises `NetworkError` for less than one stage, names that are not text or not unique, and blocks
-    out of order. The same error is raised for invalid weights, time constants or saturation limits,
-    and for connections with unknown ends. Raises `UnknownNameError` for a function block that does
-    not exist.
+    The result is cached: networks that differ only in their inputs are checked once. Raises
+    `NetworkError`, or `UnknownNameError` for a function block that does not exist.
     """
     if stages < 1:
         raise NetworkError(f"stages: expected N >= 1, got {stages!r}")
@@ -306,11 +298,6 @@ def per_stage(name: str, value, stages: int) -> np.ndarray:
     """Return one finite number per stage, (N,) and read-only, from one number or N.
 
     Raises `NetworkError` with the name of the field if the value has another size or is not finite.
-
-    Examples
-    --------
-    >>> per_stage("tau", 2, 3).tolist()
-    [2.0, 2.0, 2.0]
     """
     try:
         array = np.array(np.broadcast_to(np.asarray(value, float), (stages,)))

@@ -143,11 +143,6 @@ def folded(
 
     ``given`` has the meaning of ``"x"`` and ``"y"``, ``library`` a function per operation, and
     ``number`` converts numbers.
-
-    Examples
-    --------
-    >>> folded(("divide", 1.0, "x"), {"x": 4.0}, ARITHMETIC)
-    0.25
     """
     if not isinstance(tree, tuple):
         return given[tree] if isinstance(tree, str) else number(tree)
@@ -167,23 +162,9 @@ def written(
 ) -> str:
     """Return the text of a tree in a language with infix operators.
 
-    Parameters
-    ----------
-    tree : Tree
-        Formula.
-    given : mapping of str to str
-        Texts of ``"x"`` and ``"y"``.
-    forms : mapping of str to str
-        Format string per operation. A form that begins with ``{}`` is an infix operator, whose
-        operands are enclosed in parentheses if they are infix operations themselves.
-    number : callable
-        Text of a number.
-
-    Examples
-    --------
-    >>> forms = {"add": "{} + {}", "multiply": "{} * {}", "divide": "{} / {}"}
-    >>> written(function_block("atan").trees[1], {"x": "u"}, forms)
-    '1.0 / (1.0 + (u * u))'
+    ``given`` has the texts of ``"x"`` and ``"y"``, ``forms`` a format string per operation, and
+    ``number`` writes a number. A form that begins with ``{}`` is an infix operator, whose operands
+    are enclosed in parentheses if they are infix operations themselves.
     """
     if not isinstance(tree, tuple):
         return given[tree] if isinstance(tree, str) else number(tree)
@@ -344,11 +325,6 @@ def function_block(name: str) -> FunctionBlock:
     """Return the function block of a name, for instance ``"sin"``.
 
     Raises `UnknownNameError` with the existing names if the name is not in `FUNCTIONS`.
-
-    Examples
-    --------
-    >>> function_block("tan").domain[1] == math.pi / 2
-    True
     """
     if name not in CODE:
         raise UnknownNameError.of("function block", name, CODE)

@@ -66,14 +66,9 @@ def _per_sample(network: Network, name: str, value: Any) -> np.ndarray:
 
 
 class StartMove(NamedTuple):
-    """Displacement of the initial guess: ``weight`` times the change of an input.
+    """Displacement of the initial guess: ``weight`` (n,) times the change of an input.
 
-    Attributes
-    ----------
-    stage : int
-        Stage at which the value of the input is read.
-    weight : (n,) array
-        Weights in network units on both sides.
+    The value of the input is read at ``stage``; weights are in network units on both sides.
     """
 
     input: str
@@ -107,14 +102,6 @@ def moved_starts(network: Network, inputs: Mapping[str, np.ndarray]) -> np.ndarr
     """Return initial state vectors (B, n), with the chains moved with their ends.
 
     The inputs are arrays (B, N) from `input_batch`.
-
-    Examples
-    --------
-    >>> from ann_dc import plants, synthesize
-    >>> network = synthesize(plants.double_integrator(N=2))
-    >>> inputs = input_batch(network, {"q_d.x": [1.0, 3.0]})
-    >>> network.unpack(moved_starts(network, inputs))[:, network.neuron_index["q.x"]].tolist()
-    [[0.0, 0.5], [0.0, 1.5]]
     """
     count = max((len(values) for values in inputs.values()), default=1)
     states = np.repeat(network.start_state[None], count, axis=0)
@@ -161,11 +148,6 @@ def drawn_values(
 
     The values of a seed are equal on all machines. A scrambled Sobol sequence fills the ranges by
     default; with ``independent`` every value is drawn independently.
-
-    Examples
-    --------
-    >>> drawn_values({"q_d.x": (3.0, 7.0)}, 4, seed=0).shape
-    (4, 1)
     """
     low, high = np.transpose(list(ranges.values()))
     if independent:

@@ -22,13 +22,6 @@ def gradient(wiring: Wiring, potential: Signal, variables: Iterable[int]) -> dic
 
     Gradients stop at sources and at named sums. A signal is empty if the potential does not depend
     on the variable. The blocks of the adjoint half are added to the wiring.
-
-    Examples
-    --------
-    >>> from ann_dc.synthesis import Wiring
-    >>> wiring = Wiring(["x"])
-    >>> gradient(wiring, {(0, 0): 0.5}, [0])
-    {0: {(0,): 1.0}}
     """
     adjoints: dict[int, Signal] = {a: partial(potential, a) for a in atoms(potential)}
     pending = {a for a in adjoints if wiring.is_inner(a)}

@@ -23,14 +23,6 @@ def signal_of(expression: sp.Expr, symbols: Mapping[sp.Symbol, Signal], wiring: 
     """Return the signal of a SymPy expression, adding required blocks to the wiring.
 
     ``symbols`` maps each symbol to its signal. Raises `SynthesisError` if a function has no block.
-
-    Examples
-    --------
-    >>> from ann_dc.synthesis import Wiring
-    >>> x, wiring = sp.Symbol("x"), Wiring(["q.x"])
-    >>> signal = signal_of(2 * sp.sin(x), {x: wiring.signal("q.x")}, wiring)
-    >>> [(wiring.names[atom], weight) for (atom,), weight in signal.items()]
-    [('sin(x)', 2.0)]
     """
     return _Reader(symbols, wiring).read(expression)
 

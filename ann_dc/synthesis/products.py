@@ -16,17 +16,8 @@ from ann_dc.synthesis.signals import Monomial, Signal, bare
 class SharedProducts:
     """Two-input multipliers for all monomials of a cell, the most shared pair first.
 
-    Parameters
-    ----------
-    names : list of str
-        Names of the atoms; those of the products are appended.
-    signals : iterable of Signal
-        All sums of the cell.
-
-    Attributes
-    ----------
-    pairs : dict of atom to (atom, atom)
-        The two factors of every product.
+    ``names`` are those of the atoms, to which those of the products are appended; ``signals`` are
+    all sums of the cell. ``pairs`` contains the two factors of every product.
     """
 
     def __init__(self, names: list[str], signals: Iterable[Signal]) -> None:

@@ -12,28 +12,13 @@ from ann_dc.evaluation.codegen.writer import Function
 
 
 class Buses:
-    """Shared neurons of a function under construction.
+    """Shared neurons of a function under construction, whose states are read immediately.
 
-    Parameters
-    ----------
-    f : Function
-        Function to which the lines are added. The states are read immediately.
-    rows : sequence of int
-        Rows of the shared neurons among all neurons.
-    neurons : int
-        Number of neurons P of a cell.
-    base : dict of str to str
-        Addresses of ``x``, ``rates``, ``drives`` and ``out``, and the offset ``last`` of the first
-        neuron of the last stage in a table of derivatives.
-    is_row : bool
-        True if a lane is a stage, False if a lane is a sample.
-    is_wide : bool
-        True if rates have one number per lane.
-
-    Attributes
-    ----------
-    values : dict of int to str
-        State of every shared neuron in all lanes.
+    ``rows`` are those of the shared neurons among the P ``neurons`` of a cell. ``base`` contains
+    the addresses of ``x``, ``rates``, ``drives`` and ``out``, and the offset ``last`` of the first
+    neuron of the last stage in a table of derivatives. ``is_row`` is True if a lane is a stage,
+    ``is_wide`` if rates have one number per lane. ``values`` contains the state of every shared
+    neuron in all lanes.
     """
 
     def __init__(

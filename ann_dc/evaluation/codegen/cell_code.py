@@ -427,11 +427,16 @@ class _JacobianWriter(CellWriter):
             with self.f.loop(self.base["chunks"]) as chunk:
                 self.begin(chunk)
                 self.derivative = {}
-                for operation in self.slots.operations:
-                    if self.slots.phase[operation[0]] == phase:
-                        self._add(*operation)
-                for slot, found in self.derivative.items():
-                    self._keep(slot, found)
+                operations = [
+                    operation
+                    for operation in self.slots.operations
+                    if self.slots.phase[operation[0]] == phase
+                ]
+                last = {operation[0]: number for number, operation in enumerate(operations)}
+                for number, (slot, *rest) in enumerate(operations):
+                    self._add(slot, *rest)
+                    if last[slot] == number:  # at once: what waits for the end fills the registers
+                        self._keep(slot, self.derivative[slot])
         self.f.done()
 
     def watch(self, step: int, code: int, argument: str) -> None:

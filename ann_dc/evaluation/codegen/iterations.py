@@ -14,15 +14,9 @@ def recur(entry, x, moves, found, limits, step, count, tolerance):
     """Run up to ``count`` forward Euler steps of ``step`` on a state in place.
 
     Step, count, tolerance and the results (steps, residual, outcome) are those of `loops.recur`.
-
-    Parameters
-    ----------
-    entry : (4,) array of int
-        Addresses of ``rhs``, ``residuals`` and their table, and the numbers of a ghost chunk.
-    x, moves, found : arrays
-        State with ghosts, dx/ds, and the result of ``residuals``.
-    limits : (size, 3) array
-        Largest change in a step, lowest and highest state, for the numbers of a state.
+    ``entry`` (4,) contains the addresses of ``rhs``, ``residuals`` and their table, and the numbers
+    of a ghost chunk; ``limits`` (size, 3) the largest change in a step and the lowest and highest
+    state.
     """
     rhs, residuals, table, ghost, last = entry[0], entry[1], entry[2], entry[3], 0.0
     for done in range(count):
@@ -63,22 +57,12 @@ def _push(drives, places, entries, values, v, length):
 
 @compiled
 def grown(entry, places, rates, entries, values, v, tables, iterations):
-    """Return the growth of ``v`` in the last of several iterations v' = M K v / |v|.
+    """Return the growth of ``v`` in the last of several iterations v' = M K v / |v|, at least 1.
 
-    The vector is overwritten. The result is 1 if nothing grows.
-
-    Parameters
-    ----------
-    entry : (2,) array of int
-        Addresses of ``preconditioner`` (zero if there is none) and of its table.
-    places : (n,) array
-        Places of the state components in a table without ghosts.
-    rates : (n,) array
-        Rates of the neurons without the coupling.
-    entries, values : (nnz, 4) and (nnz,) arrays
-        Rows, columns and numbers of K, as in a tape.
-    tables : two arrays
-        Net inputs and derivatives, which ``preconditioner`` reads and adds to.
+    The vector is overwritten. ``entry`` (2,) contains the addresses of ``preconditioner`` (zero if
+    there is none) and of its table, ``places`` (n,) and ``rates`` (n,) the places and uncoupled
+    rates of the state components, ``entries`` (nnz, 4) and ``values`` (nnz,) K as in a tape.
+    ``tables`` are the net inputs and derivatives of ``preconditioner``.
     """
     preconditioner, table, rate = entry[0], entry[1], 1.0
     drives, moves = tables

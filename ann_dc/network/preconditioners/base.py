@@ -114,12 +114,8 @@ class ArrayLayout:
 class Factors:
     """Factors of M = spread stiffness^{-1} spread', over state vector components.
 
-    Attributes
-    ----------
-    spread : (n, a) sparse array
-        Displacement of every neuron per displacement of a node of the preconditioner.
-    stiffness : (a, a) sparse array
-        Stiffness between the nodes, symmetric positive definite.
+    ``spread`` (n, a) is the displacement of every neuron per displacement of a node of the
+    preconditioner, ``stiffness`` (a, a) that between the nodes, symmetric positive definite.
     """
 
     spread: Any
@@ -208,23 +204,12 @@ class Preconditioner(ABC):
         return self.apply(row, table)[..., neuron, stage]
 
     def clamp(self, row: ArrayLayout, held: np.ndarray) -> Clamp:
-        """Return the map from net inputs to state derivatives for saturated neurons.
+        """Return the map from net inputs to state derivatives, and currents, for saturated neurons.
 
-        The current of a saturated neuron is that of an ideal diode at its limit. The current makes
-        the derivative of the neuron zero, and the preconditioner spreads the current like a net
-        input. The derivatives of the other neurons are argmin 1/2 v' M^{-1} v - d'v over all v that
-        are zero at saturated neurons.
-
-        ``held`` (n,) is True for saturated neurons. The matrix is factored once.
-
-        Examples
-        --------
-        >>> from ann_dc.network.preconditioners import Diagonal
-        >>> rates, chains = np.ones((1, 2)), np.zeros((0, 2), int)
-        >>> row = ArrayLayout(rates=rates, primal=np.array([0]), chains=chains)
-        >>> clamp = Diagonal().clamp(row, np.array([False, True]))
-        >>> [found.tolist() for found in clamp(np.array([2.0, 3.0]))]
-        [[2.0, 0.0], [0.0, -3.0]]
+        ``held`` (n,) is True for saturated neurons. The current of a saturated neuron, that of an
+        ideal diode at its limit, makes its derivative zero and spreads like a net input. The
+        derivatives of the others are argmin 1/2 v' M^{-1} v - d'v over all v that are zero at
+        saturated neurons. The matrix is factored once.
         """
         if not held.any():
             return lambda drives: (self.moves(row, drives), np.zeros_like(drives))

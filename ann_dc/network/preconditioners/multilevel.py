@@ -243,14 +243,8 @@ def _check_definite(level: int, gain: np.ndarray) -> None:
 def hat_positions(count: int, intervals: int) -> tuple[np.ndarray, np.ndarray]:
     """Return grid point and fraction of ``count`` chain positions (two or more).
 
-    The grid point ``index`` (count,) is to the left; ``share`` (count,) is the fraction of the
-    distance to the grid point on the right. The grid has the given number of intervals.
-
-    Examples
-    --------
-    >>> index, share = hat_positions(5, 2)
-    >>> index.tolist(), share.tolist()
-    ([0, 0, 1, 1, 1], [0.0, 0.5, 0.0, 0.5, 1.0])
+    The grid has the given number of intervals. ``index`` (count,) is the grid point to the left;
+    ``share`` (count,) is the fraction of the distance to the grid point on the right.
     """
     coordinate = np.arange(count) * intervals / (count - 1)
     index = np.minimum(coordinate.astype(np.int64), intervals - 1)

@@ -29,15 +29,9 @@ from ann_dc.network.preconditioners.base import ArrayLayout, Clamp, Factors, Pre
 class Stiffness(Preconditioner):
     """Stiffness S between the m primal neurons of every cell and of the next.
 
-    Raises `NetworkError` if the shapes disagree, a number is not finite, or ``own`` is not
-    symmetric.
-
-    Attributes
-    ----------
-    own : (N, m, m) array
-        S within a cell, symmetric.
-    following : (N - 1, m, m) array
-        S between a cell (rows) and the next one (columns).
+    ``own`` (N, m, m) is S within a cell, symmetric; ``following`` (N - 1, m, m) is S between a cell
+    (rows) and the next one (columns). Raises `NetworkError` if the shapes disagree, a number is not
+    finite, or ``own`` is not symmetric.
     """
 
     own: np.ndarray
