@@ -145,7 +145,7 @@ class Diagnosis:
                 f"start it {best.outcome}"
             )
         preconditioner = "another preconditioner"
-        if self.kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION):
+        if self.kind.is_stiffness:
             preconditioner = "less of the path term (a stiffer start)"
         if found.ratio < HELPS * found.exact_ratio():
             return f"{preconditioner} with {found.needed:.3g} times the penalties; not alone"

@@ -166,11 +166,7 @@ class Choice:
         kinds = self.kinds
         if PreconditionerKind.RESISTIVE_GRID in kinds:
             kinds = tuple(kind for kind in kinds if kind is not PreconditionerKind.CYCLIC_REDUCTION)
-        others = tuple(
-            kind
-            for kind in kinds
-            if kind not in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
-        )
+        others = tuple(kind for kind in kinds if not kind.is_stiffness)
         return kinds if self.first.settled else others or (PreconditionerKind.MULTILEVEL,)
 
     def _compared(
@@ -222,11 +218,7 @@ class Choice:
     ) -> list[Candidate]:
         """Run trials of closed-form networks of all useful kinds."""
         rehearsals = []
-        for kind in (
-            kind
-            for kind in self._useful()
-            if kind not in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
-        ):
+        for kind in (kind for kind in self._useful() if not kind.is_stiffness):
             for gain_rule in gain_rules(kind):
                 candidate = candidate_of(settled, gain_rule, self.first.penalty_factor)
                 if np.isfinite(candidate.ratio):
@@ -409,12 +401,7 @@ class FoundChoice(Choice):
 
     def _with_patience(self, settled: SettledPoint, seen: tuple[Candidate, ...]) -> Frozen:
         """Return grids after longer trials or stiffer multilevel rules, or from the path."""
-        grids = tuple(
-            c
-            for c in seen
-            if c.kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
-            and c.ratio < np.inf
-        )
+        grids = tuple(c for c in seen if c.kind.is_stiffness and c.ratio < np.inf)
         if grids:
             best = self._from_afar(settled, grids, LONGER)
         else:

@@ -291,10 +291,7 @@ def recipe_of_first_run(gain_rule: GainRule | None) -> GainRule:
 
     `gain_rule` is the rule fixed by the caller, or None.
     """
-    if gain_rule is None or gain_rule.kind in (
-        PreconditionerKind.RESISTIVE_GRID,
-        PreconditionerKind.CYCLIC_REDUCTION,
-    ):
+    if gain_rule is None or gain_rule.kind.is_stiffness:
         return MULTILEVEL_RULE
     return gain_rule
 

@@ -279,11 +279,7 @@ def _wirable(
     """Return the kinds that a network can have: objectives act beyond every stiffness."""
     if not network.cell.objectives:
         return kinds
-    found = tuple(
-        kind
-        for kind in kinds
-        if kind not in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
-    )
+    found = tuple(kind for kind in kinds if not kind.is_stiffness)
     if not found:
         raise DesignError(
             "preconditioner: a resistive grid or cyclic reduction couples neighbours, and "

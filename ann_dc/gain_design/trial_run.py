@@ -105,11 +105,7 @@ class Candidate:
             if self.gain_rule.equilibration_sweeps
             else start
         )
-        path = (
-            f", path {self.gain_rule.path_weight:g}"
-            if self.kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
-            else ""
-        )
+        path = f", path {self.gain_rule.path_weight:g}" if self.kind.is_stiffness else ""
         if self.gain_rule.inequality != 1:
             rows += f", inequalities x {self.gain_rule.inequality:g}"
         penalty = f"penalty x {self.penalty_factor:g}"
@@ -128,10 +124,7 @@ def gains_of(points: Sequence[SettledPoint], gain_rule: GainRule, penalty_factor
     else:
         linear = MeanLinearisation([settled.linear for settled in points])
         weights = weights_of_rows(linear, gain_rule)
-    if gain_rule.kind not in (
-        PreconditionerKind.RESISTIVE_GRID,
-        PreconditionerKind.CYCLIC_REDUCTION,
-    ):
+    if not gain_rule.kind.is_stiffness:
         return closed_form(linear, gain_rule, penalty_factor)
     return grid_gains_of(points, weights, gain_rule, penalty_factor)
 
@@ -200,7 +193,7 @@ def compare(
         ]
     )
     long = settled.network.stages > LONG_ROW
-    if kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION):
+    if kind.is_stiffness:
         paths = [gain_rule.path_weight] if gain_rule else list(PATHS)
         if long:
             damped = max(paths)  # it settles from the most starts

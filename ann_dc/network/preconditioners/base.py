@@ -43,6 +43,11 @@ class PreconditionerKind(enum.Enum):
     RESISTIVE_GRID = "resistive grid"
     CYCLIC_REDUCTION = "cyclic reduction"
 
+    @property
+    def is_stiffness(self) -> bool:
+        """True if M is the inverse of a stiffness between neighbours."""
+        return self in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
+
 
 Kinds: TypeAlias = "PreconditionerKind | Iterable[PreconditionerKind]"
 """One preconditioner kind or several."""
