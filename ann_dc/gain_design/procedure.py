@@ -183,40 +183,14 @@ def design(
     progress: Progress = silent,
     knowledge: Knowledge = NOTHING,
 ) -> Design:
-    """Choose rho, time constants and preconditioner of a network.
+    """Choose rho, time constants and preconditioner of a network; see `ann_dc.design`.
 
     Returns a `Design` for every outcome; check ``settled``. Raises `DesignError` if the network has
     no PI duals, its numbers overflow, no kind is allowed, or the only allowed kind has no
-    preconditioner.
-
-    Parameters
-    ----------
-    network : Network
-        Network with proportional-integral multiplier neurons (PI duals).
-    preconditioner : PreconditionerKind or iterable of PreconditionerKind
-        Allowed preconditioner kinds; all by default. If the first run does not settle, a multilevel
-        preconditioner replaces a grid or a tree.
-    gain_rule : GainRule, optional
-        Fixes the factors of the closed form and the preconditioner kind, regardless of
-        ``preconditioner``; the best of `GAIN_RULES` by default.
-    refine : Objective, optional
-        Minimise this objective afterwards, along the gradients of the eigenvalues: `SETTLING_TIME`
-        for continuous time, `STEPS` or `TWO_PHASE_STEPS` for recurrent layers. Takes about 20
-        seconds.
-    limit : int
-        Largest number of steps of the first run.
-    progress : Progress
-        Receives one status line at a time. If it raises `Stopped`, the design ends with the closed
-        form at the current state.
-    knowledge : Knowledge
-        Callbacks of the problem behind the network.
-
-    Examples
-    --------
-    >>> from ann_dc import plants, synthesize
-    >>> network = synthesize(plants.double_integrator(N=5))
-    >>> design(network, preconditioner=PreconditionerKind.MULTILEVEL).best.kind
-    <PreconditionerKind.MULTILEVEL: 'multilevel'>
+    preconditioner. If the first run does not settle, a multilevel preconditioner replaces a grid or
+    a tree. ``gain_rule`` also fixes the kind. If ``progress`` raises `Stopped`, the design ends
+    with the closed form at the current state. ``knowledge`` contains callbacks of the problem
+    behind the network.
     """
     if not network.cell.duals:
         raise DesignError(
