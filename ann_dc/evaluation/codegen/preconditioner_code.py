@@ -12,19 +12,35 @@ to the tables dominates the time.
 
 The sums are those of the loops in `preconditioner_arrays`, in the same order. The code looks up no
 addresses and omits zeros, and an uncoupled chain stays in registers. Gains are data.
+
+A stiffness preconditioner is M = T^{1/2} S^{-1} T^{1/2}. For a sample with other time constants T' =
+R T R and the same S it is R M R: net inputs and derivatives are both scaled by the roots R.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import TypeAlias
 
 from ann_dc.evaluation.codegen.plan import Axis, Plan, node_width
-from ann_dc.evaluation.codegen.roots import add_scaling
 from ann_dc.evaluation.codegen.writer import Function, Module
 
-# ---- A pyramid over a short row, written out: every node is a value, and nothing lies in tables
+
+def add_scaling(
+    f: Function, base: dict[str, str], rows: Sequence[int], neurons: int, source: str, target: str
+) -> None:
+    """Write ``target = roots source`` for some neurons of every cell (lane: sample).
+
+    ``base`` contains the addresses of ``roots``, ``source`` and ``target`` (tables without ghosts)
+    and of ``chunks``. ``rows`` are the scaled neurons of the P ``neurons`` of a cell.
+    """
+    with f.loop(base["chunks"]) as chunk:
+        first = f.integer("mul", chunk, neurons * f.width)
+        for row in rows:
+            at = {n: f.address(base[n], first, row * f.width) for n in ("roots", source, target)}
+            f.store(f.op("fmul", f.load(at["roots"]), f.load(at[source])), at[target])
+
 
 Value: TypeAlias = str | None
 """Name of a vector; None for zero."""

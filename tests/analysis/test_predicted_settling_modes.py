@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from ann_dc.analysis.settling_modes import Modes
+from ann_dc.analysis.predicted_settling import Modes
 
 FLOW = np.random.default_rng(0).standard_normal((7, 7)) - 3 * np.eye(7)
 START = np.random.default_rng(1).standard_normal(7)
