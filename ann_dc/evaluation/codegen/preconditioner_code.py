@@ -13,8 +13,8 @@ to the tables dominates the time.
 The sums are those of the loops in `preconditioner_arrays`, in the same order. The code looks up no
 addresses and omits zeros, and an uncoupled chain stays in registers. Gains are data.
 
-A stiffness preconditioner is M = T^{1/2} S^{-1} T^{1/2}. For a sample with other time constants T' =
-R T R and the same S it is R M R: net inputs and derivatives are both scaled by the roots R.
+A stiffness preconditioner is M = T^{1/2} S^{-1} T^{1/2}. For a sample with T' = R T R and the same
+S it is R M R: net inputs and derivatives are both scaled by the roots R.
 """
 
 from __future__ import annotations
