@@ -17,13 +17,13 @@ from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.network.network import Network
 from ann_dc.validation import State, checked
 
-NEWTON_STEPS = 20
+_NEWTON_STEPS = 20
 """Largest number of Newton steps; a settled state needs two or three."""
 
-RAILS = 10
+_RAILS = 10
 """Largest number of resets of neurons to their limits."""
 
-RESOLUTION = 1e-11
+_RESOLUTION = 1e-11
 """Step, relative to the state, below which the iteration ends."""
 
 
@@ -61,7 +61,7 @@ def equilibrium(network: Network, x: State) -> np.ndarray:
     limits = np.array([(n.limiter.low, n.limiter.high) for n in network.cell.neurons])
     low, high = limits[network.places[:, 0]].T
     found = _root(network, np.array(x, float))
-    for _ in range(RAILS):
+    for _ in range(_RAILS):
         inside = np.clip(found, low, high)
         if (inside == found).all():
             return found
@@ -76,7 +76,7 @@ def _root(network: Network, x: np.ndarray) -> np.ndarray:
     """Return the limit of Newton's method; saturated neurons may stay saturated."""
     evaluator = fast_evaluator(network)
     scale = max(float(np.abs(x).max(initial=0.0)), 1.0)
-    for _ in range(NEWTON_STEPS):
+    for _ in range(_NEWTON_STEPS):
         try:
             jacobian, drives = evaluator.drive_jacobian(x).tocsc(), evaluator.drives(x)
             free = np.flatnonzero(~evaluator.resting(x, drives))
@@ -88,7 +88,7 @@ def _root(network: Network, x: np.ndarray) -> np.ndarray:
         size = float(np.abs(step).max(initial=0.0))
         if not np.isfinite(size):
             break
-        if size < RESOLUTION * scale:
+        if size < _RESOLUTION * scale:
             return x
     raise NetworkError(
         f"{network.title}: Newton's method found no equilibrium near the given state; "

@@ -34,7 +34,7 @@ from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
 from ann_dc.network.network import Network
 from ann_dc.validation import PositiveFinite, State, checked
 
-WORST_CONDITION = 1e10
+_WORST_CONDITION = 1e10
 """Largest condition of eigenvectors that separate the modes: half of the digits are lost."""
 SMALL = 1e-2
 """|lambda h| below which an integral is summed as a series; the next term is rounding."""
@@ -133,7 +133,7 @@ LARGEST = 1500
 """Number of neurons up to which all modes are computed, in some seconds."""
 STEPS, FINE = 160, 32
 """Steps of the whole trajectory; times within the step of the exit."""
-BEND = 6.0
+_BEND = 6.0
 """Exponent of the step growth: the steps grow by a factor of e to this power."""
 BEYOND = 1e-3
 """Amplitude of the slowest mode at the end of the trajectory, relative to the tolerance."""
@@ -209,12 +209,12 @@ class _Path:
     @property
     def is_defective(self) -> bool:
         """True if eigenvectors do not separate the modes."""
-        return not self.modes.condition < WORST_CONDITION
+        return not self.modes.condition < _WORST_CONDITION
 
     @property
     def times(self) -> np.ndarray:
         """Times of the steps, denser at the beginning."""
-        return self.end * np.expm1(BEND * np.linspace(0, 1, STEPS + 1)) / np.expm1(BEND)
+        return self.end * np.expm1(_BEND * np.linspace(0, 1, STEPS + 1)) / np.expm1(_BEND)
 
     def states(self, deviations: np.ndarray) -> np.ndarray:
         """Return states (T, n) from deviations (free, T)."""

@@ -35,7 +35,7 @@ from ann_dc.validation import State, checked
 
 # ---- the saddle problem at a settled point: H, A, and how strongly the multipliers answer a push
 
-LARGEST_PENALTY = 1e6
+_LARGEST_PENALTY = 1e6
 """Largest rho tested, over the largest entry of K: if H + rho A'A is not positive definite there,
 no rho suffices. For larger ones, rounding errors of rho A'A exceed H.
 """
@@ -93,7 +93,7 @@ class Saddle:
     @cached_property
     def is_convex(self) -> bool:
         """True if H + rho A'A is positive definite for a large rho; rows may be dependent."""
-        penalty = LARGEST_PENALTY * abs(self.K).max()
+        penalty = _LARGEST_PENALTY * abs(self.K).max()
         return _is_positive_definite(self.H + penalty * (self.A.T @ self.A))
 
     @cached_property

@@ -46,7 +46,7 @@ MODES = 3
 SHOWN = 3
 """Number of leading neurons of a mode that are reported."""
 
-DUAL_SHARE = 0.2
+_DUAL_SHARE = 0.2
 """Fraction of energy of the duals below which a mode is purely primal."""
 
 NOISE = 0.05
@@ -128,7 +128,7 @@ class Mode:
     @property
     def cause(self) -> Cause:
         """Cause of slowness; a preconditioner can tolerate q/w between -1/2 and 1."""
-        if self.dual_share >= DUAL_SHARE:
+        if self.dual_share >= _DUAL_SHARE:
             if self.shadow > 1.0:
                 return Cause.REACH
             if self.shadow < -0.5:

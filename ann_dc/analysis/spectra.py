@@ -55,7 +55,7 @@ SMALLEST = 24
 """Number of eigenvalues requested from the inverse."""
 NEAREST, CROWDED = 12, 0.125
 """Eigenvalues requested around a frequency; smallest step to the next, relative to it."""
-FARTHER = 2.2
+_FARTHER = 2.2
 """Height of the last centre relative to the fastest mode.
 
 Growing modes without oscillation are nearest to centres twice as far.
@@ -66,7 +66,7 @@ SLOWEST, RIGHTMOST = 12, 6
 """Number of modes requested from either operator if their vectors are used."""
 
 
-def spectrum_ends(
+def _spectrum_ends(
     evaluator: FastEvaluator,
     preconditioner: Preconditioner,
     row: ArrayLayout,
@@ -102,7 +102,7 @@ def spectrum_ends(
     return np.concatenate([fastest, slowest, _smallest(preconditioner, row, drive_jacobian, free)])
 
 
-def slow_modes(
+def _slow_modes(
     evaluator: FastEvaluator,
     preconditioner: Preconditioner,
     row: ArrayLayout,
@@ -188,7 +188,7 @@ def _swinging(
     among, slowness = drive_jacobian[free][:, free], 1 / row.state_rates[free]
     omega, fast = band
     told = Paced(progress)
-    while omega < FARTHER * fast:  # never where one of them is nan
+    while omega < _FARTHER * fast:  # never where one of them is nan
         told(lambda reached=omega: f"spectrum: modes that swing, at {reached / fast:.1%} of all")
         centre = (RIGHT + 1j) * omega
         shift = scipy.sparse.diags_array(centre * slowness)
@@ -391,7 +391,7 @@ def spectrum_of(
         eigenvalues = scipy.linalg.eigvals(flow, check_finite=False)
         return Spectrum(eigenvalues=np.asarray(eigenvalues))
     try:
-        ends = spectrum_ends(evaluator, preconditioner, row, drive_jacobian, free, progress)
+        ends = _spectrum_ends(evaluator, preconditioner, row, drive_jacobian, free, progress)
     except (RuntimeError, np.linalg.LinAlgError):  # SuperLU's and ARPACK's word for singular
         return unknown
     return Spectrum(eigenvalues=ends)
@@ -413,7 +413,7 @@ def slowest_modes(network: Network, x: State, count: int) -> tuple[np.ndarray, n
         flow: Any = dense_flow(network.preconditioner, network.layout, drive_jacobian, free)
         values, found = np.linalg.eig(flow)
     else:
-        values, found = slow_modes(
+        values, found = _slow_modes(
             evaluator, network.preconditioner, network.layout, drive_jacobian, free
         )
     vectors = np.zeros((network.size, len(values)), complex)

@@ -122,7 +122,7 @@ def clamp(couplings, hold):
 
 
 @compiled
-def moves_while_held(couplings, hold, places, is_new):
+def _moves_while_held(couplings, hold, places, is_new):
     """Compute the derivatives of a `Hold` for given marks.
 
     The drives and marks are read and the moves are overwritten. ``places`` (h, 2) contains neuron
@@ -145,11 +145,11 @@ def clamped_moves(tape: Tape, held: np.ndarray) -> Callable[[np.ndarray], np.nda
     hold.held[everywhere] = np.where(held, HELD, FREE)
     own, coupled = tape.rates[everywhere], np.isin(tape.places[:, 0], tape.reached)
     hold.drives[everywhere] = 0.0
-    moves_while_held(couplings, hold, places, True)
+    _moves_while_held(couplings, hold, places, True)
 
     def moves(drive: np.ndarray) -> np.ndarray:
         hold.drives[everywhere] = drive
-        moves_while_held(couplings, hold, places, False)
+        _moves_while_held(couplings, hold, places, False)
         return np.where(coupled, hold.moves[everywhere], own * drive)
 
     return moves

@@ -44,24 +44,24 @@ from ann_dc.progress import Progress, Stopped
 SLOW = 600.0
 """Settling time, in fastest time constants, above which another settled point is searched for."""
 
-DIFFERENT = 1e-3
+_DIFFERENT = 1e-3
 """Distance, relative to the largest primal neuron, above which two settled points differ."""
 
 STRAYS = 4
 """Number of other equilibria that are examined if networks settle there."""
 
-STIFFER = (10.0, 100.0, 1000.0)
+_STIFFER = (10.0, 100.0, 1000.0)
 """Penalty factors tried if no network settles: with low control weights, the closed form's penalty
 lets a path leave the constraints.
 """
 
-MUCH_FASTER = 1.5
+_MUCH_FASTER = 1.5
 """Speed-up of settling that another settled point must give to be chosen."""
 
 DEARER = 1e-4
 """Cost increase of an admissible other settled point, relative to the cost of the first."""
 
-NEAR_LIMIT = 6.0
+_NEAR_LIMIT = 6.0
 """Stiffness ratio, three times the limit of 2, below which no slower kind is compared."""
 
 
@@ -118,7 +118,7 @@ class Choice:
         found = ()
         for kind in self._useful():
             found = self._rehearsed(settled, (*found, *self._compared(settled, kind)))
-            if found and found[0].settling < np.inf and found[0].ratio < NEAR_LIMIT:
+            if found and found[0].settling < np.inf and found[0].ratio < _NEAR_LIMIT:
                 break
         if not found:  # the only kind that is allowed has no preconditioner here: let it say why
             return (candidate_of(settled, self.gain_rule or GAIN_RULES[self.kinds[0]], 1.0),)
@@ -305,10 +305,10 @@ class Choice:
             equal_rows=limit,
             progress=self.progress,
         )
-        if not second.settled or distance(settled, second.state) < DIFFERENT:
+        if not second.settled or distance(settled, second.state) < _DIFFERENT:
             return settled, found
         other, there = replace(self, first=second)._led_to(settled)
-        if not there or found[0].rank[0] <= MUCH_FASTER * there[0].rank[0]:
+        if not there or found[0].rank[0] <= _MUCH_FASTER * there[0].rank[0]:
             return settled, found
         is_dearer = found[0].settling < np.inf and self._is_dearer(other, settled)
         return (settled, found) if is_dearer else (other, there)
@@ -333,7 +333,7 @@ def anew(candidates: Iterable[Candidate]) -> list[Candidate]:
 def stiffer(kind: PreconditionerKind) -> tuple[GainRule, ...]:
     """Return gain rules of a kind with larger penalties."""
     own = GAIN_RULES[kind]
-    return tuple(replace(own, penalty=factor * own.penalty) for factor in STIFFER)
+    return tuple(replace(own, penalty=factor * own.penalty) for factor in _STIFFER)
 
 
 # ---- choice of a network for an optimum that a search found, from its own start or from presets
@@ -341,11 +341,14 @@ def stiffer(kind: PreconditionerKind) -> tuple[GainRule, ...]:
 SOON = 600.0
 """Settling time, in fastest time constants, below which the comparison ends."""
 
-GRIDS = (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION), (1.0, 10.0, 100.0)
+_GRIDS = (
+    (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION),
+    (1.0, 10.0, 100.0),
+)
 
 ROUNDS = (
-    (GRIDS[0], GRIDS[1][:1]),
-    (GRIDS[0], GRIDS[1][1:]),
+    (_GRIDS[0], _GRIDS[1][:1]),
+    (_GRIDS[0], _GRIDS[1][1:]),
     ((PreconditionerKind.COUPLED_MULTILEVEL, PreconditionerKind.MULTILEVEL), (1.0,)),
 )
 """Kinds and penalty factors compared together, in turn, without the slower diagonal kind, whose
@@ -356,7 +359,7 @@ spectra take longest.
 LONGER = Patience(steps=60_000, failures=2)
 """Patience for grids if nothing settles in a short trial run: stiff grids need many steps."""
 
-CLEARLY = 1.5
+_CLEARLY = 1.5
 """Ratio of settling times above which a finer preset is preferred."""
 
 
@@ -413,7 +416,7 @@ class FoundChoice(Choice):
         """Return candidates from the path, and grids designed for that initial guess."""
         for words, there in places_of(settled):
             if words not in COARSE:
-                grids = self._of(there, *GRIDS)
+                grids = self._of(there, *_GRIDS)
                 again = self._rehearsed(there, (*grids, *anew(seen)))
                 if again[0].settling < np.inf:
                     return there, again, words
@@ -447,6 +450,6 @@ class FoundChoice(Choice):
         best = settled, found, ""
         for words in () if found[0].settling < np.inf else COARSE:
             tried = self._preset(settled, found, patience, (words,))
-            if CLEARLY * tried[1][0].rank[0] < best[1][0].rank[0]:
+            if _CLEARLY * tried[1][0].rank[0] < best[1][0].rank[0]:
                 best = tried
         return best

@@ -30,7 +30,7 @@ STEPS_TRIED = np.geomspace(0.25, 8.0, 16)
 """Initial steps of a search; 1 is the largest stable step of the simultaneous order."""
 
 
-class DenseMetric(ABC):
+class _DenseMetric(ABC):
     """M of the primal neurons (z, z) as a function of their rates T and node factors."""
 
     @abstractmethod
@@ -46,7 +46,7 @@ class DenseMetric(ABC):
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Added(DenseMetric):
+class _Added(_DenseMetric):
     """M = diag(T) + (hats D) S (hats D)', D^2 the factors; no nodes if diagonal."""
 
     hats: np.ndarray
@@ -64,7 +64,7 @@ class _Added(DenseMetric):
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Between(DenseMetric):
+class _Between(_DenseMetric):
     """M = T^{1/2} S^{-1} T^{1/2} with a constant stiffness S."""
 
     compliance: np.ndarray
@@ -80,7 +80,7 @@ class _Between(DenseMetric):
 
 def dense_preconditioner(
     preconditioner: Preconditioner, row: ArrayLayout, primal: np.ndarray
-) -> DenseMetric:
+) -> _DenseMetric:
     """Return a preconditioner as a function of its gains.
 
     `primal` (z,) are indices of the state vector. The nodes of a multilevel preconditioner are its
@@ -131,7 +131,7 @@ class DenseFlow:
     """
 
     saddle: Saddle
-    preconditioner: DenseMetric
+    preconditioner: _DenseMetric
 
     @cached_property
     def H(self) -> np.ndarray:

@@ -64,11 +64,11 @@ from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.validation import Own, checked
 
-MEASURING = 2.0
+_MEASURING = 2.0
 """1 / tau of the neurons that measure objectives."""
 
 
-def with_objectives(
+def _with_objectives(
     linear: Linearisation | MeanLinearisation, gains: Gains, share: float, away: float
 ) -> Gains:
     """Return gains that include those of the shared neurons.
@@ -95,7 +95,7 @@ def with_objectives(
         weight, together = min(weight, 1.0 / linear.members[0].temperature), 1
     rho, rate = gains.rho.copy(), gains.rate.copy()
     shares = [index[objective.neuron] for objective in objectives]
-    rho[shares], rate[network.shared] = weight, MEASURING
+    rho[shares], rate[network.shared] = weight, _MEASURING
     rate[shares] = share
     rate[index[objectives[0].level]] = 1.0 / (together * weight)
     return replace(gains, rho=rho, rate=rate)
@@ -296,7 +296,7 @@ def recipe_of_first_run(gain_rule: GainRule | None) -> GainRule:
     return gain_rule
 
 
-def base_penalty(linear: Linearisation | MeanLinearisation) -> float:
+def _base_penalty(linear: Linearisation | MeanLinearisation) -> float:
     """Return rho_0, the largest ratio of cost curvature to squared constraint gain.
 
     The maximum is over the neurons, in network units. The result is 1 if nothing has curvature.
@@ -316,7 +316,7 @@ def weights_of_rows(linear: Linearisation | MeanLinearisation, gain_rule: GainRu
     constraint; the message lists the known ones.
     """
     start = by_reachability(linear) if gain_rule.by_reachability else None
-    weights = equilibrated(linear, base_penalty(linear), gain_rule.equilibration_sweeps, start)
+    weights = equilibrated(linear, _base_penalty(linear), gain_rule.equilibration_sweeps, start)
     network = linear.network
     duals = [dual.neuron for dual in network.cell.duals]
     for name, factor in gain_rule.row_factors.items():
@@ -365,7 +365,7 @@ def closed_form(
     network = linear.network
     rho = (
         gain_rule.penalty
-        * base_penalty(linear)
+        * _base_penalty(linear)
         * penalty_factor
         * weights_of_rows(linear, gain_rule)
     )
@@ -388,7 +388,7 @@ def closed_form(
         rate=np.repeat(rate[:, None], network.stages, axis=1),
         preconditioner=coarse or Diagonal(),
     )
-    return with_objectives(linear, gains, gain_rule.dual, gain_rule.linearisation_radius)
+    return _with_objectives(linear, gains, gain_rule.dual, gain_rule.linearisation_radius)
 
 
 def steadier(kind: PreconditionerKind) -> tuple[GainRule, ...]:

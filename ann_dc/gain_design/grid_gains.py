@@ -37,9 +37,9 @@ from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
 from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 from ann_dc.network.preconditioners.stiffness import Stiffness
 
-ABOVE_THRESHOLD = 1.3
+_ABOVE_THRESHOLD = 1.3
 """Smallest ratio of a grid's penalty to rho*."""
-OF_SHADOW = 0.25
+_OF_SHADOW = 0.25
 """Smallest ratio of a grid's penalty to the largest inverse Schur complement."""
 
 
@@ -138,7 +138,7 @@ def boost_of(settled: SettledPoint) -> float:
     """
     duals = [settled.network.neuron_index[dual.neuron] for dual in settled.network.cell.duals]
     penalties = closed_form(settled.linear, MULTILEVEL_RULE).rho[duals]
-    least = ABOVE_THRESHOLD * threshold_of(settled.saddle) / penalties.mean()
+    least = _ABOVE_THRESHOLD * threshold_of(settled.saddle) / penalties.mean()
     return max(1.0, least) if np.isfinite(least) else 1.0
 
 
@@ -171,7 +171,7 @@ def grid_gains_of(
     network = points[0].network
     _check(network, gain_rule.kind)
     low, high = _shadow_range(points, weights)
-    common = max(-ABOVE_THRESHOLD * low, OF_SHADOW * high)
+    common = max(-_ABOVE_THRESHOLD * low, _OF_SHADOW * high)
     if not 0 < common < np.inf:  # no multiplier answers a push: any penalty will do
         common = 1.0
     common *= gain_rule.penalty * penalty_factor

@@ -17,7 +17,7 @@ class Found(NamedTuple):
     by: str
 
 
-Doubt: TypeAlias = Callable[[np.ndarray], None]
+_Doubt: TypeAlias = Callable[[np.ndarray], None]
 """Check at a state (n,) where a run stalls, overflows, leaves a domain, or settles where no penalty
 stabilises it; raises `Stopped` if the problem has no solution.
 """
@@ -37,7 +37,7 @@ class Knowledge(NamedTuple):
     does not settle soon, `cheaper` for one of lower cost than the point at which it settled.
     """
 
-    doubt: Doubt = lambda x: None
+    doubt: _Doubt = lambda x: None
     cost: Cost = lambda x: 0.0
     finder: Finder = lambda x, progress: None
     cheaper: Finder = lambda x, progress: None

@@ -40,7 +40,7 @@ from ann_dc.progress import Progress, Stopped, silent
 from ann_dc.timing import phase
 from ann_dc.validation import Own, checked
 
-ALTERNATIVES = 2
+_ALTERNATIVES = 2
 """Number of other gains that are run if those of a design settle elsewhere."""
 
 
@@ -101,7 +101,7 @@ class Design:
         ones start from presets.
         """
         others = (c for c in self.candidates if c is not self.best and c.settling < np.inf)
-        for candidate in itertools.islice(others, ALTERNATIVES):
+        for candidate in itertools.islice(others, _ALTERNATIVES):
             network = apply_gains(self.network, candidate.gains)
             yield replace(self, network=network, gains=candidate.gains, best=candidate)
         presets = [*presets_of(self.network, self.state)]

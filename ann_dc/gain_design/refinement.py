@@ -47,7 +47,7 @@ LARGEST_FACTOR = 1e3
 """Largest factor from the given gains, in either direction."""
 FLOOR = 0.1
 """Decay, relative to that of the given gains, below which the objective is linear."""
-WAYS_BACK = (1.0, 0.5, 0.25)
+_WAYS_BACK = (1.0, 0.5, 0.25)
 """Fractions of the (logarithmic) distance to the optimum, tried until one settles."""
 
 
@@ -92,7 +92,7 @@ def refined(
         progress("refine: left as it is, the candidate repels")
         return best
     x = _Search(around, began, seconds, progress).best
-    for share in WAYS_BACK:
+    for share in _WAYS_BACK:
         if not around.is_better(share * x):
             continue
         gains = around.gains_at(share * x)

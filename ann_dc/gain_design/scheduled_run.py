@@ -5,8 +5,8 @@ simultaneous recurrence on the augmented Lagrangian with rho + h/tau_dual. The e
 no step is shortened. Every `CHUNK` steps the closed form is evaluated at the current state.
 
 A watchdog checks windows of `PATIENCE` steps. A window that improves on the best residual by less
-than 3 % doubles the penalty (a rho neuron), and the run restarts if its residual is above `ADRIFT`.
-Beyond `LARGEST_BOOST` such a run restarts with smaller steps, while a run near the solution stays
+than 3 % doubles the penalty (a rho neuron). If its residual is above `_ADRIFT`, the run restarts.
+Beyond `_LARGEST_BOOST` such a run restarts with smaller steps, while a run near the solution stays
 at that penalty. After `EQUAL_ROWS` steps the constraint weights are equilibrated, which makes slow
 problems several times faster and fast ones slightly slower. If a run stalls or settles at a saddle
 point, callbacks of the problem (`Knowledge`) check whether a solution exists.
@@ -44,23 +44,23 @@ STEP = 1.2
 """Step times the largest eigenvalue of M (H + A'WA), M the preconditioner."""
 PATIENCE = 400
 """Steps of a window of the watchdog."""
-WARM_UP = 100
+_WARM_UP = 100
 """Steps after a start that the watchdog ignores: the initial residual is low."""
-IMPROVEMENT = 0.97
+_IMPROVEMENT = 0.97
 """Ratio of a window's best residual to the best so far, below which it is a success."""
-ADRIFT = 0.1
+_ADRIFT = 0.1
 """Residual above which a stalled run restarts instead of continuing."""
-LARGEST_BOOST = 64.0
+_LARGEST_BOOST = 64.0
 """Penalty factor above which a run far from the solution restarts from 1, with half the slew."""
-SHORTEST_SPAN = 0.5
+_SHORTEST_SPAN = 0.5
 """Smallest span of a chain: a state that ends at its initial value may also move."""
-SLEW = 0.15
+_SLEW = 0.15
 """Largest step of a chain's neuron relative to the chain's span.
 
 A longer step is shortened for all neurons alike; if only one neuron were limited, the duals would
 wind up against the limit.
 """
-LARGEST_SHARE = 2.0
+_LARGEST_SHARE = 2.0
 """Weight of an objective, of weights that sum to one, above which a chunk is undone."""
 AWAY = 0.5
 """Smallest distance, in scales, that gradients of objectives must then cover; doubled each time,
@@ -143,7 +143,7 @@ class _Schedule:
         slew = np.full(len(values), np.inf)
         for chain in self.network.cell.chains:
             rows = [self.network.neuron_index[name] for name in chain]
-            slew[rows] = SLEW * max(np.ptp(values[rows]), SHORTEST_SPAN)
+            slew[rows] = _SLEW * max(np.ptp(values[rows]), _SHORTEST_SPAN)
         return slew[self.network.places[:, 0]]
 
     def run(self, tolerance: float, limit: int, progress: Progress) -> FirstRun:
@@ -185,9 +185,9 @@ class _Schedule:
             self._recover()
         elif outcome != SETTLED:
             self._watch(last)
-        if self.penalty_factor > LARGEST_BOOST and last < ADRIFT:
-            self.penalty_factor = LARGEST_BOOST
-        elif self.penalty_factor > LARGEST_BOOST:
+        if self.penalty_factor > _LARGEST_BOOST and last < _ADRIFT:
+            self.penalty_factor = _LARGEST_BOOST
+        elif self.penalty_factor > _LARGEST_BOOST:
             self.penalty_factor, self.slew = 1.0, self.slew / 2
             self._begin()
         late = self.steps >= self.equal_rows and outcome != SETTLED
@@ -211,7 +211,7 @@ class _Schedule:
         if not len(self.linear.shares):
             return
         away = 0.9 * self.gain_rule.linearisation_radius
-        most = [dual.at_rest(LARGEST_SHARE) for dual in self.network.cell.objectives]
+        most = [dual.at_rest(_LARGEST_SHARE) for dual in self.network.cell.objectives]
         if not (self.x[self.linear.shares] < most).all():
             self.x, away = before, max(2 * self.gain_rule.linearisation_radius, AWAY)
         self.gain_rule = replace(self.gain_rule, linearisation_radius=away)
@@ -263,16 +263,16 @@ class _Schedule:
 
     def _watch(self, last: float) -> None:
         """Raise the penalty if a window of steps has not improved the residual."""
-        if self.age <= WARM_UP:
+        if self.age <= _WARM_UP:
             return
         self.window = min(self.window, last)
-        if self.age - WARM_UP < PATIENCE:
+        if self.age - _WARM_UP < PATIENCE:
             return
-        if self.window > IMPROVEMENT * self.best:
+        if self.window > _IMPROVEMENT * self.best:
             self.knowledge.doubt(self.x)
             self.penalty_factor *= 2
-            if self.window > ADRIFT:
+            if self.window > _ADRIFT:
                 self._begin()
                 return
             self.best = np.inf
-        self.best, self.window, self.age = min(self.best, self.window), np.inf, WARM_UP + 1
+        self.best, self.window, self.age = min(self.best, self.window), np.inf, _WARM_UP + 1

@@ -279,7 +279,7 @@ TRANSIENT = 500.0
 """Fastest time constants allowed for the approach to the settled point."""
 PATIENCE = 3.0
 """Additional time limit, as a multiple of the predicted settling time."""
-AT_BEST = 0.5
+_AT_BEST = 0.5
 """Smallest ratio of settling time to prediction; slower candidates are not run.
 
 One for long cell arrays, whose trial runs take seconds.
@@ -432,7 +432,7 @@ def rehearsed(
     candidate after its trial run.
     """
     fastest, seen, failures = np.inf, [], dict[object, int]()
-    at_best = 1.0 if settled.network.stages > LONG_ROW else AT_BEST
+    at_best = 1.0 if settled.network.stages > LONG_ROW else _AT_BEST
     for number, candidate in enumerate(sorted(candidates, key=lambda found: found.rank[1]), 1):
         expected = at_best * candidate.ratio * np.log(1 / SETTLING)
         pace = Pace.of(candidate.spectrum)

@@ -322,7 +322,7 @@ def _check_names(cell: Cell) -> None:
         raise NetworkError(f"names used twice (case does not count): {', '.join(repeated)}")
 
 
-def check_scale(name: str, scale: Scale) -> None:
+def _check_scale(name: str, scale: Scale) -> None:
     """Raise a `NetworkError` if the scale of neuron or input ``name`` is invalid."""
     if not (np.isfinite(scale).all() and scale.factor != 0):
         raise NetworkError(f"{name}: the factor of {scale!r} must be finite and not zero")
@@ -332,7 +332,7 @@ def _check_neuron(neuron: Neuron, stages: int) -> None:
     if not (np.asarray(neuron.tau) > 0).all() or not np.isfinite(neuron.tau).all():
         raise NetworkError(f"{neuron.name}: time constant {neuron.tau!r} must be positive")
     per_stage(f"{neuron.name}.tau", neuron.tau, stages)
-    check_scale(neuron.name, neuron.scale)
+    _check_scale(neuron.name, neuron.scale)
     if not neuron.limiter.low < neuron.limiter.high:
         raise NetworkError(
             f"{neuron.name}: rails {neuron.limiter.low!r} .. {neuron.limiter.high!r} leave no room"
@@ -407,7 +407,7 @@ def check_input_scales(scales: Mapping[str, Scale], inputs: Iterable[str]) -> No
     if foreign:
         raise NetworkError(f"input_scales: the cell has no input {', '.join(sorted(foreign))}")
     for name, scale in scales.items():
-        check_scale(f"input_scales[{name}]", scale)
+        _check_scale(f"input_scales[{name}]", scale)
 
 
 def warn_outside(

@@ -65,7 +65,7 @@ def _per_sample(network: Network, name: str, value: Any) -> np.ndarray:
     return array
 
 
-class StartMove(NamedTuple):
+class _StartMove(NamedTuple):
     """Displacement of the initial guess: ``weight`` (n,) times the change of an input.
 
     The value of the input is read at ``stage``; weights are in network units on both sides.
@@ -76,7 +76,7 @@ class StartMove(NamedTuple):
     weight: np.ndarray
 
 
-def start_moves(network: Network) -> tuple[StartMove, ...]:
+def start_moves(network: Network) -> tuple[_StartMove, ...]:
     """Return the displacements of the initial guess by the ends of the chains.
 
     If an end of a chain moves, each q and t moves by linear interpolation, so a straight line
@@ -94,7 +94,7 @@ def start_moves(network: Network) -> tuple[StartMove, ...]:
                 values = np.zeros(network.live.shape)
                 values[network.neuron_index[q]] = line[:-1]
                 values[network.neuron_index[t]] = line[1:]
-                moves.append(StartMove(name, stage, network.pack(values)))
+                moves.append(_StartMove(name, stage, network.pack(values)))
     return tuple(moves)
 
 

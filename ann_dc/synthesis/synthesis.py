@@ -46,7 +46,7 @@ from ann_dc.synthesis.wiring import Wiring
 from ann_dc.timing import phase
 from ann_dc.validation import checked
 
-DUALS = (("mu", "c", "m"), ("beta", "r", "b"))
+_DUALS = (("mu", "c", "m"), ("beta", "r", "b"))
 """Population, its residual, and the multiplier that replaces the population for all readers."""
 
 
@@ -139,7 +139,7 @@ class _CellWiring:
 
     def _name_residuals(self, scales: Scales) -> None:
         """Add the sums c and r, and m = mu + rho c, b = beta + rho r."""
-        for p, c, m in DUALS:
+        for p, c, m in _DUALS:
             # (30) turns the residual of mu into an equation of the coordinator: no PI path there
             rho = 0.0 if p == "mu" and self.form.closed_lower_level else self.rho
             for s in self.states:
@@ -203,7 +203,7 @@ class _CellWiring:
             connections=connections,
             duals=tuple(
                 PIDual(neuron=f"{p}.{s}", residual=f"{c}.{s}", multiplier=f"{m}.{s}")
-                for p, c, m in DUALS
+                for p, c, m in _DUALS
                 for s in self.states
             ),
             inequality_duals=self.diodes,
@@ -244,7 +244,7 @@ class _CellWiring:
     def _dual_drives(self) -> dict[str, Signal]:
         """Return the net inputs of mu and beta, which are their residuals."""
         drives, groups = {}, (self.equations.grad_mu, self.equations.grad_beta)
-        for (population, residual, _), group in zip(DUALS, groups):
+        for (population, residual, _), group in zip(_DUALS, groups):
             for name, equation in zip(self.states, group):
                 place = f"{residual}.{name}"
                 self.wiring.fill(place, self._local(equation.remainder, place))

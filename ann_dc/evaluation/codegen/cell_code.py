@@ -57,7 +57,7 @@ INTEGERS = ("first", "chunks", "last", *PRECONDITIONER_INTEGERS)
 """Fields that are integers themselves."""
 GIVEN = (*INTEGERS, "clamp")
 """Fields that are not addresses of tables: integers, and the called function."""
-GHOSTED = ("x", "inputs", "work", "slots")
+_GHOSTED = ("x", "inputs", "work", "slots")
 """Fields with a ghost chunk at either end."""
 NAMES = "rhs", "cell", "preconditioner", "rails", "residuals", "keep"
 """Functions of a piece of code."""
@@ -77,10 +77,10 @@ def cell_code(plan: Plan) -> str:
     does not cut. ``keep(table, x, x)`` clips states that a step took past a limit.
     """
     module = Module()
-    CellWriter(plan, module, "cell").write_cell()
+    _CellWriter(plan, module, "cell").write_cell()
     add_preconditioner(module, plan, _fields)
-    CellWriter(plan, module, "rails").write_rails()
-    CellWriter(plan, module, "keep").write_keep()
+    _CellWriter(plan, module, "rails").write_rails()
+    _CellWriter(plan, module, "keep").write_keep()
     _whole(plan, module)
     roles, is_row = plan.tape.roles.tolist(), plan.axis is Axis.STAGES
     add_residuals(module, roles, _fields, width=plan.axis.lanes, is_row=is_row)
@@ -106,7 +106,7 @@ def _fields(f: Function) -> dict[str, str]:
     }
 
 
-class CellWriter:
+class _CellWriter:
     """Writer of a cell function, for example ``cell`` or ``rails``.
 
     Functions that read the values of a cell derive from it. The function ``name`` is added to the
@@ -207,7 +207,7 @@ class CellWriter:
         for name, rows in self.rows.items():
             if rows == 0 or (name == "alive" and not self.is_row):
                 continue
-            place = ghosted if name in GHOSTED else chunk
+            place = ghosted if name in _GHOSTED else chunk
             size = rows * self._width(name)
             self.at[name] = f.address(self.base[name], f.integer("mul", place, size))
 
@@ -407,12 +407,12 @@ def jacobian_code(slots: Slots) -> str:
     ``jacobian`` after ``cell``.
     """
     module = Module()
-    CellWriter(slots.plan, module, "cell").write_cell(is_cut=False)  # for its blocks alone
+    _CellWriter(slots.plan, module, "cell").write_cell(is_cut=False)  # for its blocks alone
     _JacobianWriter(slots, module).write()
     return module.text()
 
 
-class _JacobianWriter(CellWriter):
+class _JacobianWriter(_CellWriter):
     """Writer of ``jacobian``; blocks are computed when a factor needs them."""
 
     def __init__(self, slots: Slots, module: Module) -> None:

@@ -25,7 +25,7 @@ import llvmlite.binding as llvm
 
 from ann_dc import jit_cache as object_cache
 
-SPEED = 2
+_SPEED = 2
 """Optimisation level of LLVM's instruction selection."""
 
 
@@ -35,7 +35,7 @@ def _engine() -> tuple[Any, Any]:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     target = llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=SPEED
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=_SPEED
     )
     return llvm.create_mcjit_compiler(llvm.parse_assembly(""), target), target
 
@@ -58,7 +58,7 @@ def _passes() -> Any:
     return passes
 
 
-def compile_text(text: str, suffix: str) -> bytes:
+def _compile_text(text: str, suffix: str) -> bytes:
     """Compile a module to an object file, optimised for the current processor.
 
     The text is in LLVM's language. The suffix is appended to the function names, so that names are
@@ -76,11 +76,11 @@ def compile_text(text: str, suffix: str) -> bytes:
     return target.emit_object(module)
 
 
-def load_object(content: bytes, names: tuple[str, ...], suffix: str) -> dict[str, int]:
+def _load_object(content: bytes, names: tuple[str, ...], suffix: str) -> dict[str, int]:
     """Load an object file and return the addresses of its functions.
 
     The object file stays in memory for the lifetime of the process. The content comes from
-    `compile_text` on the same machine, with the same suffix.
+    `_compile_text` on the same machine, with the same suffix.
     """
     engine, _ = _engine()
     engine.add_object_file(llvm.ObjectFileRef.from_data(content))
@@ -121,7 +121,7 @@ def code(key: str, write: Callable[[], str], names: tuple[str, ...]) -> dict[str
         if key not in _loaded:
             content = object_cache.load(key)
             if content is None:
-                content = compile_text(write(), key[:16])
+                content = _compile_text(write(), key[:16])
                 object_cache.store(key, content)
-            _loaded[key] = load_object(content, names, key[:16])
+            _loaded[key] = _load_object(content, names, key[:16])
         return _loaded[key]

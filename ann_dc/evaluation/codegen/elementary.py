@@ -2,7 +2,7 @@
 
 The argument of a sine is reduced to within pi / 4 of a multiple of pi / 2. The multiple is
 subtracted in three parts without loss of digits (Cody and Waite [1]_). The remainder is evaluated
-with the polynomials of fdlibm [2]_. The reduction is valid up to `LARGEST_ARGUMENT`; larger
+with the polynomials of fdlibm [2]_. The reduction is valid up to `_LARGEST_ARGUMENT`; larger
 arguments use libm, lane by lane. Function blocks are written from the trees of their formulas.
 
 References
@@ -19,7 +19,7 @@ from typing import TypeAlias
 from ann_dc.evaluation.codegen.writer import Function
 from ann_dc.network.functions import FUNCTIONS, Tree
 
-LARGEST_ARGUMENT = 1e5
+_LARGEST_ARGUMENT = 1e5
 """Largest argument of a sine, in radians, for the polynomials."""
 _QUARTER_TURNS = (
     1.57079632673412561417,
@@ -52,11 +52,11 @@ _COMPARISONS = {"at_most": "ole", "above": "ogt"}
 CIRCULAR = ("sin", "cos", "tan")
 """Functions evaluated as polynomials: long chains of dependent instructions."""
 
-Circular: TypeAlias = dict[str, tuple[str, str]]
+_Circular: TypeAlias = dict[str, tuple[str, str]]
 """Pairs (sine, cosine) by argument."""
 
 
-def function_of(f: Function, code: int, x: str, circular: Circular) -> str:
+def function_of(f: Function, code: int, x: str, circular: _Circular) -> str:
     """Write a function block and return the name of its value.
 
     ``code`` is the code of the block on tapes and ``x`` the name of its argument, a vector.
@@ -65,7 +65,7 @@ def function_of(f: Function, code: int, x: str, circular: Circular) -> str:
     return _of_tree(f, FUNCTIONS[code].trees[0], {"x": x}, circular)
 
 
-def slope_of(f: Function, code: int, x: str, y: str, circular: Circular) -> str:
+def slope_of(f: Function, code: int, x: str, y: str, circular: _Circular) -> str:
     """Write df/dx of a function block at ``x`` with value ``y`` and return its name.
 
     The other arguments are those of `function_of`.
@@ -73,7 +73,7 @@ def slope_of(f: Function, code: int, x: str, y: str, circular: Circular) -> str:
     return _of_tree(f, FUNCTIONS[code].trees[1], {"x": x, "y": y}, circular)
 
 
-def _of_tree(f: Function, tree: Tree, given: dict[str, str], circular: Circular) -> str:
+def _of_tree(f: Function, tree: Tree, given: dict[str, str], circular: _Circular) -> str:
     if not isinstance(tree, tuple):
         return given[tree] if isinstance(tree, str) else f.constant(tree)
     operation, *parts = tree
@@ -93,21 +93,21 @@ def _of_tree(f: Function, tree: Tree, given: dict[str, str], circular: Circular)
     return _elementary(f, operation, of(parts[0]), circular)
 
 
-def _elementary(f: Function, name: str, x: str, circular: Circular) -> str:
+def _elementary(f: Function, name: str, x: str, circular: _Circular) -> str:
     if name in _LLVM:
         return f.call(name, x)
     if name not in CIRCULAR:
         return _lane_by_lane(f, name, x)
     if x not in circular:
-        circular[x] = sine_and_cosine(f, x)
+        circular[x] = _sine_and_cosine(f, x)
     sine, cosine = circular[x]
     return {"sin": sine, "cos": cosine}.get(name) or f.op("fdiv", sine, cosine)
 
 
-def sine_and_cosine(f: Function, x: str) -> tuple[str, str]:
+def _sine_and_cosine(f: Function, x: str) -> tuple[str, str]:
     """Write sine and cosine of a vector, to one or two units in the last place."""
     near = _near(f, x)
-    far = f.compare("ogt", f.call("fabs", x), f.constant(LARGEST_ARGUMENT))
+    far = f.compare("ogt", f.call("fabs", x), f.constant(_LARGEST_ARGUMENT))
 
     def from_libm() -> list[str]:
         """Write libm calls for large lanes only, so that lanes do not affect each other."""

@@ -29,7 +29,7 @@ from ann_dc.network.network import Network
 _of_thread = threading.local()
 
 
-def lanes_of(network: Network) -> Lanes:
+def _lanes_of(network: Network) -> Lanes:
     """Return the tables of a network, cached per network and thread."""
     kept = _of_thread.__dict__.setdefault("lanes", WeakKeyDictionary())
     if network not in kept:
@@ -75,7 +75,7 @@ class GeneratedEvaluator(Evaluator):
         if why := refusal(self.tape):
             raise NetworkError(f"no code is generated for this network: {why}")
         own = self.tape is evaluator(network).tape
-        self._take(lanes_of(network) if own else _lanes(network, self.tape))
+        self._take(_lanes_of(network) if own else _lanes(network, self.tape))
 
     def _take(self, lanes: Lanes) -> None:
         self.lanes, self._state = lanes, lanes.state(np.zeros(self.network.size))

@@ -57,7 +57,7 @@ class Entry(NamedTuple):
     """Number n of live neurons."""
 
 
-class JacobianEntry(NamedTuple):
+class _JacobianEntry(NamedTuple):
     """Generated code for d drive / dx of a network."""
 
     cell: int
@@ -143,13 +143,13 @@ class Lanes:
         return code(self.plan.key, lambda: cell_code(self.plan), NAMES)
 
     @cached_property
-    def jacobian(self) -> JacobianEntry:
+    def jacobian(self) -> _JacobianEntry:
         """Addresses for d drive / dx; compiles the code if needed."""
         slots, (slot, stage) = slots_of(self.plan), self.tape.entries[:, 2:].T
         found = code(slots.key, lambda: jacobian_code(slots), JACOBIAN_NAMES)
         self.tables["slots"] = np.zeros((self.chunks + 2) * len(slots.stored) * self.lanes)
         rows = np.array([slots.used[s] for s in slot.tolist()], np.int64)
-        return JacobianEntry(
+        return _JacobianEntry(
             cell=found["cell"],
             jacobian=found["jacobian"],
             table=self._addresses_of(JACOBIAN_FIELDS),

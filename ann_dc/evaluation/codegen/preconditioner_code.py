@@ -27,7 +27,7 @@ from ann_dc.evaluation.codegen.plan import Axis, Plan, node_width
 from ann_dc.evaluation.codegen.writer import Function, Module
 
 
-def add_scaling(
+def _add_scaling(
     f: Function, base: dict[str, str], rows: Sequence[int], neurons: int, source: str, target: str
 ) -> None:
     """Write ``target = roots source`` for some neurons of every cell (lane: sample).
@@ -46,7 +46,7 @@ Value: TypeAlias = str | None
 """Name of a vector; None for zero."""
 
 
-class StraightPyramid:
+class _StraightPyramid:
     """Writer of the contribution of a `straight` pyramid; a lane is a sample.
 
     ``base`` contains the addresses of ``drives``, ``gains`` and ``out``.
@@ -165,14 +165,14 @@ def add_preconditioner(
     f = Function(module, "preconditioner", ("table", "out"), width=plan.axis.lanes)
     base = fields(f) | {"out": "%out"}
     if plan.straight:
-        StraightPyramid(f, plan, base).write()
+        _StraightPyramid(f, plan, base).write()
     elif plan.chains:
         _Pyramid(f, plan, base).write()
     if plan.has_roots:
         scaling = f, base, plan.stiffness[0], plan.neurons
-        add_scaling(*scaling, "drives", "pushed")
+        _add_scaling(*scaling, "drives", "pushed")
         _Stiffness(f, plan, base | {"drives": base["pushed"]}).write()
-        add_scaling(*scaling, "out", "out")
+        _add_scaling(*scaling, "out", "out")
     elif plan.has_stiffness:
         _Stiffness(f, plan, base).write()
     f.done()
