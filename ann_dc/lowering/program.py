@@ -5,8 +5,7 @@ r"""Step of a network as one list of operations on numbered words, in real numbe
 Every node of every cell that another node reads has a word, and every operation writes one word: a
 weighted sum of words, a product of two words, or a function of one word. Fixed neurons and values
 beyond the ends of the cell array are words of inputs. Shared neurons have one word for all cells,
-and nodes that are always zero have none. The code that computes these operations needs no other
-knowledge of networks.
+and nodes that are always zero have none.
 """
 
 from __future__ import annotations
@@ -74,13 +73,7 @@ class Program:
 
 
 class Listing:
-    """Growing list of words and operations.
-
-    Attributes
-    ----------
-    operations, sources, weights, names, rows, values : lists
-        Content of a `Program`; ``values`` are its words.
-    """
+    """Growing content of a `Program`; ``values`` are its words."""
 
     def __init__(self) -> None:
         self.operations: list[tuple[int, int, int, int, int]] = []
