@@ -14,7 +14,6 @@ opposite clock phase.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -22,14 +21,16 @@ import numpy as np
 
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.devices.connection_weights import (
+    check_connections,
     control_error,
     stated_errors,
+    table_and_notes,
     time_constants,
     weight_error,
     weights_in,
     with_weights,
 )
-from ann_dc.export.reference.csv_tables import csv_text, rows_by_connection
+from ann_dc.export.reference.csv_tables import rows_by_connection
 from ann_dc.export.reference.sidecar import beside, network_and_vector, notes_of
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.network.network import Network
@@ -126,20 +127,16 @@ def capacitors_files(
         "ratio_error": weight_error(weights_in(network), found),
         "control_error": control_error(network, with_weights(network, found), vector, period),
     }
-    return {
-        TABLE: _table(units, unit),
-        NOTES: (json.dumps(notes, indent=1) + "\n").encode(),
-        **files,
+    cells = {
+        name: [[*pair, *(_farads(u, unit) for u in pair)] for pair in pairs.tolist()]
+        for name, pairs in units.items()
     }
+    return {**table_and_notes((TABLE, NOTES), COLUMNS, cells, notes), **files}
 
 
 @checked
 def units_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
-    """Read the numbers of unit capacitors (N, 2) of every connection, by name.
-
-    The columns are the signed branch units and the feedback units of the op amp at every stage.
-    Raises `FileFormatError` if the files are not those of `capacitors_files`.
-    """
+    """Read the signed branch units and the feedback units (N, 2) of every connection, by name."""
     unit = notes_of(files, NOTES, FORMAT, SCHEMA).get("unit_F", float)
     found: dict[str, list[tuple[int, int]]] = {}
     for name, rows in rows_by_connection(files, TABLE, COLUMNS).items():
@@ -152,16 +149,10 @@ def units_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
 
 @checked
 def capacitors_check(files: Mapping[str, bytes]) -> str:
-    """Compute the weights of exported capacitors and compare them with the network file.
-
-    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or invalid, or
-    the weights have another error than the notes.
-    """
+    """Compare the weights of exported capacitors with those of the network file and the notes."""
     network, _ = network_and_vector(files)
     notes, units = notes_of(files, NOTES, FORMAT, SCHEMA), units_of(files)
-    names = [c.name for c in network.cell.connections]
-    if sorted(units) != sorted(names) or any(len(p) != network.stages for p in units.values()):
-        raise FileFormatError(f"{TABLE}: its connections are not those of the network beside it")
+    check_connections(TABLE, units, network)
     found = _weights(network, units, notes.get("step", float))
     error = weight_error(weights_in(network), found)
     known = stated_errors(notes, "ratio_error", error)
@@ -250,18 +241,6 @@ def _rails(network: Network) -> dict[str, list[float | None]]:
         for name, pair in ends.items()
         if np.isfinite(pair).any()
     }
-
-
-# ---- text ------------------------------------------------------------------------------------
-
-
-def _table(units: Mapping[str, np.ndarray], unit: float) -> bytes:
-    rows = (
-        [name, stage, *pair, *(_farads(u, unit) for u in pair)]
-        for name, pairs in units.items()
-        for stage, pair in enumerate(pairs.tolist())
-    )
-    return csv_text(COLUMNS, rows).encode()
 
 
 def _farads(units: int, unit: float) -> str:

@@ -31,22 +31,11 @@ INTEGRATOR, CONSTANT, SUM, PRODUCT, FUNCTION = KINDS
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Element:
-    """Analog-computer element.
+    """Analog-computer element: reads earlier elements, or any element if it is an integrator.
 
-    An element reads earlier elements; an integrator reads any element.
-
-    Attributes
-    ----------
-    wires : mapping of int to float
-        Weights of the inputs of an integrator or a sum, by index of the source.
-    reads : tuple of int
-        Indices of the factors of a product, or of the argument of a function.
-    function : str
-        Name of the function.
-    value : float
-        Value of a constant, or initial value of an integrator.
-    low, high : float
-        Saturation limits of an integrator.
+    The ``wires`` are the weights of an integrator or a sum, by index of the source, and ``reads``
+    are the factors of a product or the argument of a function. The ``value`` is that of a constant
+    or the initial value of an integrator, which has the saturation limits.
     """
 
     name: str

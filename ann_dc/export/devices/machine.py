@@ -25,14 +25,9 @@ from ann_dc.network.functions import CODE
 
 
 class Machine:
-    """Executable set of analog-computer elements.
+    """Executable set of analog-computer elements, integrators first.
 
-    Parameters
-    ----------
-    elements : sequence of Element
-        Integrators first; all other elements read only earlier elements.
-    scales : (E,) array, optional
-        Value that one machine unit of every element represents; used by functions.
+    Functions use ``scales`` (E,): the value that one machine unit of every element represents.
     """
 
     def __init__(self, elements: Sequence[Element], scales: np.ndarray | None = None) -> None:
