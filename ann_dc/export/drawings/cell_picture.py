@@ -1,7 +1,6 @@
 """Cell diagram: every neuron and block with the terms of its sum, and the wires.
 
-Signals run from left to right once around the loop: values of neurons are on the left, and the
-integrators that produce them are on the right or below.
+Signals run from left to right, from values of neurons to the integrators that produce them.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ def chain_page(network: Network) -> Page:
     cells, wires = _cells(network), _wires(network)
     inside = max(len(cell) for _, cell in cells)
     tall = HEAD + LINE * max(inside + 1, len(wires)) + 2
-    above, bus = height_of(network), _bus(network)
+    above, bus = height_of(network), [n.name for n in network.cell.neurons if n.shared]
     height = TOP + above + STRIP + ZOOM + tall + (9 if bus else 0) + 5 + 3 * LINE
     page = Page(WIDTH, height)
     _headline(page, network)
@@ -123,10 +123,6 @@ def _wires(network: Network) -> list[tuple[str, str, int]]:
         rest = len(wires) - MOST_WIRES + 1
         wires = [*wires[: MOST_WIRES - 1], (f"and {rest} more", INK, 0)]
     return wires
-
-
-def _bus(network: Network) -> list[str]:
-    return [neuron.name for neuron in network.cell.neurons if neuron.shared]
 
 
 def _draw_strip(page: Page, network: Network, top: float) -> None:

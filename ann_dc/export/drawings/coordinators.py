@@ -15,6 +15,7 @@ from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 
 COLOR = "#3A5E8C"
+_PEN = Pen(color=COLOR, width=0.5)
 FINEST = 1.4
 """Smallest distance in mm between nodes that are drawn individually; closer nodes become a band."""
 LEVEL = 7.0
@@ -63,13 +64,11 @@ def _hats(gain: np.ndarray) -> Level:
             return _band(page, row, foot, top)
         for point in active:
             x = start + step * point
-            page.polygon(
-                [(max(x - step, row[0]), foot), (x, top), (min(x + step, row[1]), foot)],
-                face="none", edge=Pen(color=COLOR, width=0.5), close=False,
-            )  # fmt: skip
+            ends = max(x - step, row[0]), min(x + step, row[1])
+            page.line([(ends[0], foot), (x, top), (ends[1], foot)], _PEN)
         page.above()
         for point in active:
-            page.dot((start + step * point, top), 0.65, face=tint(COLOR, 0.4), edge=_pen())
+            page.dot((start + step * point, top), 0.65, face=tint(COLOR, 0.4), edge=_PEN)
         return None
 
     count = int((np.abs(gain).sum(axis=-1) > 0).sum())
@@ -86,11 +85,11 @@ def _resistors(stages: int) -> Callable[[Page, Places, float], None]:
             along = np.linspace(left + 0.25 * step, right - 0.25 * step, 8)
             teeth = [(float(x), y + 0.8 * (i % 2 * 2 - 1)) for i, x in enumerate(along[1:-1])]
             page.line([(left, y), (float(along[0]), y), *teeth, (float(along[-1]), y), (right, y)],
-                      _pen())  # fmt: skip
+                      _PEN)  # fmt: skip
         page.above()
         for x in centres:
-            page.line([(x, y), (x, base)], _pen())
-            page.dot((float(x), y), 0.5, face=tint(COLOR, 0.4), edge=_pen())
+            page.line([(x, y), (x, base)], _PEN)
+            page.dot((float(x), y), 0.5, face=tint(COLOR, 0.4), edge=_PEN)
         return None
 
     return draw
@@ -115,12 +114,12 @@ def _halving(places: np.ndarray, blocks: int) -> Level:
         for kept in range(1, len(at), 2):
             for gone in (kept - 1, kept + 1):
                 if gone < len(at):
-                    page.line([(at[gone], foot), (at[kept], top)], _pen())
+                    page.line([(at[gone], foot), (at[kept], top)], _PEN)
             page.line([(at[kept], foot), (at[kept], top)], Pen(color=GREY, width=0.4))
         page.above()
         for place, x in enumerate(at):
             face = tint(COLOR, 0.4) if place % 2 else "white"
-            page.dot((x, foot), 0.55, face=face, edge=_pen())
+            page.dot((x, foot), 0.55, face=face, edge=_PEN)
         return None
 
     kept = len(places) // 2
@@ -129,9 +128,5 @@ def _halving(places: np.ndarray, blocks: int) -> Level:
 
 def _band(page: Page, row: Places, foot: float, top: float) -> None:
     """Draw a band for nodes that are too many to draw individually."""
-    page.box((row[0], top), (row[1] - row[0], foot - top), face=tint(COLOR, 0.3), edge=_pen())
+    page.box((row[0], top), (row[1] - row[0], foot - top), face=tint(COLOR, 0.3), edge=_PEN)
     page.text(((row[0] + row[1]) / 2, (foot + top) / 2), "· · ·", color=INK, align="center")
-
-
-def _pen() -> Pen:
-    return Pen(color=COLOR, width=0.5)
