@@ -24,7 +24,8 @@ from ann_dc.scale import Scale
 NAME = "fixed_point.json"
 FORMAT = "ann_dc fixed point"
 SCHEMA = 2
-PLAIN = ("title", "wiring", "content", "vector", "step", "prefix", "accuracy", "error", "limit")
+IDENTITY = ("title", "wiring", "content", "vector", "step", "prefix")
+RESULTS = ("accuracy", "error", "limit")
 """Fields of a fixed-point network that are stored as they are."""
 ARRAYS = {
     "operations": (-1, 6), "edges": (-1, 3), "tables": (-1, 4),
@@ -39,17 +40,10 @@ def as_json(network: FixedPoint) -> bytes:
     table = {
         "format": FORMAT,
         "schema": SCHEMA,
-        "title": network.title,
-        "wiring": network.wiring,
-        "content": network.content,
-        "vector": network.vector,
-        "step": network.step,
-        "prefix": network.prefix,
+        **{name: getattr(network, name) for name in IDENTITY},
         "ranges": {name: list(ends) for name, ends in network.ranges.items()},
         "measured": network.measured._asdict(),
-        "accuracy": network.accuracy,
-        "error": network.error,
-        "limit": network.limit,
+        **{name: getattr(network, name) for name in RESULTS},
         "bits": machine.bits,
         "guard": machine.guard,
         "period": machine.period,
@@ -96,7 +90,7 @@ def _read(files: Mapping[str, bytes]) -> FixedPoint:
     machine = Machine(given["bits"], given["guard"], given["period"], **arrays)
     _check_indices(machine)
     return FixedPoint(
-        **{name: given[name] for name in PLAIN},
+        **{name: given[name] for name in IDENTITY + RESULTS},
         machine=machine,
         fraction=np.array(given["fraction"]),
         labels=tuple(given["labels"]),

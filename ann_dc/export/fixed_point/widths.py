@@ -137,9 +137,9 @@ class _Trial:
 
     def good(self, found: FixedPoint | ExportError) -> bool:
         """Return True if words are accurate enough and enough inputs settle correctly."""
-        return (
-            isinstance(found, FixedPoint) and found.error <= self.accuracy and found.measured.enough
-        )
+        if isinstance(found, ExportError):
+            return False
+        return found.error <= self.accuracy and not found.measured.failed
 
     def fewest(self) -> FixedPoint:
         """Return the shortest acceptable words."""
@@ -179,21 +179,21 @@ class _Trial:
         text += f" (wanted {self.accuracy:g})"
         if found.error == np.inf:
             text = "do not settle with the network's own inputs"
-        if self.ranges and not found.measured.enough:
+        if self.ranges and found.measured.failed:
             link = ", and" if found.error > self.accuracy else ", but"
             text += f"{link} in the ranges {found.measured} (expected {found.measured.failed})"
         return text
 
     def remedy(self, found: FixedPoint) -> str:
         """Return a remedy that makes words of the same width acceptable."""
-        if self.ranges and not found.measured.enough:
+        if self.ranges and found.measured.failed:
             return "narrow the ranges of over=, or design the network for them first (--over)"
         if found.error == np.inf:
             return "design the network for its inputs again"
         return "allow as much by accuracy="
 
     def carried(self, bits: int) -> FixedPoint | ExportError:
-        """Return the network in words of a width, or the reason why they are too short."""
+        """Return the network in words of a width, or the reason that they are too short."""
         try:
             machine, fraction = quantised(self.sample.program, self.sample.ranges, bits)
         except ExportError as error:
