@@ -31,9 +31,9 @@ from ann_dc.export.devices.elements import (
     PRODUCT,
     SUM,
     Element,
+    Machine,
     elements_of,
 )
-from ann_dc.export.devices.machine import Machine
 from ann_dc.export.reference.places import Places
 from ann_dc.export.reference.rounding import compare
 from ann_dc.export.reference.sidecar import check_vector, notes_of, vector_of
