@@ -30,9 +30,7 @@ SPECIAL = {
     "%": r"\%", "_": r"\_", "^": r"\wedge ", "~": r"\sim ", " ": r"\ ", "-": "{-}",
     INDEX: r"\mathrm{at}",
 }  # fmt: skip
-FUNCTIONS = {name: rf"\{other}" for other, name in ELEMENTARY.items()}
-"""LaTeX commands of elementary operations."""
-FORMS = {name: f"{command}({{}})" for name, command in FUNCTIONS.items()}
+FORMS = {name: rf"\{command}({{}})" for command, name in ELEMENTARY.items()}
 FORMS |= {"add": "{} + {}", "subtract": "{} - {}", "multiply": r"{} \cdot {}"}
 FORMS |= {"divide": r"\frac{{{}}}{{{}}}", "sqrt": r"\sqrt{{{}}}", "maximum": r"\max({1}, {0})"}
 """Operations of formulas in LaTeX."""
