@@ -38,18 +38,14 @@ class Program:
         Kind; written word (for an update: neuron); operands; neuron of a drive or an update, else
         -1. Operands are the first and last edge of a sum, two words of a product, or code and word
         of a function.
-    sources : (E,) array of int
-        Words that sums read.
+    sources, weights : (E,) arrays
+        Words that sums read, and their weights.
     words : (W,) array
         Values of the words that no operation writes, zero elsewhere.
     rows : (W,) array of int
-        Row of each word. Words of one row have one format: those of a node at all stages.
-    names : tuple of str
-        Names of the rows.
-    states : (n,) array of int
-        Words of the neurons, in the order of the state vector.
-    limits : (n, 2) array
-        Saturation limits.
+        Named row of each word: a node at all stages, whose words have one format.
+    states, start, limits : (n,), (n,) and (n, 2) arrays
+        Words, initial values and saturation limits of the neurons, in the order of the state.
     inputs : mapping of str to (N,) array of int
         Words of the inputs.
     """

@@ -15,7 +15,6 @@ opposite clock phase.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -162,20 +161,12 @@ def capacitors_check(files: Mapping[str, bytes]) -> str:
 # ---- units -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _OpAmp:
-    """Branches of one op amp: connection names (c,), stages (s,) and ratios (c, s)."""
+def _op_amps(
+    network: Network, step: float
+) -> Iterator[tuple[str, list[str], np.ndarray, np.ndarray]]:
+    """Yield node, connections (c,), stages (s,) and ratios (c, s) of op amps with equal branches.
 
-    node: str
-    names: list[str]
-    stages: np.ndarray
-    ratios: np.ndarray
-
-
-def _op_amps(network: Network, step: float) -> Iterator[_OpAmp]:
-    """Yield one op amp per node and stage; a shared neuron has one for all stages.
-
-    Stages with equal ratios are grouped.
+    A shared neuron has one op amp for all stages, another node one per stage.
     """
     weights, tau = weights_in(network), time_constants(network)
     shared = {network.cell.neurons[row].name for row in network.shared}
@@ -184,28 +175,27 @@ def _op_amps(network: Network, step: float) -> Iterator[_OpAmp]:
         rates = step / tau[node] if node in tau else np.ones(network.stages)
         ratios = np.array([weights[name] * rates for name in names])
         if node in shared:
-            yield _OpAmp(node=node, names=names, stages=np.arange(network.stages), ratios=ratios)
+            yield node, names, np.arange(network.stages), ratios
             continue
         kinds, which = np.unique(ratios, axis=1, return_inverse=True)
         for kind in range(kinds.shape[1]):
-            stages = np.flatnonzero(which == kind)
-            yield _OpAmp(node=node, names=names, stages=stages, ratios=kinds[:, [kind]])
+            yield node, names, np.flatnonzero(which == kind), kinds[:, [kind]]
 
 
 def _units(network: Network, step: float, most: int, unit: float) -> dict[str, np.ndarray]:
     """Return the branch and feedback units (N, 2) of every connection."""
     units = {c.name: np.zeros((network.stages, 2), np.int64) for c in network.cell.connections}
-    for amp in _op_amps(network, step):
-        across = _nearest(amp, most, unit)
-        own = np.rint(amp.ratios * across).astype(np.int64)
-        for name, row in zip(amp.names, own):
-            units[name][amp.stages, 0], units[name][amp.stages, 1] = row, across
+    for node, names, stages, ratios in _op_amps(network, step):
+        across = _nearest(f"{node}[{stages[0]}]", ratios, most, unit)
+        own = np.rint(ratios * across).astype(np.int64)
+        for name, row in zip(names, own):
+            units[name][stages, 0], units[name][stages, 1] = row, across
     return units
 
 
-def _nearest(amp: _OpAmp, most: int, unit: float) -> int:
-    """Return the smallest M with the smallest worst ratio error."""
-    sizes = np.unique(np.abs(amp.ratios[amp.ratios != 0]))
+def _nearest(place: str, ratios: np.ndarray, most: int, unit: float) -> int:
+    """Return the smallest M with the smallest worst error of the ratios at a place."""
+    sizes = np.unique(np.abs(ratios[ratios != 0]))
     if not len(sizes):
         return 1
     across = np.arange(1, most + 1)
@@ -215,7 +205,7 @@ def _nearest(amp: _OpAmp, most: int, unit: float) -> int:
         least, top = sizes[0], sizes[-1]
         needed = np.ceil(0.5 / least) * max(top, 1.0)
         raise ExportError(
-            f"{amp.node}[{amp.stages[0]}]: ratios from {least:.3g} to {top:.3g} need capacitors of "
+            f"{place}: ratios from {least:.3g} to {top:.3g} need capacitors of "
             f"{needed:.0f} units at least, {most} are allowed; raise largest to "
             f"{needed * unit:.3g} F or more, or take a smaller unit"
         )

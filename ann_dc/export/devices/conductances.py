@@ -189,11 +189,9 @@ def weights_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
 
 @checked
 def conductances_check(files: Mapping[str, bytes]) -> str:
-    """Compute the weights of exported conductances and the steps of the network that has them.
+    """Compare the weights of exported conductances with those of the network file and the notes.
 
-    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or invalid, the
-    weights have another error than the notes, or all weights are those of the network and it takes
-    different steps.
+    If all weights are equal, the network must also take the steps of the test vector.
     """
     network, vector = network_and_vector(files)
     weights = weights_of(files)
@@ -213,19 +211,11 @@ def conductances_check(files: Mapping[str, bytes]) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Crossbar:
-    """Map between weights and conductances: one scale per summing node.
+    """Map between weights and conductances: a scale k in siemens per summing node.
 
-    Decimal numbers have twice the digits of a float64, so a multiplication followed by the division
-    recovers the last bit.
-
-    Attributes
-    ----------
-    scales : mapping of str to Decimal
-        Scale k in siemens, by summing node.
-    divisors : mapping of str to tuple of N Decimal
-        Divisors of the weights, by connection: 1 or tau.
-    columns : mapping of str to str
-        Summing node, by connection.
+    Connections have a summing node, their column, and divisors of the weights: 1 or tau. Decimal
+    numbers have twice the digits of a float64, so that the division after a multiplication recovers
+    the last bit.
     """
 
     scales: Mapping[str, Decimal]
@@ -276,10 +266,7 @@ def _crossbar_of(network: Network, highest: Decimal, decades: float, folded: boo
 
 
 def _nearest(g: Decimal, lowest: float, highest: Decimal, levels: int) -> Decimal:
-    """Return the _nearest of ``levels`` equally spaced conductances, with its sign, in siemens.
-
-    An open position remains open.
-    """
+    """Return the nearest of equally spaced conductances, with the sign; 0 S remains open."""
     if g == 0:
         return g
     first = _exact(lowest)

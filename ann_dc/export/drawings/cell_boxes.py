@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from ann_dc.export.drawings.labels import node_colours, number, short_names, term
+from ann_dc.export.drawings.labels import cell_at, node_colours, number, short_names, term
 from ann_dc.export.drawings.page import text_width
 from ann_dc.network.cell import ONE, Connection, Function, Neuron, Product, Sum
 from ann_dc.network.network import Network
@@ -214,9 +214,7 @@ class CellBoxes:
         rows = []
         for place, wire in enumerate(self._incoming[name]):
             said = term(wire, self._said(wire), not place)
-            whose = {-1: " of k−1", 1: " of k+1"}.get(wire.template, "")
-            if abs(wire.template) > 1:
-                whose = f" of k{int(wire.template):+d}".replace("-", "−")
+            whose = f" of {cell_at(int(wire.template))}" if wire.template else ""
             alone = wire.template or wire.source in {*inside, ONE}
             rows.append(
                 Row(
@@ -232,7 +230,7 @@ class CellBoxes:
         far = sorted(way for source, way in self._sent if source == name)
         return [
             Row(
-                text=f"{self.short[name]} to k{way:+d}".replace("-", "−"),
+                text=f"{self.short[name]} to {cell_at(way)}",
                 sends=name,
                 neighbour=int(np.sign(way)),
             )

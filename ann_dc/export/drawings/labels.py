@@ -87,6 +87,11 @@ def term(connection: Connection, name: str, first: bool = False) -> str:
     return f"− {words}" if negative else f"+ {words}"
 
 
+def cell_at(offset: int) -> str:
+    """Return the name of a neighbouring cell, such as k−1."""
+    return f"k{offset:+d}".replace("-", "−")
+
+
 def colours(cell: Cell) -> dict[str, str]:
     """Return a colour for every population of a cell."""
     spare = iter(OTHERS * (1 + len(cell.populations) // len(OTHERS)))

@@ -13,6 +13,7 @@ import numpy as np
 from ann_dc import si_prefixes as prefixes
 from ann_dc.errors import ExportError
 from ann_dc.export.drawings.chain_diagram import fitted
+from ann_dc.export.drawings.labels import cell_at
 from ann_dc.export.drawings.page import GREY, LARGE, PLAIN, WIDTH, Page, Pen, told_of
 from ann_dc.export.drawings.symbols import AMPLIFIER, Symbols
 from ann_dc.export.netlists.build import build
@@ -87,16 +88,33 @@ def schematic_files(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
-    """Part to be drawn with its values at a stage, and the names of parts that look the same."""
+    """Part to be drawn at a stage, parts that look the same, and existing inputs with ohms."""
 
     part: Part
     stage: int
     others: tuple[str, ...]
+    inputs: list[tuple[Wire, float]]
+
+    @property
+    def count(self) -> int:
+        """Number of drawn inputs."""
+        if isinstance(self.part, (Multiplier, Generator)):
+            return 2 if isinstance(self.part, Multiplier) else 1
+        return min(len(self.inputs), MOST)
+
+    @property
+    def foot(self) -> float:
+        """Height in mm of the panel above its foot."""
+        if not self.inputs:
+            return BOX_HEAD + ROW * self.count
+        return HEAD + ROW * (max(self.count, 2) + (len(self.inputs) > self.count))
 
 
 def circuit_sheets(circuit: Circuit, level: str) -> list[Page]:
     """Draw the schematic sheets of a circuit at a model level."""
-    rows = _rows(_kinds(circuit), circuit)
+    kinds = _kinds(circuit)
+    pairs = [kinds[i : i + 2] for i in range(0, len(kinds), 2)]
+    rows = [(max(drawn.foot for drawn in pair) + FOOT, pair) for pair in pairs]
     runs: list[list[tuple[float, list[Drawn]]]] = [[]]
     for row in rows:
         if TOP + sum(height for height, _ in [*runs[-1], row]) > TALLEST and runs[-1]:
@@ -114,9 +132,10 @@ def _kinds(circuit: Circuit) -> list[Drawn]:
     found = []
     for parts in groups.values():
         best = max(parts, key=lambda part: len(getattr(part, "wires", ())))
-        others = tuple(part.name for part in parts if part is not best)
-        found.append(Drawn(part=best, stage=_middle(circuit, best), others=others))
-    return sorted(found, key=lambda drawn: _inputs(circuit, drawn)[0], reverse=True)
+        others, stage = tuple(p.name for p in parts if p is not best), _middle(circuit, best)
+        inputs = _inputs(circuit, best, stage)
+        found.append(Drawn(part=best, stage=stage, others=others, inputs=inputs))
+    return sorted(found, key=lambda drawn: drawn.count, reverse=True)
 
 
 def _kind(part: Part) -> tuple:
@@ -134,30 +153,14 @@ def _middle(circuit: Circuit, part: Part) -> int:
     return int(stages[np.abs(stages - circuit.schematic.network.stages // 2).argmin()])
 
 
-def _inputs(circuit: Circuit, drawn: Drawn) -> tuple[int, list[tuple[Wire, float]]]:
-    """Return the number of drawn inputs, and every existing wire with its ohms."""
-    part, stage = drawn.part, drawn.stage
+def _inputs(circuit: Circuit, part: Part, stage: int) -> list[tuple[Wire, float]]:
     if isinstance(part, (Multiplier, Generator)):
-        return 2 if isinstance(part, Multiplier) else 1, []
-    rows = [
+        return []
+    return [
         (wire, float(ohms[stage]))
         for wire, ohms in zip(part.wires, circuit.resistors[part.name])
         if np.isfinite(ohms[stage]) and circuit.schematic.fed(wire, stage)
     ]
-    return min(len(rows), MOST), rows
-
-
-def _rows(kinds: list[Drawn], circuit: Circuit) -> list[tuple[float, list[Drawn]]]:
-    """Return pairs of adjacent panels and their heights."""
-    pairs = [kinds[i : i + 2] for i in range(0, len(kinds), 2)]
-    return [(max(_height(circuit, drawn) for drawn in pair), pair) for pair in pairs]
-
-
-def _height(circuit: Circuit, drawn: Drawn) -> float:
-    count, rows = _inputs(circuit, drawn)
-    if not rows:
-        return BOX_HEAD + ROW * count + FOOT
-    return HEAD + ROW * (max(count, 2) + (len(rows) > count)) + FOOT
 
 
 def _sheet(circuit: Circuit, level: str, run: list, number: tuple[int, int]) -> Page:
@@ -246,7 +249,7 @@ class _Panel:
         return f"output = {lead}the product of the inputs / {volts}"
 
     def _draw_amplifier(self, part: Amplifier) -> None:
-        count, rows = _inputs(self.circuit, self.drawn)
+        count, rows = self.drawn.count, self.drawn.inputs
         first, bus = self.y + HEAD, self.x + 43.0
         heights = [first + ROW * place for place in range(max(count, 1))]
         for y, (wire, ohms) in zip(heights, rows):
@@ -341,8 +344,7 @@ class _Panel:
     def _notes(self) -> None:
         """Draw notes on additional elements: an inverter."""
         name, schematic = self.part.name, self.circuit.schematic
-        count, rows = _inputs(self.circuit, self.drawn)
-        y = self.y + HEAD + ROW * (max(count, 2) + (len(rows) > count)) + FOOT - 4
+        y = self.y + self.drawn.foot + FOOT - 4
         if schematic.collects(name):
             self.page.text((self.x + PANEL - 3, y), "one; inputs from every cell", align="right")
         if name in schematic.inverted:
@@ -355,7 +357,7 @@ class _Panel:
         """Return a source with its sign and its cell."""
         sign = self.circuit.schematic.reading(part, wire)[self.drawn.stage]
         lead = "−" if sign < 0 else ""
-        whose = f" of k{wire.offset:+d}".replace("-", "−") if wire.offset else ""
+        whose = f" of {cell_at(wire.offset)}" if wire.offset else ""
         return f"{lead}{'bias 1' if wire.source == ONE else wire.source}{whose}"
 
     def _signed(self, source: str) -> str:

@@ -17,10 +17,7 @@ Point = tuple[float, float]
 
 
 class Symbols:
-    """Symbols drawn on a page, with positions in mm.
-
-    Raises `ExportPackageMissing` if schemdraw is not installed.
-    """
+    """Symbols drawn on a page, with positions in mm."""
 
     def __init__(self, page: Page) -> None:
         try:

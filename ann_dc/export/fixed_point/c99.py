@@ -55,11 +55,7 @@ def c99_files(
 
 @checked
 def c99_check(files: Mapping[str, bytes]) -> str:
-    """Check C99 files by their integers, without compiling or running them.
-
-    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or does not
-    match the integers in the JSON file.
-    """
+    """Check C99 files by their integers, without compiling or running them."""
     return check(files, _written)
 
 
@@ -130,10 +126,7 @@ def _names(kind: str, ports: Sequence[Port], held: Sequence[tuple[float, float]]
 
 
 def _identifiers(names: Iterable[str]) -> list[str]:
-    """Convert names to unique capital identifiers.
-
-    A name without permitted letters becomes a number.
-    """
+    """Convert names to unique capital identifiers, or to a number if no letter is permitted."""
     found: list[str] = []
     for name in names:
         word = re.sub(r"[^A-Z0-9]+", "_", plain(name).upper()).strip("_")

@@ -59,11 +59,7 @@ def hdl_files(
 
 @checked
 def hdl_check(files: Mapping[str, bytes]) -> str:
-    """Check SystemVerilog files by their integers; no file is compiled or run.
-
-    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or does not
-    match the integers in the JSON file.
-    """
+    """Check SystemVerilog files by their integers, without compiling or running them."""
     return check(files, _written)
 
 

@@ -109,10 +109,7 @@ class Integers:
         return self.lanes[self.machine.neurons[:, WORD]]
 
     def load(self, words: np.ndarray, values: np.ndarray) -> None:
-        """Write input values (k,) or (k, B) of ``bits`` bits into words (k,).
-
-        A value that does not fit saturates its lane.
-        """
+        """Write inputs (k,) or (k, B) into words (k,); one beyond ``bits`` bits saturates."""
         top = 1 << (self.machine.bits - 1)
         given = np.broadcast_to(values.T, (self.lanes.shape[1], len(words))).T
         fit = np.clip(given, -top, top - 1)

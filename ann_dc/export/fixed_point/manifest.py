@@ -77,11 +77,7 @@ def _port(port: Port) -> dict[str, Any]:
 
 
 def _read(files: Mapping[str, bytes]) -> FixedPoint:
-    """Parse the output of `as_json`.
-
-    Raises `FileFormatError` if it was changed, or if compiled code would leave the machine's
-    arrays.
-    """
+    """Parse the output of `as_json`, unless it was changed."""
     table = notes_of(files, NAME, FORMAT, SCHEMA).given
     given = {key: value for key, value in table.items() if key != "sha256"}
     whole = table.get("sha256") == _digest(given)
@@ -141,9 +137,8 @@ def _require(holds: bool, place: str, why: str) -> None:
 def check(files: Mapping[str, bytes], written: Callable[[FixedPoint], Mapping[str, bytes]]) -> str:
     """Check exported files: execute their integers and compare with rewritten files.
 
-    The function ``written`` returns all files except the test vector. Returns the result as a
-    sentence. Raises `FileFormatError` if a file is missing, differs from its integers, or the
-    integers do not reach their vectors.
+    The function ``written`` returns all files except the test vector. Raises `FileFormatError` if
+    a file is missing or differs, or the integers do not reach their vectors.
     """
     network, vector = _read(files), vector_of(files)
     same = hashlib.sha256(files[VECTOR]).hexdigest() == network.vector
@@ -164,10 +159,7 @@ def check(files: Mapping[str, bytes], written: Callable[[FixedPoint], Mapping[st
 
 
 def _check_controls(network: FixedPoint, vector: ReferenceVector) -> None:
-    """Check that the final control error does not exceed the error in the file.
-
-    The reference is the end of the test vector.
-    """
+    """Check that the control error at the end of the vector is not above that in the file."""
     found = network.control_error(network.vectors[network.steps], vector)
     says = f"the controls are {found:.1e} of the largest away from the reference vector"
     _require(found <= network.error, NAME, f"{says}, not {network.error:.1e}")

@@ -1,10 +1,9 @@
 """Choice of the word width for a wanted accuracy, measured on the golden model.
 
-The integers are run with a sample of inputs until they converge. The jitter of their words and net
-inputs at the equilibrium sets the thresholds of the settling test, as loose as the controls at
-settling allow. A width is acceptable under three conditions. The nominal inputs of the network
-settle with the wanted accuracy. No input of the sample or of a held-out sample settles at wrong or
-unconfirmed controls. Almost as many inputs settle as in float64.
+The jitter of words and net inputs at the equilibrium sets the thresholds of the settling test, as
+loose as the controls at settling allow. A width is acceptable if the nominal inputs settle with the
+wanted accuracy, no input of the sample or of a held-out sample settles at wrong or unconfirmed
+controls, and almost as many inputs settle as in float64.
 """
 
 from __future__ import annotations
