@@ -9,7 +9,7 @@ network, so they are also available for a loaded network.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from ann_dc.export.drawings.latex_symbols import (
     symbols_of,
 )
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
-from ann_dc.network.cell import ONE, Block, Connection, Neuron, Product, Sum
+from ann_dc.network.cell import ONE, Block, Connection, Product, Sum
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.si_prefixes import counted
@@ -95,7 +95,9 @@ def _document(network: Network) -> Iterator[str]:
         for block in blocks:
             yield rf"{at_stage(names[block.name])} &= {_formula(network, block, names)} \\"
         yield r"\end{align*}"
-    yield from _tables(network, names)
+    yield from _neuron_table(network, names)
+    yield from _weight_table(network, names)
+    yield from _ends(network, names)
     yield r"\end{document}"
 
 
@@ -131,54 +133,48 @@ def _term(place: int, wire: Connection, names: Mapping[str, str], first: bool) -
     return f"{lead}{source}" if factor == "1" else rf"{lead}{factor}\,{source}"
 
 
-def _tables(network: Network, names: Mapping[str, str]) -> Iterator[str]:
-    """Yield the tables of the numbers of a network."""
-    yield from _table(
-        "Neurons: time constants, rails, and the user's value of one and of zero",
-        "lllllll",
-        r"neuron & role & $\tau$ & lowest & highest & step of 1 & zero",
-        (_neuron_row(neuron, names) for neuron in network.cell.neurons),
-    )
-    weights = (
-        f"{place} & ${at_stage(names[wire.target])}$ & "
-        f"${at_stage(names[wire.source], int(wire.template))}$ & ${range_of(wire.weight)}$"
-        for place, wire in enumerate(network.cell.connections, 1)
-    )
-    yield from _table("Weights", "rlll", "number & target & source & weight", weights)
-    if network.cell.inputs:
-        inputs = (
-            f"${at_stage(names[name])}$ & ${range_of(network.input_values[name])}$"
-            for name in network.cell.inputs
-        )
-        yield from _table("Inputs", "ll", "input & value", inputs)
-    if network.fixed or network.omitted or network.left_boundary:
-        yield from _table("Ends of the row", "ll", "", _ends(network, names))
-
-
-def _table(title: str, columns: str, head: str, rows: Iterable[str]) -> Iterator[str]:
-    yield rf"\section*{{{title}}}"
-    yield rf"\begin{{longtable}}{{{columns}}}"
-    if head:
-        yield rf"{head} \\ \hline \endhead"
-    yield from (rf"{row} \\" for row in rows)
+def _neuron_table(network: Network, names: Mapping[str, str]) -> Iterator[str]:
+    yield r"\section*{Neurons: time constants, rails, and the user's value of one and of zero}"
+    yield r"\begin{longtable}{lllllll}"
+    yield r"neuron & role & $\tau$ & lowest & highest & step of 1 & zero \\ \hline \endhead"
+    for neuron in network.cell.neurons:
+        rails = [f"${number(end)}$" for end in (neuron.limiter.low, neuron.limiter.high)]
+        role = neuron.role.value + (", shared" if neuron.shared else "")
+        scale = [f"${number(neuron.scale.factor)}$", f"${number(neuron.scale.offset)}$"]
+        name = f"${at_stage(names[neuron.name])}$"
+        cells = (name, role, f"${range_of(neuron.tau)}$", *rails, *scale)
+        yield " & ".join(cells) + r" \\"
     yield r"\end{longtable}"
 
 
-def _neuron_row(neuron: Neuron, names: Mapping[str, str]) -> str:
-    scale, limiter = neuron.scale, neuron.limiter
-    role = neuron.role.value + (", shared" if neuron.shared else "")
-    ends = [f"${number(end)}$" for end in (limiter.low, limiter.high, scale.factor, scale.offset)]
-    return " & ".join(
-        [f"${at_stage(names[neuron.name])}$", role, f"${range_of(neuron.tau)}$", *ends]
-    )
+def _weight_table(network: Network, names: Mapping[str, str]) -> Iterator[str]:
+    yield r"\section*{Weights}"
+    yield r"\begin{longtable}{rlll}"
+    yield r"number & target & source & weight \\ \hline \endhead"
+    for place, wire in enumerate(network.cell.connections, 1):
+        source = at_stage(names[wire.source], int(wire.template))
+        ends = f"${at_stage(names[wire.target])}$ & ${source}$"
+        yield rf"{place} & {ends} & ${range_of(wire.weight)}$ \\"
+    yield r"\end{longtable}"
 
 
 def _ends(network: Network, names: Mapping[str, str]) -> Iterator[str]:
-    """Yield the boundary values of the cell array."""
-    at = lambda name, stage: names[name].replace(INDEX, str(stage))  # noqa: E731
-    for pin in network.fixed:
-        yield f"${at(pin.neuron, pin.stage)}$ & $= {at(pin.input, pin.stage)}$"
-    for gone in network.omitted:
-        yield f"${at(gone.neuron, gone.stage)}$ & is absent"
-    for node, given in network.left_boundary.items():
-        yield f"${at(node, -1)}$ & $= {at(given, 0)}$"
+    """Yield the inputs and the boundary values of the cell array."""
+    if network.cell.inputs:
+        yield r"\section*{Inputs}"
+        yield r"\begin{longtable}{ll}"
+        yield r"input & value \\ \hline \endhead"
+        for name in network.cell.inputs:
+            yield rf"${at_stage(names[name])}$ & ${range_of(network.input_values[name])}$ \\"
+        yield r"\end{longtable}"
+    if network.fixed or network.omitted or network.left_boundary:
+        yield r"\section*{Ends of the row}"
+        yield r"\begin{longtable}{ll}"
+        at = lambda name, stage: names[name].replace(INDEX, str(stage))  # noqa: E731
+        for pin in network.fixed:
+            yield rf"${at(pin.neuron, pin.stage)}$ & $= {at(pin.input, pin.stage)}$ \\"
+        for gone in network.omitted:
+            yield rf"${at(gone.neuron, gone.stage)}$ & is absent \\"
+        for node, given in network.left_boundary.items():
+            yield rf"${at(node, -1)}$ & $= {at(given, 0)}$ \\"
+        yield r"\end{longtable}"
