@@ -21,22 +21,13 @@ from ann_dc.network.functions import FUNCTIONS
 class Level:
     """Operations of one kind and depth: K operations, E edges.
 
-    Attributes
-    ----------
-    code : int
-        Function code; -1 if the kind is not `FUNCTION`.
-    targets : (K,) array of int
-        Written words; neurons if the kind is `UPDATE`.
-    operands : (2, K) array of int
-        Words that a product reads; a function and a rectifier read the second one.
-    neurons : (K,) array of int
-        Neurons of drives and updates, else -1.
-    sources, weights, owners : (E,) arrays
-        Words that the sums read, their weights, and the operations to which they belong.
+    The ``targets`` (K,) are the written words, or the neurons of updates. The ``operands`` (2, K)
+    are the words that a product reads; a function, whose code is ``code``, and a rectifier read the
+    second one. Drives and updates belong to ``neurons`` (K,). Sums read the words ``sources`` (E,)
+    with their ``weights`` for the operations ``owners``.
     """
 
     kind: int
-    depth: int
     code: int
     targets: np.ndarray
     operands: np.ndarray
@@ -94,18 +85,8 @@ def words_of(program: Program, levels: tuple[Level, ...], state: np.ndarray) -> 
     return words
 
 
-def step_of(program: Program, levels: tuple[Level, ...], state: np.ndarray) -> np.ndarray:
-    """Return the state (n,) one step after ``state``."""
-    words, following = words_of(program, levels, state), state.copy()
-    for level in levels:
-        if level.kind == UPDATE:
-            at, (low, high) = level.neurons, program.limits[level.neurons].T
-            following[at] = np.clip(state[at] + level.results(words), low, high)
-    return following
-
-
 def _level(program: Program, key: tuple[int, int, int], own: np.ndarray) -> Level:
-    depth, kind, code = key
+    _, kind, code = key
     _, targets, a, b, neurons = program.operations[own].T
     counts = b - a if kind in SUMS else np.zeros(len(own), np.int64)
     owners = np.repeat(np.arange(len(own)), counts)
@@ -113,7 +94,6 @@ def _level(program: Program, key: tuple[int, int, int], own: np.ndarray) -> Leve
     edges = np.repeat(a - np.cumsum(counts) + counts, counts) + np.arange(len(owners))
     return Level(
         kind=kind,
-        depth=depth,
         code=code,
         targets=targets,
         operands=np.stack([a, b]),

@@ -1,8 +1,4 @@
-"""Multilevel preconditioner as sums: down to the coarse grids and back.
-
-The derivative of a neuron is a list of words and weights. The operations that write these words are
-appended to a listing.
-"""
+"""Multilevel preconditioner as sums: down to the coarse grids and back."""
 
 from __future__ import annotations
 
@@ -19,10 +15,7 @@ Moves = list[list[tuple[int, float]]]
 def add_pyramid(
     moves: Moves, network: Network, tape: Tape, listing: Listing, drives: np.ndarray
 ) -> None:
-    """Add the contributions of the coarse levels to the moves.
-
-    The words of the net inputs are ``drives``, shape (P, N).
-    """
+    """Add the contributions of the coarse levels to the moves; net inputs are ``drives`` (P, N)."""
     below = _drives_below(tape, drives)
     levels = list(zip(tape.grid_starts[:-1].tolist(), tape.grid_starts[1:].tolist()))
     names = [chain[0] for chain in network.cell.chains]
@@ -44,10 +37,7 @@ def add_pyramid(
 
 
 def _drives_below(tape: Tape, drives: np.ndarray) -> np.ndarray:
-    """Return words and hat weights of the net inputs below every hat.
-
-    The lists have shape (grid points, C).
-    """
+    """Return words and hat weights of the net inputs below every hat, by (grid point, chain)."""
     below = np.empty((int(tape.grid_starts[-1]), len(tape.chains)), object)
     for place in np.ndindex(below.shape):
         below[place] = []
@@ -82,10 +72,7 @@ def _responses(
 
 
 def _half(a: int, above: int) -> list[tuple[int, float]]:
-    """Return (point, weight) pairs of point ``a`` on the next coarser level.
-
-    The coarser level begins at index ``above``.
-    """
+    """Return (point, weight) pairs of point ``a`` on the coarser level that begins at ``above``."""
     if a % 2:
         return [(above + a // 2, 0.5), (above + a // 2 + 1, 0.5)]
     return [(above + a // 2, 1.0)]

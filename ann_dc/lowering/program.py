@@ -5,8 +5,7 @@ r"""Step of a network as one list of operations on numbered words, in real numbe
 Every node of every cell that another node reads has a word, and every operation writes one word: a
 weighted sum of words, a product of two words, or a function of one word. Fixed neurons and values
 beyond the ends of the cell array are words of inputs. Shared neurons have one word for all cells,
-and nodes that are always zero have none. The code that computes these operations needs no other
-knowledge of networks.
+and nodes that are always zero have none.
 """
 
 from __future__ import annotations
@@ -39,18 +38,14 @@ class Program:
         Kind; written word (for an update: neuron); operands; neuron of a drive or an update, else
         -1. Operands are the first and last edge of a sum, two words of a product, or code and word
         of a function.
-    sources : (E,) array of int
-        Words that sums read.
+    sources, weights : (E,) arrays
+        Words that sums read, and their weights.
     words : (W,) array
         Values of the words that no operation writes, zero elsewhere.
     rows : (W,) array of int
-        Row of each word. Words of one row have one format: those of a node at all stages.
-    names : tuple of str
-        Names of the rows.
-    states : (n,) array of int
-        Words of the neurons, in the order of the state vector.
-    limits : (n, 2) array
-        Saturation limits.
+        Named row of each word: a node at all stages, whose words have one format.
+    states, start, limits : (n,), (n,) and (n, 2) arrays
+        Words, initial values and saturation limits of the neurons, in the order of the state.
     inputs : mapping of str to (N,) array of int
         Words of the inputs.
     """
@@ -74,13 +69,7 @@ class Program:
 
 
 class Listing:
-    """Growing list of words and operations.
-
-    Attributes
-    ----------
-    operations, sources, weights, names, rows, values : lists
-        Content of a `Program`; ``values`` are its words.
-    """
+    """Growing content of a `Program`; ``values`` are its words."""
 
     def __init__(self) -> None:
         self.operations: list[tuple[int, int, int, int, int]] = []

@@ -27,9 +27,7 @@ def substitution(
 ) -> None:
     """Replace the moves by z: K y = d is solved forward and K' z = y backward.
 
-    The forward solve proceeds from the first row to the last, so the number of sequential sums is
-    proportional to the horizon. The number of coefficients is the smallest of both solves. The
-    words of the net inputs are ``drives``, shape (P, N).
+    The number of sequential sums is proportional to the horizon; net inputs are ``drives`` (P, N).
     """
     count, neurons = len(tape.coupled) - 1, network.cell.neurons
     rows = {
@@ -62,8 +60,7 @@ def reduction(
 ) -> None:
     """Replace the moves by T^{1/2} S^{-1} T^{1/2} d, with S^{-1} by odd-even reduction.
 
-    The number of sequential sums is proportional to the logarithm of the horizon. The words of the
-    net inputs are ``drives``, shape (P, N).
+    The number of sequential sums is proportional to the logarithm of the horizon.
     """
     if not isinstance(network.preconditioner, Stiffness):
         return

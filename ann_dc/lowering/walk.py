@@ -1,7 +1,4 @@
-"""Floating-point execution of a program with the range of every word.
-
-A program runs for many inputs until it converges.
-"""
+"""Floating-point execution of a program for many inputs, with the range of every word."""
 
 from __future__ import annotations
 
@@ -21,30 +18,17 @@ class Ranges(NamedTuple):
     """Lowest values: (W,)."""
     high: np.ndarray
     """Highest values: (W,)."""
-    end: np.ndarray
-    """State after the last step of the first trajectory: (n,)."""
 
 
 class Walks:
     """Trajectories of a program from its initial state, one per lane.
 
-    Raises `NetworkError` if a function block of the program has no formula.
-
-    Parameters
-    ----------
-    loaded : mapping of str to (N, B) array
-        Values of inputs in network units; other inputs are those of the program.
-
-    Attributes
-    ----------
-    words : (W, B) array
-        Current words.
-    low, high : (W, B) arrays
-        Lowest and highest value of every word since the start.
+    Inputs ``loaded`` have the given values (N, B) in network units, other inputs those of the
+    program. The arrays ``words``, ``low`` and ``high`` (W, B) are the current words and their
+    ranges since the start. Raises `NetworkError` if a function block has no formula.
     """
 
-    def __init__(self, program: Program, loaded: Mapping[str, np.ndarray] | None = None) -> None:
-        loaded = loaded or {}
+    def __init__(self, program: Program, loaded: Mapping[str, np.ndarray]) -> None:
         lanes = next((values.shape[1] for values in loaded.values()), 1)
         self.program, self.words = program, np.repeat(program.words[:, None], lanes, axis=1)
         self.words[program.states] = program.start[:, None]
@@ -55,12 +39,11 @@ class Walks:
         check_written(program.operations[kind == FUNCTION, 2].tolist())
         self.low[written[kind != UPDATE]], self.high[written[kind != UPDATE]] = np.inf, -np.inf
 
-    def run(self, steps: int, lanes: np.ndarray | None = None) -> None:
-        """Execute steps in the given lanes (default: all)."""
+    def run(self, steps: int, lanes: np.ndarray) -> None:
+        """Execute steps in the given lanes."""
         program, memory = self.program, (self.words, self.low, self.high)
-        chosen = np.arange(self.words.shape[1]) if lanes is None else lanes
-        for at in range(0, len(chosen), GROUP):
-            group = chosen[at : at + GROUP]
+        for at in range(0, len(lanes), GROUP):
+            group = lanes[at : at + GROUP]
             own = tuple(np.ascontiguousarray(part[:, group]) for part in memory)
             _walk(
                 (program.operations, program.sources, program.weights),
@@ -73,19 +56,7 @@ class Walks:
 
     def ranges(self, lanes: np.ndarray) -> Ranges:
         """Return the combined ranges of the given lanes."""
-        end = self.words[self.program.states, lanes[0]]
-        return Ranges(self.low[:, lanes].min(1), self.high[:, lanes].max(1), end)
-
-
-def walked(program: Program, steps: int) -> Ranges:
-    """Execute at least one step and return the range of every word.
-
-    Words are recorded after every operation. Raises `NetworkError` if a function block of the
-    program has no formula.
-    """
-    walks = Walks(program)
-    walks.run(steps)
-    return walks.ranges(np.zeros(1, np.int64))
+        return Ranges(self.low[:, lanes].min(1), self.high[:, lanes].max(1))
 
 
 @compiled

@@ -1,7 +1,4 @@
-"""Conversion of a network to a `Program`: nodes become words.
-
-Blocks, net inputs and state derivatives become operations.
-"""
+"""Conversion of a network to a `Program`: nodes become words, what computes them operations."""
 
 from __future__ import annotations
 
@@ -33,10 +30,8 @@ from ann_dc.network.selection import clamped_rows
 def program_of(network: Network, step: float, solve: StiffnessSolve = substitution) -> Program:
     """Return the operations of one step of length h in network time.
 
-    A stiffness between neighbours is solved by ``solve``, one operation at a time by default.
-
-    Raises `ExportError` if the preconditioner couples neurons that have saturation limits, because
-    sums cannot determine which neurons are saturated.
+    A stiffness between neighbours is solved by ``solve``. Raises `ExportError` if the
+    preconditioner couples neurons that have saturation limits.
     """
     check_rails(network, "integers")
     writer = _Writer(network)
@@ -73,10 +68,7 @@ class _Writer:
         self._places()
 
     def _places(self) -> None:
-        """Create the words of inputs, of the constant one and of neurons.
-
-        Fixed, shared and boundary positions refer to these words.
-        """
+        """Create the words of inputs, of one and of neurons; other positions refer to these."""
         network, nodes, listing = self.network, self.network.node_index, self.listing
         self.address[nodes[ONE]] = listing.new(listing.row(ONE), [1.0])
         for name in network.cell.inputs:

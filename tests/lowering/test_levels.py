@@ -10,8 +10,8 @@ from random_preconditioners import with_stiffness
 
 import ann_dc
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.lowering.levels import depths_of, levels_of, step_of
-from ann_dc.lowering.program import PRODUCT, SUMS, UPDATE
+from ann_dc.lowering.levels import depths_of, levels_of, words_of
+from ann_dc.lowering.program import PRODUCT, SUMS, UPDATE, Program
 from ann_dc.lowering.stiffness_sums import StiffnessSolve, reduction, substitution
 from ann_dc.lowering.writing import program_of
 from ann_dc.network.network import Network
@@ -40,6 +40,17 @@ COUPLED = ("inequality and bounds", "two objectives")
 CASES = [(n, k) for n in PROBLEMS for k in KINDS if not (n in COUPLED and k in STIFF)]
 
 
+def step_of(program: Program, state: np.ndarray) -> np.ndarray:
+    """State one step after ``state``, level by level."""
+    levels, following = levels_of(program), state.copy()
+    words = words_of(program, levels, state)
+    for level in levels:
+        if level.kind == UPDATE:
+            at, (low, high) = level.neurons, program.limits[level.neurons].T
+            following[at] = np.clip(state[at] + level.results(words), low, high)
+    return following
+
+
 def error_of_step(
     network: Network, state: np.ndarray, solve: StiffnessSolve = substitution, step: float = 1e-2
 ) -> float:
@@ -48,7 +59,7 @@ def error_of_step(
     low, high = program.limits.T
     state = np.clip(state, low, high)
     expected = np.clip(state + step * evaluator(network).rhs(state), low, high)
-    found = step_of(program, levels_of(program), state)
+    found = step_of(program, state)
     largest = np.abs(expected - state).max(initial=np.finfo(float).tiny)
     return float(np.abs(found - expected).max(initial=0.0) / largest)
 

@@ -24,16 +24,16 @@ import numpy as np
 
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.devices.element_tables import machine_of, table_of
 from ann_dc.export.devices.elements import (
     CONSTANT,
+    FUNCTION,
     INTEGRATOR,
     PRODUCT,
     SUM,
     Element,
+    Machine,
     elements_of,
 )
-from ann_dc.export.devices.machine import Machine
 from ann_dc.export.reference.places import Places
 from ann_dc.export.reference.rounding import compare
 from ann_dc.export.reference.sidecar import check_vector, notes_of, vector_of
@@ -59,6 +59,8 @@ NEAR = 1e-3
 """Tolerance of the end state, relative to the largest state of the vector's end."""
 MOST = 300_000
 """Maximum number of evaluations in the check."""
+_VALUES = {INTEGRATOR: "start", CONSTANT: "value"}
+"""Name of the value of each kind."""
 
 
 @checked
@@ -74,18 +76,11 @@ def analog_computer_files(
     ``analog_computer.json`` contains ``elements``, ordered such that each element reads only
     earlier elements (integrators read any element). It also contains the ``matrix`` as rows
     (target, source, coefficient, gain), the ``time_scale`` beta, and the ``count`` of every element
-    kind.
+    kind. Input gains are 1 or ``largest``, the largest coefficient; the machine unit is
+    ``headroom`` times the largest observed value.
 
     Raises `ExportError` if an option is below 1, the preconditioner couples neurons that have
-    saturation limits, or the network does not settle in continuous time. A vector of another
-    network also raises `ExportError`.
-
-    Parameters
-    ----------
-    largest : float
-        Largest coefficient, at least 1. Input gains are 1 or this value.
-    headroom : float
-        Ratio of the machine unit to the largest observed value, at least 1.
+    saturation limits, the network does not settle in continuous time, or the vector is another's.
 
     Examples
     --------
@@ -113,7 +108,7 @@ def analog_computer_files(
         "time_scale": beta,
         "count": _count(elements),
         "places": Places.of(network).pairs,
-        **table_of(elements, scales, beta, largest),
+        **_table_of(elements, scales, beta, largest),
     }
     table = {"format": FORMAT, "schema": SCHEMA, "sha256": _hash(table), **table}
     return {CIRCUIT: (json.dumps(table) + "\n").encode(), VECTOR: vector.as_json()}
@@ -123,12 +118,11 @@ def analog_computer_files(
 def analog_computer_check(files: Mapping[str, bytes]) -> str:
     """Integrate the exported elements and compare the result with the test vector.
 
-    The integration uses only the element list. Returns the result as a sentence. Raises
-    `FileFormatError` if a file is missing or changed, or if the elements reach different states.
+    Raises `FileFormatError` if a file is missing or changed, or other states are reached.
     """
     vector, table = vector_of(files), notes_of(files, CIRCUIT, FORMAT, SCHEMA)
     _check_whose(table, vector)
-    machine, beta = machine_of(table), table.get("time_scale", float)
+    machine, beta = _machine_of(table), table.get("time_scale", float)
     if table.get("count", dict) != _count(machine.elements):
         raise FileFormatError(f"{CIRCUIT}.count: not that of its elements; export it again")
     if not 0 < beta < np.inf:
@@ -197,6 +191,60 @@ def _time_scale(elements: Sequence[Element], scales: np.ndarray, largest: float)
     return float(max(sizes, default=largest) / largest)
 
 
+# ---- tables --------------------------------------------------------------------------------------
+
+
+def _table_of(elements: Sequence[Element], scales: np.ndarray, beta: float, largest: float) -> dict:
+    """Convert elements to the tables ``elements`` and ``matrix`` in machine units."""
+    rows, matrix = [], []
+    for k, e in enumerate(elements):
+        rows.append(_row(e, float(scales[k])))
+        slower = beta if e.kind == INTEGRATOR else 1.0
+        for place, weight in e.wires.items():
+            coefficient = float(weight * scales[place] / scales[k] / slower)
+            gain = 1.0 if abs(coefficient) <= 1 else largest
+            matrix.append([k, place, coefficient / gain, gain])
+    return {"elements": rows, "matrix": matrix}
+
+
+def _row(e: Element, scale: float) -> dict:
+    row = {"name": e.name, "kind": e.kind, "scale": scale}
+    if e.kind in _VALUES:
+        row[_VALUES[e.kind]] = e.value / scale
+    if e.kind == INTEGRATOR:
+        ends = {"low": e.low / scale, "high": e.high / scale}
+        row |= {name: float(end) for name, end in ends.items() if np.isfinite(end)}
+    if e.kind == FUNCTION:
+        row["function"] = e.function
+    if e.reads:
+        row["reads"] = list(e.reads)
+    return row
+
+
+def _machine_of(table: Table) -> Machine:
+    """Build the machine that the tables of `_table_of` describe."""
+    rows = list(table.rows("elements"))
+    wires: list[dict[int, float]] = [{} for _ in rows]
+    for target, source, coefficient, gain in table.get("matrix", list):
+        wires[target][source] = coefficient * gain
+    elements = [_element(row, own) for row, own in zip(rows, wires)]
+    return Machine(elements, np.array([row.get("scale", float) for row in rows]))
+
+
+def _element(row: Table, wires: dict[int, float]) -> Element:
+    kind = row.get("kind", str)
+    return Element(
+        name=row.get("name", str),
+        kind=kind,
+        wires=wires,
+        reads=tuple(row.given.get("reads", ())),
+        function=row.given.get("function", ""),
+        value=row.get(_VALUES[kind], float) if kind in _VALUES else 0.0,
+        low=row.given.get("low", -np.inf),
+        high=row.given.get("high", np.inf),
+    )
+
+
 # ---- checking --------------------------------------------------------------------------------
 
 
@@ -230,10 +278,7 @@ class _Runner:
         return self._states(x)
 
     def settled(self, time: float) -> tuple[float, float]:
-        """Integrate for a time; return the distance to the vector's end and the maximum.
-
-        The maximum is the largest magnitude of an element output on the way.
-        """
+        """Return the distance to the vector's end after a time, and the largest element output."""
         from scipy.integrate import RK23
 
         machine, peak = self.machine, 0.0

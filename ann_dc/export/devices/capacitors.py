@@ -14,22 +14,22 @@ opposite clock phase.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.devices.connection_weights import (
+    check_connections,
     control_error,
     stated_errors,
+    table_and_notes,
     time_constants,
     weight_error,
     weights_in,
     with_weights,
 )
-from ann_dc.export.reference.csv_tables import csv_text, rows_by_connection
+from ann_dc.export.reference.csv_tables import rows_by_connection
 from ann_dc.export.reference.sidecar import beside, network_and_vector, notes_of
 from ann_dc.export.reference.vector import ReferenceVector
 from ann_dc.network.network import Network
@@ -126,20 +126,16 @@ def capacitors_files(
         "ratio_error": weight_error(weights_in(network), found),
         "control_error": control_error(network, with_weights(network, found), vector, period),
     }
-    return {
-        TABLE: _table(units, unit),
-        NOTES: (json.dumps(notes, indent=1) + "\n").encode(),
-        **files,
+    cells = {
+        name: [[*pair, *(_farads(u, unit) for u in pair)] for pair in pairs.tolist()]
+        for name, pairs in units.items()
     }
+    return {**table_and_notes((TABLE, NOTES), COLUMNS, cells, notes), **files}
 
 
 @checked
 def units_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
-    """Read the numbers of unit capacitors (N, 2) of every connection, by name.
-
-    The columns are the signed branch units and the feedback units of the op amp at every stage.
-    Raises `FileFormatError` if the files are not those of `capacitors_files`.
-    """
+    """Read the signed branch units and the feedback units (N, 2) of every connection, by name."""
     unit = notes_of(files, NOTES, FORMAT, SCHEMA).get("unit_F", float)
     found: dict[str, list[tuple[int, int]]] = {}
     for name, rows in rows_by_connection(files, TABLE, COLUMNS).items():
@@ -152,16 +148,10 @@ def units_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
 
 @checked
 def capacitors_check(files: Mapping[str, bytes]) -> str:
-    """Compute the weights of exported capacitors and compare them with the network file.
-
-    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or invalid, or
-    the weights have another error than the notes.
-    """
+    """Compare the weights of exported capacitors with those of the network file and the notes."""
     network, _ = network_and_vector(files)
     notes, units = notes_of(files, NOTES, FORMAT, SCHEMA), units_of(files)
-    names = [c.name for c in network.cell.connections]
-    if sorted(units) != sorted(names) or any(len(p) != network.stages for p in units.values()):
-        raise FileFormatError(f"{TABLE}: its connections are not those of the network beside it")
+    check_connections(TABLE, units, network)
     found = _weights(network, units, notes.get("step", float))
     error = weight_error(weights_in(network), found)
     known = stated_errors(notes, "ratio_error", error)
@@ -171,20 +161,12 @@ def capacitors_check(files: Mapping[str, bytes]) -> str:
 # ---- units -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _OpAmp:
-    """Branches of one op amp: connection names (c,), stages (s,) and ratios (c, s)."""
+def _op_amps(
+    network: Network, step: float
+) -> Iterator[tuple[str, list[str], np.ndarray, np.ndarray]]:
+    """Yield node, connections (c,), stages (s,) and ratios (c, s) of op amps with equal branches.
 
-    node: str
-    names: list[str]
-    stages: np.ndarray
-    ratios: np.ndarray
-
-
-def _op_amps(network: Network, step: float) -> Iterator[_OpAmp]:
-    """Yield one op amp per node and stage; a shared neuron has one for all stages.
-
-    Stages with equal ratios are grouped.
+    A shared neuron has one op amp for all stages, another node one per stage.
     """
     weights, tau = weights_in(network), time_constants(network)
     shared = {network.cell.neurons[row].name for row in network.shared}
@@ -193,28 +175,27 @@ def _op_amps(network: Network, step: float) -> Iterator[_OpAmp]:
         rates = step / tau[node] if node in tau else np.ones(network.stages)
         ratios = np.array([weights[name] * rates for name in names])
         if node in shared:
-            yield _OpAmp(node=node, names=names, stages=np.arange(network.stages), ratios=ratios)
+            yield node, names, np.arange(network.stages), ratios
             continue
         kinds, which = np.unique(ratios, axis=1, return_inverse=True)
         for kind in range(kinds.shape[1]):
-            stages = np.flatnonzero(which == kind)
-            yield _OpAmp(node=node, names=names, stages=stages, ratios=kinds[:, [kind]])
+            yield node, names, np.flatnonzero(which == kind), kinds[:, [kind]]
 
 
 def _units(network: Network, step: float, most: int, unit: float) -> dict[str, np.ndarray]:
     """Return the branch and feedback units (N, 2) of every connection."""
     units = {c.name: np.zeros((network.stages, 2), np.int64) for c in network.cell.connections}
-    for amp in _op_amps(network, step):
-        across = _nearest(amp, most, unit)
-        own = np.rint(amp.ratios * across).astype(np.int64)
-        for name, row in zip(amp.names, own):
-            units[name][amp.stages, 0], units[name][amp.stages, 1] = row, across
+    for node, names, stages, ratios in _op_amps(network, step):
+        across = _nearest(f"{node}[{stages[0]}]", ratios, most, unit)
+        own = np.rint(ratios * across).astype(np.int64)
+        for name, row in zip(names, own):
+            units[name][stages, 0], units[name][stages, 1] = row, across
     return units
 
 
-def _nearest(amp: _OpAmp, most: int, unit: float) -> int:
-    """Return the smallest M with the smallest worst ratio error."""
-    sizes = np.unique(np.abs(amp.ratios[amp.ratios != 0]))
+def _nearest(place: str, ratios: np.ndarray, most: int, unit: float) -> int:
+    """Return the smallest M with the smallest worst error of the ratios at a place."""
+    sizes = np.unique(np.abs(ratios[ratios != 0]))
     if not len(sizes):
         return 1
     across = np.arange(1, most + 1)
@@ -224,7 +205,7 @@ def _nearest(amp: _OpAmp, most: int, unit: float) -> int:
         least, top = sizes[0], sizes[-1]
         needed = np.ceil(0.5 / least) * max(top, 1.0)
         raise ExportError(
-            f"{amp.node}[{amp.stages[0]}]: ratios from {least:.3g} to {top:.3g} need capacitors of "
+            f"{place}: ratios from {least:.3g} to {top:.3g} need capacitors of "
             f"{needed:.0f} units at least, {most} are allowed; raise largest to "
             f"{needed * unit:.3g} F or more, or take a smaller unit"
         )
@@ -250,18 +231,6 @@ def _rails(network: Network) -> dict[str, list[float | None]]:
         for name, pair in ends.items()
         if np.isfinite(pair).any()
     }
-
-
-# ---- text ------------------------------------------------------------------------------------
-
-
-def _table(units: Mapping[str, np.ndarray], unit: float) -> bytes:
-    rows = (
-        [name, stage, *pair, *(_farads(u, unit) for u in pair)]
-        for name, pairs in units.items()
-        for stage, pair in enumerate(pairs.tolist())
-    )
-    return csv_text(COLUMNS, rows).encode()
 
 
 def _farads(units: int, unit: float) -> str:

@@ -17,22 +17,25 @@ bit.
 
 from __future__ import annotations
 
-import json
+from collections import defaultdict
 from collections.abc import Mapping
-from decimal import Decimal, DecimalException, localcontext
+from dataclasses import dataclass
+from decimal import Context, Decimal, DecimalException, localcontext
 
 import numpy as np
 
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.export.devices.connection_weights import (
+    check_connections,
     control_error,
     stated_errors,
+    table_and_notes,
+    time_constants,
     weight_error,
     weights_in,
     with_weights,
 )
-from ann_dc.export.devices.crossbar import EXACT, Crossbar, crossbar_of, exact, nearest
-from ann_dc.export.reference.csv_tables import csv_text, rows_by_connection
+from ann_dc.export.reference.csv_tables import rows_by_connection
 from ann_dc.export.reference.sidecar import beside, network_and_vector, notes_of
 from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
 from ann_dc.network.network import Network
@@ -45,6 +48,10 @@ TABLE, NOTES = "conductances.csv", "conductances.json"
 COLUMNS = ("connection", "stage", "g_plus_S", "g_minus_S")
 MAX_LEVELS = 2**24
 MAX_DECADES = 30
+EXACT = Context(prec=34)
+"""Decimal context of conductances."""
+INTEGRATORS = "integrators"
+"""Name of the common scale of all integrators if time constants are folded in."""
 
 
 @checked
@@ -107,11 +114,11 @@ def conductances_files(
         raise ExportError(f"decades: expected {MAX_DECADES} at most, got {decades:g}")
     files = beside(network, vector)
     with localcontext(EXACT):
-        highest = exact(lowest) * Decimal(10) ** exact(decades)
-        bar = crossbar_of(network, highest, decades, folded)
+        highest = _exact(lowest) * Decimal(10) ** _exact(decades)
+        bar = _crossbar_of(network, highest, decades, folded)
         pairs = {name: bar.siemens(name, w) for name, w in weights_in(network).items()}
         if levels:
-            pairs = {n: [nearest(g, lowest, highest, levels) for g in p] for n, p in pairs.items()}
+            pairs = {n: [_nearest(g, lowest, highest, levels) for g in p] for n, p in pairs.items()}
         found = {name: bar.weights(name, siemens) for name, siemens in pairs.items()}
     notes = {
         "format": FORMAT,
@@ -133,11 +140,11 @@ def conductances_files(
         if not levels
         else control_error(network, with_weights(network, found), vector),
     }
-    return {
-        TABLE: _table(pairs),
-        NOTES: (json.dumps(notes, indent=1) + "\n").encode(),
-        **files,
+    cells = {
+        name: [[f"{max(part, Decimal(0)).normalize():E}" for part in (g, -g)] for g in siemens]
+        for name, siemens in pairs.items()
     }
+    return {**table_and_notes((TABLE, NOTES), COLUMNS, cells, notes), **files}
 
 
 @checked
@@ -182,17 +189,14 @@ def weights_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
 
 @checked
 def conductances_check(files: Mapping[str, bytes]) -> str:
-    """Compute the weights of exported conductances and the steps of the network that has them.
+    """Compare the weights of exported conductances with those of the network file and the notes.
 
-    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or invalid, the
-    weights have another error than the notes, or all weights are those of the network and it takes
-    different steps.
+    If all weights are equal, the network must also take the steps of the test vector.
     """
     network, vector = network_and_vector(files)
-    weights, own = weights_of(files), weights_in(network)
-    if weights.keys() != own.keys() or any(len(w) != network.stages for w in weights.values()):
-        raise FileFormatError(f"{TABLE}: its connections are not those of the network beside it")
-    error, changed = weight_error(own, weights), with_weights(network, weights)
+    weights = weights_of(files)
+    check_connections(TABLE, weights, network)
+    error, changed = weight_error(weights_in(network), weights), with_weights(network, weights)
     known = stated_errors(notes_of(files, NOTES, FORMAT, SCHEMA), "weight_error", error)
     if error:
         return f"weights within {error:.1e} of the network's; the network of them {known}"
@@ -202,26 +206,90 @@ def conductances_check(files: Mapping[str, bytes]) -> str:
     return f"all weights come back to the last bit; {early} steps within {worst:.0e} of the vector"
 
 
-def _table(pairs: Mapping[str, list[Decimal]]) -> bytes:
-    rows = (
-        [name, stage, *(f"{max(part, Decimal(0)).normalize():E}" for part in (g, -g))]
-        for name, siemens in pairs.items()
-        for stage, g in enumerate(siemens)
-    )
-    return csv_text(COLUMNS, rows).encode()
+# ---- scales --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Crossbar:
+    """Map between weights and conductances: a scale k in siemens per summing node.
+
+    Connections have a summing node, their column, and divisors of the weights: 1 or tau. Decimal
+    numbers have twice the digits of a float64, so that the division after a multiplication recovers
+    the last bit.
+    """
+
+    scales: Mapping[str, Decimal]
+    divisors: Mapping[str, tuple[Decimal, ...]]
+    columns: Mapping[str, str]
+
+    def siemens(self, name: str, weights: np.ndarray) -> list[Decimal]:
+        """Return the signed conductances of a connection's weights (N,)."""
+        scale, divisors = self.scales[self.columns[name]], self.divisors[name]
+        return [_exact(w) * scale / by for w, by in zip(weights.tolist(), divisors)]
+
+    def weights(self, name: str, siemens: list[Decimal]) -> np.ndarray:
+        """Return the weights (N,) of a connection's conductances (inverse of `siemens`)."""
+        scale, divisors = self.scales[self.columns[name]], self.divisors[name]
+        return np.array([float(g * by / scale) for g, by in zip(siemens, divisors)])
+
+
+def _crossbar_of(network: Network, highest: Decimal, decades: float, folded: bool) -> _Crossbar:
+    """Compute scales that map the largest weight of a node to the highest conductance (siemens).
+
+    Raises `ExportError` if the weights of a node span more decades than given.
+    """
+    weights, tau = weights_in(network), time_constants(network)
+    columns, divisors = {}, {}
+    sizes: dict[str, list[tuple[Decimal, str]]] = defaultdict(list)
+    for c in network.cell.connections:
+        with_tau = folded and c.target in tau
+        columns[c.name] = INTEGRATORS if with_tau else c.target
+        by = [_exact(t) if with_tau else Decimal(1) for t in tau.get(c.target, weights[c.name])]
+        divisors[c.name] = tuple(by)
+        given = zip(weights[c.name].tolist(), by)
+        sizes[columns[c.name]] += [(abs(_exact(w)) / t, c.name) for w, t in given if w]
+    scales = {}
+    for node in dict.fromkeys(columns.values()):
+        there = sizes[node] or [(Decimal(1), "")]
+        (largest, most), (least, few) = max(there), min(there)
+        scales[node] = highest / largest
+        needed = float((largest / least).log10())
+        if needed > decades * (1 + 1e-12):
+            hint = "take folded=False, or " if node == INTEGRATORS else ""
+            raise ExportError(
+                f"{network.title}: the weights at {node}, from {few} to {most}, span {needed:.2f} "
+                f"decades, conductances {decades:g}; {hint}give "
+                f"decades={np.ceil(10 * needed) / 10:g} or more, or scale the problem so that its "
+                "weights lie closer together"
+            )
+    return _Crossbar(scales=scales, divisors=divisors, columns=columns)
+
+
+def _nearest(g: Decimal, lowest: float, highest: Decimal, levels: int) -> Decimal:
+    """Return the nearest of equally spaced conductances, with the sign; 0 S remains open."""
+    if g == 0:
+        return g
+    first = _exact(lowest)
+    step = (highest - first) / (levels - 1)
+    return (first + step * ((abs(g) - first) / step).to_integral_value()).copy_sign(g)
+
+
+def _exact(number: float) -> Decimal:
+    """Return the shortest decimal number that parses to the float64."""
+    return Decimal(repr(float(number)))
 
 
 # ---- reading ---------------------------------------------------------------------------------
 
 
-def _bar_of(notes: Table) -> Crossbar:
+def _bar_of(notes: Table) -> _Crossbar:
     columns, scales = notes.get("columns", dict), notes.get("scales_S", dict)
     divisors = notes.get("divisors", dict)
     if columns.keys() != divisors.keys() or not {*map(str, columns.values())} <= scales.keys():
         raise FileFormatError(f"{NOTES}: columns, scales and divisors are not of one network")
     if not all(isinstance(given, list) for given in divisors.values()):
         raise FileFormatError(f"{NOTES}.divisors: expected lists")
-    return Crossbar(
+    return _Crossbar(
         scales={node: _positive("scales_S", text) for node, text in scales.items()},
         divisors={n: tuple(_positive("divisors", t) for t in g) for n, g in divisors.items()},
         columns={name: str(node) for name, node in columns.items()},

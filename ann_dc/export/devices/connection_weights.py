@@ -1,11 +1,9 @@
-"""Weights of connections by name, and the errors of changed weights.
-
-A device table contains only the weights. All other data of the network are in the network file.
-"""
+"""Tables of connection weights, which are all of a network that a device has, and their errors."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +11,7 @@ import numpy as np
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.errors import FileFormatError, NetworkError
 from ann_dc.evaluation.rules import NEAR, size_of
+from ann_dc.export.reference.csv_tables import csv_text
 from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.weights.manifest import Table
@@ -34,10 +33,7 @@ def with_weights(network: Network, weights: Mapping[str, np.ndarray]) -> Network
 
 
 def time_constants(network: Network) -> dict[str, np.ndarray]:
-    """Return the divisors (N,) of the connections to every neuron, by name.
-
-    A neuron shared by all cells has a single divisor.
-    """
+    """Return the divisors (N,) of the connections to every neuron; a shared neuron has only one."""
     stages = network.stages
     tau = {n.name: np.array(np.broadcast_to(n.tau, stages), float) for n in network.cell.neurons}
     for row in network.shared:
@@ -47,10 +43,7 @@ def time_constants(network: Network) -> dict[str, np.ndarray]:
 
 
 def weight_error(before: Mapping[str, np.ndarray], after: Mapping[str, np.ndarray]) -> float:
-    """Compute the largest relative error of the weights (N,).
-
-    The error is infinite if a zero weight has become nonzero.
-    """
+    """Compute the largest relative error of weights; infinite if a zero has become nonzero."""
     worst = 0.0
     for name, exact in before.items():
         gap, size = np.abs(after[name] - exact), np.abs(exact)
@@ -65,17 +58,9 @@ def control_error(
     """Compute the control error of a changed network when both networks have settled.
 
     Returns the largest difference relative to the size of the controls (`size_of`), in the user's
-    units; all neurons are compared if the network has no controls. Returns None if one of the
-    networks does not settle from the vector's end.
-
-    Parameters
-    ----------
-    changed : Network
-        Network with changed numbers.
-    vector : ReferenceVector
-        Test vector of the unchanged network.
-    step : float, optional
-        Step h of the iteration in which the changed network settles; the vector's step by default.
+    units; all neurons are compared if the network has no controls. The changed network settles from
+    the vector's end with steps h of network time, those of the vector by default. Returns None if
+    one of the networks does not settle.
     """
     start = network.pack(vector.end)
     steps, end, _ = EulerWalk(changed, step or vector.step).settled(start, vector.tolerance)
@@ -94,11 +79,29 @@ def control_error(
     return float(np.abs(found - exact).max() / size_of(exact, reach))
 
 
-def stated_errors(notes: Table, key: str, error: float) -> str:
-    """Compare the weight error of a table with that in its notes.
+def table_and_notes(
+    names: tuple[str, str],
+    columns: Sequence[str],
+    cells: Mapping[str, Sequence[Sequence[object]]],
+    notes: Mapping[str, object],
+) -> dict[str, bytes]:
+    """Return the cells of every connection and stage as CSV, and the notes as JSON."""
+    rows = ([name, stage, *row] for name, rows in cells.items() for stage, row in enumerate(rows))
+    table, text = csv_text(columns, rows), json.dumps(notes, indent=1) + "\n"
+    return {names[0]: table.encode(), names[1]: text.encode()}
 
-    Returns the control error in the notes as a clause. Raises `FileFormatError` if the table has
-    other weights than those with which it was written.
+
+def check_connections(place: str, table: Mapping[str, np.ndarray], network: Network) -> None:
+    """Check that a table has the connections and stages of the network beside it."""
+    names = sorted(c.name for c in network.cell.connections)
+    if sorted(table) != names or any(len(rows) != network.stages for rows in table.values()):
+        raise FileFormatError(f"{place}: its connections are not those of the network beside it")
+
+
+def stated_errors(notes: Table, key: str, error: float) -> str:
+    """Return the control error in the notes as a clause.
+
+    Raises `FileFormatError` if the table has another weight error than its notes.
 
     Examples
     --------

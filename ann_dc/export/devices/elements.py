@@ -3,6 +3,9 @@
 Every operation of a `Program` of step one is an element, and every word that no operation writes is
 a constant. An update is an integrator with the rates of the state as coefficients. A net input that
 a single sum reads is part of that sum.
+
+In machine units, elements are a `Program` again, which is executed level by level. A function is
+evaluated in network units, so its argument and its result are scaled.
 """
 
 from __future__ import annotations
@@ -13,17 +16,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ann_dc.lowering.program import (
-    DRIVE,
-    ONE,
-    PRODUCT as PRODUCT_OPERATION,
-    RECTIFY,
-    SUMS,
-    UPDATE,
-    ZERO,
-    Program,
-)
-from ann_dc.network.functions import FUNCTIONS
+from ann_dc.lowering import program as lowered
+from ann_dc.lowering.levels import levels_of, words_of
+from ann_dc.lowering.program import DRIVE, ONE, RECTIFY, SUMS, UPDATE, ZERO, Listing, Program
+from ann_dc.network.functions import CODE, FUNCTIONS
 
 KINDS = ("integrator", "constant", "sum", "product", "function")
 INTEGRATOR, CONSTANT, SUM, PRODUCT, FUNCTION = KINDS
@@ -31,22 +27,11 @@ INTEGRATOR, CONSTANT, SUM, PRODUCT, FUNCTION = KINDS
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Element:
-    """Analog-computer element.
+    """Analog-computer element: reads earlier elements, or any element if it is an integrator.
 
-    An element reads earlier elements; an integrator reads any element.
-
-    Attributes
-    ----------
-    wires : mapping of int to float
-        Weights of the inputs of an integrator or a sum, by index of the source.
-    reads : tuple of int
-        Indices of the factors of a product, or of the argument of a function.
-    function : str
-        Name of the function.
-    value : float
-        Value of a constant, or initial value of an integrator.
-    low, high : float
-        Saturation limits of an integrator.
+    The ``wires`` are the weights of an integrator or a sum, by index of the source, and ``reads``
+    are the factors of a product or the argument of a function. The ``value`` is that of a constant
+    or the initial value of an integrator, which has the saturation limits.
     """
 
     name: str
@@ -116,7 +101,7 @@ class _Wiring:
         name = self.names[target]
         if kind in SUMS:
             return Element(name=name, kind=SUM, wires=self._wires(a, b))
-        if kind == PRODUCT_OPERATION:
+        if kind == lowered.PRODUCT:
             return Element(name=name, kind=PRODUCT, reads=(self._place(a), self._place(b)))
         function = "rectify" if kind == RECTIFY else FUNCTIONS[a].name
         return Element(name=name, kind=FUNCTION, reads=(self._place(b),), function=function)
@@ -144,3 +129,73 @@ def _names_of(program: Program, labels: Sequence[str]) -> list[str]:
         if kind == DRIVE:
             names[target] = f"drive {labels[neuron]}"
     return names
+
+
+class Machine:
+    """Executable set of analog-computer elements, integrators first.
+
+    Functions use ``scales`` (E,): the value that one machine unit of every element represents.
+    """
+
+    def __init__(self, elements: Sequence[Element], scales: np.ndarray | None = None) -> None:
+        self.elements = elements
+        self.scales = np.ones(len(elements)) if scales is None else scales
+        self.integrators = np.flatnonzero([e.kind == INTEGRATOR for e in elements])
+        self._words, self._program = _program_of(elements, self.scales)
+        self._levels, self._drives = levels_of(self._program), self._program.drives
+
+    @property
+    def start(self) -> np.ndarray:
+        """Initial values (n,) of the integrators."""
+        return self._program.start.copy()
+
+    def values(self, x: np.ndarray) -> np.ndarray:
+        """Return the values (E,) of all elements at integrator states x (n,)."""
+        return words_of(self._program, self._levels, x)[self._words]
+
+    def moves(self, x: np.ndarray) -> np.ndarray:
+        """Return dX/dT (n,) of the integrators; zero if a limit would be exceeded."""
+        return words_of(self._program, self._levels, x)[self._drives]
+
+    def within(self, x: np.ndarray) -> np.ndarray:
+        """Return the state with every integrator within its limits."""
+        return np.clip(x, *self._program.limits.T)
+
+
+def _program_of(elements: Sequence[Element], scales: np.ndarray) -> tuple[np.ndarray, Program]:
+    """Return the words (E,) of the elements, and the program without updates."""
+    listing = Listing()
+    row = listing.row("element")
+    words = listing.new(row, [e.value if e.kind == CONSTANT else 0.0 for e in elements])
+    integrators = [(e, word) for e, word in zip(elements, words.tolist()) if e.kind == INTEGRATOR]
+    for k, e in enumerate(elements):
+        word, read = int(words[k]), words[list(e.reads)].tolist()
+        if e.kind == SUM:
+            listing.sum(lowered.SUM, word, _edges(e, words))
+        elif e.kind == PRODUCT:
+            listing.operations.append((lowered.PRODUCT, word, *read, -1))
+        elif e.kind == FUNCTION:
+            argument, result = listing.word(row), listing.word(row)
+            listing.sum(lowered.SUM, argument, [(read[0], float(scales[e.reads[0]]))])
+            operation = (lowered.FUNCTION, result, CODE[e.function], argument, -1)
+            listing.operations.append(operation)
+            listing.sum(lowered.SUM, word, [(result, 1 / float(scales[k]))])
+    for neuron, (e, _) in enumerate(integrators):
+        listing.sum(lowered.DRIVE, listing.word(row), _edges(e, words), neuron)
+    limits = [(e.low, e.high) for e, _ in integrators]
+    return words, Program(
+        operations=np.array(listing.operations, np.int64).reshape(-1, 5),
+        sources=np.array(listing.sources, np.int64),
+        weights=np.array(listing.weights),
+        words=np.array(listing.values),
+        rows=np.array(listing.rows, np.int64),
+        names=tuple(listing.names),
+        states=np.array([word for _, word in integrators], np.int64),
+        start=np.array([e.value for e, _ in integrators]),
+        limits=np.array(limits).reshape(-1, 2),
+        inputs={},
+    )
+
+
+def _edges(e: Element, words: np.ndarray) -> list[tuple[int, float]]:
+    return [(int(words[place]), weight) for place, weight in e.wires.items()]

@@ -1,7 +1,7 @@
-"""Boxes of a cell diagram: one per neuron and block, one for a multiplier neuron.
+"""Boxes of a cell diagram: one per neuron and block, and one for all nodes of a multiplier neuron.
 
-The box of a multiplier neuron contains all its nodes. A row of a box is a term of its sum, at which
-a wire ends, or describes a node, at which the wire of that node begins.
+A row of a box is a term of its sum, at which a wire ends, or describes a node, at which the wire of
+that node begins.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
-from ann_dc.export.drawings.labels import node_colours, number, short_names, term
+from ann_dc.export.drawings.labels import cell_at, node_colours, number, short_names, term
 from ann_dc.export.drawings.page import text_width
 from ann_dc.network.cell import ONE, Connection, Function, Neuron, Product, Sum
 from ann_dc.network.network import Network
@@ -33,18 +34,10 @@ LONGEST_LINE = 34.0
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """Row of a box.
+    """Row of a box, with texts on the left and on the right.
 
-    Attributes
-    ----------
-    text, right : str
-        Texts on the left and on the right.
-    head : bool
-        True for the head row.
-    reads, sends : str
-        Node whose wire ends or begins at this row; empty if there is none.
-    neighbour : int
-        -1 or 1 if the row reads the previous or next cell, or is read by it; 0 otherwise.
+    The wire of node ``reads`` ends at the row, and that of ``sends`` begins there; ``neighbour`` is
+    -1 or 1 if the previous or next cell is at the other end.
     """
 
     text: str
@@ -68,20 +61,10 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Box:
-    """Box of a neuron or block.
-
-    Attributes
-    ----------
-    name : str
-        Name of the neuron or block.
-    kind : str
-        ``neuron``, ``dual`` or ``block``.
-    shared : bool
-        True if the neuron is common to all cells.
-    """
+    """Box of a neuron or block."""
 
     name: str
-    kind: str
+    kind: Literal["neuron", "dual", "block"]
     color: str
     rows: tuple[Row, ...]
     shared: bool = False
@@ -231,9 +214,7 @@ class CellBoxes:
         rows = []
         for place, wire in enumerate(self._incoming[name]):
             said = term(wire, self._said(wire), not place)
-            whose = {-1: " of k−1", 1: " of k+1"}.get(wire.template, "")
-            if abs(wire.template) > 1:
-                whose = f" of k{int(wire.template):+d}".replace("-", "−")
+            whose = f" of {cell_at(int(wire.template))}" if wire.template else ""
             alone = wire.template or wire.source in {*inside, ONE}
             rows.append(
                 Row(
@@ -249,7 +230,7 @@ class CellBoxes:
         far = sorted(way for source, way in self._sent if source == name)
         return [
             Row(
-                text=f"{self.short[name]} to k{way:+d}".replace("-", "−"),
+                text=f"{self.short[name]} to {cell_at(way)}",
                 sends=name,
                 neighbour=int(np.sign(way)),
             )
@@ -277,10 +258,7 @@ def _readers(sources_of, names: Iterable[str]) -> Mapping[str, set[str]]:
 
 
 def _is_ordered(groups: Mapping[str, str], sources_of, neurons: Mapping) -> bool:
-    """Return True if no group depends on itself.
-
-    A separately drawn neuron is available from the start.
-    """
+    """Return True if no group depends on itself; neurons drawn alone are there from the start."""
     alone = {name for name in neurons if list(groups.values()).count(name) == 1}
     graph: dict[str, set[str]] = {group: set() for group in groups.values()}
     for name, group in groups.items():

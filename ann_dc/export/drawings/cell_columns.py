@@ -32,17 +32,7 @@ APART = 1.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Panel:
-    """Panel of a cell diagram.
-
-    Attributes
-    ----------
-    pills : tuple of str
-        Nodes that the panel reads, in their order.
-    columns : tuple of tuples of Box
-        Boxes by column.
-    labels : tuple of str
-        Texts of the pills.
-    """
+    """Panel of a cell diagram: nodes that it reads with their labels, and boxes by column."""
 
     title: str
     pills: tuple[str, ...]
@@ -68,11 +58,7 @@ class Panel:
 def panels_of(
     boxes: Sequence[Box], order: Sequence[str], label: Callable[[str], str]
 ) -> list[Panel]:
-    """Arrange boxes in panels.
-
-    Pills follow ``order``, a sequence of all node names, and ``label`` returns the text of a node's
-    pill.
-    """
+    """Arrange boxes in panels; the nodes that a panel reads have labels, in the given order."""
     maker = {node: box for box in boxes if box.kind != "neuron" for node in box.sends}
     reads = {box: [maker[n] for n in box.reads if n in maker and maker[n] is not box]
              for box in boxes}  # fmt: skip
@@ -114,10 +100,7 @@ def _ancestors(boxes: Sequence[Box], reads: dict[Box, list[Box]]) -> set[Box]:
 
 
 def _columns(boxes: list[Box], reads: dict[Box, list[Box]]) -> list[list[Box]]:
-    """Place each box right of the boxes that it reads.
-
-    Boxes that no other box reads are placed in columns with free height.
-    """
+    """Place each box right of those that it reads, and unread boxes in columns with free height."""
     inside, depth = set(boxes), {}
 
     def depth_of(box: Box) -> int:

@@ -1,7 +1,6 @@
 """Cell diagram: every neuron and block with the terms of its sum, and the wires.
 
-Signals run from left to right once around the loop: values of neurons are on the left, and the
-integrators that produce them are on the right or below.
+Signals run from left to right, from values of neurons to the integrators that produce them.
 """
 
 from __future__ import annotations
@@ -187,10 +186,13 @@ def _legend(drawn: CellBoxes) -> list[list[Entry]]:
     return lines
 
 
+def _symbol_width(entry: Entry) -> float:
+    kind, sign, _ = entry
+    return text_width(sign, bold=True) + 1.2 if kind == "words" else 6.2
+
+
 def _entry_width(entry: Entry) -> float:
-    kind, sign, words = entry
-    lead = text_width(sign, bold=True) + 1.2 if kind == "words" else 6.2
-    return lead + text_width(words) + 4.5
+    return _symbol_width(entry) + text_width(entry[2]) + 4.5
 
 
 def _draw_legend(page: Page, lines: list[list[Entry]], top: float) -> None:
@@ -203,10 +205,8 @@ def _draw_legend(page: Page, lines: list[list[Entry]], top: float) -> None:
 
 def _draw_entry(page: Page, entry: Entry, x: float, y: float) -> None:
     kind, sign, words = entry
-    step = 6.2
     if kind == "words":
         page.text((x, y), sign, bold=True)
-        step = text_width(sign, bold=True) + 1.2
     elif kind == "stub":
         page.line([(x, y), (x + 4.6, y)], Pen(color=INK, width=0.8))
         page.arrow((x + 5.0, y), color=INK)
@@ -214,4 +214,4 @@ def _draw_entry(page: Page, entry: Entry, x: float, y: float) -> None:
         page.box((x, y - 1.1), (5.0, 2.2), face=PALE, edge=Pen(color=sign), round_by=1.1)
     else:
         page.box((x, y - 1.1), (5.0, 2.2), face=tint(sign, 0.3), edge=Pen(color=sign, width=0.7))
-    page.text((x + step, y), words)
+    page.text((x + _symbol_width(entry), y), words)

@@ -25,18 +25,9 @@ WIDEST = 40.0
 
 @dataclass(kw_only=True, eq=False)
 class Item:
-    """Pill, box or lane in a column.
+    """Box, or pill or lane of a node, in a column; all lengths are in mm.
 
-    Attributes
-    ----------
-    height, top : float
-        Position in mm.
-    gap : float
-        Gap below the item in mm.
-    ins, outs : mapping of node name to list of float
-        Distances from the top at which a wire ends or begins, in mm.
-    node : str
-        Node of a pill or a lane.
+    Wires of the nodes in ``ins`` end, and of those in ``outs`` begin, at distances from the top.
     """
 
     height: float
@@ -49,15 +40,7 @@ class Item:
 
 
 class Placed:
-    """Placed items of a panel with a width in mm.
-
-    Attributes
-    ----------
-    columns : list of lists of Item
-        Items by column, beginning with the pills.
-    left : list of float
-        Left edge of each column in mm.
-    """
+    """Placed items of a panel with a width in mm, by column; the first column has the pills."""
 
     def __init__(self, panel: Panel, width: float) -> None:
         self.panel, self.width = panel, width

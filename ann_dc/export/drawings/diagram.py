@@ -11,7 +11,6 @@ from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.validation import checked
 
-FORM = "diagram"
 PAGES = {"cell": cell_page, "chain": chain_page}
 """Available pictures."""
 
@@ -25,11 +24,8 @@ def diagram_files(
     The cell diagram has a box for every neuron and block, with the weight of each wire at its end;
     the box of a multiplier neuron contains all its nodes. The chain diagram has the first cells and
     the last cell, the neighbour connections, the fixed boundary neurons, and the preconditioner
-    above. Numbers are in network units.
-
-    Argument ``of`` is ``cell`` or ``chain``. The files are 'cell.svg' and 'cell.pdf', or
-    'chain.svg' and 'chain.pdf', and 'reference_vector.json'. Names that the picture shortens are in
-    the SVG metadata. Raises `ExportError` for an unknown picture.
+    above. Numbers are in network units. Names that the picture shortens are in the SVG metadata.
+    Argument ``of`` is ``cell`` or ``chain``; another picture raises `ExportError`.
 
     Examples
     --------
@@ -43,5 +39,5 @@ def diagram_files(
     if of not in PAGES:
         raise ExportError(f"of: {of!r} cannot be drawn; choose one of: {', '.join(PAGES)}")
     names = {short: name for name, short in short_names(network.cell).items() if short != name}
-    told = told_of(network, FORM, of) | {"names": names}
+    told = told_of(network, "diagram", of) | {"names": names}
     return {**PAGES[of](network).files(of, told), VECTOR: vector.as_json()}

@@ -36,10 +36,7 @@ MEANINGS = {
 
 
 def short_names(cell: Cell) -> dict[str, str]:
-    """Return the drawn name of each node of a cell.
-
-    A node has its name, except products (p3) and long sums (s1).
-    """
+    """Return the drawn name of each node: its own, except for products (p3) and long sums (s1)."""
     taken = {neuron.name for neuron in cell.neurons} | {*cell.inputs}
     taken |= {block.name for block in cell.blocks}
     found, counts = {}, dict.fromkeys("psf", 0)
@@ -59,10 +56,7 @@ def short_names(cell: Cell) -> dict[str, str]:
 
 
 def shortened(text: str, most: int) -> str:
-    """Truncate a text to ``most`` characters, with dots at the end.
-
-    Characters that the font lacks become a question mark (?).
-    """
+    """Truncate a text with dots; characters that the font lacks become a question mark (?)."""
     plain = "".join(letter if is_drawn(letter) else "?" for letter in text)
     return plain if len(plain) <= most else plain[: most - 1] + "…"
 
@@ -93,6 +87,11 @@ def term(connection: Connection, name: str, first: bool = False) -> str:
     return f"− {words}" if negative else f"+ {words}"
 
 
+def cell_at(offset: int) -> str:
+    """Return the name of a neighbouring cell, such as k−1."""
+    return f"k{offset:+d}".replace("-", "−")
+
+
 def colours(cell: Cell) -> dict[str, str]:
     """Return a colour for every population of a cell."""
     spare = iter(OTHERS * (1 + len(cell.populations) // len(OTHERS)))
@@ -106,10 +105,7 @@ def tint(color: str, share: float = 0.16) -> str:
 
 
 def node_colours(cell: Cell) -> Mapping[str, str]:
-    """Return the colour of every node's output.
-
-    Blocks of a multiplier neuron have the colour of the neuron.
-    """
+    """Return the colour of every node; blocks of a multiplier neuron have that of the neuron."""
     populations = colours(cell)
     found = dict.fromkeys([*cell.inputs, ONE, *(b.name for b in cell.blocks)], BLOCKS)
     found |= {neuron.name: populations[neuron.population] for neuron in cell.neurons}

@@ -30,9 +30,7 @@ SPECIAL = {
     "%": r"\%", "_": r"\_", "^": r"\wedge ", "~": r"\sim ", " ": r"\ ", "-": "{-}",
     INDEX: r"\mathrm{at}",
 }  # fmt: skip
-FUNCTIONS = {name: rf"\{other}" for other, name in ELEMENTARY.items()}
-"""LaTeX commands of elementary operations."""
-FORMS = {name: f"{command}({{}})" for name, command in FUNCTIONS.items()}
+FORMS = {name: rf"\{command}({{}})" for command, name in ELEMENTARY.items()}
 FORMS |= {"add": "{} + {}", "subtract": "{} - {}", "multiply": r"{} \cdot {}"}
 FORMS |= {"divide": r"\frac{{{}}}{{{}}}", "sqrt": r"\sqrt{{{}}}", "maximum": r"\max({1}, {0})"}
 """Operations of formulas in LaTeX."""
@@ -66,18 +64,12 @@ def at_stage(symbol: str, offset: int = 0) -> str:
 
 
 def is_inline(block: Block) -> bool:
-    """Return True if a block is named by its expression, such as cos(phi).
-
-    Such a block needs no symbol.
-    """
+    """Return True if a block is named by its expression, such as cos(phi), and needs no symbol."""
     return isinstance(block, Function) and block.name.startswith(f"{block.function}(")
 
 
 def applied(function: str, x: str) -> str:
-    """Return a function of ``x`` in LaTeX, by its formula.
-
-    Raises `NetworkError` if the formula has no tree, and `ExportError` if it has a choice.
-    """
+    """Return a function of ``x`` in LaTeX; raises `ExportError` if its formula has a choice."""
     tree = function_block(function).trees[0]
     lacked = lacking(tree, FORMS)
     if lacked:
@@ -89,10 +81,7 @@ def applied(function: str, x: str) -> str:
 
 
 def _letter(name: str) -> str:
-    """Return a name as a braced symbol, so that it can take one index.
-
-    Greek and single letters are written as such, words upright, and indices as subscripts.
-    """
+    """Return a name as a braced symbol: Greek, one letter, or an upright word, with subscripts."""
     head, _, low = name.partition("_")
     if head and low:
         return f"{{{_letter(head)}_{_letter(low)}}}"

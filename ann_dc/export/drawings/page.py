@@ -1,7 +1,6 @@
-"""Drawing page in mm from the upper left corner, written as SVG and PDF.
+"""Drawing page in mm from the upper left corner, written as SVG and PDF with the letters it uses.
 
-Text is stored as text, and the letters of the font that a picture uses are embedded. Equal pages
-give equal bytes.
+Text is stored as text. Equal pages give equal bytes.
 """
 
 from __future__ import annotations
@@ -71,15 +70,7 @@ def is_drawn(letter: str) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Pen:
-    """Appearance of lines and edges.
-
-    Attributes
-    ----------
-    width : float
-        Line width in points.
-    style : str or tuple
-        Matplotlib line style.
-    """
+    """Appearance of lines and edges: colour, width in points, and line style of matplotlib."""
 
     color: str = INK
     width: float = 0.6
@@ -138,36 +129,23 @@ class Page:
             )
         )  # fmt: skip
 
-    def polygon(
-        self,
-        points: Sequence[tuple[float, float]],
-        *,
-        face: str = "none",
-        edge: Pen | None = None,
-        close: bool = True,
-    ) -> None:
-        """Draw straight lines between points, closed by default."""
-        codes = [Path.MOVETO] + [Path.LINETO] * (len(points) - 1)
-        vertices = list(points)
-        if close:
-            codes, vertices = [*codes, Path.CLOSEPOLY], [*vertices, vertices[0]]
-        self._path(vertices, codes, edge, face)
-
-    def line(self, points: Sequence[tuple[float, float]], edge: Pen | None = None) -> None:
+    def line(self, points: Sequence[tuple[float, float]], edge: Pen) -> None:
         """Draw straight lines between points."""
-        self.polygon(points, edge=edge or Pen(), close=False)
+        self._path(points, [Path.MOVETO] + [Path.LINETO] * (len(points) - 1), edge)
 
     def wave(self, start: tuple[float, float], end: tuple[float, float], edge: Pen) -> None:
         """Draw a curve that is horizontal at both ends."""
         middle = (start[0] + end[0]) / 2
         vertices = [start, (middle, start[1]), (middle, end[1]), end]
-        self._path(vertices, [Path.MOVETO] + [Path.CURVE4] * 3, edge, "none")
+        self._path(vertices, [Path.MOVETO] + [Path.CURVE4] * 3, edge)
 
     def arrow(self, tip: tuple[float, float], *, color: str, left: bool = False) -> None:
         """Draw an arrowhead to the right, or to the left."""
         x, y = tip
         back = x + 1.0 if left else x - 1.0
-        self.polygon([(x, y), (back, y - 0.45), (back, y + 0.45)], face=color)
+        vertices = [(x, y), (back, y - 0.45), (back, y + 0.45), (x, y)]
+        codes = [Path.MOVETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY]
+        self._path(vertices, codes, Pen(width=0), color)
 
     def dot(self, at: tuple[float, float], radius: float, *, face: str, edge: Pen) -> None:
         """Draw a circle."""
@@ -176,10 +154,7 @@ class Page:
         self.box((x - radius, y - radius), size, face=face, edge=edge, round_by=radius)
 
     def upright(self, scale: float) -> tuple[Any, float]:
-        """Return page-wide axes with an upward second axis, and their height.
-
-        The axis unit is ``scale`` mm.
-        """
+        """Return page-wide axes with units of ``scale`` mm and upward y, and their height."""
         width, height = (inches * 25.4 / scale for inches in self._figure.get_size_inches())
         axes = self._figure.add_axes((0, 0, 1, 1), facecolor="none")
         axes.set(xlim=(0, width), ylim=(0, height))
@@ -191,9 +166,8 @@ class Page:
         self._depth += 2
 
     def _path(
-        self, vertices: list[tuple[float, float]], codes: list, edge: Pen | None, face: str
+        self, vertices: Sequence[tuple[float, float]], codes: list, edge: Pen, face: str = "none"
     ) -> None:
-        edge = edge or Pen(width=0)
         self.axes.add_patch(
             PathPatch(
                 Path(vertices, codes), fc=face, ec=edge.color if edge.width else "none",
@@ -203,10 +177,7 @@ class Page:
         )  # fmt: skip
 
     def files(self, name: str, told: Mapping[str, object]) -> dict[str, bytes]:
-        """Return the page as ``name.svg`` and ``name.pdf``.
-
-        The metadata ``told`` must be convertible to JSON.
-        """
+        """Return the page as ``name.svg`` and ``name.pdf``, with metadata."""
         return {f"{name}.svg": self.svg(told), f"{name}.pdf": self.pdf(told)}
 
     def svg(self, told: Mapping[str, object]) -> bytes:

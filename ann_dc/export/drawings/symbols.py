@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import Any
 
 from ann_dc.errors import ExportPackageMissing
 from ann_dc.export.drawings.page import INK, Page
@@ -18,10 +17,7 @@ Point = tuple[float, float]
 
 
 class Symbols:
-    """Symbols drawn on a page, with positions in mm.
-
-    Raises `ExportPackageMissing` if schemdraw is not installed.
-    """
+    """Symbols drawn on a page, with positions in mm."""
 
     def __init__(self, page: Page) -> None:
         try:
@@ -42,28 +38,26 @@ class Symbols:
         self._drawing.draw(show=False)
         self._axes.set(xlim=limits[0], ylim=limits[1])
 
-    def resistor(self, start: Point, end: Point, words: str = "") -> None:
-        """Place a resistor and its value."""
-        self._two(self._elements.Resistor, start, end, words)
+    def part(self, kind: str, start: Point, end: Point, words: str = "") -> None:
+        """Place a part with two pins, named as in schemdraw, and its value; a diode conducts on."""
+        self._drawing += getattr(self._elements, kind)().endpoints(
+            self._place(start), self._place(end)
+        )
+        if start[1] == end[1]:
+            self.page.text(((start[0] + end[0]) / 2, start[1] - 2.1), words, align="center")
+        else:
+            self.page.text((start[0] + 1.6, (start[1] + end[1]) / 2), words)
 
-    def capacitor(self, start: Point, end: Point, words: str = "") -> None:
-        """Place a capacitor and its value."""
-        self._two(self._elements.Capacitor, start, end, words)
-
-    def diode(self, anode: Point, cathode: Point, words: str = "") -> None:
-        """Place a diode."""
-        self._two(self._elements.Diode, anode, cathode, words)
-
-    def clamp(self, start: Point, end: Point, words: str = "") -> None:
+    def clamp(self, start: Point, end: Point, words: str) -> None:
         """Place two opposed Zener diodes, the symbol of a limiter."""
         middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
-        self._two(self._elements.Zener, middle, start, "")
-        self._two(self._elements.Zener, middle, end, "")
+        self.part("Zener", middle, start)
+        self.part("Zener", middle, end)
         self.page.text((middle[0], middle[1] - 2.3), words, align="center")
 
     def amplifier(self, minus: Point) -> tuple[Point, Point]:
         """Place an op amp by its inverting input; return its other input and its output."""
-        self._add(self._elements.Opamp(), minus)
+        self._drawing += self._elements.Opamp().anchor("in1").at(self._place(minus)).right()
         length, inputs = AMPLIFIER
         return (minus[0], minus[1] + inputs), (minus[0] + length, minus[1] + inputs / 2)
 
@@ -78,17 +72,7 @@ class Symbols:
     def wire(self, points: Sequence[Point]) -> None:
         """Place straight wires between points."""
         for start, end in itertools.pairwise(points):
-            self._two(self._elements.Line, start, end, "")
-
-    def _two(self, kind: Any, start: Point, end: Point, words: str) -> None:
-        self._drawing += kind().endpoints(self._place(start), self._place(end))
-        if start[1] == end[1]:
-            self.page.text(((start[0] + end[0]) / 2, start[1] - 2.1), words, align="center")
-        else:
-            self.page.text((start[0] + 1.6, (start[1] + end[1]) / 2), words)
-
-    def _add(self, element: Any, minus: Point) -> None:
-        self._drawing += element.anchor("in1").at(self._place(minus)).right()
+            self.part("Line", start, end)
 
     def _place(self, at: Point) -> Point:
         return at[0] / SCALE, self._height - at[1] / SCALE

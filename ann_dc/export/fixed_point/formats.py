@@ -34,11 +34,8 @@ STEEPEST = 1 / 64
 """
 
 
-def fractions(program: Program, ranges: Ranges, bits: int) -> np.ndarray:
-    """Compute the fraction bits (rows,) of every row, for words of ``bits`` bits.
-
-    Raises `ExportError`, which names the node, if a value in the trajectories is not finite.
-    """
+def _fractions(program: Program, ranges: Ranges, bits: int) -> np.ndarray:
+    """Compute the fraction bits (rows,) of every row, for words of ``bits`` bits."""
     largest = np.zeros(len(program.names))
     seen = np.maximum(np.abs(ranges.low), np.abs(ranges.high))
     np.maximum.at(largest, program.rows, seen)
@@ -81,8 +78,8 @@ def quantised(program: Program, ranges: Ranges, bits: int) -> tuple[Machine, np.
     """Convert a program to integers with words of 4 to 32 bits.
 
     Returns the machine, without thresholds and with a period of one step, and the fraction bits
-    (W,) of every word. Raises `ExportError`, which names the node, if a sum does not fit into 64
-    bits or a table does not fit into words of ``bits`` bits.
+    (W,) of every word. Raises `ExportError`, which names the node, if a value in the trajectories
+    is not finite, a sum does not fit into 64 bits, or a table does not fit into the words.
     """
     writer = _Writer(program, ranges, bits)
     for operation in program.operations.tolist():
@@ -96,7 +93,7 @@ class _Writer:
     def __init__(self, program: Program, ranges: Ranges, bits: int) -> None:
         self.program, self.ranges, self.bits = program, ranges, bits
         self.guard = min(GUARD, WIDEST - bits)
-        self.fraction = fractions(program, ranges, bits)[program.rows]
+        self.fraction = _fractions(program, ranges, bits)[program.rows]
         self.operations: list[tuple[int, ...]] = []
         self.edges: list[tuple[int, int, int]] = []
         self.tables: dict[tuple[int, int, int], Table] = {}
@@ -161,12 +158,15 @@ class _Writer:
         )
 
     def table(self, code: int, argument: int, word: int) -> int:
-        """Return the table index of an operation; a missing table is created."""
+        """Return the index of the table of an operation, which is created if it is missing."""
         formats = int(self.fraction[argument]), int(self.fraction[word])
         key = int(self.program.rows[word]), *formats
         if key not in self.tables:
             found = made_table(code, self.seen(word), formats, self.bits, self.guard)
-            self.tables[key] = self.checked(found, word)
+            if not max(found.jump, found.error / 2 ** (self.bits - 1)) <= STEEPEST:
+                why = "its value jumps from one argument to the next, as near a pole"
+                raise ExportError(self.refusal(word, why))
+            self.tables[key] = found
         return list(self.tables).index(key)
 
     def seen(self, word: int) -> tuple[float, float]:
@@ -175,13 +175,6 @@ class _Writer:
         own = program.rows[program.operations[:, 1]] == program.rows[word]
         read = program.operations[own & (program.operations[:, 0] == FUNCTION), 3]
         return float(self.ranges.low[read].min()), float(self.ranges.high[read].max())
-
-    def checked(self, found: Table, word: int) -> Table:
-        """Return a table after checking that words of ``bits`` bits can represent it."""
-        if not max(found.jump, found.error / 2 ** (self.bits - 1)) <= STEEPEST:
-            why = "its value jumps from one argument to the next, as near a pole"
-            raise ExportError(self.refusal(word, why))
-        return found
 
     def machine(self) -> Machine:
         """Build the machine, at the start of the program."""

@@ -38,16 +38,9 @@ PREFIX = "ann_dc"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Port:
-    """Externally readable or writable words.
+    """Words of an input, one per stage, or of a control at its stage.
 
-    Attributes
-    ----------
-    name : str
-        Name of an input, or of a control at its stage.
-    words : (k,) array of int
-        One word per stage for an input, one word for a control.
-    scale : Scale
-        Conversion of the number in a word, with its fraction bits, to the user's units.
+    The scale converts the number in a word, with its fraction bits, to the user's units.
     """
 
     name: str
@@ -59,11 +52,10 @@ class Measured(NamedTuple):
     """Counts of held-out inputs in the ranges, each settled by the golden model."""
 
     inputs: int = 0
-    """Number of tested inputs; zero if no input has a range."""
+    """Tested inputs; zero if no input has a range."""
     floats: int = 0
     """Inputs that settle in float64."""
     settled: int = 0
-    """Inputs that settle in integers."""
     right: int = 0
     """Settled inputs whose controls match float64 within `WRONG` times the accuracy."""
     wrong: int = 0
@@ -87,11 +79,6 @@ class Measured(NamedTuple):
             ),
         )
         return ", ".join(condition for fails, condition in conditions if fails)
-
-    @property
-    def enough(self) -> bool:
-        """True if no answer is wrong or unconfirmed and few inputs settle only in float64."""
-        return not self.failed
 
     def __str__(self) -> str:
         if not self.inputs:
@@ -132,13 +119,10 @@ class FixedPoint:
         Step h in network time: that of the test vector divided by a power of two.
     fraction : (W,) array of int
         Fraction bits of the number of ``bits`` bits in every word.
-    labels : tuple of str
-        Names of the neurons, in the order of the state vector.
     places : (n, 2) array of int
         Neuron and stage of each state, in the arrays of a test vector.
     ranges : mapping of str to (float, float)
-        Ranges of the inputs for which words were chosen, in the user's units; other inputs have
-        fixed values.
+        Ranges of the inputs for which words were chosen, in the user's units.
     accuracy, error : float
         Wanted error, and largest error of a control with the network's nominal inputs, at settling
         and long afterwards.
@@ -146,8 +130,6 @@ class FixedPoint:
         Number of steps after which an unsettled run is not expected to settle.
     vectors : mapping of int to (n,) array of int
         Words of the neurons by number of steps; the last entry is the settled state.
-    prefix : str
-        Prefix of all externally visible names.
     """
 
     title: str
@@ -195,10 +177,7 @@ class FixedPoint:
         return f"words chosen for {self.covers}; held out, {self.measured}"
 
     def named(self, prefix: str) -> FixedPoint:
-        """Return the network with a prefix of names.
-
-        Raises `ExportError` if the prefix is not an identifier.
-        """
+        """Return the network with a prefix of names, which must be an identifier."""
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,31}", prefix):
             raise ExportError(
                 "prefix: expected a letter, then up to 31 letters, digits or '_', "
@@ -213,10 +192,7 @@ class FixedPoint:
         return model.states
 
     def model(self, loaded: Mapping[str, np.ndarray]) -> Integers:
-        """Return the golden model at its initial state with the given inputs.
-
-        Values are (N, B) arrays in network units.
-        """
+        """Return the golden model at its start, with inputs (N, B) in network units."""
         lanes = next((values.shape[1] for values in loaded.values()), 1)
         model = Integers(self.machine, lanes)
         for port in self.inputs:
@@ -240,10 +216,7 @@ class FixedPoint:
     def errors(
         self, states: np.ndarray, ends: np.ndarray, settled: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return `control_errors` of integer states (n, B) against ends (n, B).
-
-        The ends are in network units.
-        """
+        """Return `control_errors` of integer states (n, B) against ends in network units."""
         words = self.machine.neurons[:, WORD].tolist()
         at = {word: place for place, word in enumerate(words)}
         read = [at[int(port.words[0])] for port in self.controls]
@@ -258,10 +231,7 @@ class FixedPoint:
         return float(self.errors(states[:, None], ends[:, None])[0])
 
     def judged(self, run: Settled, sample: Sample, allowed: float) -> Measured:
-        """Count the results of a run with the inputs of a sample.
-
-        The largest error of a correct answer is ``allowed``.
-        """
+        """Count the results of a run; the largest error of a correct answer is ``allowed``."""
         right = self.errors(run.states, sample.ends, sample.settled) <= allowed
         both = run.settled & sample.settled
         return Measured(

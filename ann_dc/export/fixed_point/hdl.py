@@ -7,19 +7,17 @@ from itertools import accumulate
 
 import numpy as np
 
-from ann_dc.export.fixed_point.c99 import facts, plain, prefixed
 from ann_dc.export.fixed_point.golden import PREFIX, FixedPoint, Port
-from ann_dc.export.fixed_point.hdl_bench_text import BENCH, MAKEFILE, README
-from ann_dc.export.fixed_point.hdl_text import DESIGN, MACHINE
 from ann_dc.export.fixed_point.machine import Machine
-from ann_dc.export.fixed_point.manifest import NAME, VECTOR, as_json, check
-from ann_dc.export.fixed_point.readme_text import BEYOND_HDL
+from ann_dc.export.fixed_point.manifest import NAME, as_json, check
+from ann_dc.export.fixed_point.printing import plain, written
 from ann_dc.export.fixed_point.widths import Bits, fixed_point
-from ann_dc.export.reference.vector import ReferenceVector
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.lowering.program import DRIVE, FUNCTION, PRODUCT, SUM, UPDATE
 from ann_dc.network.network import Network
 from ann_dc.validation import PositiveFinite, checked
 
+TEXTS = ("ann_dc_network.sv", "testbench.sv", "Makefile", "README.md")
 CLOCKS = {PRODUCT: 7, FUNCTION: 9}
 """Clock cycles of an operation; other operations take one more cycle per edge."""
 OTHERS = 7
@@ -42,13 +40,9 @@ def hdl_files(
 ) -> dict[str, bytes]:
     """Export a network as synthesizable SystemVerilog with a testbench.
 
-    Returns design, testbench, memories, Makefile, README, and the integers as JSON. The options
-    ``bits``, ``accuracy`` and ``over`` are those of `c99_files`; ``prefix`` begins the names of the
-    design file and module.
-
-    Raises `ExportError` if words of ``bits`` bits cannot represent the network or do not reach the
-    accuracy. Other causes are a preconditioner that couples neurons with saturation limits, and a
-    prefix that is not an identifier.
+    Returns design, testbench, memories, Makefile, README, and the integers as JSON; the names of
+    the design file and module begin with ``prefix``. The other options and errors are those of
+    `fixed_point`. Raises `ExportError` if the prefix is not an identifier.
 
     Examples
     --------
@@ -65,57 +59,49 @@ def hdl_files(
 
 @checked
 def hdl_check(files: Mapping[str, bytes]) -> str:
-    """Check SystemVerilog files with a strict reader; no file is compiled or run.
-
-    Returns the result as a sentence. Raises `FileFormatError` if a file is missing or does not
-    match the integers in the JSON file.
-    """
+    """Check SystemVerilog files by their integers, without compiling or running them."""
     return check(files, _written)
 
 
 def _written(network: FixedPoint) -> dict[str, bytes]:
     """Return all files except the test vector."""
-    words = _words(network)
-    texts = {
-        "ann_dc_network.sv": _filled(DESIGN + MACHINE, words),
-        "testbench.sv": _filled(BENCH, words),
-        "Makefile": MAKEFILE,
-        "README.md": _readme(network),
-        **_memories(network, words),
+    machine, sizes = network.machine, _sizes(network.machine)
+    values = {
+        **sizes,
+        "accumulator": _accumulator(machine),
+        "clocks": sum(CLOCKS.get(kind, OTHERS) for kind in machine.operations[:, 0].tolist())
+        + len(machine.edges),
+        "input_words": _places(network.inputs),
+        "control_words": _places(network.controls),
     }
-    return {**prefixed(texts, network.prefix), NAME: as_json(network)}
+    texts = written("hdl", network, TEXTS, values)
+    return {**texts, **_memories(network, sizes), NAME: as_json(network)}
 
 
-def _words(network: FixedPoint) -> dict[str, int | str]:
-    """Return the values of the @ placeholders in the texts."""
-    machine = network.machine
-    counts = {
-        "WORDS": len(machine.words),
-        "NEURONS": len(machine.neurons),
-        "OPERATIONS": len(machine.operations),
-        "EDGES": max(len(machine.edges), 1),
-        "TABLES": max(len(machine.tables), 1),
-        "ENTRIES": max(len(machine.entries), 1),
+def _sizes(machine: Machine) -> dict[str, int]:
+    """Return the numbers of rows of the memories, and of the bits of their addresses."""
+    words, neurons = len(machine.words), len(machine.neurons)
+    edges, tables = max(len(machine.edges), 1), max(len(machine.tables), 1)
+    entries = max(len(machine.entries), 1)
+    at = {
+        "word_at": _address_bits(words),
+        "edge_at": edges.bit_length(),  # also one beyond the last edge
+        "table_at": _address_bits(tables),
     }
-    at = {f"{name[:-1]}_AT": (count - 1).bit_length() or 1 for name, count in counts.items()}
-    at["ENTRY_AT"] = at.pop("ENTRIE_AT")
-    at["EDGE_AT"] = counts["EDGES"].bit_length()
     return {
-        **counts,
         **at,
-        "ANY_AT": max(at["WORD_AT"], at["EDGE_AT"], at["TABLE_AT"]),
-        "BITS": machine.bits,
-        "GUARD": machine.guard,
-        "PERIOD": machine.period,
-        "WORD": machine.wide,
-        "LIMIT": network.limit,
-        "COVERS": plain(network.covers),
-        "WIDE": _accumulator(machine),
-        "VECTORS": len(network.vectors),
-        "TITLE": plain(network.title),
-        "WIRING": plain(network.wiring),
-        "CONTENT": plain(network.content),
+        "any_at": max(at.values()),
+        "neuron_at": _address_bits(neurons),
+        "operation_at": _address_bits(len(machine.operations)),
+        "entry_at": _address_bits(entries),
+        "edges": edges,
+        "tables": tables,
+        "entries": entries,
     }
+
+
+def _address_bits(count: int) -> int:
+    return (count - 1).bit_length() or 1
 
 
 def _accumulator(machine: Machine) -> int:
@@ -134,23 +120,22 @@ def _accumulator(machine: Machine) -> int:
     return largest.bit_length() + SPARE
 
 
-def _memories(network: FixedPoint, words: Mapping[str, int | str]) -> dict[str, str]:
+def _memories(network: FixedPoint, sizes: Mapping[str, int]) -> dict[str, bytes]:
     """Return the memories as hexadecimal numbers, one per line."""
     machine = network.machine
-    sizes = {name: value for name, value in words.items() if isinstance(value, int)}
-    bits, wide, at = sizes["BITS"], sizes["WORD"], sizes["WORD_AT"]
+    bits, wide, at = machine.bits, machine.wide, sizes["word_at"]
     kind, target, a, b, shift, neuron = machine.operations.T
     source, coefficient, exponent = _padded(machine.edges).T
     low, high, spacing, entry = _padded(machine.tables).T
     word, start, least, most, still, driven, small = machine.neurons.T
     counts = sorted(network.vectors)
     states = np.concatenate([network.vectors[count] for count in counts])
-    operation = [(kind, 3), (shift, 7), (np.maximum(neuron, 0), sizes["NEURON_AT"])]
-    operation += [(part, sizes["ANY_AT"]) for part in (target, a, b)]
+    operation = [(kind, 3), (shift, 7), (np.maximum(neuron, 0), sizes["neuron_at"])]
+    operation += [(part, sizes["any_at"]) for part in (target, a, b)]
     memories: dict[str, list[Field]] = {
         "operations": operation,
         "edges": [(coefficient, bits), (exponent, 6), (source, at)],
-        "tables": [(low, bits), (high, bits), (spacing, 5), (entry, sizes["ENTRY_AT"])],
+        "tables": [(low, bits), (high, bits), (spacing, 5), (entry, sizes["entry_at"])],
         "entries": [(_padded(machine.entries), wide)],
         "start": [(machine.words, wide)],
         "neurons": [
@@ -161,7 +146,7 @@ def _memories(network: FixedPoint, words: Mapping[str, int | str]) -> dict[str, 
         "places": [(word, at)],
         "expected": [(states, wide)],
     }
-    return {f"{name}.hex": _hexadecimal(fields) for name, fields in memories.items()}
+    return {f"{name}.hex": _hexadecimal(fields).encode() for name, fields in memories.items()}
 
 
 def _padded(values: np.ndarray) -> np.ndarray:
@@ -179,24 +164,6 @@ def _hexadecimal(fields: list[Field]) -> str:
             number = number << width | value & (1 << width) - 1
         lines.append(f"{number:0{digits}x}\n")
     return "".join(lines)
-
-
-def _filled(text: str, words: Mapping[str, int | str]) -> str:
-    for name, value in words.items():
-        text = text.replace(f"@{name}@", str(value))
-    return text
-
-
-def _readme(network: FixedPoint) -> str:
-    machine = network.machine
-    kinds = machine.operations[:, 0].tolist()
-    return README.format(
-        **facts(network),
-        beyond=BEYOND_HDL.format(bits=machine.bits),
-        clocks=sum(CLOCKS.get(kind, OTHERS) for kind in kinds) + len(machine.edges),
-        input_words=_places(network.inputs),
-        control_words=_places(network.controls),
-    )
 
 
 def _places(ports: Iterable[Port]) -> str:

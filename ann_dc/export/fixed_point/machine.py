@@ -81,17 +81,9 @@ class Settled(NamedTuple):
 class Integers:
     """Golden model: execution of a machine in int64.
 
-    Attributes
-    ----------
-    lanes : (W, B) array of int64
-        Words of every lane.
-    saturated : (B,) array of bool
-        True if a number was clipped in a lane since the start.
-    steps : int
-        Number of completed steps.
-    drift, drive : (n, B) arrays of int64
-        Largest distance of every neuron from its mark in the last run, and largest net input at
-        marks.
+    The words of all lanes are ``lanes`` (W, B). The arrays ``drift`` and ``drive`` (n, B) are the
+    largest distance of every neuron from its mark in the last run, and its largest net input at
+    marks.
     """
 
     def __init__(self, machine: Machine, lanes: int = 1) -> None:
@@ -117,21 +109,15 @@ class Integers:
         return self.lanes[self.machine.neurons[:, WORD]]
 
     def load(self, words: np.ndarray, values: np.ndarray) -> None:
-        """Write input values (k,) or (k, B) of ``bits`` bits into words (k,).
-
-        A value that does not fit saturates its lane.
-        """
+        """Write inputs (k,) or (k, B) into words (k,); one beyond ``bits`` bits saturates."""
         top = 1 << (self.machine.bits - 1)
         given = np.broadcast_to(values.T, (self.lanes.shape[1], len(words))).T
         fit = np.clip(given, -top, top - 1)
         self.saturated |= (fit != given).any(0)
         self.lanes[words] = fit << self.machine.guard
 
-    def run(self, steps: int, settle: bool = False) -> int:
-        """Execute steps and return the number of steps since the start.
-
-        With ``settle``, execution ends when the first lane is settled.
-        """
+    def run(self, steps: int) -> None:
+        """Execute steps."""
         m = self.machine
         self.drift[:] = 0
         self.drive[:] = 0
@@ -139,16 +125,15 @@ class Integers:
         for at in range(0, self.lanes.shape[1], GROUP):
             group = slice(at, at + GROUP)
             own = [np.ascontiguousarray(part[..., group]) for part in self._memory()]
-            self.steps = _run(
+            _run(
                 (m.operations, m.edges, m.tables, m.entries, m.neurons),
                 (m.bits, m.guard, m.period),
                 (first, first + steps),
-                settle,
                 tuple(own),
             )
             for part, now in zip(self._memory(), own):
                 part[..., group] = now
-        return self.steps
+        self.steps += steps
 
     def _memory(self) -> tuple[np.ndarray, ...]:
         return self.lanes, self.saturated, self.marks, self.drift, self.drive
@@ -171,10 +156,7 @@ class Integers:
 
 
 def first_cut_off(machine: Machine, limit: int) -> np.ndarray | None:
-    """Return the first operation whose result is clipped within ``limit`` steps.
-
-    Returns None if no result is clipped.
-    """
+    """Return the first operation whose result is clipped within ``limit`` steps, if any."""
     model = Integers(machine)
     before = model.lanes.copy()
     while model.steps < limit and not model.saturated[0]:
@@ -218,9 +200,8 @@ def _added(edges, words, first, last, total):
 
 @inlined
 def _marked(neurons, memory):
-    """Mark all neurons, and return True if the first lane is settled."""
-    words, saturated, marks, drift, drive = memory
-    settled = not saturated[0]
+    """Mark all neurons."""
+    words, _, marks, drift, drive = memory
     for n in range(neurons.shape[0]):
         for lane in range(words.shape[1]):
             word, driven = words[neurons[n, WORD], lane], abs(words[neurons[n, DRIVEN], lane])
@@ -228,9 +209,6 @@ def _marked(neurons, memory):
             drift[n, lane] = max(drift[n, lane], moved)
             drive[n, lane] = max(drive[n, lane], driven)
             marks[n, lane] = word
-            if lane == 0:
-                settled = settled and moved <= neurons[n, STILL] and driven <= neurons[n, SMALL]
-    return settled
 
 
 @inlined
@@ -243,7 +221,7 @@ def _kept(values, low, high, top, saturated):
 
 
 @compiled
-def _run(code, sizes, span, settle, memory):  # noqa: C901 - one branch an operation
+def _run(code, sizes, span, memory):  # noqa: C901 - one branch an operation
     operations, edges, tables, entries, neurons = code
     bits, guard, period = sizes
     words, saturated = memory[0], memory[1]
@@ -286,6 +264,5 @@ def _run(code, sizes, span, settle, memory):  # noqa: C901 - one branch an opera
             _kept(value, low, high, top, saturated)
             for i in range(lanes):
                 words[target, i] = value[i]
-        if (step + 1) % period == 0 and _marked(neurons, memory) and settle:
-            return step + 1
-    return span[1]
+        if (step + 1) % period == 0:
+            _marked(neurons, memory)

@@ -1,8 +1,7 @@
 """Input samples of a fixed-point network and floating-point trajectories for each.
 
-Word ranges are computed from the trajectories of one sample: the nominal inputs of the network, the
-corners of the ranges, and a Sobol sequence. The accuracy of the integers is measured on another
-sample.
+Word ranges are those of one sample: the nominal inputs, the corners of the ranges, and a Sobol
+sequence. The accuracy of the integers is measured on another sample.
 """
 
 from __future__ import annotations
@@ -40,11 +39,10 @@ LOOKS = 8
 
 
 def covered(network: Network, over: str) -> dict[str, tuple[float, float]]:
-    """Return the input ranges for which words are chosen.
+    """Return the input ranges for which words are chosen: those in ``over``, or of the design.
 
-    The ranges are those of the design if ``over`` is empty; otherwise ``over`` gives them as
-    ``q_d.x=3:7,q_d.y=3:7``. Raises `ExportError` if a range is empty or not finite, and
-    `UnknownNameError` if the network does not have such an input.
+    Raises `ExportError` if a range in ``over`` is empty or not finite, and `UnknownNameError` if
+    the network does not have such an input.
     """
     if not over:
         return {name: _closed(network, name, ends) for name, ends in network.ranges.items()}
@@ -71,16 +69,8 @@ def _closed(network: Network, name: str, ends: tuple[float, float]) -> tuple[flo
 class Sample:
     """Trajectories of a network from its initial state, one set of inputs per lane.
 
-    Attributes
-    ----------
-    step : float
-        Step h in network time.
-    loaded : mapping of str to (N, B) array
-        Values of the inputs that have ranges, in network units.
-    steps : (B,) array of int
-        Steps until convergence was detected; -1 if the run did not settle.
-    ends : (n, B) array
-        Final states in network units.
+    Inputs with ranges are ``loaded`` (N, B), in network units like the final states ``ends``
+    (n, B). A lane settles within ``steps`` (B,) steps h of network time, or never if they are -1.
     """
 
     program: Program
@@ -104,8 +94,7 @@ class Sample:
 def learnt(network: Network, vector: ReferenceVector, ranges: InputRanges) -> Sample:
     """Simulate the nominal inputs, the corners of the ranges, and inputs between them.
 
-    The step is that of the test vector, which must settle. It is halved, possibly repeatedly, if
-    more runs settle with shorter steps.
+    The step of the test vector is halved as long as more runs settle with shorter steps.
     """
     loaded: dict[str, np.ndarray] = {}
     if ranges:
@@ -129,10 +118,7 @@ def learnt(network: Network, vector: ReferenceVector, ranges: InputRanges) -> Sa
 
 
 def held_out(network: Network, vector: ReferenceVector, ranges: InputRanges, step: float) -> Sample:
-    """Simulate held-out inputs of the ranges, which influence no choice.
-
-    At least one range is required.
-    """
+    """Simulate held-out inputs of the ranges, which influence no choice."""
     values = drawn_values(ranges, HELD_OUT, HELD_OUT_SEED).T
     return _walked(network, vector, _loaded(network, ranges, values), step)
 
@@ -144,12 +130,10 @@ def confirmed(
     lanes: np.ndarray,
     answers: np.ndarray,
 ) -> Sample:
-    """Repeat runs that did not settle, with half the step and for twice the time.
+    """Repeat unsettled runs of ``lanes`` (B,), with half the step and for twice the time.
 
     Runs start at the initial state, and then at the integer answers (n, B) in network units if they
-    do not settle from the initial state either. At a correct answer, float64 converges. Only the
-    unsettled runs of ``lanes`` (B,) are repeated. Final states and steps are those of the last
-    runs.
+    do not settle from the initial state either. At a correct answer, float64 converges.
     """
     longer = 4 * _most_steps(vector, sample.step)
     for start in (None, answers):

@@ -32,25 +32,13 @@ class Table(NamedTuple):
 def made_table(
     code: int, seen: tuple[float, float], formats: tuple[int, int], bits: int, guard: int = 0
 ) -> Table:
-    """Build the table of a function block with the fewest entries.
+    """Build the table of a function block whose interpolation error is within the last bit.
 
-    The interpolation error does not exceed the last bit.
-
-    Parameters
-    ----------
-    code : int
-        Code of the function block.
-    seen : (float, float)
-        Lowest and highest argument in the trajectories, on one side of a pole.
-    formats : (int, int)
-        Fraction bits of arguments and of values.
-    bits : int
-        Bits of an argument and of a value.
-    guard : int
-        Additional fraction bits of entries.
+    The table has the fewest entries, for arguments ``seen`` in trajectories on one side of a pole.
+    Arguments and values of ``bits`` bits have ``formats`` fraction bits, entries ``guard`` more.
     """
     top = 2 ** (bits - 1)
-    ends = np.ldexp(reach(code, *seen), formats[0])
+    ends = np.ldexp(_reach(code, *seen), formats[0])
     first, last = np.clip(np.rint(ends), -top, top - 1).astype(np.int64).tolist()
     last = max(last, first + 1)
     first, last = _fitting(code, (first, last), formats, top)
@@ -82,11 +70,8 @@ def _values(code: int, arguments: np.ndarray, formats: tuple[int, int]) -> np.nd
         return np.ldexp(FUNCTIONS[code].value(np.ldexp(arguments.astype(float), -x)), y)
 
 
-def reach(code: int, low: float, high: float) -> tuple[float, float]:
-    """Return the argument range of a table: the observed range with a margin.
-
-    The range is limited to the domain of the function block.
-    """
+def _reach(code: int, low: float, high: float) -> tuple[float, float]:
+    """Return the observed range with a margin, within the domain of the function block."""
     block = FUNCTIONS[code]
     margin = MARGIN * max(high - low, abs(low), abs(high), 1e-3)
     least, most = block.domain

@@ -1,10 +1,9 @@
 """Choice of the word width for a wanted accuracy, measured on the golden model.
 
-The integers are run with a sample of inputs until they converge. The jitter of their words and net
-inputs at the equilibrium sets the thresholds of the settling test, as loose as the controls at
-settling allow. A width is acceptable under three conditions. The nominal inputs of the network
-settle with the wanted accuracy. No input of the sample or of a held-out sample settles at wrong or
-unconfirmed controls. Almost as many inputs settle as in float64.
+The jitter of words and net inputs at the equilibrium sets the thresholds of the settling test, as
+loose as the controls at settling allow. A width is acceptable if the nominal inputs settle with the
+wanted accuracy, no input of the sample or of a held-out sample settles at wrong or unconfirmed
+controls, and almost as many inputs settle as in float64.
 """
 
 from __future__ import annotations
@@ -137,9 +136,9 @@ class _Trial:
 
     def good(self, found: FixedPoint | ExportError) -> bool:
         """Return True if words are accurate enough and enough inputs settle correctly."""
-        return (
-            isinstance(found, FixedPoint) and found.error <= self.accuracy and found.measured.enough
-        )
+        if isinstance(found, ExportError):
+            return False
+        return found.error <= self.accuracy and not found.measured.failed
 
     def fewest(self) -> FixedPoint:
         """Return the shortest acceptable words."""
@@ -179,21 +178,21 @@ class _Trial:
         text += f" (wanted {self.accuracy:g})"
         if found.error == np.inf:
             text = "do not settle with the network's own inputs"
-        if self.ranges and not found.measured.enough:
+        if self.ranges and found.measured.failed:
             link = ", and" if found.error > self.accuracy else ", but"
             text += f"{link} in the ranges {found.measured} (expected {found.measured.failed})"
         return text
 
     def remedy(self, found: FixedPoint) -> str:
         """Return a remedy that makes words of the same width acceptable."""
-        if self.ranges and not found.measured.enough:
+        if self.ranges and found.measured.failed:
             return "narrow the ranges of over=, or design the network for them first (--over)"
         if found.error == np.inf:
             return "design the network for its inputs again"
         return "allow as much by accuracy="
 
     def carried(self, bits: int) -> FixedPoint | ExportError:
-        """Return the network in words of a width, or the reason why they are too short."""
+        """Return the network in words of a width, or the reason that they are too short."""
         try:
             machine, fraction = quantised(self.sample.program, self.sample.ranges, bits)
         except ExportError as error:

@@ -22,8 +22,7 @@ from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.export.catalogue import FORMATS
 from ann_dc.export.devices.analog_computer import analog_computer_check, analog_computer_files
-from ann_dc.export.devices.elements import elements_of
-from ann_dc.export.devices.machine import Machine
+from ann_dc.export.devices.elements import Machine, elements_of
 from ann_dc.export.reference.vector import reference_vector
 from ann_dc.lowering.stiffness_sums import reduction, substitution
 from ann_dc.lowering.writing import program_of

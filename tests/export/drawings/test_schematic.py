@@ -13,8 +13,7 @@ from drawn import Picture, rows
 
 import ann_dc
 from ann_dc.errors import ExportError, ExportPackageMissing
-from ann_dc.export.drawings.schematic import schematic_files
-from ann_dc.export.drawings.sheets import circuit_sheets
+from ann_dc.export.drawings.schematic import circuit_sheets, schematic_files
 from ann_dc.export.netlists.pack import pack_files
 from ann_dc.export.reference.vector import reference_vector
 from ann_dc.hardware.schematic.elements import Integrator

@@ -116,9 +116,9 @@ def test_a_number_that_a_walk_cuts_off_is_named(monkeypatch):
 
 def test_it_settles_where_its_vector_ends_and_only_there():
     model = in_integers("car")
-    machine = Integers(model.machine)
-    assert machine.run(10 * model.steps, settle=True) == model.steps
-    assert machine.states.tolist() == model.vectors[model.steps].tolist()
+    run = Integers(model.machine).settle(10 * model.steps)
+    assert run.steps.tolist() == [model.steps]
+    assert run.states[:, 0].tolist() == model.vectors[model.steps].tolist()
 
 
 def test_other_inputs_settle_elsewhere():
@@ -130,9 +130,9 @@ def test_other_inputs_settle_elsewhere():
     fraction = int(model.fraction[target.words[0]])
     number = round(target.scale.network(0.5) * 2**fraction)
     machine.load(target.words, np.full(len(target.words), number))
-    machine.run(20_000, settle=True)
+    run = machine.settle(20_000)
     expected = reference_vector(network.with_inputs({"q_d.x": 0.5}))
-    assert model.control_error(machine.states, expected) < 5e-3
+    assert model.control_error(run.states[:, 0], expected) < 5e-3
 
 
 def test_a_word_too_small_says_what_it_costs():

@@ -1,5 +1,6 @@
 """Files of an export, read with distrust: nothing of them is compiled or run."""
 
+import hashlib
 import json
 from time import process_time
 
@@ -21,7 +22,11 @@ def files() -> dict[str, bytes]:
 
 
 def changed(files: dict[str, bytes], **entries) -> dict[str, bytes]:
+    """Files whose integers are others, with the hash of these."""
     table = json.loads(files[NAME]) | entries
+    table.pop("sha256")
+    lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in table.items()]
+    table["sha256"] = hashlib.sha256("\n".join(lines).encode()).hexdigest()
     return {**files, NAME: json.dumps(table).encode()}
 
 
@@ -73,49 +78,35 @@ def test_an_error_that_is_too_good_is_refused(files):
         c99_check(changed(files, error=1e-12))
 
 
+def test_integers_that_are_not_those_of_their_hash_are_refused(files):
+    table = json.loads(files[NAME]) | {"accuracy": 0.5}
+    with pytest.raises(FileFormatError, match=f"{NAME}: it was changed"):
+        c99_check({**files, NAME: json.dumps(table).encode()})
+
+
 @pytest.mark.parametrize(
     ("entries", "named"),
     [
-        ({"edges": [[10**9, 1, 0]]}, "edges"),
-        ({"edges": [[0.5, 1, 0]]}, "edges"),
-        ({"edges": [[0, 1, 60]]}, "edges"),
-        ({"edges": [[0, 2**20, 0]]}, "edges"),
-        ({"edges": 3}, "edges"),
+        ({"edges": [[10**9, 1, 0]]}, "edges|operations"),
+        ({"edges": []}, "operations"),
         ({"operations": [[9, 0, 0, 0, 0, -1]]}, "operations"),
-        ({"operations": [[0, 0, 0, 5, 0, -1]]}, "operations"),
-        ({"operations": [[0, 0, 0, 0, 99, -1]]}, "operations"),
+        ({"operations": [[0, 10**6, 0, 0, 0, -1]]}, "operations"),
+        ({"operations": [[0, 0, 0, 10**6, 0, -1]]}, "operations"),
+        ({"operations": [[1, 0, -1, 0, 0, -1]]}, "operations"),
         ({"operations": [[2, 0, 5, 0, 0, -1]]}, "operations"),
+        ({"operations": [[4, 0, 0, 0, 0, -1]]}, "operations"),
         ({"tables": [[0, 5, 2, 0]]}, "tables"),
-        ({"tables": [[5, 0, 2, 0]]}, "tables"),
-        ({"entries": [2**40]}, "entries"),
-        ({"bits": 64}, "bits"),
-        ({"bits": True}, "bits"),
-        ({"words": [0]}, "neurons"),
-        ({"vectors": {"-1": []}}, "vectors"),
-        ({"vectors": {"1": [0]}}, "vectors"),
-        ({"vectors": {}}, "vectors"),
-        ({"vectors": {str(n): [] for n in range(9)}}, "vectors"),
-        ({"places": [[0, 10**6]]}, "neurons|place"),
-        ({"controls": [{"name": "u", "words": [0], "factor": 1.0, "offset": 0.0}]}, "neuron"),
-        ({"title": 3}, "title"),
+        ({"tables": [[0, 5, 99, 0]]}, "tables"),
+        ({"words": [0]}, "operations|neurons"),
         ({"schema": 3}, "schema"),
-        ({"prefix": "1; evil"}, "prefix"),
-        ({"ranges": {"q_d.x": [0.0]}}, "ranges"),
-        ({"ranges": {"nix": [0.0, 1.0]}}, "ranges"),
-        ({"measured": {}}, "measured"),
-        ({"limit": 0}, "limit"),
-        ({"more": 1}, "fixed_point.json"),
+        ({"prefix": "1_evil"}, "evil"),
+        ({"title": "another"}, "is not what"),
     ],
 )
-def test_what_is_no_machine_is_refused_by_name(files, entries, named):
+def test_a_machine_beyond_its_arrays_is_refused_by_name(files, entries, named):
+    """Also with the hash of its integers: compiled code would read what is not its own."""
     with pytest.raises(FileFormatError, match=named):
         c99_check(changed(files, **entries))
-
-
-def test_words_that_would_end_a_comment_do_not(files):
-    """A title is only told in letters and digits."""
-    with pytest.raises(FileFormatError):
-        c99_check(changed(files, title='*/ int evil = system("rm -rf ."); /*'))
 
 
 JUNK = (
@@ -164,13 +155,3 @@ def test_junk_is_loaded_equal_or_refused(check):
             with pytest.raises(AnnDcError):
                 check({**made, NAME: json.dumps(changed).encode()})
         assert process_time() - begun < 5
-
-
-def test_steps_that_take_too_long_are_refused(files):
-    begun = process_time()
-    table = json.loads(files[NAME])
-    operations = 40_000 * [[0, 0, 0, 0, 0, -1]] + table["operations"]
-    states = next(iter(table["vectors"].values()))
-    with pytest.raises(FileFormatError, match="too long"):
-        c99_check(changed(files, operations=operations, vectors={"50000": states}))
-    assert process_time() - begun < 5

@@ -1,11 +1,8 @@
-"""Text template of the SystemVerilog design; placeholders are between @ signs."""
-
-DESIGN = """\
-// @TITLE@: a network in integers of @BITS@ bits.
-// Written by ann_dc; wiring @WIRING@, content @CONTENT@.
-// Word ranges were chosen for @COVERS@.
+// @title@: a network in integers of @bits@ bits.
+// Written by ann_dc; wiring @wiring@, content @content@.
+// Word ranges were chosen for @covers@.
 //
-// A machine with one multiplier of @BITS@+1 by @WORD@+1 bits: it takes the operations of a step one
+// A machine with one multiplier of @bits@+1 by @wide@+1 bits: it takes the operations of a step one
 // after the other from a program memory, and of a sum one edge a clock. Memories are read through
 // registers.
 
@@ -24,18 +21,18 @@ module ann_dc_network (
     output logic [1:0]                status,         // RUNNING, SETTLED, SATURATED or LIMITED
     output logic [31:0]               steps,          // since the last restart
     input  logic                      load,           // while not busy: data into an input, RUNNING
-    input  logic [@WORD_AT@-1:0]      address,
-    input  logic signed [@BITS@-1:0]  data,
-    output logic signed [@BITS@-1:0]  word,           // what is there, a clock after its address
-    output logic signed [@WORD@-1:0]  fine            // the same with its guard bits
+    input  logic [@word_at@-1:0]      address,
+    input  logic signed [@bits@-1:0]  data,
+    output logic signed [@bits@-1:0]  word,           // what is there, a clock after its address
+    output logic signed [@wide@-1:0]  fine            // the same with its guard bits
 );
-    localparam int BITS = @BITS@, WORD = @WORD@, WIDE = @WIDE@, PERIOD = @PERIOD@, LIMIT = @LIMIT@;
-    localparam int WORDS = @WORDS@, NEURONS = @NEURONS@, OPERATIONS = @OPERATIONS@;
-    localparam int EDGES = @EDGES@, TABLES = @TABLES@, ENTRIES = @ENTRIES@;
-    localparam int WORD_AT = @WORD_AT@, NEURON_AT = @NEURON_AT@, ANY_AT = @ANY_AT@;
-    localparam int OPERATION_AT = @OPERATION_AT@, EDGE_AT = @EDGE_AT@, ENTRY_AT = @ENTRY_AT@;
-    localparam int TABLE_AT = @TABLE_AT@;
-    localparam logic signed [6:0] GUARD = @GUARD@;
+    localparam int BITS = @bits@, WORD = @wide@, WIDE = @accumulator@, PERIOD = @period@, LIMIT = @limit@;
+    localparam int WORDS = @words@, NEURONS = @neurons@, OPERATIONS = @operations@;
+    localparam int EDGES = @edges@, TABLES = @tables@, ENTRIES = @entries@;
+    localparam int WORD_AT = @word_at@, NEURON_AT = @neuron_at@, ANY_AT = @any_at@;
+    localparam int OPERATION_AT = @operation_at@, EDGE_AT = @edge_at@, ENTRY_AT = @entry_at@;
+    localparam int TABLE_AT = @table_at@;
+    localparam logic signed [6:0] GUARD = @guard@;
 
     localparam logic [2:0] SUM = 0, PRODUCT = 1, FUNCTION = 2, RECTIFY = 3, DRIVE = 4, UPDATE = 5;
     localparam logic [4:0] IDLE = 0, COPY = 1, STORE = 2, FETCH = 3, DECODE = 4, ADD = 5, READ = 6,
@@ -143,9 +140,7 @@ module ann_dc_network (
         word_read <= words[word_at];
         mark_read <= marks[neuron_at];
     end
-"""
 
-MACHINE = """
     // ---- arithmetic -------------------------------------------------------------------------
 
     function automatic logic signed [WIDE-1:0] clipped(
@@ -196,7 +191,7 @@ MACHINE = """
 
     always_ff @(posedge clock) begin
         case (phase)
-            IDLE: if (load) words[address] <= {data, {@GUARD@{1'b0}}};
+            IDLE: if (load) words[address] <= {data, {@guard@{1'b0}}};
             STORE: words[place] <= start_read;
             WRITE: words[kind == UPDATE ? own_word : target[WORD_AT-1:0]] <= result[WORD-1:0];
             default: ;
@@ -327,4 +322,3 @@ MACHINE = """
     end
 endmodule
 
-"""

@@ -1,24 +1,19 @@
-"""Text templates of a SystemVerilog export: testbench, Makefile and README."""
-
-from ann_dc.export.fixed_point.readme_text import FORMATS
-
-BENCH = """\
 // Walks from the start, and compares the words of the neurons with those of the golden model.
 // +vectors=1 compares the first of them only.
 
 /* verilator lint_off WIDTH */
 /* verilator lint_off UNUSEDSIGNAL */
 module testbench;
-    localparam int VECTORS = @VECTORS@, NEURONS = @NEURONS@, WORD = @WORD@;
+    localparam int VECTORS = @vectors@, NEURONS = @neurons@, WORD = @wide@;
 
     logic clock = 0, reset = 1, restart = 0, run = 0, until_settled = 0, busy, settled, saturated;
     logic [31:0] limit = 0, steps;
     logic [1:0] status;
     logic signed [WORD-1:0] fine;
-    logic [@WORD_AT@-1:0] address = 0;
-    logic signed [@BITS@-1:0] word, data = 0;
+    logic [@word_at@-1:0] address = 0;
+    logic signed [@bits@-1:0] word, data = 0;
     logic [31:0] counts [0:VECTORS-1];
-    logic [@WORD_AT@-1:0] places [0:NEURONS-1];
+    logic [@word_at@-1:0] places [0:NEURONS-1];
     logic [WORD-1:0] expected [0:VECTORS*NEURONS-1];
     int vectors, differ, v, n;
 
@@ -73,46 +68,3 @@ module testbench;
     end
 endmodule
 
-"""
-
-MAKEFILE = """\
-DESIGN = ann_dc_network.sv testbench.sv
-
-icarus: $(DESIGN)
-	iverilog -g2012 -o simulation $(DESIGN)
-	vvp -n simulation
-
-verilator: $(DESIGN)
-	verilator --binary -O3 --top-module testbench $(DESIGN)
-	./obj_dir/Vtestbench
-
-clean:
-	rm -rf simulation obj_dir
-
-.PHONY: icarus verilator clean
-"""
-
-README = (
-    """\
-# {title}: SystemVerilog
-
-`make icarus` or `make verilator` compares the design with the golden model, bit for bit; the
-simulation says PASS or FAIL. A step takes about {clocks} clocks. The memories are filled from the
-`.hex` files; put them where the tool that synthesises looks for them.
-
-While `busy` is low: `restart` brings the start back, `load` writes `data` into the word at
-`address`, `run` takes steps, `limit` at most ({limit} if it is 0). The word of an input at a stage
-and of a control are in the tables. `status` is 0 running, 1 settled, 2 saturated, 3 limit; controls
-are an answer in 1 alone. A number for `data` that does not fit is to be refused outside.
-
-| input | words, stage by stage |
-|---|---|
-{input_words}
-
-| control | word |
-|---|---|
-{control_words}
-
-"""
-    + FORMATS
-)
