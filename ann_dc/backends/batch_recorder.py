@@ -16,7 +16,7 @@ from ann_dc.backends.integration.methods import Between
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.network.network import Network
 
-Look = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+_Look = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Samples (b,), network times (b,), states (b, n) and residuals (b, 2) of one check."""
 
 
@@ -24,19 +24,8 @@ Look = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 class BatchCurves:
     """Trajectories of B samples, concatenated.
 
-    Attributes
-    ----------
-    first : (B + 1,) integers
-        First row of each sample, followed by the number of all rows.
-    time : (S,) array
-        Network time.
-    states : (S, n) array
-        States in network units.
-    residuals : (S, 2) array
-        Relative constraint and stationarity residuals.
-    between : callable or None
-        Function that returns states between the steps of a sample from its ``network``; None for
-        recurrent steps.
+    ``first`` (B + 1,) contains the first row of each sample and the number of all rows. ``between``
+    returns states between the steps of a sample from its ``network``; None for recurrent steps.
     """
 
     first: np.ndarray
@@ -46,10 +35,9 @@ class BatchCurves:
     between: Callable[..., Between] | None = None
 
     def trajectory(self, sample: int, network: Network) -> Trajectory:
-        """Return the trajectory of a sample, counted from 0 or, if negative, from the end.
+        """Return the trajectory of a sample, which ends before the first row of the next.
 
-        The network has the inputs of the sample. The residuals of the trajectory are those at its
-        recorded states.
+        The network has the inputs of the sample.
         """
         number = range(len(self.first) - 1)[sample]
         rows = slice(self.first[number], self.first[number + 1])
@@ -65,20 +53,13 @@ class BatchCurves:
 
 
 class BatchRecorder:
-    """Recorder of a batch.
-
-    Parameters
-    ----------
-    count : int
-        B, the number of samples.
-    most : int
-        Largest number of records, at least 2, not counting the final states.
+    """Recorder of a batch with at most so many records, at least 2, and the final states.
 
     Examples
     --------
     Two samples, of which the second ends after the first check:
 
-    >>> recorder = BatchRecorder(2, most=10)
+    >>> recorder = BatchRecorder(most=10)
     >>> row = lambda *values: np.array(values, float)
     >>> recorder.record(np.array([0, 1]), row(0, 0), row(1, 2)[:, None], np.ones((2, 2)))
     >>> recorder.record(np.array([0]), row(0.5), row(3)[:, None], np.ones((1, 2)))
@@ -87,18 +68,20 @@ class BatchRecorder:
     ([0, 2, 3], [1.0, 3.0, 2.0])
     """
 
-    def __init__(self, count: int, most: int) -> None:
+    def __init__(self, most: int) -> None:
         self.most = most
-        self._looks: list[Look] = []
-        self._done: list[Look] = []
+        self._looks: list[_Look] = []
+        self._done: list[_Look] = []
         self._seen, self._stride = 0, 1
-        self._last = np.zeros(count)
+        self._last = np.zeros(0)
 
     def record(self, samples, time, states, residuals) -> None:
-        """Record the running samples (b,) at network times (b,).
+        """Record the running samples (b,), at first all, at network times (b,).
 
         The states (b, n) are in network units, and the residuals have shape (b, 2).
         """
+        if not self._seen:
+            self._last = np.zeros(len(samples))
         self._last[samples] = time
         if self._seen % self._stride == 0:
             self._looks.append((samples, time, states, residuals))
