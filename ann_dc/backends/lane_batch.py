@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.backends.batch import BatchRun
-from ann_dc.backends.batch_recorder import BatchCurves
+from ann_dc.backends.batch import BatchCurves, BatchRun
 from ann_dc.backends.integration.integrator import (
     DIVERGED,
     LEFT_DOMAIN,

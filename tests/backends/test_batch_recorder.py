@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from ann_dc.backends.batch_recorder import BatchRecorder
+from ann_dc.backends.batch import BatchRecorder
 
 
 def recorded(lasts, most):

@@ -15,37 +15,22 @@ class Tableau:
 
     The last slope is that at the new point (FSAL).
 
-    Attributes
-    ----------
-    a : (S, S) array
-        Coefficients of the stages, below the diagonal.
-    b : (S,) array
-        Weights of the step.
-    error : (S + 1,) array
-        Weights of the error estimate; the last is that of the new slope.
-    third : (S + 1,) array
-        Weights of the estimate of order three that DOP853 includes; zero for other pairs.
-    exponent : float
-        -1 divided by one more than the order of the estimate.
-    extra : (E, S + 1 + E) array
-        Extra stages of the continuous extension, after the new slope; E is zero if the slopes of
-        the step suffice.
-    between : (D, S + 1 + E) array
-        Coefficients of theta, theta^2, ... of every slope's weight in the continuous extension: ``x
-        + h sum_j b_j(theta) K_j`` is the state at a fraction theta of the step.
-
     References
     ----------
     .. [1] E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993.
     """
 
-    a: np.ndarray
-    b: np.ndarray
-    error: np.ndarray
-    third: np.ndarray
-    exponent: float
+    a: np.ndarray  # coefficients (S, S) of the stages, below the diagonal
+    b: np.ndarray  # weights (S,) of the step
+    error: np.ndarray  # weights (S + 1,) of the error estimate; the last is that of the new slope
+    third: np.ndarray  # weights (S + 1,) of the estimate of order three in DOP853, else zero
+    exponent: float  # -1 divided by one more than the order of the estimate
     extra: np.ndarray
+    """Extra stages (E, S + 1 + E) of the continuous extension, after the new slope."""
     between: np.ndarray
+    """Coefficients (D, S + 1 + E) of theta, theta^2, ... of every slope's weight in the continuous
+    extension: ``x + h sum_j b_j(theta) K_j`` is the state at a fraction theta of the step.
+    """
 
     def __repr__(self) -> str:
         return f"<Tableau of {len(self.b)} stages>"

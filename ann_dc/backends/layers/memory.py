@@ -91,16 +91,8 @@ class Memory(NamedTuple):
 
     def select(self, samples: torch.Tensor) -> Memory:
         """Return the memory of these samples (b,)."""
-        return self._replace(
-            states=self.states[..., samples],
-            moves=self.moves[..., samples],
-            gram=self.gram[..., samples],
-            last_state=self.last_state[..., samples],
-            last_move=self.last_move[..., samples],
-            known=self.known[..., samples],
-            safe=self.safe[..., samples],
-            resume=self.resume[..., samples],
-        )
+        names = "states", "moves", "gram", "last_state", "last_move", "known", "safe", "resume"
+        return self._replace(**{name: getattr(self, name)[..., samples] for name in names})
 
     def ended(self, samples: torch.Tensor) -> Memory:
         """End the acceleration of ``samples``, a mask (B,), permanently."""

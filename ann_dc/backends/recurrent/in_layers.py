@@ -10,8 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 import torch
 
-from ann_dc.backends.batch import BatchRun
-from ann_dc.backends.batch_recorder import BatchRecorder
+from ann_dc.backends.batch import BatchRecorder, BatchRun
 from ann_dc.backends.integration.integrator import RUNNING
 from ann_dc.backends.lane_batch import OUTCOMES
 from ann_dc.backends.layers.ledger import Ledger
