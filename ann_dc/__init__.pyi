@@ -60,15 +60,15 @@ from .two_level import theorem_IV_2 as theorem_IV_2
 from .backends import OdeBackend as OdeBackend
 from .backends import Settling as Settling
 from .backends import ode as ode
-from .backends.recurrent import SIMULTANEOUS as SIMULTANEOUS
-from .backends.recurrent import STAGE_BY_STAGE as STAGE_BY_STAGE
-from .backends.recurrent import TWO_PHASE as TWO_PHASE
-from .backends.recurrent import AdaptiveStep as AdaptiveStep
-from .backends.recurrent import Anderson as Anderson
-from .backends.recurrent import FixedStep as FixedStep
+from .backends.step_rules import SIMULTANEOUS as SIMULTANEOUS
+from .backends.step_rules import STAGE_BY_STAGE as STAGE_BY_STAGE
+from .backends.step_rules import TWO_PHASE as TWO_PHASE
+from .backends.step_rules import AdaptiveStep as AdaptiveStep
+from .backends.step_rules import Anderson as Anderson
+from .backends.step_rules import FixedStep as FixedStep
 from .backends.recurrent import RecurrentBackend as RecurrentBackend
-from .backends.recurrent import RecurrentLayer as RecurrentLayer
-from .backends.recurrent.cell import CellLayer as CellLayer
+from .backends.layers import RecurrentLayer as RecurrentLayer
+from .backends.layers import CellLayer as CellLayer
 from .backends.spice import SpiceBackend as SpiceBackend
 from .two_level import TwoLevels as TwoLevels
 

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import sympy as sp
 from onnx_runs import OnnxNetwork
+from torch_evaluator import TorchEvaluator
 
 import ann_dc
 from ann_dc.analysis.equilibria import equilibrium
-from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import AnnDcError
 from ann_dc.evaluation.codegen.evaluator import GeneratedEvaluator

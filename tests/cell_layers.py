@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.layers.cell_layer import CellLayer
 from ann_dc.network.cell import Connection, Template
 from ann_dc.network.network import Network
 

@@ -13,10 +13,10 @@ import pytest
 import torch
 from simulator import needs_ngspice
 
-from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
-from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.backends.layers.recurrent_layer import RecurrentLayer
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
 from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.backends.step_rules import FixedStep
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.hardware.circuit.deviations import Deviations, draw
 from ann_dc.hardware.parts.datasheet import Tolerances

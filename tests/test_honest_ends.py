@@ -11,8 +11,8 @@ from rich.console import Console
 import ann_dc
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
-from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.backends.status import Outcome
+from ann_dc.backends.step_rules import FixedStep
 from ann_dc.gain_design.gains import manual_gains
 from ann_dc.problem import plants
 from ann_dc.report.solution import report_table

@@ -9,7 +9,7 @@ SOLVES = """
 import sys
 {first}
 import ann_dc
-from ann_dc.backends.recurrent import ORDERS
+from ann_dc.backends.step_rules import ORDERS
 
 problem = ann_dc.plants.double_integrator(N=5)
 for order in ORDERS.values():

@@ -90,21 +90,6 @@ class Tabulated(ABC):
 class Curves(Tabulated):
     """Values of every neuron over time, in the user's units.
 
-    Attributes
-    ----------
-    time : (T,) array
-        Times of the samples, in `time_unit`.
-    neurons : mapping of str to (T, N) array
-        Values by neuron name and cell.
-    live : mapping of str to (N,) array of bool
-        True for the cells in which the neuron exists and is free to move.
-    units : mapping of str to str
-        Known units of measure by neuron name.
-    residual_time : (R,) array
-        Time of every step.
-    residuals : (R, 2) array
-        Relative constraint and stationarity residuals.
-
     Examples
     --------
     >>> import ann_dc
@@ -114,13 +99,13 @@ class Curves(Tabulated):
     (['time', 'q.x[1]', 'q.x[2]'], 'm/s^2', 'unit time constants')
     """
 
-    time: np.ndarray
+    time: np.ndarray  # times (T,) of the samples
     time_unit: str
-    neurons: Mapping[str, np.ndarray]
-    live: Mapping[str, np.ndarray]
-    units: Mapping[str, str]
-    residual_time: np.ndarray
-    residuals: np.ndarray
+    neurons: Mapping[str, np.ndarray]  # values (T, N) by neuron name
+    live: Mapping[str, np.ndarray]  # mask (N,) of cells in which the neuron exists and moves
+    units: Mapping[str, str]  # known units of measure by neuron name
+    residual_time: np.ndarray  # time (R,) of every step
+    residuals: np.ndarray  # relative constraint and stationarity residuals (R, 2)
 
     @property
     def curves(self) -> Curves:

@@ -15,19 +15,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.backends.batch import BatchRun
-from ann_dc.backends.batch_recorder import BatchCurves
+from ann_dc.backends.batch import BatchCurves, BatchRun
 from ann_dc.backends.integration.integrator import (
-    OUTSIDE,
-    OVERFLOWN,
+    DIVERGED,
+    LEFT_DOMAIN,
+    RUNNING,
     SETTLED,
+    STALLED,
     TIME_UP,
     TOO_SHORT,
 )
-from ann_dc.backends.lanes.group import OPEN, STALLED, Found, Group, Samples, hand_over
+from ann_dc.backends.lanes.group import Ends, Found, Group, Samples, hand_over
 from ann_dc.backends.lanes.memory import CONSTRAINT, DONE, STATIONARITY
 from ann_dc.backends.lanes.samples import samples_of
-from ann_dc.backends.status import Outcome
+from ann_dc.backends.settling import HEADWAY, Settling, window_of
+from ann_dc.backends.status import OVERFLOW, Outcome
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.codegen.plan import Axis, refusal
@@ -48,20 +50,20 @@ PACE = 0.1
 """Seconds between two checks for progress to report."""
 OUTCOMES = {
     SETTLED: Outcome.SETTLED,
-    OVERFLOWN: Outcome.DIVERGED,
+    DIVERGED: Outcome.DIVERGED,
     TOO_SHORT: Outcome.DIVERGED,
-    OUTSIDE: Outcome.LEFT_DOMAIN,
+    LEFT_DOMAIN: Outcome.LEFT_DOMAIN,
     TIME_UP: Outcome.NOT_SETTLED,
     STALLED: Outcome.STALLED,
-    OPEN: Outcome.STOPPED,
+    RUNNING: Outcome.STOPPED,
 }
+"""Outcome of a sample by its code."""
 
 
 class Thread(NamedTuple):
     """Resources and functions of one thread."""
 
-    group: Group
-    """Lane group with the samples of the thread."""
+    group: Group  # lane group with the samples of the thread
     advance: Callable[[Samples, Found, np.ndarray], bool]
     """Function that advances samples; its queue gives the next and the end.
 
@@ -69,6 +71,18 @@ class Thread(NamedTuple):
     """
     locate: Callable[[Samples, Found, np.ndarray], None] | None = None
     """Function that locates when residuals fell below the tolerance; None for recurrent steps."""
+
+
+def ends_of(settling: Settling, most_steps: int) -> Ends:
+    """Return the end conditions of a sample with a largest number of steps."""
+    return Ends(
+        tolerance=settling.tolerance,
+        settled=settling.confirmed,
+        overflow=OVERFLOW,
+        most_steps=most_steps,
+        window=window_of(most_steps),
+        headway=HEADWAY,
+    )
 
 
 def run_lanes(
@@ -82,25 +96,11 @@ def run_lanes(
     threads: int | None,
     progress: Progress,
 ) -> BatchRun:
-    """Run one copy of a network for each sample of its inputs.
+    """Run one copy of a network for each sample, on all cores by default.
 
-    Raises `UnknownNameError` if an input does not exist. Raises `NetworkError` if sizes do not
-    agree, if the numbers do not fit the network, or if no code is generated for the wiring.
-
-    Parameters
-    ----------
-    inputs : mapping of input name to number, (B,) or (B, N) array
-        Inputs of the samples.
-    x : (n,) or (B, n) array, optional
-        Initial guess in network units.
-    begin : callable
-        Function that returns the `Thread` of a thread's lanes.
-    numbers : Numbers, optional
-        Weights and rates of every sample.
-    curves : int
-        Number of states to store per sample.
-    threads : int, optional
-        Number of threads; by default the number of cores available to the process.
+    ``begin`` makes the `Thread` of a thread's lanes. Raises `UnknownNameError` if an input does not
+    exist. Raises `NetworkError` if sizes do not agree, if the numbers do not fit the network, or if
+    no code is generated for the wiring.
     """
     tape = evaluator(network).tape
     if why := refusal(tape):
@@ -115,7 +115,7 @@ def run_lanes(
     size = min(max(-(-count // (2 * threads)), SMALLEST_SLICE), LARGEST_SLICE)
     work = _Work(begin, samples, found, iter(range(0, count, size)), size)
     work.run([first, *(first.beside() for _ in range(threads - 1))], Paced(progress))
-    is_open = found.codes == OPEN
+    is_open = found.codes == RUNNING
     found.steps[is_open, 1], found.times[is_open, 1] = -1, np.nan
     return BatchRun(
         network=network,
@@ -129,10 +129,6 @@ def run_lanes(
         curves=_curves(found) if curves else None,
         numbers=numbers,
     )
-
-
-def _nothing(_: Group) -> None:
-    pass
 
 
 def attempts_of(network: Network) -> int:
@@ -162,7 +158,7 @@ class _Work:
 
     def _share(self, every_lanes: list[Lanes], paced: Paced) -> None:
         with ThreadPoolExecutor(len(every_lanes)) as pool:
-            left = {pool.submit(self._serve, lanes, _nothing) for lanes in every_lanes}
+            left = {pool.submit(self._serve, lanes, lambda _: None) for lanes in every_lanes}
             try:
                 while left:
                     done, left = wait(left, timeout=PACE)
@@ -192,7 +188,7 @@ class _Work:
             thread.locate(self.samples, self.found, part.start + np.flatnonzero(is_known))
 
     def _line(self, group: Group | None = None) -> str:
-        running = int((self.found.codes == OPEN).sum())
+        running = int((self.found.codes == RUNNING).sum())
         told = f"{running} of {len(self.found.codes)} samples run on"
         if group is None or len(self.found.codes) > 1 or not running:
             return told

@@ -15,7 +15,6 @@ import numpy as np
 
 from ann_dc.backends import status
 from ann_dc.backends.batch import BatchRun
-from ann_dc.backends.integration.cells import Cells
 from ann_dc.backends.integration.drawing import CompiledAgain
 from ann_dc.backends.integration.integrator import Ends
 from ann_dc.backends.integration.methods import (
@@ -31,8 +30,9 @@ from ann_dc.backends.integration.methods import (
     Method as Method,
 )
 from ann_dc.backends.integration.steppers import FIRST_STEP, Beginning, RightHandSide, stepper_of
-from ann_dc.backends.lane_batch import Thread, attempts_of, run_lanes
-from ann_dc.backends.lanes.continuous import Integration, LaneEnds, advance_lanes
+from ann_dc.backends.integration.systems import Cells
+from ann_dc.backends.lane_batch import Thread, attempts_of, ends_of, run_lanes
+from ann_dc.backends.lanes.continuous import Integration, advance_lanes
 from ann_dc.backends.lanes.continuous_code import ROWS
 from ann_dc.backends.lanes.group import Group
 from ann_dc.backends.lanes.located import Again, locate_exits
@@ -174,12 +174,19 @@ class OdeBackend:
             raise NetworkError(
                 f"method: batches run in compiled code, and {method.name} is SciPy's; leave it out"
             )
-        rows, ends = method.rows, self._lane_ends(network, method)
+        rows, ends = method.rows, ends_of(self.settling, self.most_steps)
+        fastest = Beginning.of(network, fast_evaluator(network)).fastest
+        steps = {
+            "until": self.limit * fastest,
+            "first": FIRST_STEP * fastest,
+            "rtol": method.rtol,
+            "atol": method.atol,
+        }
         attempts = attempts_of(network)
 
         def begin(lanes: Lanes) -> Thread:
             group = Group.of(lanes, rows.slopes, ROWS)
-            integration, again = Integration.of(group, rows, ends), Again.of(group, rows)
+            integration, again = Integration.of(group, rows, ends, steps), Again.of(group, rows)
             return Thread(
                 group,
                 lambda *given: advance_lanes(group, integration, *given, attempts),
@@ -189,21 +196,6 @@ class OdeBackend:
         settings = {n: getattr(self, n) for n in ("curves", "threads", "progress")}
         batch = run_lanes(network, inputs, x, begin, numbers=numbers, **settings)
         return batch.with_between(partial(CompiledAgain, method=method))
-
-    def _lane_ends(self, network: Network, method: Method) -> LaneEnds:
-        settling, fastest = self.settling, Beginning.of(network, fast_evaluator(network)).fastest
-        return LaneEnds(
-            until=self.limit * fastest,
-            first=FIRST_STEP * fastest,
-            tolerance=settling.tolerance,
-            settled=settling.tolerance * settling.confirm,
-            overflow=OVERFLOW,
-            most_steps=self.most_steps,
-            window=window_of(self.most_steps),
-            headway=HEADWAY,
-            rtol=method.rtol,
-            atol=method.atol,
-        )
 
     @checked
     def follow(self, network: Network, rhs: RightHandSide | None = None) -> Run:
@@ -272,7 +264,7 @@ class _Integration:
         settling = self.backend.settling
         return Ends(
             until=self.backend.limit * self.fastest,
-            settled=settling.tolerance * settling.confirm,
+            settled=settling.confirmed,
             largest=self.largest,
             rtol=method.rtol,
             atol=method.atol,
@@ -305,7 +297,7 @@ class _Integration:
         most = min(left, self.backend.most_steps - recorder.steps)
         recorder.record_all(*self.stepper.steps(most))
         worst = max(recorder.residuals[-1])
-        if worst < settling.tolerance * settling.confirm:
+        if worst < settling.confirmed:
             return status.settled(worst, self.stepper.time)
         return self._failure(self.stepper.state, self.stepper.time)
 

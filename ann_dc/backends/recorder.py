@@ -18,15 +18,7 @@ from ann_dc.network.network import Network
 
 
 class Recorder:
-    """Recorder of a run: residuals of every step, and thinned states.
-
-    Attributes
-    ----------
-    residual_times : list of float
-        Network time of every step.
-    residuals : list of (float, float)
-        Relative constraint and stationarity residuals of every step.
-    """
+    """Recorder of a run: residuals of every step, and thinned states."""
 
     def __init__(self, network: Network) -> None:
         self.network = network
@@ -41,11 +33,7 @@ class Recorder:
         return len(self.residuals) - 1
 
     def record(self, now: float, x: np.ndarray, residuals: tuple[float, float]) -> None:
-        """Record the start or the state (n,) after one more step.
-
-        The time is network time. The state is copied. The two residuals are the relative constraint
-        and stationarity residuals.
-        """
+        """Record the start or the state (n,) after one more step, with both residuals."""
         self.residual_times.append(now)
         self.residuals.append(residuals)
         self._keep(np.array([now]), np.array([x]))
@@ -86,22 +74,10 @@ class Recorder:
         between: Between | None = None,
         exit: float | None = None,
     ) -> Run:
-        """Return the complete run with its last state.
+        """Return the complete run with its last state (n,) and its number of right-hand sides.
 
-        Parameters
-        ----------
-        now : float
-            Network time at the end of the run.
-        x : (n,) array
-            Last state vector.
-        settling : Settling
-            Definition of the settling time, which is nan unless the status is settled.
-        evaluations : int
-            Number of right-hand sides.
-        between : Between, optional
-            States between steps.
-        exit : float, optional
-            Last exit of the residual, located inside its step.
+        The settling time is nan unless the status is settled. ``exit`` is the last exit of the
+        residual, located inside its step.
         """
         times, states = self._joined()
         if now != times[-1]:

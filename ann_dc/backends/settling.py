@@ -82,13 +82,17 @@ class Settling:
     def __post_init__(self) -> None:
         require_positive(tolerance=self.tolerance, confirm=self.confirm)
 
+    @property
+    def confirmed(self) -> float:
+        """Residual at which a run ends as settled."""
+        return self.tolerance * self.confirm
+
 
 def settling_time(trajectory: Trajectory, settling: Settling, exit: float | None = None) -> float:
     """Return the last exit of the residual and, if requested, of the controls.
 
-    The result is in network time, or nan if the run ended outside a tolerance. The trajectory must
-    be long enough to show the last exit. ``exit`` is the last exit of the residual located inside
-    its step; by default the exit is interpolated between steps.
+    The result is nan if the run ended outside a tolerance. ``exit`` is the last exit of the
+    residual located inside its step; by default the exit is interpolated between steps.
     """
     if exit is None:
         exit = last_exit(trajectory.residual_time, trajectory.kkt, settling.tolerance)
@@ -105,9 +109,9 @@ def control_settling(
     """Return the time after which all controls stay close to their final values.
 
     The allowed deviation is the fraction ``share`` of the size of the final controls; see
-    `size_of`. The time, in units of network time, is located inside its step if states between
-    steps are known, and otherwise interpolated between rows. The function ``controls`` returns the
-    controls (T, m) of states (T, n); by default they are those of the network.
+    `size_of`. The time is located inside its step if states between steps are known, and otherwise
+    interpolated. ``controls`` returns the controls (T, m) of states (T, n); by default those of the
+    network.
     """
     of_states = controls or partial(control_values, trajectory.network)
     final = of_states(trajectory.final)

@@ -101,11 +101,10 @@ def settled(residual: float, now: float) -> Status:
 
 
 def diverged(network: Network, x: np.ndarray, now: float, note: str | None = None) -> Status:
-    """Return the status of a diverged run.
+    """Return the status of a run that diverged at network time ``now``.
 
-    The message names the largest component of the final state (n,) in network units, or the first
-    that is not finite. A note adds further information, for instance a solver's message. The time
-    ``now`` is network time.
+    The message names the largest component of the final state (n,), or the first that is not
+    finite, and a note.
     """
     worst = int(np.argmax(np.where(np.isfinite(x), np.abs(x), np.inf)))
     name = network.label(worst)
@@ -115,11 +114,7 @@ def diverged(network: Network, x: np.ndarray, now: float, note: str | None = Non
 
 
 def left_domain(network: Network, block: int, stage: int, now: float) -> Status:
-    """Return the status of a run in which a function block left its domain.
-
-    The block is given by its index in ``network.cell.blocks``, the stage by its cell index from 0,
-    and ``now`` is network time.
-    """
+    """Return the status of a run in which a block left its domain in a stage from 0."""
     name = network.cell.blocks[block].name
     penalty = ", or with more penalty" if network.cell.duals else ""
     message = (
@@ -149,9 +144,8 @@ def no_headway(
 ) -> tuple[str, str]:
     """Return the reason and the advice for a run whose residual no longer falls.
 
-    The arguments are the states (T, n) of the last steps, the number of these steps, their smallest
-    relative KKT residual, and the method. The tolerances of an implicit method do not fall with the
-    residual.
+    The states (T, n) are those of the last ``steps``, and ``residual`` is their smallest. The
+    tolerances of an implicit method do not fall with the residual.
     """
     why, advice = f"the last {steps} steps made it no smaller", elsewhere(network)
     if swings := swinging(network, states):
@@ -166,8 +160,7 @@ def no_headway(
 def swinging(network: Network, states: np.ndarray) -> str:
     """Return a clause on the neuron that oscillates most in the last states (T, n).
 
-    The clause is empty if no neuron continues to oscillate, or if the network has PI duals, which a
-    design can damp.
+    The clause is empty if no neuron oscillates, or if a design can damp the network.
     """
     middle, swing = 0.5 * (states.max(axis=0) + states.min(axis=0)), np.ptp(states, axis=0)
     crossings = np.diff(states > middle, axis=0).sum(axis=0)
@@ -179,21 +172,13 @@ def swinging(network: Network, states: np.ndarray) -> str:
 
 
 def stalled(residuals: tuple[float, float], now: float, why: str, advice: str) -> Status:
-    """Return the status of a run without further headway.
-
-    The two residuals are the relative constraint and stationarity residuals at the end, at network
-    time ``now``. ``why`` describes the evidence, and ``advice`` the remedy for the user.
-    """
+    """Return the status of a run without further headway, with evidence and advice."""
     message = f"stalled {_reached(residuals, now)}, and {why}; {advice}"
     return Status(outcome=Outcome.STALLED, message=message, neuron=None, time=now)
 
 
 def stopped(residuals: tuple[float, float], now: float, why: str) -> Status:
-    """Return the status of an interrupted run.
-
-    The two residuals are the relative constraint and stationarity residuals at the end, at network
-    time ``now``. ``why`` describes the cause, as the end of "... when".
-    """
+    """Return the status of an interrupted run; ``why`` ends "... when"."""
     message = f"stopped {_reached(residuals, now)} when {why}"
     return Status(outcome=Outcome.STOPPED, message=message, neuron=None, time=now)
 
@@ -201,7 +186,7 @@ def stopped(residuals: tuple[float, float], now: float, why: str) -> Status:
 def infeasible(why: str, now: float) -> Status:
     """Return the status of a run whose target cannot be met.
 
-    ``why`` names the component and the nearest reachable value. The time ``now`` is network time.
+    ``why`` names the component and the nearest reachable value.
     """
     return Status(outcome=Outcome.INFEASIBLE, message=f"infeasible: {why}", neuron=None, time=now)
 
@@ -209,8 +194,7 @@ def infeasible(why: str, now: float) -> Status:
 def unbounded(why: str, now: float) -> Status:
     """Return the status of a run whose cost decreases without bound.
 
-    ``why`` describes how far the cost fell and which variable grew. The time ``now`` is network
-    time.
+    ``why`` describes how far the cost fell and which variable grew.
     """
     return Status(outcome=Outcome.UNBOUNDED, message=f"unbounded: {why}", neuron=None, time=now)
 
@@ -218,9 +202,8 @@ def unbounded(why: str, now: float) -> Status:
 def not_settled(residuals: tuple[float, float], now: float, why: str) -> Status:
     """Return the status of a run that reached a bound before it settled.
 
-    The two residuals are the relative constraint and stationarity residuals at network time
-    ``now``. The message mentions the constraint residual if it exceeds `UNMET`, since the target
-    may be out of reach. ``why`` names the bound, as the end of "... when".
+    The message mentions the constraint residual if it exceeds `UNMET`, since the target may be out
+    of reach. ``why`` names the bound, as the end of "... when".
     """
     message = f"not settled {_reached(residuals, now)} when {why}"
     if not residuals[0] < UNMET:
@@ -234,10 +217,9 @@ def with_growth(
     """Return a status that names growing multipliers if constraints were not met.
 
     Multipliers of contradictory constraints grow forever along one direction: their growth in the
-    last quarter of the time equals that in the quarter before. The status is returned unchanged if
-    the run ended otherwise or if no multiplier grows steadily. ``curve`` contains network times
+    last quarter of the time equals that in the quarter before. ``curve`` contains network times
     (times,) and states (times, n) of the whole run. ``unmet`` is the smallest relative constraint
-    residual of the second half of the run.
+    residual of its second half.
     """
     if status.outcome not in (Outcome.NOT_SETTLED, Outcome.STALLED) or not unmet >= UNMET:
         return status

@@ -209,10 +209,9 @@ class Trajectory(Record, Tabulated):
 
 
 def control_values(network: Network, x: np.ndarray) -> np.ndarray:
-    """Return the controls (..., live control neurons) of states (..., n).
+    """Return the controls (..., live control neurons) of states (..., n), in network units.
 
-    States and controls are in network units. A network that is not an optimiser has no controls;
-    the result then contains all its neurons.
+    For a network that is not an optimiser, the result contains all its neurons.
     """
     return np.asarray(x)[..., _controls(network)]
 
@@ -223,10 +222,9 @@ def _controls(network: Network) -> np.ndarray | slice:
 
 
 def control_error(controls: np.ndarray, wanted: Trajectory) -> float:
-    """Return the largest control error against the end of a reference run.
+    """Return the largest error of controls against the end of the run ``wanted``.
 
-    The error is relative to `size_of` the last controls of the run ``wanted``. The controls
-    (controls,) are in network units.
+    The error is relative to `size_of` the last controls. All are in network units.
     """
     end = control_values(wanted.network, wanted.final)
     return float(np.abs(controls - end).max() / wanted.control_size)

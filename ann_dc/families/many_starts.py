@@ -16,7 +16,7 @@ import numpy as np
 
 from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.recurrent.backend import RecurrentBackend
-from ann_dc.backends.recurrent.rules.orders import TWO_PHASE
+from ann_dc.backends.step_rules import TWO_PHASE
 from ann_dc.decomposition.equations import StageEquations, decompose
 from ann_dc.families.optima import SAME, Optimum, sorted_out
 from ann_dc.families.seeded_starts import LONGEST, checked_starts, seeded_starts

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ann_dc.backends.recurrent.rules import orders
+from ann_dc.backends import step_rules
 from ann_dc.dataclass_pickling import Record
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import AnnDcError, StudyError
@@ -193,7 +193,7 @@ KINDS = {kind.name.lower().replace("_", "-"): kind for kind in PreconditionerKin
 """Preconditioner kinds by name."""
 STARTS = ("line", "zero", "random")
 BACKENDS = ("ode", "recurrent", "emulation", "spice")
-ORDERS = {name.replace(" ", "-"): order for name, order in orders.ORDERS.items()}
+ORDERS = {name.replace(" ", "-"): order for name, order in step_rules.ORDERS.items()}
 """Update orders by name."""
 CIRCUITS = ("emulation", "spice")
 """Backends that run circuits."""

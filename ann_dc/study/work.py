@@ -20,9 +20,9 @@ import scipy
 import ann_dc
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
-from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.spice.backend import simulate
+from ann_dc.backends.step_rules import FixedStep
 from ann_dc.errors import AnnDcError, StudyError
 from ann_dc.evaluation.variant_numbers import Numbers, numbers_of, require_one_wiring
 from ann_dc.hardware.nonidealities.drawing import drawn_numbers

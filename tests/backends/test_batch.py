@@ -8,8 +8,8 @@ import pytest
 from designs import designed
 from recurrent_runs import RECURRENT, growing, pole, short, targets
 
-from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.backends.status import Outcome
+from ann_dc.backends.step_rules import FixedStep
 from ann_dc.errors import ArgumentError, NetworkError
 from ann_dc.evaluation.reference import evaluator
 

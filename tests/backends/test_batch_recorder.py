@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from ann_dc.backends.batch_recorder import BatchRecorder
+from ann_dc.backends.batch import BatchRecorder
 
 
 def recorded(lasts, most):
     """Samples that run for so many looks each: at look k, sample s is in state 100 s + k."""
-    recorder = BatchRecorder(len(lasts), most)
+    recorder = BatchRecorder(most)
     for look in range(max(lasts)):
         samples = np.flatnonzero(np.array(lasts) > look)
         states = (100.0 * samples + look)[:, None]
@@ -41,7 +41,7 @@ def test_every_sample_has_its_own_curve_and_its_end(lasts, most):
 
 
 def test_the_end_stands_for_what_was_seen_at_its_time():
-    recorder = BatchRecorder(1, 5)
+    recorder = BatchRecorder(5)
     recorder.record(np.array([0]), np.zeros(1), np.ones((1, 1)), np.ones((1, 2)))
     curves = recorder.curves(np.full((1, 1), 7.0), np.zeros((1, 2)))
     assert curves.states.tolist() == [[7.0]]

@@ -10,9 +10,9 @@ from recurrent_runs import suited
 import ann_dc
 from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.ode import BATCHES
-from ann_dc.backends.recurrent import in_code
-from ann_dc.backends.recurrent.rules.orders import ORDERS
+from ann_dc.backends.recurrent import backend as recurrent_backend
 from ann_dc.backends.status import Outcome
+from ann_dc.backends.step_rules import ORDERS
 from ann_dc.errors import NetworkError
 from ann_dc.network.cell import Cell, Connection, Function, Neuron
 from ann_dc.network.ends import FixedNeuron
@@ -214,7 +214,7 @@ def test_recurrent_steps_are_those_of_the_layers(monkeypatch, name, order, step)
     inputs = {"q_d.x": network.inputs["q_d.x"][0] * np.array([[1.0], [1.1], [0.9]])}
     backend = ann_dc.RecurrentBackend(order=order, step=step, curves=5, limit=400)
     code = backend.run_batch(network, inputs)
-    monkeypatch.setattr(in_code, "is_possible", lambda *_: False)
+    monkeypatch.setattr(recurrent_backend, "refusal", lambda *_: "no code")
     layers = backend.run_batch(network, inputs)
     assert code.outcomes == layers.outcomes
     np.testing.assert_array_equal(code.steps, layers.steps)
@@ -232,7 +232,7 @@ def test_every_step_is_that_of_the_layers_to_rounding(monkeypatch):
     network = suited("car").network
     backend = ann_dc.RecurrentBackend(limit=40)
     code = backend.run_batch(network, {})
-    monkeypatch.setattr(in_code, "is_possible", lambda *_: False)
+    monkeypatch.setattr(recurrent_backend, "refusal", lambda *_: "no code")
     layers = backend.run_batch(network, {})
     scale = np.abs(layers.states).max()
     np.testing.assert_allclose(code.states, layers.states, rtol=0, atol=1e-12 * scale)
@@ -244,7 +244,7 @@ def test_the_last_step_is_looked_at_wherever_it_falls(monkeypatch, limit):
     network = suited("double_integrator").network
     backend, inputs = ann_dc.RecurrentBackend(limit=limit), {"q_d.x": TARGETS[:20]}
     code = backend.run_batch(network, inputs)
-    monkeypatch.setattr(in_code, "is_possible", lambda *_: False)
+    monkeypatch.setattr(recurrent_backend, "refusal", lambda *_: "no code")
     layers = backend.run_batch(network, inputs)
     assert set(code.outcomes) == {Outcome.NOT_SETTLED} == set(layers.outcomes)
     assert set(code.steps) == {limit} == set(layers.steps)
@@ -263,7 +263,7 @@ def test_rails_hold_recurrent_steps(monkeypatch):
         backend = ann_dc.RecurrentBackend(order=order, limit=200)
         code = backend.run_batch(network, {})
         with monkeypatch.context() as patched:
-            patched.setattr(in_code, "is_possible", lambda *_: False)
+            patched.setattr(recurrent_backend, "refusal", lambda *_: "no code")
             layers = backend.run_batch(network, {})
         np.testing.assert_allclose(code.states, layers.states, rtol=1e-9, atol=1e-11)
         assert np.abs(network.unpack(code.states[0])[row]).max() <= 0.2

@@ -28,9 +28,9 @@ from bench.figure import Figure, show
 from bench.jax_flow import jax_flow
 
 import ann_dc
+from ann_dc.backends.layers.preconditioners import EliminationLayer, PyramidLayer
+from ann_dc.backends.layers.tape import TorchTape
 from ann_dc.backends.recurrent.backend import CHECK, CHECK_ON_GPU
-from ann_dc.backends.recurrent.cell.preconditioners import EliminationLayer, PyramidLayer
-from ann_dc.backends.recurrent.cell.tape import TorchTape
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import FUNCTION, PRODUCT, SUM

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 
 import ann_dc
-from ann_dc.backends.recurrent.cell.preconditioners import PyramidLayer
-from ann_dc.backends.recurrent.cell.tape import TorchTape
+from ann_dc.backends.layers.preconditioners import PyramidLayer
+from ann_dc.backends.layers.tape import TorchTape
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.tape import PRODUCT, SUM
 

@@ -22,7 +22,7 @@ from random_preconditioners import STIFFNESSES, with_stiffness
 
 import ann_dc
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.layers.cell_layer import CellLayer
 from ann_dc.evaluation import loops
 from ann_dc.evaluation.calls import call
 from ann_dc.evaluation.codegen.lanes import Lanes

@@ -20,7 +20,7 @@ from bench.rivals import COMPILER, integrators, programs, scratch
 
 import ann_dc
 from ann_dc.backends import ode
-from ann_dc.backends.integration.cells import Cells
+from ann_dc.backends.integration.systems import Cells
 from ann_dc.evaluation.interpreted import InterpretedEvaluator
 from ann_dc.network.preconditioners.base import PreconditionerKind
 

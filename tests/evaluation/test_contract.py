@@ -13,9 +13,9 @@ from designs import coordinated, near_start, small, wired_with
 from hypothesis import given, settings, strategies as st
 from minimax import CASES, car, small as cart
 from problems import SUITE
+from torch_evaluator import TorchEvaluator
 
 from ann_dc.analysis.linearisation import Linearisation
-from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
 from ann_dc.decomposition.form import PRINTED, SWITCHES
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import GeneratedEvaluator

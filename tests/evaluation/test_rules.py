@@ -26,8 +26,8 @@ from designs import wired_with
 from hypothesis import given, settings, strategies as st
 from random_networks import random_network
 from random_preconditioners import random_preconditioner, rows
+from torch_evaluator import TorchEvaluator
 
-from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
 from ann_dc.evaluation.codegen.evaluator import GeneratedEvaluator
 from ann_dc.evaluation.codegen.lanes import Lanes
 from ann_dc.evaluation.codegen.plan import Axis

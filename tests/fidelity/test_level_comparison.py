@@ -8,7 +8,7 @@ import pytest
 from simulator import needs_ngspice
 from torch_free import forget_torch
 
-from ann_dc.backends.recurrent import in_code
+from ann_dc.backends.recurrent import backend as recurrent_backend
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NgspiceMissing
 from ann_dc.fidelity.level_comparison import (
@@ -237,7 +237,7 @@ def test_without_torch_the_recurrent_rung_says_so(monkeypatch):
     """Where the steps would be those of layers: for a wiring that has no code."""
     forget_torch(monkeypatch)
     assert recurrent_rung(network(), foot()[1]).error < 1e-5
-    monkeypatch.setattr(in_code, "is_possible", lambda _: False)
+    monkeypatch.setattr(recurrent_backend, "refusal", lambda _: "no code")
     found = recurrent_rung(network(), foot()[1])
     assert "pip install 'ann-dc[torch]'" in found.why
     assert np.isnan(found.error)

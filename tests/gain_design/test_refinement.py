@@ -12,8 +12,7 @@ from ann_dc.analysis.objectives import SETTLING_TIME, STEPS, TWO_PHASE_STEPS
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
-from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, TWO_PHASE
-from ann_dc.backends.recurrent.rules.steps import FixedStep
+from ann_dc.backends.step_rules import SIMULTANEOUS, TWO_PHASE, FixedStep
 from ann_dc.gain_design.gain_rule import GainRule
 from ann_dc.gain_design.gains import apply_gains
 from ann_dc.gain_design.grid_gains import SettledPoint

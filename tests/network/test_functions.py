@@ -5,10 +5,10 @@ import sys
 import numpy as np
 import pytest
 import sympy as sp
+from torch_evaluator import TorchEvaluator
 
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
-from ann_dc.backends.recurrent.cell.evaluator import TorchEvaluator
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import AnnDcError, ExportError, NetworkError, ProblemError, SynthesisError
 from ann_dc.evaluation import formulas

@@ -17,9 +17,9 @@ from network_files import assert_same
 from problems import SUITE
 from random_preconditioners import random_blocks
 
+from ann_dc.backends.layers.cell_layer import CellLayer
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
-from ann_dc.backends.recurrent.cell.layer import CellLayer
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import OutputError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator

@@ -27,24 +27,15 @@ ROUNDS, CLOSE = 20, 1e-5
 class Aside(NamedTuple):
     """Continuous extension of the last step of a course."""
 
-    starts: np.ndarray
-    """Starts of `Extension`."""
-    which: np.ndarray
-    """Entries of `Extension`."""
-    weights: np.ndarray
-    """Weights of `Extension`; the last row is overwritten by that of the requested state."""
-    powers: np.ndarray
-    """Powers of `Extension`."""
-    x: np.ndarray
-    """State of the course before the step."""
-    ahead: np.ndarray
-    """State inside the step."""
-    slopes: np.ndarray
-    """Slopes of the course: those of the step, E of extra stages, one of the state inside."""
-    offsets: np.ndarray
-    """Beginning of the slope of every entry, (entries,)."""
-    scales: np.ndarray
-    """Scales of the course."""
+    starts: np.ndarray  # starts of `Extension`
+    which: np.ndarray  # entries of `Extension`
+    weights: np.ndarray  # weights of `Extension`; the last row is that of the requested state
+    powers: np.ndarray  # powers of `Extension`
+    x: np.ndarray  # state of the course before the step
+    ahead: np.ndarray  # state inside the step
+    slopes: np.ndarray  # slopes of the step, of E extra stages and of the state inside
+    offsets: np.ndarray  # beginning of the slope of every entry, (entries,)
+    scales: np.ndarray  # scales of the course
 
     @classmethod
     def of(
@@ -102,12 +93,10 @@ def _worst(system, aside, theta, h):
 
 @compiled
 def last_exit(system, aside, h, ends, tolerance):
-    """Locate the fraction of a step at which a residual falls below a tolerance.
+    """Locate the fraction of a step at which a residual last falls below a tolerance.
 
-    The last crossing in the step is located. Returns ``theta`` and the number of evaluated
-    right-hand sides. ``theta`` is negative if the residual stays below the tolerance throughout the
-    step of length ``h``. ``ends`` contains the residuals at both ends, of which the second is below
-    the tolerance. The record ``aside`` is overwritten.
+    Returns ``theta``, negative if the residual stays below, and the number of evaluated right-hand
+    sides. ``ends`` contains the residuals at both ends of the step of length ``h``.
     """
     before, low = ends
     looks = aside.starts.shape[0] - 2

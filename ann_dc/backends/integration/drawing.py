@@ -1,9 +1,8 @@
 """States of an integration between its steps, computed only on request.
 
 Every gap between two known states is integrated again with the method and tolerances of the run.
-States inside a step come from the method's continuous extension. States behind a failing step are
-nan. For an implicit solver the polynomials are stored instead, since a multistep solver cannot
-begin in the middle of a run.
+States behind a failing step are nan. The polynomials of an implicit solver are stored instead,
+since a multistep solver cannot begin in the middle of a run.
 """
 
 from __future__ import annotations
@@ -14,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from ann_dc.backends.integration.cells import Cells
 from ann_dc.backends.integration.integrator import Course, Ends, draw, share_of_tolerance
 from ann_dc.backends.integration.methods import Known, Method
+from ann_dc.backends.integration.systems import Cells
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.contract import Evaluator
 from ann_dc.network.network import Network
@@ -27,15 +26,7 @@ PIECES = 20_000_000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CompiledAgain:
-    """Function that integrates gaps again in compiled code.
-
-    Attributes
-    ----------
-    method : Method
-        Method with a tableau.
-    cells : Cells
-        Evaluation of the cells.
-    """
+    """Function that integrates gaps again in compiled code, by a method with a tableau."""
 
     network: Network
     method: Method
@@ -55,15 +46,7 @@ class CompiledAgain:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SolvedAgain:
-    """Function that integrates gaps again with an explicit SciPy solver.
-
-    Attributes
-    ----------
-    rhs : callable
-        Function that returns dx/ds (n,) of a state (n,).
-    compiled : Evaluator
-        Evaluator of the residuals.
-    """
+    """Function that integrates gaps again with an explicit SciPy solver."""
 
     method: Method
     rhs: Callable[[np.ndarray], np.ndarray]
@@ -79,7 +62,7 @@ class SolvedAgain:
                 chosen = np.flatnonzero(gaps == gap)
                 length = float(at[gap + 1] - at[gap])
                 pieces = self._pieces(states[gap], length)
-                found[chosen] = in_pieces(pieces, times[chosen] - at[gap], found.shape[1])
+                found[chosen] = _in_pieces(pieces, times[chosen] - at[gap], found.shape[1])
         return within_rails(self.compiled, found)
 
     def _pieces(self, x: np.ndarray, length: float) -> list[Any]:
@@ -98,25 +81,17 @@ class SolvedAgain:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pieces:
-    """Polynomials of an implicit SciPy solver, one for each step.
-
-    Attributes
-    ----------
-    pieces : sequence of scipy.integrate.DenseOutput
-        Polynomials in order of time.
-    compiled : Evaluator
-        Evaluator with the saturation limits.
-    """
+    """Polynomials of an implicit SciPy solver, one for each step."""
 
     pieces: Sequence[Any]
     compiled: Evaluator
 
     def __call__(self, known: Known, times: np.ndarray) -> np.ndarray:
         """Return states (K, n) at rising times."""
-        return within_rails(self.compiled, in_pieces(self.pieces, times, known[1].shape[1]))
+        return within_rails(self.compiled, _in_pieces(self.pieces, times, known[1].shape[1]))
 
 
-def in_pieces(pieces: Sequence[Any], times: np.ndarray, size: int) -> np.ndarray:
+def _in_pieces(pieces: Sequence[Any], times: np.ndarray, size: int) -> np.ndarray:
     """Return states (K, size) at rising times (K,), nan behind the last polynomial.
 
     ``pieces`` are consecutive `scipy.integrate.DenseOutput` objects.
@@ -130,12 +105,11 @@ def in_pieces(pieces: Sequence[Any], times: np.ndarray, size: int) -> np.ndarray
 
 
 def take_step(solver: Any, method: Method, compiled: Evaluator, worst: float) -> str | None:
-    """Take a step of a SciPy solver and clip its state to the saturation limits.
+    """Take a step of a SciPy solver and clip its state; return the message of a failed step.
 
-    The tolerance of an explicit method shrinks with the residual, as in `integrator.advance`;
-    ``worst`` is the larger residual at the start of the step. A solver that stores the slope at its
-    state receives the slope of the clipped state. Returns the message of a failed step, otherwise
-    None.
+    The tolerance of an explicit method shrinks with the larger residual ``worst`` at the start of
+    the step, as in `integrator.advance`. A solver that stores the slope receives that of the
+    clipped state.
     """
     if not method.implicit:
         share = share_of_tolerance(worst, method.rtol)

@@ -32,36 +32,29 @@ SWING = 0.7
 SHORTEST = 1e-14
 """Step, relative to the time and to the step before, at which the integration fails."""
 
-GOING_ON, SETTLED, OVERFLOWN, OUTSIDE, TIME_UP, TOO_SHORT = range(6)
-"""End codes of a piece of an integration."""
+RUNNING, SETTLED, DIVERGED, LEFT_DOMAIN, STALLED, TIME_UP, TOO_SHORT = range(7)
+"""Codes of a sample or run in compiled code and in layers."""
 
 
 class Course(NamedTuple):
     """State of an integration, overwritten by every piece."""
 
-    x: np.ndarray
-    """State in the layout of the system."""
-    ahead: np.ndarray
-    """Trial state."""
-    slopes: np.ndarray
-    """Slopes (S + 2 + E, ...): that of ``x``, S stages, that of ``ahead``, and those of `Aside`."""
-    offsets: np.ndarray
-    """Beginning of the slope of every entry of ``rows``, (entries,)."""
-    scales: np.ndarray
-    """Scales (2,) passed to vector code."""
+    x: np.ndarray  # state in the layout of the system
+    ahead: np.ndarray  # trial state
+    slopes: np.ndarray  # slopes (S + 2 + E, ...): of ``x``, S stages, ``ahead`` and `Aside`
+    offsets: np.ndarray  # beginning of the slope of every entry of ``rows``, (entries,)
+    scales: np.ndarray  # scales (2,) passed to vector code
     clock: np.ndarray
     """Scalars (7,): time, next step, refusal flag, right-hand sides, residual, first step, and time
     since which the residual is below the tolerance (nan otherwise).
     """
-    aside: Aside
-    """States inside a step."""
+    aside: Aside  # states inside a step
 
     @classmethod
     def at(cls, x: np.ndarray, length: int, rows: Rows, step: float) -> Course:
-        """Return the course from a state at time zero.
+        """Return the course from a state in the layout of the system at time zero.
 
-        The state is in the layout of the system, ``length`` is the number of values of a slope, and
-        ``step`` is the first trial step.
+        ``length`` is the number of values of a slope, and ``step`` is the first trial step.
         """
         x, scales, slopes = x.copy(), np.zeros(2), np.zeros((rows.slopes, length))
         return cls(
@@ -78,12 +71,9 @@ class Course(NamedTuple):
 class Log(NamedTuple):
     """Record of a piece of an integration."""
 
-    times: np.ndarray
-    """Network times (steps,)."""
-    residuals: np.ndarray
-    """Constraint and stationarity residuals (steps, 2)."""
-    states: np.ndarray
-    """States (steps, size) without ghosts."""
+    times: np.ndarray  # network times (steps,)
+    residuals: np.ndarray  # constraint and stationarity residuals (steps, 2)
+    states: np.ndarray  # states (steps, size) without ghosts
 
     @classmethod
     def of(cls, steps: int, size: int) -> Log:
@@ -94,18 +84,12 @@ class Log(NamedTuple):
 class Ends(NamedTuple):
     """End conditions of an integration, besides a full log and a left domain."""
 
-    until: float
-    """Time limit."""
-    settled: float
-    """Residual at which the run counts as settled."""
-    largest: float
-    """Largest magnitude of a state."""
-    rtol: float
-    """Relative tolerance per step, before it shrinks."""
-    atol: float
-    """Absolute tolerance in network units, before it shrinks."""
-    tolerance: float = 0.0
-    """Residual whose last exit is located; zero disables the search."""
+    until: float  # time limit
+    settled: float  # residual at which the run counts as settled
+    largest: float  # largest magnitude of a state
+    rtol: float  # relative tolerance per step, before it shrinks
+    atol: float  # absolute tolerance in network units, before it shrinks
+    tolerance: float = 0.0  # residual whose last exit is located; zero disables the search
 
 
 @compiled
@@ -115,7 +99,7 @@ def share_of_tolerance(worst, rtol):
 
 
 @inlined
-def error_size(first, second, h, live):
+def _error_size(first, second, h, live):
     """Return the error size of a step from sums of squares; accepted if below one."""
     if first == 0.0:
         return 0.0
@@ -146,8 +130,7 @@ def _begin(system, course, tolerance):
 def _tried(system, rows, course, h):
     """Evaluate all slopes of a step and write the resulting state to ``course.ahead``.
 
-    Returns False if a function block left its domain; the slopes are then meaningless, and
-    ``course.ahead`` is the failing state.
+    Returns False if a function block left its domain, at ``course.ahead``.
     """
     last = rows.starts.shape[0] - 4
     for stage in range(last + 1):
@@ -166,28 +149,28 @@ def _ended(course, ends, size):
     if course.clock[4] < ends.settled:
         return SETTLED
     if not (size < ends.largest and course.clock[4] < np.inf):
-        return OVERFLOWN
-    return TIME_UP if course.clock[0] >= ends.until else GOING_ON
+        return DIVERGED
+    return TIME_UP if course.clock[0] >= ends.until else RUNNING
 
 
 @inlined
 def _step(system, rows, course, ends):
-    """Take one step with as many trials as needed; return `GOING_ON` or an end code."""
+    """Take one step with as many trials as needed; return `RUNNING` or an end code."""
     clock, inside = course.clock, True
     share = share_of_tolerance(clock[4], ends.rtol)
     while True:
         h = min(clock[1], ends.until - clock[0])
         if not h > SHORTEST * max(clock[0], clock[5]):
-            return TOO_SHORT if inside else OUTSIDE
+            return TOO_SHORT if inside else LEFT_DOMAIN
         inside, size = _tried(system, rows, course, h), np.inf
         if inside:
             first, second = squares(system, rows, course, share * ends.rtol, share * ends.atol)
-            size = error_size(first, second, h, system.live)
+            size = _error_size(first, second, h, system.live)
         clock[1] = next_step(h, size, rows.exponent, clock[2] > 0.0)
         if size < 1.0:
             clock[0] += h
             clock[2] = 0.0
-            return GOING_ON
+            return RUNNING
         clock[2] = 1.0
 
 
@@ -228,45 +211,33 @@ def _accept(course, rows):
 def advance(system, rows, course, ends, log):
     """Take steps until an end condition is met or the log is full.
 
-    Returns the number of log rows and the end code, which is `GOING_ON` if the log is full. The
-    course and the log are overwritten; the log has one row per accepted step.
+    Returns the number of log rows and a code, which is `RUNNING` if the log is full.
     """
     if course.clock[3] == 0.0:
         _begin(system, course, ends.tolerance)
     for step in range(log.times.shape[0]):
         began = course.clock[0]
         ended = _step(system, rows, course, ends)
-        if ended != GOING_ON:
+        if ended != RUNNING:
             return step, ended
         constraint, stationarity, size = residuals(system, course.ahead)
         _watch(system, course, began, max(constraint, stationarity), ends.tolerance)
         _note(course, system.ghost, log, step, (constraint, stationarity))
         _accept(course, rows)
         ended = _ended(course, ends, size)
-        if ended != GOING_ON:
+        if ended != RUNNING:
             return step + 1, ended
-    return log.times.shape[0], GOING_ON
+    return log.times.shape[0], RUNNING
 
 
 @compiled
 def draw(system, rows, course, ends, places, known, times):
-    """Compute states between known ones by integrating every gap again.
+    """Compute states (K, n) at rising times between known ones by integrating every gap again.
 
-    The first trial step is the gap, so that a gap of one step reproduces that step. Returns states
-    (K, n), which are nan in the rest of a gap in which a step fails.
-
-    Parameters
-    ----------
-    course : Course
-        Course that is overwritten.
-    ends : Ends
-        End conditions, of which only the step tolerances are used.
-    places : (n,) array of int
-        Index of each state component in the layout of the system.
-    known : (T,) array, (T, n) array
-        Times and states.
-    times : (K,) array
-        Rising times, from the first known time to the last.
+    The first trial step is the gap, so that a gap of one step reproduces that step. The rest of a
+    gap in which a step fails is nan. Of ``ends``, only the step tolerances are used. ``places``
+    (n,) are the indices of the state in the layout of the system, and ``known`` contains times and
+    states.
     """
     at, states = known
     found = np.full((times.shape[0], places.shape[0]), np.nan)
@@ -297,7 +268,7 @@ def _bridged(system, rows, course, ends, places, times, found):
     _begin(system, course, 0.0)
     while done < times.shape[0]:
         began, is_new = clock[0], True
-        if _step(system, rows, course, ends) != GOING_ON:
+        if _step(system, rows, course, ends) != RUNNING:
             return
         constraint, stationarity, _ = residuals(system, course.ahead)
         h = clock[0] - began

@@ -26,10 +26,8 @@ HALVINGS = 50
 class Piece(NamedTuple):
     """States within a step that ends at a time t."""
 
-    t: float
-    """Network time at the end of the step."""
-    states: Callable[[Any], np.ndarray]
-    """Function that returns states at times from the start of the step to its end."""
+    t: float  # network time at the end of the step
+    states: Callable[[Any], np.ndarray]  # states at times within the step
 
     def __call__(self, times: Any) -> np.ndarray:
         """Return the state (n,) at a time, or the states (n, K) at K times."""
@@ -39,19 +37,9 @@ class Piece(NamedTuple):
 class LimitedSolver:
     """Implicit SciPy solver that restarts when a neuron reaches or leaves a limit.
 
-    Parameters
-    ----------
-    solver : callable
-        Factory of the `scipy.integrate.OdeSolver` from a right-hand side, its Jacobian, a time, a
-        state and the end time.
-    rhs : callable (time, state)
-        Right-hand side of the network.
-    jacobian : callable
-        Factory of the Jacobian, a callable (time, state), for a mask (n,) of saturated neurons.
-    start : (n,) array
-        Initial state.
-    until : float
-        Network time at the end; may be increased later.
+    ``solver`` makes a `scipy.integrate.OdeSolver` from a right-hand side, its Jacobian, a time, a
+    state and the end time. ``jacobian`` makes a Jacobian, a callable (time, state), for a mask (n,)
+    of saturated neurons.
     """
 
     def __init__(

@@ -1,7 +1,7 @@
 """Steppers of an integration: compiled code or a SciPy solver.
 
-A stepper stores the time and state of an integration and takes several steps at a time. It returns
-every step with its residuals, and it stops if it cannot continue.
+A stepper takes several steps at a time, returns them with their residuals, and stops if it cannot
+continue.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import numpy as np
 from scipy import sparse
 
 from ann_dc.backends.integration import integrator
-from ann_dc.backends.integration.cells import Cells
 from ann_dc.backends.integration.drawing import (
     PIECES,
     CompiledAgain,
@@ -29,7 +28,7 @@ from ann_dc.backends.integration.drawing import (
 from ann_dc.backends.integration.exits import LOOKS, located_exit
 from ann_dc.backends.integration.limits import LimitedSolver
 from ann_dc.backends.integration.methods import Between, Method
-from ann_dc.backends.integration.systems import Integrand
+from ann_dc.backends.integration.systems import Cells, Integrand
 from ann_dc.backends.integration.tableaus import Rows
 from ann_dc.evaluation.codegen.evaluator import FastEvaluator
 from ann_dc.evaluation.domains import DomainGuard
@@ -52,14 +51,10 @@ FIRST_STEP = 0.05
 class Beginning(NamedTuple):
     """Constant facts about a network at its start."""
 
-    x: np.ndarray
-    """Start (n,)."""
-    guard: DomainGuard
-    """Domains of the function blocks from the start on."""
-    residuals: tuple[float, float]
-    """Constraint and stationarity residuals."""
-    fastest: float
-    """Fastest time constant."""
+    x: np.ndarray  # start (n,)
+    guard: DomainGuard  # domains of the function blocks from the start on
+    residuals: tuple[float, float]  # constraint and stationarity residuals
+    fastest: float  # fastest time constant
 
     @classmethod
     def of(cls, network: Network, compiled: FastEvaluator) -> Beginning:
@@ -77,23 +72,9 @@ _starts: WeakKeyDictionary[Network, Beginning] = WeakKeyDictionary()
 class Stepper(ABC):
     """Integration in progress.
 
-    Attributes
-    ----------
-    time : float
-        Network time.
-    state : (n,) array
-        State at that time.
-    failed : str or None
-        Reason why no next step is possible.
-    beyond : (n,) array or None
-        State outside the domain of a function block, to which every next step leads.
-    at_end : bool
-        True if the requested time has passed.
-    evaluations : int
-        Number of right-hand sides so far.
-    exit : float
-        Network time of the residual's last exit from above the tolerance, located inside its step;
-        nan while the residual is above.
+    ``failed`` is the reason why no next step is possible, and ``beyond`` (n,) a state outside a
+    domain to which every next step leads. ``exit`` is the time of the residual's last exit from
+    above the tolerance, located inside its step; nan while the residual is above.
     """
 
     time: float
@@ -120,15 +101,7 @@ class Stepper(ABC):
 
 @final
 class CompiledStepper(Stepper):
-    """Stepper in compiled code with many steps per call: see `integrator.advance`.
-
-    Parameters
-    ----------
-    first : float
-        First trial step.
-    between : Between
-        Function that returns states between the steps.
-    """
+    """Stepper in compiled code with many steps per call: see `integrator.advance`."""
 
     def __init__(
         self,
@@ -159,7 +132,7 @@ class CompiledStepper(Stepper):
         self.at_end = ended == integrator.TIME_UP
         if ended == integrator.TOO_SHORT:
             self.failed = "the step became shorter than floating point can add to the time"
-        if ended == integrator.OUTSIDE:
+        if ended == integrator.LEFT_DOMAIN:
             self.beyond = self.course.ahead[first : first + size][self._chosen]
         self.time, self.evaluations = float(self.course.clock[0]), int(self.course.clock[3])
         self.exit = float(self.course.clock[6])
@@ -173,16 +146,9 @@ class CompiledStepper(Stepper):
 
 @final
 class SciPyStepper(Stepper):
-    """Stepper with one step per call, by a solver with SciPy's interface.
+    """Stepper with one step per call, by a factory of a solver with SciPy's interface.
 
-    Parameters
-    ----------
-    compiled : FastEvaluator
-        Evaluator of the residuals.
-    solver : callable
-        Factory of the `scipy.integrate.OdeSolver` from its right-hand side.
-    tolerance : float
-        Residual whose last exit is located.
+    The last exit of a residual from the ``tolerance`` is located.
     """
 
     def __init__(
@@ -265,21 +231,10 @@ def stepper_of(
     guard: DomainGuard,
     first: float,
 ) -> Stepper:
-    """Return a stepper that begins at a network's start.
+    """Return a stepper that begins at a network's start, with a ``first`` step in compiled code.
 
-    Compiled code supports only the network's right-hand side. For another right-hand side, SciPy's
-    method of the same kind is used.
-
-    Parameters
-    ----------
-    rhs : RightHandSide, optional
-        Right-hand side; by default that of the network, which alone has a Jacobian.
-    cells : Cells
-        Evaluation of the cells in compiled code.
-    guard : DomainGuard
-        Domains of the function blocks from the start on.
-    first : float
-        First trial step in compiled code.
+    Compiled code supports only the network's right-hand side, which alone has a Jacobian. For
+    another right-hand side, SciPy's method of the same kind is used.
     """
     network = compiled.network
     start = network.start_state

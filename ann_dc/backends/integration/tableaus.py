@@ -15,37 +15,22 @@ class Tableau:
 
     The last slope is that at the new point (FSAL).
 
-    Attributes
-    ----------
-    a : (S, S) array
-        Coefficients of the stages, below the diagonal.
-    b : (S,) array
-        Weights of the step.
-    error : (S + 1,) array
-        Weights of the error estimate; the last is that of the new slope.
-    third : (S + 1,) array
-        Weights of the estimate of order three that DOP853 includes; zero for other pairs.
-    exponent : float
-        -1 divided by one more than the order of the estimate.
-    extra : (E, S + 1 + E) array
-        Extra stages of the continuous extension, after the new slope; E is zero if the slopes of
-        the step suffice.
-    between : (D, S + 1 + E) array
-        Coefficients of theta, theta^2, ... of every slope's weight in the continuous extension: ``x
-        + h sum_j b_j(theta) K_j`` is the state at a fraction theta of the step.
-
     References
     ----------
     .. [1] E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993.
     """
 
-    a: np.ndarray
-    b: np.ndarray
-    error: np.ndarray
-    third: np.ndarray
-    exponent: float
+    a: np.ndarray  # coefficients (S, S) of the stages, below the diagonal
+    b: np.ndarray  # weights (S,) of the step
+    error: np.ndarray  # weights (S + 1,) of the error estimate; the last is that of the new slope
+    third: np.ndarray  # weights (S + 1,) of the estimate of order three in DOP853, else zero
+    exponent: float  # -1 divided by one more than the order of the estimate
     extra: np.ndarray
+    """Extra stages (E, S + 1 + E) of the continuous extension, after the new slope."""
     between: np.ndarray
+    """Coefficients (D, S + 1 + E) of theta, theta^2, ... of every slope's weight in the continuous
+    extension: ``x + h sum_j b_j(theta) K_j`` is the state at a fraction theta of the step.
+    """
 
     def __repr__(self) -> str:
         return f"<Tableau of {len(self.b)} stages>"
@@ -59,14 +44,10 @@ class Tableau:
 class Extension(NamedTuple):
     """Continuous extension without zeros: rows of the extra stages, then of the state."""
 
-    starts: np.ndarray
-    """Beginning of every row, (E + 2,)."""
-    which: np.ndarray
-    """Slope of every entry, (entries,)."""
-    weights: np.ndarray
-    """Weights (entries,); the last row depends on the requested position in the step."""
-    powers: np.ndarray
-    """Coefficients (entries of the last row, D) of the weights of the last row."""
+    starts: np.ndarray  # beginning of every row, (E + 2,)
+    which: np.ndarray  # slope of every entry, (entries,)
+    weights: np.ndarray  # weights (entries,); the last row depends on the position in the step
+    powers: np.ndarray  # coefficients (entries of the last row, D) of the weights of the last row
 
     @classmethod
     def of(cls, tableau: Tableau) -> Extension:
@@ -82,16 +63,11 @@ class Rows(NamedTuple):
     The rows are one for every stage but the first, one for the step, and one for each estimate.
     """
 
-    starts: np.ndarray
-    """Beginning of every row, (S + 3,)."""
-    which: np.ndarray
-    """Slope of every entry, (entries,)."""
-    weights: np.ndarray
-    """Weights (entries,)."""
-    exponent: float
-    """Exponent of the tableau."""
-    extension: Extension
-    """Continuous extension, for states between the ends of a step."""
+    starts: np.ndarray  # beginning of every row, (S + 3,)
+    which: np.ndarray  # slope of every entry, (entries,)
+    weights: np.ndarray  # weights (entries,)
+    exponent: float  # exponent of the tableau
+    extension: Extension  # continuous extension, for states between the ends of a step
 
     @property
     def slopes(self) -> int:
@@ -125,11 +101,7 @@ def _alternating(b: np.ndarray, rest: np.ndarray) -> np.ndarray:
     """Return the extension of DOP853 in powers of theta: (3 + R, S + 1 + E).
 
     ``x + theta (F_0 + (1 - theta) (F_1 + theta (F_2 + (1 - theta) (F_3 + ...))))``: F_0 is the
-    step, F_1 and F_2 match the slopes at its ends, and R rows of ``rest`` follow ([1]_, II.6).
-
-    References
-    ----------
-    .. [1] E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993.
+    step, F_1 and F_2 match the slopes at its ends, and R rows of ``rest`` follow (Hairer, II.6).
     """
     step, first, last = np.zeros((3, rest.shape[1]))
     step[: len(b)], first[0], last[len(b)] = b, 1.0, 1.0

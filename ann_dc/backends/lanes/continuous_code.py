@@ -18,16 +18,8 @@ from ann_dc.backends.integration.integrator import (
     SHRINK,
 )
 from ann_dc.backends.integration.tableaus import Rows
-from ann_dc.backends.lanes.memory import (
-    DONE,
-    OWN,
-    RUNS,
-    SINCE,
-    SINCE_TIME,
-    STEP,
-    TIME,
-    Memory,
-)
+from ann_dc.backends.lanes.memory import DONE, OWN, RUNS, STEP, TIME, Memory, numbers_of
+from ann_dc.backends.lanes.vectors import Vector, VectorLibrary
 from ann_dc.evaluation.codegen.code import code, key_of
 from ann_dc.evaluation.codegen.step_code import UNROLLED
 from ann_dc.evaluation.codegen.writer import Function, Module
@@ -40,7 +32,7 @@ BEFORE = 1
 residual of a lane falls below the tolerance.
 """
 NUMBERS = "until", "first", "tolerance", "settled", "most_steps", "rtol", "atol", "live"
-"""Constants in the order read by the code, see `LaneEnds`; the last is n of a sample."""
+"""Constants in the order read by the code: see `Ends` and `LaneEnds`; the last is n of a sample."""
 
 
 def continuous_code(rows: Rows, lanes: int) -> int:
@@ -77,10 +69,8 @@ class _Attempt:
             for a, b in zip(rows.starts, rows.starts[1:])
         ]
         *self.stages, self.first, self.second = self.terms
-        self.memory = Memory(f)
-        self.numbers = {
-            name: f.spread(f.load(f.address("%numbers", i), 1)) for i, name in enumerate(NUMBERS)
-        }
+        self.memory, self.library = Memory(f), VectorLibrary(f)
+        self.numbers = numbers_of(self.library, NUMBERS)
         self.x, self.ahead = f.address("%x", "%ghost"), f.address("%ahead", "%ghost")
         self.slopes = [
             f.address("%slopes", f.integer("mul", "%stride", number))
@@ -89,9 +79,8 @@ class _Attempt:
 
     def write(self) -> None:
         """Write the complete function."""
-        f, memory = self.f, self.memory
-        left = f.op("fsub", self.numbers["until"], memory[TIME])
-        h = memory[STEP] = f.smaller(memory[STEP], left)
+        f, memory, library = self.f, self.memory, self.library
+        h = memory[STEP] = library.minimum(memory[STEP], self.numbers["until"] - memory[TIME])
         outside = "0"
         for stage in range(len(self.stages)):
             self._combine(stage, h)
@@ -101,10 +90,10 @@ class _Attempt:
             outside = f.integer("or", outside, f.value(f"call i64 %rhs({places})"))
         sizes = self._squares()
         f.do("call i64 %residuals(ptr %table, ptr %ahead, ptr %found)")
-        accepted = self._judge(h, sizes, f.mask(outside))
-        over = f.bits(f.logical("or", self._enter(accepted, h), self._too_short(accepted)))
+        accepted = self._judge(h, sizes, library.mask(outside))
+        over = f.bits((self._enter(accepted, h) | self._too_short(accepted)).name)
         self._accept(accepted)
-        for part, bits in enumerate((outside, f.bits(accepted)), 1):
+        for part, bits in enumerate((outside, f.bits(accepted.name)), 1):
             over = f.integer("or", over, f.integer("shl", bits, part * f.width))
         f.done(over)
 
@@ -127,7 +116,7 @@ class _Attempt:
             total = f.fma(weight, slope, total) if total else f.op("fmul", weight, slope)
         return total or f.constant(0.0)
 
-    def _combine(self, stage: int, h: str) -> None:
+    def _combine(self, stage: int, h: Vector) -> None:
         """Write the state of a stage and, with the last one, the partial error estimates.
 
         The estimates replace the second and third slopes, which are not read any more.
@@ -140,19 +129,20 @@ class _Attempt:
             for place in places:
                 slopes = {i: f.load(f.address(self.slopes[i], place)) for i in sorted(known)}
                 x = f.load(f.address(self.x, place))
-                f.store(f.fma(h, self._sum(terms, slopes), x), f.address(self.ahead, place))
+                moved = f.fma(h.name, self._sum(terms, slopes), x)
+                f.store(moved, f.address(self.ahead, place))
                 for row, estimate in enumerate(estimates, 1):
                     if estimate:
                         total = self._sum(estimate, slopes)
                         f.store(total, f.address(self.slopes[row], place))
 
-    def _squares(self) -> list[str]:
+    def _squares(self) -> list[Vector]:
         r"""Return sums of squares of both estimates over rtol max(\|x\|, \|ahead\|) + atol."""
-        f, numbers, sums = self.f, self.numbers, [self.f.slot(), self.f.slot()]
-        share = f.op("fmul", f.constant(SHRINK), f.op("fdiv", self.memory[WORST], numbers["rtol"]))
-        finest = f.op("fdiv", f.constant(FINEST), numbers["rtol"])
-        share = f.larger(f.smaller(share, f.constant(1.0)), finest)
-        rtol, atol = (f.op("fmul", share, numbers[name]) for name in ("rtol", "atol"))
+        f, library, sums = self.f, self.library, [self.f.slot(), self.f.slot()]
+        given = self.numbers["rtol"]
+        share = library.minimum(SHRINK * (self.memory[WORST] / given), 1.0)
+        share = library.maximum(share, FINEST / given)
+        rtol, atol = ((share * self.numbers[name]).name for name in ("rtol", "atol"))
         last = len(self.stages)
         for places in self._places():
             scales = []
@@ -167,7 +157,7 @@ class _Attempt:
                         so_far = f.load(f.address(self.slopes[row], place))
                         relative = f.op("fmul", self._sum(estimate, slope, so_far), inverse)
                         f.store(f.fma(relative, relative, f.load(total)), total)
-        return [f.load(total) for total in sums]
+        return [library.load(total) for total in sums]
 
     def _inverted(self, values: list[str]) -> list[str]:
         """Return the reciprocals, with one division per two values.
@@ -183,7 +173,7 @@ class _Attempt:
             inverses += [f.op("fmul", b, both), f.op("fmul", a, both)]
         return inverses
 
-    def _accept(self, accepted: str) -> None:
+    def _accept(self, accepted: Vector) -> None:
         """Accept the states and slopes of these lanes."""
         f = self.f
         pairs = (self.x, self.ahead), (self.slopes[0], self.slopes[-1])
@@ -191,48 +181,39 @@ class _Attempt:
             for place in places:
                 for old, new in pairs:
                     at, there = f.address(old, place), f.address(new, place)
-                    f.store(f.select(accepted, f.load(there), f.load(at)), at)
+                    f.store(f.select(accepted.name, f.load(there), f.load(at)), at)
 
     # ---- lanes -------------------------------------------------------------------------------
 
-    def _judge(self, h: str, sizes: list[str], outside: str) -> str:
+    def _judge(self, h: Vector, sizes: list[Vector], outside: Vector) -> Vector:
         """Return the accepted lanes and set all next steps: see `integrator.next_step`."""
-        f, memory, one = self.f, self.memory, self.f.constant(1.0)
+        memory, library = self.memory, self.library
         first, second = sizes
-        both = f.op("fmul", f.fma(f.constant(0.01), second, first), self.numbers["live"])
-        size = f.op("fdiv", f.op("fmul", f.call("fabs", h), first), f.call("sqrt", both))
-        none = f.compare("oeq", first, f.constant(0.0))
-        size = f.select(none, f.constant(0.0), size)
-        size = f.select(outside, f.constant(math.inf), size)
-        good = f.compare("olt", size, one)
-        power = f.call("pow", size, f.constant(self.exponent))
-        factor = f.op("fmul", f.constant(SAFETY), power)
-        longer = f.smaller(factor, f.constant(MOST))
-        was_refused = f.compare("une", memory[REFUSED], f.constant(0.0))
-        longer = f.select(was_refused, f.smaller(longer, one), longer)
-        shorter = f.larger(factor, f.constant(LEAST))
-        memory[STEP] = f.op("fmul", h, f.select(good, longer, shorter))
-        memory[REFUSED] = f.select(good, f.constant(0.0), one)
-        return f.logical("and", good, f.compare("une", memory[RUNS], f.constant(0.0)))
+        both = library.fma(0.01, second, first) * self.numbers["live"]
+        size = library.abs(h) * first / library.sqrt(both)
+        size = library.where(first.equals(0.0), 0.0, size)
+        size = library.where(outside, math.inf, size)
+        good = size < 1.0
+        factor = SAFETY * library.power(size, self.exponent)
+        longer = library.minimum(factor, MOST)
+        limited = library.minimum(longer, 1.0)
+        longer = library.where(memory[REFUSED] > 0.0, limited, longer)
+        memory[STEP] = h * library.where(good, longer, library.maximum(factor, LEAST))
+        memory[REFUSED] = library.where(good, 0.0, 1.0)
+        return good & (memory[RUNS] > 0.0)
 
-    def _enter(self, accepted: str, h: str) -> str:
+    def _enter(self, accepted: Vector, h: Vector) -> Vector:
         """Enter time, steps and residuals of the lanes; return those to check.
 
-        For a lane whose residual falls below the tolerance, the states before that step are stored;
-        the exit is located after the batch.
+        The states before a step are stored if the residual falls below the tolerance, to locate the
+        exit.
         """
         f, memory, numbers = self.f, self.memory, self.numbers
-        began, since = memory[TIME], memory[SINCE]
-        time = memory.enter(TIME, accepted, f.op("fadd", began, h))
-        done = memory.enter(DONE, accepted, f.op("fadd", memory[DONE], f.constant(1.0)))
-        worst, size = memory.note(accepted, "%found")
+        began = memory[TIME]
+        time = memory.enter(TIME, accepted, began + h)
+        memory.enter(DONE, accepted, memory[DONE] + 1.0)
+        worst, size, falls = memory.note(accepted, numbers["tolerance"], began)
         memory.enter(WORST, accepted, worst)
-        below = f.compare("olt", worst, numbers["tolerance"])
-        begun = f.compare("oge", since, f.constant(0.0))
-        enters = f.logical("and", f.logical("and", accepted, below), f.negated(begun))
-        since = f.select(below, f.select(begun, since, done), f.constant(-1.0))
-        memory.enter(SINCE, accepted, since)
-        memory.enter(SINCE_TIME, enters, began)
 
         def keep() -> list[str]:
             for places in self._places():
@@ -241,15 +222,13 @@ class _Attempt:
                     f.store(before, f.address(self.slopes[BEFORE], place))
             return []
 
-        f.either(f.any_of(enters), keep, [])
+        f.either(f.any_of(falls.name), keep, [])
         over = memory.is_over(accepted, worst, size, numbers["settled"], numbers["most_steps"])
-        late = f.logical("and", accepted, f.compare("oge", time, numbers["until"]))
-        return f.logical("or", f.logical("or", over, late), enters)
+        return over | (accepted & (time >= numbers["until"])) | falls
 
-    def _too_short(self, accepted: str) -> str:
+    def _too_short(self, accepted: Vector) -> Vector:
         """Return the lanes whose next step is too short."""
-        f, memory = self.f, self.memory
-        most = f.larger(memory[TIME], self.numbers["first"])
-        is_long = f.compare("ogt", memory[STEP], f.op("fmul", f.constant(SHORTEST), most))
-        runs = f.compare("une", memory[RUNS], f.constant(0.0))
-        return f.logical("and", runs, f.negated(f.logical("or", is_long, accepted)))
+        memory = self.memory
+        most = self.library.maximum(memory[TIME], self.numbers["first"])
+        is_long = memory[STEP] > SHORTEST * most
+        return (memory[RUNS] > 0.0) & ~(is_long | accepted)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ann_dc.backends.integration.integrator import SETTLED
+from ann_dc.backends.integration.integrator import RUNNING, SETTLED
 from ann_dc.backends.lanes.memory import (
     BEST,
     BEST_BEFORE,
@@ -31,64 +31,49 @@ from ann_dc.evaluation.codegen.memory import lined_up
 from ann_dc.evaluation.codegen.step_code import UNROLLED, step_code
 from ann_dc.evaluation.formulas import compiled, inlined
 
-STALLED = 6
-"""Code of a sample whose residual stopped decreasing; the other codes are the integrator's."""
-OPEN = -1
-"""Code of a sample that is not done."""
 NOBODY = -1
 """Sample number of a waiting lane."""
+
+
+class Ends(NamedTuple):
+    """End conditions of a sample, besides a left domain."""
+
+    tolerance: float  # residual tolerance of the settling time
+    settled: float  # residual that confirms settling
+    overflow: float  # largest magnitude of a state, relative to the largest at the start
+    most_steps: int  # largest number of steps
+    window: int  # number of steps in which the lowest residual must decrease
+    headway: float  # required factor of that decrease
 
 
 class Samples(NamedTuple):
     """Inputs of B samples, one row per sample."""
 
-    states: np.ndarray
-    """Start state vectors (B, n)."""
-    pins: np.ndarray
-    """Values (B, K) of fixed neurons and of the left boundary."""
-    pinned: np.ndarray
-    """Indices (K,) of these values in a table with ghosts."""
-    inputs: np.ndarray
-    """Inputs (B, N + 2, I)."""
-    left: np.ndarray
-    """Values (B, K) of stored blocks at the left boundary."""
-    sides: np.ndarray
-    """Sides (B, N, G) of poles."""
-    weights: np.ndarray
-    """Weights (B, E, N) per sample, (1, E, N) for all samples, or empty."""
-    rates: np.ndarray
-    """Rates (B, P, N) per sample, (1, P, N) for all samples, or empty."""
-    nominal: np.ndarray
-    """Rates (P, N) of the network of which all are samples."""
+    states: np.ndarray  # start state vectors (B, n)
+    pins: np.ndarray  # values (B, K) of fixed neurons and of the left boundary
+    pinned: np.ndarray  # indices (K,) of these values in a table with ghosts
+    inputs: np.ndarray  # inputs (B, N + 2, I)
+    left: np.ndarray  # values (B, K) of stored blocks at the left boundary
+    sides: np.ndarray  # sides (B, N, G) of poles
+    weights: np.ndarray  # weights (B, E, N) per sample, (1, E, N) for all samples, or empty
+    rates: np.ndarray  # rates (B, P, N) per sample, (1, P, N) for all samples, or empty
+    nominal: np.ndarray  # rates (P, N) of the network of which all are samples
 
 
 class Found(NamedTuple):
     """Results, one row per sample."""
 
-    states: np.ndarray
-    """State vectors (B, n)."""
-    codes: np.ndarray
-    """End code (B,) of each sample."""
-    steps: np.ndarray
-    """Steps (B, 2): number of steps, and steps after which the residual stayed below the tolerance,
-    or -1.
-    """
-    times: np.ndarray
-    """Network times (B, 2) at the end, and after which the residual stayed below the tolerance."""
-    residuals: np.ndarray
-    """Residuals (B, 2)."""
-    exits: np.ndarray
-    """States (B, n) before the step in which the residual fell below the tolerance."""
-    spans: np.ndarray
-    """Begin and end (B, 2) of that step; nan if there was none."""
-    curve_sizes: np.ndarray
-    """Number of curve rows (B,)."""
-    curve_times: np.ndarray
-    """Network times (B, C) of the curves; C is 0 without curves, else one more than requested."""
-    curves: np.ndarray
-    """Curve states (B, C, n)."""
-    curve_residuals: np.ndarray
-    """Curve residuals (B, C, 2)."""
+    states: np.ndarray  # state vectors (B, n)
+    codes: np.ndarray  # end code (B,) of each sample
+    steps: np.ndarray  # numbers of steps (B, 2) until the end, and of settling or -1
+    times: np.ndarray  # network times (B, 2) at the end, and of settling
+    residuals: np.ndarray  # residuals (B, 2)
+    exits: np.ndarray  # states (B, n) before the step in which the residual became small
+    spans: np.ndarray  # begin and end (B, 2) of that step; nan if there was none
+    curve_sizes: np.ndarray  # number of curve rows (B,)
+    curve_times: np.ndarray  # network times (B, C); C is 0 or one more than requested
+    curves: np.ndarray  # curve states (B, C, n)
+    curve_residuals: np.ndarray  # curve residuals (B, C, 2)
 
     @classmethod
     def of(cls, starts: np.ndarray, curves: int) -> Found:
@@ -99,7 +84,7 @@ class Found(NamedTuple):
         (count, size), curves = starts.shape, curves + (curves > 0)
         return cls(
             states=starts.copy(),
-            codes=np.full(count, OPEN),
+            codes=np.full(count, RUNNING),
             steps=np.tile([0, -1], (count, 1)),
             times=np.full((count, 2), np.nan),
             residuals=np.full((count, 2), np.inf),
@@ -115,40 +100,22 @@ class Found(NamedTuple):
 class Group(NamedTuple):
     """Group of W samples in progress, one per lane."""
 
-    entry: Entry
-    """Code of the network and its tables."""
-    combine: int
-    """Address of ``combine``."""
-    inputs: np.ndarray
-    """Inputs (N + 2, I, W) in the layout of the code."""
-    work: np.ndarray
-    """Values of stored blocks (N + 2, K, W)."""
-    sides: np.ndarray
-    """Sides of poles (N, G, W)."""
-    weights: np.ndarray
-    """Weights (N, E, W); W is 1 if all samples have the same weights."""
-    rates: np.ndarray
-    """Rates (N, P, W); W is 1 if all samples have the same rates."""
-    roots: np.ndarray
-    """Square roots of the samples' rates over the network's; flat, empty if the preconditioner
-    needs none.
-    """
-    components: np.ndarray
-    """Indices (n,) of the state vector components."""
-    x: np.ndarray
-    """States of all lanes, with ghosts."""
-    ahead: np.ndarray
-    """Trial states."""
-    slopes: np.ndarray
-    """Slopes (S + 1, ...)."""
-    memory: np.ndarray
-    """Memory (rows, W): see `backends.lanes.memory`."""
-    who: np.ndarray
-    """Sample number (W,) of each lane, or `NOBODY`."""
-    stride: np.ndarray
-    """Stride (W,) of the curve."""
-    padded: int
-    """Size of all states in whole blocks."""
+    entry: Entry  # code of the network and its tables
+    combine: int  # address of ``combine``
+    inputs: np.ndarray  # inputs (N + 2, I, W) in the layout of the code
+    work: np.ndarray  # values of stored blocks (N + 2, K, W)
+    sides: np.ndarray  # sides of poles (N, G, W)
+    weights: np.ndarray  # weights (N, E, W); W is 1 if all samples have the same weights
+    rates: np.ndarray  # rates (N, P, W); W is 1 if all samples have the same rates
+    roots: np.ndarray  # square roots of the rates over the network's; flat, may be empty
+    components: np.ndarray  # indices (n,) of the state vector components
+    x: np.ndarray  # states of all lanes, with ghosts
+    ahead: np.ndarray  # trial states
+    slopes: np.ndarray  # slopes (S + 1, ...)
+    memory: np.ndarray  # memory (rows, W): see `backends.lanes.memory`
+    who: np.ndarray  # sample number (W,) of each lane, or `NOBODY`
+    stride: np.ndarray  # stride (W,) of the curve
+    padded: int  # size of all states in whole blocks
 
     @classmethod
     def of(cls, lanes: Lanes, slopes: int, rows: int) -> Group:
@@ -233,17 +200,28 @@ def _load_numbers(group, samples, lane, sample):
 
 
 @inlined
-def begin(group, lane, overflow, window):
-    """Initialise a lane's memory before the first step."""
+def begin(group, samples, ends, lane, sample):
+    """Load a sample into a lane and initialise its memory before the first step."""
+    load(group, samples, samples.states[sample], lane, sample)
     for row in range(group.memory.shape[0]):
         group.memory[row, lane] = 0.0
     width, largest = group.who.shape[0], 1.0
     for at in range(group.entry.ghost + lane, group.entry.ghost + group.entry.size, width):
         value = abs(group.x[at])  # of pinned ones too
         largest = value if value > largest else largest
-    group.memory[RUNS, lane], group.memory[LARGEST, lane] = 1.0, overflow * largest
-    group.memory[SINCE, lane], group.memory[TURN, lane] = -1.0, window
+    group.memory[RUNS, lane], group.memory[LARGEST, lane] = 1.0, ends.overflow * largest
+    group.memory[SINCE, lane], group.memory[TURN, lane] = -1.0, ends.window
     group.memory[BEST, lane] = group.memory[BEST_BEFORE, lane] = np.inf
+
+
+@inlined
+def makes_no_headway(memory, ends, lane):
+    """Return True if the lowest residual did not decrease in a window; checked once per window."""
+    turn = memory[DONE, lane] // ends.window
+    stalled = memory[BEST, lane] >= ends.headway * memory[BEST_BEFORE, lane]
+    memory[BEST_BEFORE, lane], memory[BEST, lane] = memory[BEST, lane], np.inf
+    memory[TURN, lane] = (turn + 1.0) * ends.window
+    return stalled and turn > 2.0
 
 
 @inlined
@@ -290,10 +268,12 @@ def keep_exit(group, found, lane, before):
 
 @inlined
 def draw(group, found, lane, count):
-    """Add state number ``count`` to a curve.
+    """Add state number ``count`` to a curve, if curves are stored and the state is due.
 
     A full curve is thinned to every second state.
     """
+    if found.curve_times.shape[1] == 0 or count % group.stride[lane] != 0:
+        return
     sample, most = group.who[lane], found.curve_times.shape[1] - 1
     if found.curve_sizes[sample] == most:
         for row in range(1, (most + 1) // 2):

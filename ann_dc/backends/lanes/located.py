@@ -30,26 +30,16 @@ CLOSE = 1e-4
 class Again(NamedTuple):
     """Repeated steps, one per lane."""
 
-    stages: int
-    """Number of rows of the step; those of extra stages and of the state inside the step follow."""
-    starts: np.ndarray
-    """Beginning of every row, (rows + 1,)."""
-    offsets: np.ndarray
-    """Beginning of the slope of every entry, (entries,)."""
-    weights: np.ndarray
-    """Weights (entries, W); the last row is overwritten by that of the states inside the steps."""
-    powers: np.ndarray
-    """Powers of `Extension`."""
-    theta: np.ndarray
-    """Evaluated position (W,) in the step of each lane."""
-    ends: np.ndarray
-    """Bracket (2, W): the last fraction of the step above the tolerance, and the next one below."""
-    logs: np.ndarray
-    """Logarithms (2, W) of the residuals there, over the tolerance."""
-    is_open: np.ndarray
-    """Mask (W,) of lanes that continue."""
-    sides: np.ndarray
-    """Index (W,) of the end that the last evaluation replaced, or -1."""
+    stages: int  # number of rows of the step; extra stages and the state inside follow
+    starts: np.ndarray  # beginning of every row, (rows + 1,)
+    offsets: np.ndarray  # beginning of the slope of every entry, (entries,)
+    weights: np.ndarray  # weights (entries, W); the last row is that of the states inside
+    powers: np.ndarray  # powers of `Extension`
+    theta: np.ndarray  # evaluated position (W,) in the step of each lane
+    ends: np.ndarray  # fractions (2, W) of the step above and below the tolerance
+    logs: np.ndarray  # logarithms (2, W) of the residuals there, over the tolerance
+    is_open: np.ndarray  # mask (W,) of lanes that continue
+    sides: np.ndarray  # index (W,) of the end that the last evaluation replaced, or -1
 
     @classmethod
     def of(cls, group: Group, rows: Rows) -> Again:
@@ -168,8 +158,7 @@ def _cross(group, again, tolerance):
 def locate_exits(group, again, samples, found, chosen, tolerance):
     """Locate last exits of chosen samples (K,) in a group without running samples.
 
-    The group and ``again`` are overwritten. ``exits`` and ``spans`` of ``found`` are read, and its
-    ``times`` are overwritten.
+    ``exits`` and ``spans`` of ``found`` are read, and its ``times`` are overwritten.
     """
     width, count = group.who.shape[0], chosen.shape[0]
     for first in range(0, count, width):

@@ -5,6 +5,9 @@ Every row contains one number per lane.
 
 from __future__ import annotations
 
+import math
+
+from ann_dc.backends.lanes.vectors import Vector, VectorLibrary
 from ann_dc.evaluation.codegen.writer import Function
 
 (RUNS, STEP, TIME, DONE, CONSTRAINT, STATIONARITY, SINCE, SINCE_TIME, LARGEST, TURN, BEST,
@@ -18,45 +21,59 @@ OWN = 12
 
 
 class Memory:
-    """Memory rows as read and written by the code; ``base`` is their address."""
+    """Memory rows as read and written by the code, at the argument ``memory``."""
 
-    def __init__(self, f: Function, base: str = "%memory") -> None:
-        self.f, self.base = f, base
+    def __init__(self, f: Function) -> None:
+        self.f, self.library = f, VectorLibrary(f)
 
     def _at(self, row: int) -> str:
-        return self.f.address(self.base, row * self.f.width)
+        return self.f.address("%memory", row * self.f.width)
 
-    def __getitem__(self, row: int) -> str:
-        return self.f.load(self._at(row))
+    def __getitem__(self, row: int) -> Vector:
+        return self.library.load(self._at(row))
 
-    def __setitem__(self, row: int, value: str) -> None:
-        self.f.store(value, self._at(row))
+    def __setitem__(self, row: int, value: Vector) -> None:
+        self.f.store(value.name, self._at(row))
 
-    def enter(self, row: int, chosen: str, value: str) -> str:
+    def enter(self, row: int, chosen: Vector, value: Vector | float) -> Vector:
         """Write a value in chosen lanes; return the resulting row."""
-        self[row] = found = self.f.select(chosen, value, self[row])
+        self[row] = found = self.library.where(chosen, value, self[row])
         return found
 
-    def note(self, chosen: str, found: str) -> tuple[str, str]:
-        """Store the residuals at an address in chosen lanes.
+    def note(
+        self, chosen: Vector, tolerance: Vector, begun: Vector
+    ) -> tuple[Vector, Vector, Vector]:
+        """Enter the residuals in ``found`` in chosen lanes, and since when they are small.
 
-        Returns the larger residual and the largest state.
+        A residual that falls below the tolerance does so at the time ``begun``. Returns the larger
+        residual, the largest state, and a mask of the lanes whose residual has fallen below.
         """
-        f, width = self.f, self.f.width
-        both = f.load(found), f.load(f.address(found, width))
+        library, width = self.library, self.f.width
+        both = library.load("%found"), library.load(self.f.address("%found", width))
         for row, residual in zip((CONSTRAINT, STATIONARITY), both):
             self.enter(row, chosen, residual)
-        return f.larger(*both), f.load(f.address(found, 2 * width))
+        worst, since = library.maximum(*both), self[SINCE]
+        below, was_below = worst < tolerance, since >= 0.0
+        falls = chosen & below & ~was_below
+        self.enter(SINCE_TIME, falls, begun)
+        since = library.where(was_below, since, self[DONE])
+        self.enter(SINCE, chosen, library.where(below, since, -1.0))
+        return worst, library.load(self.f.address("%found", 2 * width)), falls
 
-    def is_over(self, chosen: str, worst: str, size: str, settled: str, most: str) -> str:
+    def is_over(
+        self, chosen: Vector, worst: Vector, size: Vector, settled: Vector, most: Vector
+    ) -> Vector:
         """Return the chosen lanes that loops must check, since they are very likely done."""
-        f = self.f
-        self.enter(BEST, chosen, f.smaller(worst, self[BEST]))
-        signs = (
-            f.compare("olt", worst, settled),
-            f.compare("uge", worst, f.constant(float("inf"))),
-            f.compare("uge", size, self[LARGEST]),
-            f.compare("oge", self[DONE], most),
-            f.compare("oge", self[DONE], self[TURN]),
-        )
-        return f.logical("and", chosen, f.any_mask(*signs))
+        self.enter(BEST, chosen, self.library.minimum(worst, self[BEST]))
+        done = self[DONE]
+        is_lost = ~(worst < math.inf) | ~(size < self[LARGEST])
+        return chosen & ((worst < settled) | is_lost | (done >= most) | (done >= self[TURN]))
+
+
+def numbers_of(library: VectorLibrary, names: tuple[str, ...]) -> dict[str, Vector]:
+    """Return the constants at the argument ``numbers`` by name, the same in every lane."""
+    f = library.f
+    return {
+        name: Vector(f, f.spread(f.load(f.address("%numbers", i), 1)))
+        for i, name in enumerate(names)
+    }

@@ -21,26 +21,16 @@ SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE = range(3)
 class Scratch(NamedTuple):
     """Memory of a recurrence in addition to a `Group`."""
 
-    duals: np.ndarray
-    """Rows of the dual neurons."""
-    cells: tuple[int, int]
-    """N and P."""
-    limits: np.ndarray
-    """Saturation limits (P, 2)."""
-    railed: np.ndarray
-    """Rows of the neurons with a saturation limit."""
-    drives: np.ndarray
-    """Drives of all lanes in the layout of the code."""
-    kept: np.ndarray
-    """Drives of the state with which a step begins."""
-    before: np.ndarray
-    """Moves of the step before."""
-    one: np.ndarray
-    """Weight (W,) of a single slope in every lane."""
-    none: np.ndarray
-    """Beginning (1,) of that slope."""
-    reach: int
-    """Number of stages on either side on which a drive depends."""
+    duals: np.ndarray  # rows of the dual neurons
+    cells: tuple[int, int]  # N and P
+    limits: np.ndarray  # saturation limits (P, 2)
+    railed: np.ndarray  # rows of the neurons with a saturation limit
+    drives: np.ndarray  # drives of all lanes in the layout of the code
+    kept: np.ndarray  # drives of the state with which a step begins
+    before: np.ndarray  # moves of the step before
+    one: np.ndarray  # weight (W,) of a single slope in every lane
+    none: np.ndarray  # beginning (1,) of that slope
+    reach: int  # number of stages on either side on which a drive depends
 
     @classmethod
     def of(cls, lanes: Lanes) -> Scratch:

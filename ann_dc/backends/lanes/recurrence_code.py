@@ -6,24 +6,20 @@ import math
 from functools import cache
 from pathlib import Path
 
-from ann_dc.backends.lanes.memory import DONE, OWN, RUNS, SINCE, SINCE_TIME, STEP, TIME, Memory
+from ann_dc.backends.lanes.memory import DONE, OWN, RUNS, STEP, TIME, Memory, numbers_of
+from ann_dc.backends.lanes.step_control import StepLengths, StepState, next_step, turn_of
+from ann_dc.backends.lanes.vectors import Vector, VectorLibrary
 from ann_dc.evaluation.codegen.code import code, key_of
 from ann_dc.evaluation.codegen.step_code import UNROLLED
 from ann_dc.evaluation.codegen.writer import Function, Module
 
+STATE = STEP, *range(OWN, OWN + 9)
+"""Memory rows of the fields of `StepState`."""
+STRAYED, SIZE, ENERGY = range(OWN + 9, OWN + 12)
+"""Memory rows: left domain; largest state at the last headway check; energy of the step before."""
 ROWS = OWN + 12
-(LONGEST, LOWEST, LIMITED, AGE, MARK, WINDOW, STRAYED, SIZE, ENERGY, TURNED, PEAK,
- FLOOR) = range(OWN, ROWS)  # fmt: skip
-"""Memory rows: longest step; lowest energy since the last cut; existence of a cut; steps into the
-window, lowest energy at its beginning, and its length; left domain; largest state at the last
-headway check; energy of the step before; turn of the moves since the last full turn, and highest
-energy since then; lowest of these peaks since the last cut.
-"""
-NAMES = "look", "go_on"
-NUMBERS = (
-    "tolerance", "settled", "limit", "growth", "cut", "rise", "earned", "progress", "least", "turn",
-)  # fmt: skip
-"""Constants in the order read by the code: see `Looks` and `StepLengths`."""
+NUMBERS = ("tolerance", "settled", "most_steps", *StepLengths._fields)
+"""Constants in the order read by the code: see `Ends` and `StepLengths`."""
 
 
 @cache
@@ -35,11 +31,11 @@ def recurrence_code(lanes: int) -> dict[str, int]:
 
     ``go_on(x, drives, moves, before, memory, numbers; n, outside)`` computes ``x += h m`` with the
     step of every lane. It then sets ``h`` of the next step from the energy sqrt(sum \|d m\|) and
-    the angle to the moves before, which are replaced: see `AdaptiveStep`. ``lanes`` is the vector
+    the angle to the moves before, which are replaced: see `next_step`. ``lanes`` is the vector
     width.
     """
     key = key_of(("recurrence", lanes), Path(__file__).parent)
-    return code(key, lambda: _text(lanes), NAMES)
+    return code(key, lambda: _text(lanes), ("look", "go_on"))
 
 
 def _text(lanes: int) -> str:
@@ -49,75 +45,54 @@ def _text(lanes: int) -> str:
     return module.text()
 
 
-def _numbers(f: Function) -> dict[str, str]:
-    """Return the constants in every lane."""
-    return {name: f.spread(f.load(f.address("%numbers", i), 1)) for i, name in enumerate(NUMBERS)}
-
-
 def _look(module: Module, lanes: int) -> None:
     names = "memory", "found", "numbers", "due", "outside"
     f = Function(module, "look", names, width=lanes, numbers=names[-2:])
-    memory, numbers = Memory(f), _numbers(f)
-    due = f.logical("and", f.mask("%due"), _holds(f, memory[RUNS]))
-    worst, size = memory.note(due, "%found")
-    strayed = f.logical("or", f.mask("%outside"), _holds(f, memory[STRAYED]))
-    below = f.compare("olt", worst, numbers["tolerance"])
-    begun = f.compare("oge", memory[SINCE], f.constant(0.0))
-    enters = f.logical("and", f.logical("and", due, below), f.negated(begun))
-    memory.enter(SINCE_TIME, enters, memory[TIME])
-    since = f.select(below, f.select(begun, memory[SINCE], memory[DONE]), f.constant(-1.0))
-    memory.enter(SINCE, due, since)
-    over = memory.is_over(due, worst, size, numbers["settled"], numbers["limit"])
-    f.done(f.bits(f.logical("or", over, f.logical("and", due, strayed))))
-
-
-def _holds(f: Function, number: str) -> str:
-    return f.compare("une", number, f.constant(0.0))
+    memory, library = Memory(f), VectorLibrary(f)
+    numbers = numbers_of(library, NUMBERS)
+    due = library.mask("%due") & (memory[RUNS] > 0.0)
+    worst, size, _ = memory.note(due, numbers["tolerance"], memory[TIME])
+    strayed = library.mask("%outside") | (memory[STRAYED] > 0.0)
+    over = memory.is_over(due, worst, size, numbers["settled"], numbers["most_steps"])
+    f.done(f.bits((over | (due & strayed)).name))
 
 
 def _go_on(module: Module, lanes: int) -> None:
     names = "x", "drives", "moves", "before", "memory", "numbers", "n", "outside"
     f = Function(module, "go_on", names, width=lanes, numbers=names[-2:])
-    memory, count = Memory(f), UNROLLED // lanes
-    step, sums = memory[STEP], [(f.slot(), f.slot()) for _ in range(2 * count)]
+    memory, library = Memory(f), VectorLibrary(f)
+    numbers, step = numbers_of(library, NUMBERS), memory[STEP]
+    power, along = _moved(f, step, UNROLLED // lanes)
+    strayed = library.mask("%outside")
+    memory.enter(STRAYED, strayed, 1.0)
+    energy = library.sqrt(library.where(strayed, math.inf, power))
+    energy = library.where(energy < math.inf, energy, math.inf)
+    memory[TIME] = memory[TIME] + step
+    memory[DONE] = memory[DONE] + 1.0
+    turn = turn_of(library, along, energy * memory[ENERGY])
+    memory[ENERGY] = energy
+    lengths = StepLengths(*(numbers[name] for name in StepLengths._fields))  # type: ignore[arg-type]
+    state = StepState(*(memory[row] for row in STATE))
+    for row, value in zip(STATE, next_step(library, lengths, state, energy, turn)[0]):
+        memory[row] = value
+    f.done()
+
+
+def _moved(f: Function, step: Vector, count: int) -> tuple[Vector, Vector]:
+    r"""Take the step and return sum \|d m\| and sum d m of the moves before, per lane.
+
+    ``count`` is the number of vectors in a block; loops take two blocks at a time.
+    """
+    sums = [(f.slot(), f.slot()) for _ in range(2 * count)]
     with f.loop(f.integer("sdiv", "%n", 2 * UNROLLED)) as block:
-        _some_steps(f, step, f.integer("mul", block, 2 * UNROLLED), sums)
+        _some_steps(f, step.name, f.integer("mul", block, 2 * UNROLLED), sums)
     with f.loop(f.integer("srem", f.integer("sdiv", "%n", UNROLLED), 2)) as _:
-        _some_steps(f, step, f.integer("sub", "%n", UNROLLED), sums[:count])
+        _some_steps(f, step.name, f.integer("sub", "%n", UNROLLED), sums[:count])
     total = along = f.constant(0.0)
     for power, product in sums:
         total = f.op("fadd", total, f.load(power))
         along = f.op("fadd", along, f.load(product))
-    strayed, most = f.mask("%outside"), f.constant(math.inf)
-    memory.enter(STRAYED, strayed, f.constant(1.0))
-    energy = f.call("sqrt", f.select(strayed, most, total))
-    energy = f.select(f.compare("olt", energy, most), energy, most)
-    memory[TIME] = f.op("fadd", memory[TIME], step)
-    memory[DONE] = f.op("fadd", memory[DONE], f.constant(1.0))
-    turned = f.op("fadd", memory[TURNED], _turn(f, along, f.op("fmul", energy, memory[ENERGY])))
-    memory[ENERGY] = energy
-    _update(f, memory, _numbers(f), energy, turned)
-    f.done()
-
-
-def _turn(f: Function, along: str, energies: str) -> str:
-    """Return sin(angle / 2) between two moves, as `layers.steps.turn_of` does."""
-    cosine = f.op("fdiv", along, energies)
-    known = f.compare("olt", f.call("fabs", cosine), f.constant(math.inf))
-    half = f.op("fmul", f.op("fsub", f.constant(1.0), cosine), f.constant(0.5))
-    return f.select(known, f.call("sqrt", f.larger(half, f.constant(0.0))), f.constant(0.0))
-
-
-def _note_peak(
-    f: Function, memory: Memory, energy: str, turned: str, ends: tuple[str, str]
-) -> None:
-    """Update the peak energy of a turn, ended by a cut or a full turn, and the floor."""
-    cut, full = ends
-    peak, none = f.larger(energy, memory[PEAK]), f.constant(0.0)
-    floor = f.select(full, f.smaller(peak, memory[FLOOR]), memory[FLOOR])
-    memory[FLOOR] = f.select(cut, f.constant(math.inf), floor)
-    over = f.logical("or", cut, full)
-    memory[PEAK], memory[TURNED] = f.select(over, none, peak), f.select(over, none, turned)
+    return Vector(f, total), Vector(f, along)
 
 
 def _some_steps(f: Function, step: str, first: str, sums: list[tuple[str, str]]) -> None:
@@ -132,35 +107,3 @@ def _some_steps(f: Function, step: str, first: str, sums: list[tuple[str, str]])
         before = f.address("%before", at)
         f.store(f.fma(drive, f.load(before), f.load(along)), along)
         f.store(move, before)
-
-
-def _update(f: Function, memory: Memory, numbers: dict[str, str], energy: str, turned: str) -> None:
-    """Set the next step of every lane, as `StepState.next` does."""
-    lowest, limited = memory[LOWEST], _holds(f, memory[LIMITED])
-    age = f.op("fadd", memory[AGE], f.constant(1.0))
-    over = f.compare("oge", age, memory[WINDOW])
-    earned = f.op("fmul", numbers["progress"], memory[MARK])
-    idle = f.logical("and", over, f.compare("ogt", lowest, earned))
-    rises = f.compare("ogt", energy, f.op("fmul", numbers["rise"], memory[FLOOR]))
-    cut = f.logical("or", idle, rises)
-    better = f.logical("and", f.compare("olt", energy, lowest), f.negated(cut))
-    deserves = f.logical("and", better, limited)
-
-    def by_progress() -> list[str]:
-        """Return a power of the progress, by its logarithm."""
-        progress = f.call("log", f.op("fdiv", lowest, energy))
-        power = f.call("exp", f.op("fmul", numbers["earned"], progress))
-        return [f.select(deserves, power, numbers["growth"])]
-
-    (growth,) = f.either(f.any_of(deserves), by_progress, [numbers["growth"]])
-    factor = f.select(cut, numbers["cut"], f.select(better, growth, f.constant(1.0)))
-    known = memory.enter(LOWEST, f.logical("or", cut, better), energy)
-    _note_peak(f, memory, energy, turned, (cut, f.compare("oge", turned, numbers["turn"])))
-    step = f.op("fmul", memory[STEP], factor)
-    step = f.larger(step, f.op("fmul", numbers["least"], memory[LONGEST]))
-    memory[STEP] = f.smaller(step, memory[LONGEST])
-    memory.enter(LIMITED, cut, f.constant(1.0))
-    turned = f.logical("or", over, cut)
-    memory[AGE] = f.select(turned, f.constant(0.0), age)
-    memory.enter(MARK, turned, known)
-    memory.enter(WINDOW, idle, f.op("fmul", memory[WINDOW], f.constant(1.5)))

@@ -29,10 +29,9 @@ def samples_of(
 ) -> tuple[Samples, dict[str, np.ndarray]]:
     """Return the samples of a network and all their inputs (B, N) by name.
 
-    The plan is that of the network's wiring. The initial guess ``x`` is in network units; by
-    default it is the network's start, adapted to its boundary conditions. ``numbers`` contains
-    those of 1 or B samples; by default all samples have the network's. Raises `UnknownNameError` or
-    `NetworkError` if an input does not exist or sizes do not agree.
+    Without an initial guess ``x`` in network units, samples start at the network's start, adapted
+    to their boundary conditions. Raises `UnknownNameError` or `NetworkError` if an input does not
+    exist or sizes do not agree.
     """
     every = input_batch(network, inputs)
     starts = moved_starts(network, every) if x is None else _given(network, x)

@@ -1,9 +1,4 @@
-"""Recurrent runs until settled, in generated code or in torch.
-
-Update orders, step rules and acceleration are plain data (`rules`). A run uses generated code,
-without torch, or the torch modules of `layers`, which support acceleration, gradients and GPUs. One
-step of the layers is in `cell`.
-"""
+"""Recurrent runs until settled: in generated code, or in the torch modules of `layers`."""
 
 import lazy_loader
 

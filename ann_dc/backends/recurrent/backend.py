@@ -2,29 +2,46 @@
 
 A single run checks every step and records each, unless there are thousands. A batch checks every
 fifth step only; it returns the outcome of each sample and, if requested, its trajectory. Both use
-generated code. Features that generated code does not support run in the layers, which need torch.
+generated code, without torch. Acceleration, a GPU, and a wiring without code generation run in the
+layers, which need torch.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ann_dc.backends import status
 from ann_dc.backends.batch import BatchRun
+from ann_dc.backends.lane_batch import Thread, attempts_of, ends_of, run_lanes
+from ann_dc.backends.lanes.group import Group
+from ann_dc.backends.lanes.recurrence import Looks, Recurrence, recur_lanes
+from ann_dc.backends.lanes.recurrence_code import ROWS
 from ann_dc.backends.recorder import Recorder
-from ann_dc.backends.recurrent import in_code
-from ann_dc.backends.recurrent.rules.acceleration import Anderson
-from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, TWO_PHASE, Order, check_order
-from ann_dc.backends.recurrent.rules.steps import AdaptiveStep, FixedStep, StepRule
 from ann_dc.backends.run import Run
-from ann_dc.backends.settling import Settling
+from ann_dc.backends.settling import GROWTH, Settling
 from ann_dc.backends.status import Outcome, Status
+from ann_dc.backends.step_rules import (
+    NAMES,
+    SIMULTANEOUS,
+    TWO_PHASE,
+    AdaptiveStep,
+    Anderson,
+    FixedStep,
+    Order,
+    StepLimits,
+    StepRule,
+    check_order,
+    lengths_of,
+)
 from ann_dc.backends.trajectory import SAMPLES
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
+from ann_dc.evaluation.codegen.lanes import Lanes
+from ann_dc.evaluation.codegen.plan import refusal
+from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.variant_numbers import Numbers
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
@@ -103,7 +120,7 @@ class RecurrentBackend:
 
     def __post_init__(self) -> None:
         if not self._is_plain:
-            from ann_dc.backends.recurrent.cell.layer import check_device  # needs torch
+            from ann_dc.backends.layers.cell_layer import check_device  # needs torch
 
             check_device(self.device)
 
@@ -129,19 +146,8 @@ class RecurrentBackend:
         return self.acceleration is None and self.device == "cpu"
 
     def layer(self, network: Network):
-        """Return the `RecurrentLayer` that runs a network; needs torch.
-
-        Parameters
-        ----------
-        network : Network
-            Network whose cell is repeated.
-
-        Returns
-        -------
-        RecurrentLayer
-            Layer with the settings of the backend.
-        """
-        from ann_dc.backends.recurrent.layers.layer import RecurrentLayer  # needs torch
+        """Return the `RecurrentLayer` that runs a network with these settings; needs torch."""
+        from ann_dc.backends.layers.recurrent_layer import RecurrentLayer  # needs torch
 
         return RecurrentLayer(
             network,
@@ -192,19 +198,18 @@ class RecurrentBackend:
         progress: Progress,
     ) -> BatchRun:
         check_order(self.order, network)
-        if self._is_plain and in_code.is_possible(network):
-            looks = in_code.looks_of(self.order, self.settling, self.limit, check)
-            step = self.step or AdaptiveStep()
-            return in_code.run_batch(
-                network, inputs, x, looks, step,
-                numbers=numbers, curves=curves, progress=progress,
+        if self._is_plain and refusal(evaluator(network).tape) is None:
+            begin = self._begin(network, check)
+            return run_lanes(
+                network, inputs, x, begin,
+                numbers=numbers, curves=curves, threads=None, progress=progress,
             )  # fmt: skip
         if numbers is not None:
             raise NetworkError(
                 "numbers: only generated code takes those of every sample; leave out acceleration "
                 "and device, and connections beyond neighbours"
             )
-        from ann_dc.backends.recurrent.layers import in_layers  # needs torch
+        from ann_dc.backends.recurrent import in_layers  # needs torch
 
         return in_layers.run_batch(
             self.layer(network),
@@ -216,6 +221,18 @@ class RecurrentBackend:
             curves=curves,
             progress=progress,
         )
+
+    def _begin(self, network: Network, check: int) -> Callable[[Lanes], Thread]:
+        """Return a function that prepares the recurrence of a thread, checked now and then."""
+        lengths = lengths_of(self.step or AdaptiveStep(), StepLimits(network))
+        order, ends = NAMES.index(self.order.name), ends_of(self.settling, self.limit)
+        looks, attempts = Looks(order, check, GROWTH, ends), attempts_of(network)
+
+        def begin(lanes: Lanes) -> Thread:
+            group, recurrence = Group.of(lanes, 2, ROWS), Recurrence.of(lanes, lengths, looks)
+            return Thread(group, lambda *given: recur_lanes(group, recurrence, *given, attempts))
+
+        return begin
 
     @checked
     def run_batch(
@@ -292,8 +309,8 @@ def _status(batch: BatchRun, now: float, why: str, states: np.ndarray, *, adapts
 
 
 def _left_domain(network: Network, x: np.ndarray, now: float) -> Status:
-    evaluator = fast_evaluator(network)
-    block, stage = evaluator.outside(x, evaluator.domain_guard(network.start_state))
+    compiled = fast_evaluator(network)
+    block, stage = compiled.outside(x, compiled.domain_guard(network.start_state))
     if block >= 0:
         return status.left_domain(network, block, stage, now)
     return status.diverged(network, x, now, "a function block left its domain")

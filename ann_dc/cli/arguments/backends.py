@@ -199,9 +199,7 @@ def _recurrent(
     if "limit" in settings:
         settings["limit"] = _whole(settings["limit"])
     from ann_dc.backends.recurrent.backend import RecurrentBackend
-    from ann_dc.backends.recurrent.rules.acceleration import Anderson
-    from ann_dc.backends.recurrent.rules.orders import ORDERS
-    from ann_dc.backends.recurrent.rules.steps import FixedStep
+    from ann_dc.backends.step_rules import ORDERS, Anderson, FixedStep
 
     if order is not None:
         settings["order"] = named("--order", order.replace(" ", "-"), hyphened(ORDERS))

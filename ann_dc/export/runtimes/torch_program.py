@@ -162,7 +162,7 @@ def _torch():
 
 def _rows_of(network: Network, held: Mapping[str, object]) -> dict[str, list[str]]:
     """Return the row names of the tensors in a program."""
-    from ann_dc.backends.recurrent.cell.layer import CellLayer
+    from ann_dc.backends.layers.cell_layer import CellLayer
 
     layer = CellLayer(network)
     parts = ("weight", "tau", "start", "input", "coordinator")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.layers.cell_layer import CellLayer
 from ann_dc.network.network import Network
 
 EXAMPLES = 3

@@ -13,8 +13,8 @@ from scipy.integrate import solve_ivp
 
 import ann_dc.backends.recorder
 from ann_dc.backends import ode
-from ann_dc.backends.integration.cells import Cells
 from ann_dc.backends.integration.drawing import CompiledAgain, SolvedAgain
+from ann_dc.backends.integration.systems import Cells
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.settling import Settling, control_settling
 from ann_dc.backends.status import Outcome

@@ -6,9 +6,8 @@ from designs import designed
 from hypothesis import given, settings, strategies as st
 from scipy import integrate
 
-from ann_dc.backends.integration.cells import Cells
 from ann_dc.backends.integration.integrator import Course, Ends, Log, advance, draw
-from ann_dc.backends.integration.systems import Integrand, generated, interpreted
+from ann_dc.backends.integration.systems import Cells, Integrand, generated, interpreted
 from ann_dc.backends.integration.tableaus import DOP853_TABLEAU, TSIT5_TABLEAU, Rows
 from ann_dc.backends.ode import COMPILED, DOP853, OdeBackend
 from ann_dc.backends.status import Outcome

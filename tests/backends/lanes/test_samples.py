@@ -11,8 +11,8 @@ from random_preconditioners import with_stiffness
 import ann_dc
 from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.ode import BATCHES
-from ann_dc.backends.recurrent.rules.orders import ORDERS
 from ann_dc.backends.status import Outcome
+from ann_dc.backends.step_rules import ORDERS
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.variant_numbers import Numbers, numbers_of
 from ann_dc.hardware.nonidealities.numbers import detuned, leak, mismatch, offset

@@ -21,10 +21,8 @@ from recurrent_runs import (
 from ann_dc import solve
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
-from ann_dc.backends.recurrent.rules.acceleration import Anderson
-from ann_dc.backends.recurrent.rules.orders import SIMULTANEOUS, STAGE_BY_STAGE, TWO_PHASE
-from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.backends.status import Outcome
+from ann_dc.backends.step_rules import SIMULTANEOUS, STAGE_BY_STAGE, TWO_PHASE, Anderson, FixedStep
 from ann_dc.decomposition.equations import decompose
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import NetworkError, UnknownNameError

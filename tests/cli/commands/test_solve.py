@@ -7,7 +7,7 @@ from torch_free import forget_torch
 
 import ann_dc
 from ann_dc.backends.ode import OdeBackend
-from ann_dc.backends.recurrent import in_code
+from ann_dc.backends.recurrent import backend as recurrent_backend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.optimality.certificate import LARGEST_RESIDUAL
 
@@ -233,7 +233,9 @@ def test_without_torch_a_sentence_says_how_to_get_it(monkeypatch):
 def test_without_torch_recurrent_steps_are_taken_in_code(monkeypatch):
     forget_torch(monkeypatch)
     assert run("solve", *RECURRENT)[0] == 0
-    monkeypatch.setattr(in_code, "is_possible", lambda _: False)  # as of a cell of many blocks
+    monkeypatch.setattr(
+        recurrent_backend, "refusal", lambda _: "no code"
+    )  # as of a cell of many blocks
     code, text = run("solve", *RECURRENT)
     assert code == 2
     assert "--backend recurrent: the recurrent layers run on torch" in text

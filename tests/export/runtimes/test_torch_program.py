@@ -17,7 +17,7 @@ from clamped_runs import run_with_changes
 from onnx_runs import vector_of
 
 import ann_dc
-from ann_dc.backends.recurrent.cell.layer import CellLayer
+from ann_dc.backends.layers.cell_layer import CellLayer
 from ann_dc.errors import ArgumentError, FileFormatError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.export.reference.vector import reference_vector

@@ -10,13 +10,13 @@ from simulator import needs_ngspice
 from wired import neighbour_wired
 
 from ann_dc.analysis.spectra import stability_limit
+from ann_dc.backends.layers.recurrent_layer import RecurrentLayer
 from ann_dc.backends.ode import DOP853, OdeBackend
-from ann_dc.backends.recurrent.layers.layer import RecurrentLayer
-from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.circuit_run import read_back
 from ann_dc.backends.spice.netlist.deck import deck_of
 from ann_dc.backends.spice.ngspice.runner import Ngspice
+from ann_dc.backends.step_rules import FixedStep
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts.levels import switched_capacitor
 from ann_dc.hardware.schematic.elements import PICell

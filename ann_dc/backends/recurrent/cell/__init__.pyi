@@ -1,1 +1,0 @@
-from .layer import CellLayer as CellLayer

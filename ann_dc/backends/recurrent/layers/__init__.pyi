@@ -1,3 +1,0 @@
-import torch as torch
-
-from .layer import RecurrentLayer as RecurrentLayer
