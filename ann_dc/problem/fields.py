@@ -296,6 +296,37 @@ def _measure(name: str, given) -> str:
     return unit
 
 
+def units_by_name(
+    units: Mapping[str, str],
+    states: Sequence[str],
+    controls: Sequence[str],
+    inputs: Sequence[str],
+    rows: Sequence[str],
+) -> dict[str, str]:
+    """Return the unit of every state, control, input and neuron; empty if unknown.
+
+    The rows are the neurons of inequalities, whose multipliers have no unit.
+    """
+    known = {name: units.get(name, "") for name in (*states, *controls, *inputs)}
+    cost = units.get("cost", "cost")
+    known |= {f"{p}.{s}": known[s] for p in ("q", "t") for s in states}
+    known |= {f"{p}.{s}": known[s] and _per(cost, known[s]) for p in ("mu", "beta") for s in states}
+    known |= {f"u.{s}": known[s] for s in controls}
+    return known | dict.fromkeys(rows, "")
+
+
+def _per(above: str, below: str) -> str:
+    """Return the unit of a quotient.
+
+    >>> _per("cost", "m"), _per("cost", "m/s"), _per("J", "1"), _per("J/s", "m")
+    ('cost/m', 'cost/(m/s)', 'J', '(J/s)/m')
+    """
+    if below == "1":
+        return above
+    above, below = (f"({u})" if set(u) & set("/*· ") else u for u in (above, below))
+    return f"{above}/{below}"
+
+
 def scales_by_hand(given, names: Sequence[str]) -> dict[str, float | Scale]:
     """Return scales by name: a positive number, or a `Scale` with an offset.
 
