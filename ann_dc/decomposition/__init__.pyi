@@ -1,4 +1,3 @@
-from .determined import determined as determined
 from .equations import StageEquations as StageEquations, decompose as decompose
 from .form import (
     CORRECTED as CORRECTED,
@@ -9,4 +8,4 @@ from .form import (
     Form as Form,
     switch as switch,
 )
-from .idle import held as held
+from .idle import determined as determined, held as held

@@ -20,8 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.optimality.barrier import Barrier, Caution, Point
-from ann_dc.optimality.barrier_model import Model
+from ann_dc.optimality.barrier import Barrier, Caution, Model, Point
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import straight_line
 from ann_dc.progress import Progress, silent

@@ -5,15 +5,78 @@ side. If the Hessian is positive without it, the point is a strict minimum. If t
 positive even with it, the point is not a minimum. Otherwise the result is open. A soft constraint
 is not an equation: at its penalty weight it is a cost, P g, and below it, if compliant, a curvature
 G' G / d.
+
+The sufficient test is the convexity of the augmented Lagrangian. If W + rho A'A - delta I has a
+Cholesky factor for any one rho, every direction with A d = 0 has curvature d'W d > delta d'd. With
+the unknowns ordered (q_k, u_k) by stage, the matrix is banded. A includes the strongly active
+inequalities. The converse does not hold: without a factor, `by_stages` decides.
+
+References
+----------
+.. [1] D. P. Bertsekas, Constrained Optimization and Lagrange Multiplier Methods, 1982, section 1.4.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import get_lapack_funcs
 
-from ann_dc.optimality.augmented import is_clearly_strict
 from ann_dc.optimality.by_stages import Minimum, counted
 from ann_dc.optimality.expansion import Expansion
+
+(_factored,) = get_lapack_funcs(("pbtrf",), dtype=np.float64)
+
+PENALTY = 1e4
+"""rho relative to the largest curvature."""
+CLEAR = 1e-9
+"""Lower bound of delta relative to the largest curvature."""
+ROUNDING = 100 * np.finfo(float).eps
+"""Rounding error of a factor relative to the largest matrix entry; delta exceeds it."""
+
+
+def is_clearly_strict(expansion: Expansion, held: np.ndarray) -> bool:
+    """Return True if the reduced Hessian is positive definite with a clear margin.
+
+    The expansion must be finite. `held` (N+1, R, n+m) contains the gradients of the constraints
+    that hold as equations.
+    """
+    with np.errstate(all="ignore"):
+        return _is_definite(expansion, held)
+
+
+def _is_definite(expansion: Expansion, rows: np.ndarray) -> bool:
+    (stages, n, z), largest = expansion.jacobian.shape, expansion.largest_curvature()
+    rho, J, each = PENALTY * largest, expansion.jacobian, np.arange(n)
+    blocks = np.zeros((stages + 1, z, z))
+    blocks[:-1] = expansion.hessian + rho * (J.swapaxes(1, 2) @ J)
+    blocks[1:, each, each] += rho
+    blocks[-1, :n, :n] += expansion.end_hessian
+    if rows.size:
+        blocks += rho * (rows.swapaxes(1, 2) @ rows)
+    ahead = -rho * J
+    held = expansion.fixed_start, expansion.fixed
+    for stage, fixed in zip((0, -1), held):
+        blocks[stage, :n][fixed] = blocks[stage, :, :n][:, fixed] = 0.0
+    ahead[0, :, :n][:, held[0]] = 0.0
+    ahead[-1][held[1]] = 0.0
+    size = float(np.abs(blocks).max())
+    if not (np.isfinite(size) and np.isfinite(ahead).all()):
+        return False
+    blocks[:, np.arange(z), np.arange(z)] -= max(CLEAR * largest, ROUNDING * z * size)
+    for stage, fixed in zip((0, -1), held):
+        blocks[stage, each[fixed], each[fixed]] = 1.0
+    blocks[-1, np.arange(n, z), np.arange(n, z)] = 1.0
+    return _has_factor(blocks, ahead)
+
+
+def _has_factor(blocks: np.ndarray, ahead: np.ndarray) -> bool:
+    """Return True if the symmetric block tridiagonal matrix is positive definite."""
+    z, n = blocks.shape[1], ahead.shape[1]
+    band = np.zeros((len(blocks), z, z + n))  # LAPACK's layout, transposed: (i, j) at j, i - j
+    for column in range(z):
+        band[:, column, : z - column] = blocks[:, column:, column]
+        band[:-1, column, z - column : z - column + n] = ahead[:, :, column]
+    return bool(_factored(band.reshape(-1, z + n).T, lower=1, overwrite_ab=1)[1] == 0)
 
 
 def minimum_of(expansion: Expansion) -> Minimum:

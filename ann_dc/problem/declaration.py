@@ -21,9 +21,14 @@ import sympy as sp
 
 from ann_dc.dataclass_pickling import Record
 from ann_dc.errors import ProblemError, UnknownNameError, such_as
-from ann_dc.problem.assumptions import bounds_assumed, check_inputs
-from ann_dc.problem.bounds import bounds_of, limits_of, rows_of
-from ann_dc.problem.carried_state import HandedOn
+from ann_dc.problem.bounds import (
+    bounds_assumed,
+    bounds_of,
+    check_ends,
+    check_inputs,
+    limits_of,
+    rows_of,
+)
 from ann_dc.problem.fields import (
     both_ends,
     check_names,
@@ -37,7 +42,6 @@ from ann_dc.problem.fields import (
     values_a_stage,
     whole_stages,
 )
-from ann_dc.problem.fixed_ends import check_ends
 from ann_dc.problem.functions import ProblemFunctions
 from ann_dc.problem.inequality import Inequality, Relations, relations_of
 from ann_dc.problem.minimax import (
@@ -52,7 +56,7 @@ from ann_dc.problem.minimax import (
     weights_of,
 )
 from ann_dc.problem.soft import Softness, soft_of
-from ann_dc.problem.step_length import SCALE, StepLength, step_length
+from ann_dc.problem.step_length import SCALE, HandedOn, StepLength, step_length
 from ann_dc.scale import Scale
 from ann_dc.si_prefixes import counted
 from ann_dc.validation import checked
