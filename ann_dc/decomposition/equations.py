@@ -57,15 +57,9 @@ def at_rest(problem: OptimalControlProblem) -> dict[Any, Any]:
 
 
 def drift_and_drive(problem: OptimalControlProblem) -> list[tuple[sp.Expr, sp.Expr]]:
-    """Return f(q, 0) - q and f(q, u) - f(q, 0) for every state.
+    """Return f(q, 0) - q and f(q, u) - f(q, 0) for every state, as the paper splits the map.
 
     Raises `FormError` if the map has no value without controls.
-
-    Examples
-    --------
-    >>> from ann_dc import plants
-    >>> drift_and_drive(plants.car())[0]
-    (-0.01*x, 0.1*nu*cos(phi))
     """
     parts = []
     for q, f in zip(problem.states, problem.f):
@@ -82,18 +76,10 @@ def drift_and_drive(problem: OptimalControlProblem) -> list[tuple[sp.Expr, sp.Ex
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InequalityRow:
-    """One row g <= 0 of a stage or of the end.
+    """Row g <= 0 of a stage or of the end with its multiplier zeta.
 
-    Attributes
-    ----------
-    expression : sympy.Expr
-        Function g in q and u of the stage; in t for a row of the end.
-    multiplier : sympy.Symbol
-        Multiplier zeta.
-    at_end : bool
-        True for a row of q_N alone.
-    soft : Soft or None
-        Cost of a violation; None for a hard constraint.
+    The expression is in q and u of the stage, or in t if the row is one of q_N alone (`at_end`).
+    `soft` is None for a hard constraint.
     """
 
     name: str
@@ -145,16 +131,9 @@ def pressed(rows: Sequence[InequalityRow]) -> sp.Expr:
 class Stationarity:
     """One equation d(potential)/d(variable) + remainder = 0, driven with a sign.
 
-    Attributes
-    ----------
-    variable : sympy.Symbol
-        Neuron that the equation drives.
-    potential : sympy.Expr
-        Scalar that is differentiated: cost and map, times multipliers.
-    remainder : sympy.Expr
-        Terms added to the derivative: couplings, and terms of errata.
-    sign : int
-        tau * d(variable)/ds = sign * expression; -1 descends, +1 ascends.
+    The potential (cost and map, times multipliers) is differentiated; the remainder contains
+    couplings and terms of errata. The neuron of the variable follows tau * d(variable)/ds = sign *
+    expression: -1 descends, +1 ascends.
 
     Examples
     --------

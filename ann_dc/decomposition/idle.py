@@ -38,15 +38,9 @@ limit.
 class Determined:
     """Map entries and rows that q_0 alone determines at the stages of a problem.
 
-    Attributes
-    ----------
-    moves : (N, n, n+m) array of bool
-        True if a state or control may move a state of the next stage.
-    costs : (N, n+m) array of bool
-        True if a state or control may change the stage cost or an inequality.
-    rooms : dict of str to (N,) array
-        Relaxation of each hard row that touches its limit, at stages at which no variable changes
-        the row.
+    `moves` (N, n, n+m) is True if a state or control may move a state of the next stage. `costs`
+    (N, n+m) is True if a state or control may change the stage cost or an inequality. `rooms` (N,)
+    relax each hard row that touches its limit at stages at which no variable changes the row.
     """
 
     moves: np.ndarray
@@ -56,14 +50,7 @@ class Determined:
 
 @lru_cache(maxsize=8)
 def determined(problem: OptimalControlProblem) -> Determined:
-    """Return the map entries and rows that q_0 alone determines.
-
-    Examples
-    --------
-    >>> from ann_dc import plants
-    >>> determined(plants.double_integrator(N=5)).rooms
-    {}
-    """
+    """Return the map entries and rows that q_0 alone determines."""
     functions, size = problem.functions, (problem.horizon, problem.n, problem.n + problem.m)
     try:
         with np.errstate(all="ignore"):

@@ -48,10 +48,9 @@ RESTORATIONS = 8
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Unbounded:
-    """Unbounded cost, shown by a feasible path.
+    """Unbounded cost, shown by a feasible path with that `objective` in the user's units.
 
-    `objective` is the cost of the path in the user's units, `largest` the state or control that has
-    grown most, and `message` describes the result.
+    `largest` is the state or control that has grown most.
     """
 
     objective: float
@@ -122,8 +121,8 @@ class _Descent:
     def _last_control(self) -> str:
         """Return the control of the last stage along which the cost is unbounded, if any.
 
-        Each control is perturbed alone, together with a free end. The descent does not find these
-        paths, because all other stages resist its long steps.
+        Each control is perturbed alone, together with a free end: all other stages resist the long
+        steps of the descent.
         """
         functions, start = self.problem.functions, self.path
         for control, size in enumerate(self.search.control.ravel()):

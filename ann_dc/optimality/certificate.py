@@ -30,7 +30,7 @@ from ann_dc.optimality.contact import SMALLEST_STATE
 from ann_dc.optimality.expansion import Expansion
 from ann_dc.optimality.largest import Largest
 from ann_dc.optimality.minimum import minimum_of
-from ann_dc.optimality.newton import step_of
+from ann_dc.optimality.newton import newton_step
 from ann_dc.optimality.soft_constraints import SoftRows
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.validation import OrNan, Shape, checked
@@ -221,7 +221,7 @@ def certify(
             constraint_residual=_constraints(expansion, q, t),
             stationarity_residual=_stationarity(expansion, beta),
             minimum=minimum_of(expansion),
-            newton_step=step_of(expansion, states),
+            newton_step=newton_step(expansion, states),
             rollout_error=_largest(missed[expansion.fixed]),
             rollout=rollout,
             complementarity=_complementarity(expansion),

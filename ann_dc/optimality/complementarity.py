@@ -24,18 +24,11 @@ LARGEST_MISS = 1e-6
 class Complementarity:
     """Complementarity residuals of a point.
 
-    Attributes
-    ----------
-    violation : float
-        Largest violation of a constraint or limit, relative to the range of the variables it reads.
-    wrong_sign : float
-        Magnitude of the most negative multiplier, or largest excess of a multiplier over its
-        penalty weight, relative to the largest multiplier.
-    product : float
-        Largest product of distance and multiplier, both relative as above.
-    strong, weak, inactive : int
-        Number of strongly active (touching, nonzero multiplier), weakly active (touching) and
-        inactive constraints. All stages, the end and limited controls are counted.
+    `violation` is relative to the range of the variables that the constraint reads. `wrong_sign` is
+    the most negative multiplier, or the largest excess over a penalty weight, relative to the
+    largest multiplier. `product` is that of distance and multiplier, both relative. The numbers
+    count strongly active (nonzero multiplier), weakly active and inactive constraints of all
+    stages, the end and limited controls.
     """
 
     violation: float

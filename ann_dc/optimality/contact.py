@@ -89,18 +89,11 @@ class Slots(NamedTuple):
 class Contact:
     """Constraints by slots (N+1, R), with gradients normalised to unit length.
 
-    Attributes
-    ----------
-    value, distance : (N+1, R) arrays
-        g over the length of its gradient, and relative to the range of the variables: positive if
-        violated, infinite if the gradient is zero and the value is not.
-    slope : (N+1, R, n+m) array
-        Unit gradient in (q_k, u_k), zero in components that an end fixes.
-    multiplier, product : (N+1, R) arrays
-        zeta times the length of the gradient; abs(zeta g) relative to the range of the variables.
-    compliance, room : (N+1, R) arrays
-        Violation of a soft constraint per unit multiplier; difference of its penalty weight and
-        multiplier, infinite for hard constraints.
+    `value` is g over the length of its gradient, and `distance` is relative to the range of the
+    variables: positive if violated, infinite if the gradient is zero and the value is not. `slope`
+    (N+1, R, n+m) is zero in components that an end fixes. `multiplier` is zeta times the length of
+    the gradient, and `product` is abs(zeta g) relative to the range. `room` is the difference of
+    penalty weight and multiplier, infinite for hard constraints.
     """
 
     is_row: np.ndarray
@@ -116,8 +109,7 @@ class Contact:
     def of(cls, slots: Slots, sizes: np.ndarray, is_free: np.ndarray) -> Contact:
         """Normalise constraints that are given in scaled variables.
 
-        `sizes` (n+m,) contains the ranges of states and controls. `is_free` (N+1, n+m) is True for
-        variables that no end fixes.
+        `sizes` (n+m,) are ranges; `is_free` (N+1, n+m) is True for variables that no end fixes.
         """
         length = np.sqrt((slots.slope**2).sum(axis=-1))
         is_flat = length == 0.0
@@ -183,11 +175,10 @@ def rows_of(
     factors: np.ndarray,
     cost: float,
 ) -> Slots:
-    """Return the inequality constraints of a problem, of the stages and of the end.
+    """Return the inequality constraints of the stages and of the end.
 
-    `point` contains states (n, N+1) and controls (m, N) in the user's units, `zetas` the
-    multipliers (r, N) and (r_e,). `factors` (n+m,) and `cost` are the scales of states and controls
-    and of the cost.
+    States (n, N+1), controls (m, N) and multipliers (r, N), (r_e,) are in the user's units.
+    `factors` (n+m,) and `cost` are scales.
     """
     (q, u), (zeta, zeta_end), n = point, zetas, problem.n
     rows, end = problem.functions.rows(q[:, :-1], u), problem.functions.end_rows(q[:, -1])
@@ -208,10 +199,9 @@ def rows_of(
 
 
 def limits_of(u: np.ndarray, limits: np.ndarray, slope: np.ndarray, sizes: np.ndarray) -> Slots:
-    """Return the control limits as constraints, the nearer limit of each control.
+    """Return the control limits (m, 2) as constraints, the nearer limit of each control.
 
-    The last stage has none. Shapes: `u` (N, m), `limits` (m, 2), infinite if absent, `sizes`
-    (n+m,). `slope` (N, n+m) is the gradient of the Lagrangian without the limits.
+    The last stage has none. `slope` (N, n+m) is the gradient of the Lagrangian without the limits.
     """
     bounded = np.flatnonzero(np.isfinite(limits).any(axis=1))
     at, each = slope.shape[1] - u.shape[1] + bounded, np.arange(len(bounded))

@@ -28,14 +28,10 @@ def smallest_curvature(
     zeta: np.ndarray | None = None,
     zeta_end: np.ndarray | None = None,
 ) -> float:
-    """Return the smallest reduced-Hessian eigenvalue relative to the largest.
+    """Return the smallest reduced-Hessian eigenvalue relative to the largest, in natural scales.
 
-    The problem is scaled by `natural_scales`. `q` (n, N+1) includes the end, `u` is (m, N). `mu`
-    (n, N) are the multipliers of the dynamics. `zeta` (r, N) and `zeta_end` (r_e,) are those of the
-    inequalities, zero by default.
-
-    Returns inf if the constraints leave no freedom, and nan if the Hessian is not finite or N m
-    exceeds `LARGEST_REDUCED`.
+    States (n, N+1) include the end. Returns inf if the constraints leave no freedom, and nan if the
+    Hessian is not finite or N m exceeds `LARGEST_REDUCED`.
 
     Examples
     --------

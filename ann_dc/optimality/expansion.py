@@ -98,24 +98,11 @@ class Frame(NamedTuple):
 class Expansion:
     """Linear-quadratic problem around a point; stages are the first axis.
 
-    Attributes
-    ----------
-    fixed_start, fixed : (n,) arrays of bool
-        Components that q_0 and q_d fix.
-    ends : two (n,) arrays
-        q_0 and q_d in the user's units; a free component has its value at the other end.
-    state, cost : (n,) array and float
-        Value of one scaled unit, in the user's units.
-    q, u, mu : (N+1, n), (N, m) and (N, n) arrays
-        States with the end, controls and multipliers of the dynamics.
-    jacobian, hessian, slope : (N, n, n+m), (N, n+m, n+m) and (N, n+m) arrays
-        (F_k, B_k), W_k and g_k.
-    end_hessian, end_slope : (n, n) and (n,) arrays
-        Derivatives of the terminal cost.
-    map, objective : (n, N) array and float
-        f(q_k, u_k), and E with the cost of soft constraints, in the user's units.
-    contact : Contact or None
-        Inequalities and control limits; None if the problem has none.
+    `ends`, `map` (n, N) and `objective` (with the cost of soft constraints) are in the user's
+    units, and `state` (n,) and `cost` are the value of one scaled unit; the rest is scaled. `q`
+    (N+1, n) includes the end, `u` is (N, m) and `mu` (N, n). `jacobian` (N, n, n+m) is (F_k, B_k),
+    `hessian` (N, n+m, n+m) is W_k and `slope` (N, n+m) is g_k. `contact` is None without
+    inequalities and limits.
     """
 
     fixed_start: np.ndarray
@@ -146,11 +133,10 @@ class Expansion:
         zeta_end: np.ndarray | None = None,
         shares: np.ndarray | None = None,
     ) -> Expansion:
-        """Expand a problem at a point in the user's units.
+        """Expand a problem at q (n, N+1), u (m, N) and mu (n, N) in the user's units.
 
-        `q` (n, N+1) includes the end; `u` is (m, N), `mu` (n, N). The multipliers of the
-        inequalities, `zeta` (r, N), and of the end, `zeta_end` (r_e,), are zero by default. The
-        weights `shares` (p,) of the objectives are equal by default.
+        The multipliers `zeta` (r, N) and `zeta_end` (r_e,) are zero by default; the weights
+        `shares` (p,) of the objectives are equal by default.
         """
         plain = cls.without_rows(problem, q, u, mu, shares)
         if not Frame.of(problem).is_bounded:
@@ -283,8 +269,8 @@ class Expansion:
 def _priced(rows: Slots, sizes: np.ndarray, is_free: np.ndarray) -> tuple[Slots, Slots, np.ndarray]:
     """Split constraints into those to satisfy and those at their penalty weight.
 
-    Also returns a mask of active constraints. A soft constraint on fixed end components is in
-    neither group: its cost is a constant.
+    The last result marks the active ones. A soft constraint on fixed end components is in neither
+    group: its cost is a constant.
     """
     contact = Contact.of(rows, sizes, is_free)
     if np.isinf(rows.price).all() and not rows.compliance.any():

@@ -35,22 +35,9 @@ def feasible_path(
 ) -> Path:
     """Return the path of least violation found by searches from several guesses.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem with n states, m controls and N stages.
-    q : (n, N+1) array
-        States with the end, in the user's units: first initial guess.
-    u : (m, N) array
-        Controls of the first initial guess, in the user's units.
-    progress : Progress
-        Receives one line per iteration.
-
-    Returns
-    -------
-    Path
-        A feasible path if any search found one, otherwise the nearest. With inequalities or limits,
-        `at_rest` is True only if `AGREE` searches found its violation.
+    The first guess is q (n, N+1) and u (m, N) in the user's units. The nearest path is returned if
+    no search finds a feasible one. With inequalities or limits, `at_rest` is True only if `AGREE`
+    searches found its violation.
 
     Examples
     --------

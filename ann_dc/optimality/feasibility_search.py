@@ -66,7 +66,7 @@ class LinearModel:
     def step(self, damping: float) -> np.ndarray:
         """Return the damped step (K,) of largest gain.
 
-        The damping is relative to the mean diagonal entry of the normal matrix of the gaps. Raises
+        The damping is relative to the mean diagonal of the normal matrix of the gaps. Raises
         RuntimeError if a matrix is singular.
         """
         step = np.zeros(len(self.low))
@@ -123,20 +123,11 @@ SMALLEST_DAMPING, LARGEST_DAMPING = 1e-12, 1e8
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Path:
-    """States and controls of a problem, with their constraint violations.
+    """States and controls of a problem in the user's units, with their constraint violations.
 
-    Attributes
-    ----------
-    q, u : (n, N+1) and (m, N) arrays
-        States with the end, and controls within their limits, in the user's units.
-    gap : (n, N) array
-        f(q_k, u_k) - q_{k+1} in scales of the states.
-    distance : (r N + r_e,) array
-        Distances of the inequalities, stage by stage, then of the end; positive if violated.
-    size : float
-        Largest state, in its scale, at least one.
-    at_rest : bool
-        True if no small change reduces the violation.
+    `gap` (n, N) is f(q_k, u_k) - q_{k+1} in scales. `distance` (r N + r_e,) lists the inequalities
+    by stage, then of the end, positive if violated. `size` is the largest state in its scale, at
+    least one. `at_rest` is True if no small change reduces the violation.
     """
 
     q: np.ndarray
@@ -161,8 +152,7 @@ class Path:
 class Search:
     """Damped Gauss-Newton search for paths that satisfy a problem's constraints.
 
-    `weight` is that of the dynamics relative to the inequalities, or to the target if there are
-    none.
+    `weight` is that of the dynamics, relative to inequalities or otherwise to the target.
     """
 
     def __init__(

@@ -32,18 +32,10 @@ class WorstStage(NamedTuple):
 
 
 class RowDistances:
-    """Distances of paths to the constraints, positive if violated, with derivatives.
+    """Distances of paths to the hard constraints, positive if violated, with derivatives.
 
-    Parameters
-    ----------
-    columns : (N+1, n+m) array of int
-        Index of the unknown of every state and control of a stage; -1 if not an unknown.
-
-    Attributes
-    ----------
-    length : (count,) array
-        Value of a distance of one, in the unit of the constraint; `count` constraints of all stages
-        and the end.
+    `columns` (N+1, n+m) are the indices of the unknowns, -1 if a variable is none. `length`
+    (count,) is the value of a distance of one, for all stages and the end.
     """
 
     def __init__(self, problem: OptimalControlProblem, columns: np.ndarray) -> None:

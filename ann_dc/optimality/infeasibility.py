@@ -31,16 +31,9 @@ LONGEST = 60
 class Infeasible:
     """Infeasible target or inequalities, as found by several searches.
 
-    Attributes
-    ----------
-    reached : mapping of str to float
-        Fixed components of q_d that cannot be met, the worst first, with the terminal value of the
-        nearest `path` in the user's units. Empty if the target alone is feasible.
-    exceeded : mapping of str to float
-        Inequalities that are then violated, the worst first, with the largest g on that path, in
-        the unit of g.
-    message : str
-        Description of the result.
+    `reached` maps the components of q_d that cannot be met, the worst first, to the terminal value
+    of the nearest `path` in the user's units. If it is empty, the target alone is feasible, and
+    `exceeded` maps the violated inequalities to the largest g on that path.
     """
 
     reached: dict[str, float]
@@ -52,21 +45,9 @@ class Infeasible:
 def out_of_reach(
     problem: OptimalControlProblem, path: Path, progress: Progress = silent
 ) -> Infeasible | None:
-    """Return the infeasible target components or inequalities of a converged path.
+    """Return the infeasible target components or inequalities of a path of least violation.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem to check.
-    path : Path
-        Path of least violation.
-    progress : Progress
-        Receives one line per iteration.
-
-    Returns
-    -------
-    Infeasible or None
-        None if the path is not at rest, or no violation exceeds `OUT_OF_REACH`.
+    Returns None if the path is not at rest, or no violation exceeds `OUT_OF_REACH`.
 
     Examples
     --------

@@ -22,10 +22,9 @@ LARGEST_MISS = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Largest:
-    """Objectives of a point.
+    """Objectives of a point: w_i J_i (p,) in the user's units and their coefficients zeta (p,).
 
-    `values` (p,) are w_i J_i in the user's units, `shares` (p,) are zeta, and `size` is the
-    reference of differences. `temperature` is T in the user's units, zero if the maximum itself is
+    `size` is the reference of differences. The temperature T is zero if the maximum itself is
     minimised.
     """
 

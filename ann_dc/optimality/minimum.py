@@ -35,10 +35,9 @@ ROUNDING = 100 * np.finfo(float).eps
 
 
 def is_clearly_strict(expansion: Expansion, held: np.ndarray) -> bool:
-    """Return True if the reduced Hessian is positive definite with a clear margin.
+    """Return True if the reduced Hessian of a finite expansion is clearly positive definite.
 
-    The expansion must be finite. `held` (N+1, R, n+m) contains the gradients of the constraints
-    that hold as equations.
+    `held` (N+1, R, n+m) are the gradients of the constraints that hold as equations.
     """
     with np.errstate(all="ignore"):
         return _is_definite(expansion, held)

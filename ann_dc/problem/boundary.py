@@ -26,16 +26,8 @@ def boundary_slopes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return slope lengths (r,) and (r_e,) of stage and end rows on their boundaries.
 
-    An entry is one if no boundary is found.
-
-    Parameters
-    ----------
-    q : (n, N+1) array
-        States including the end; each row uses the boundary point nearest to any of them.
-    u : (m, N) array
-        Controls of the path.
-    factors : (n+m,) array
-        Scale factors of states and controls; slopes refer to the scaled variables.
+    Each row uses the boundary point nearest to any of the states (n, N+1) and controls (m, N); an
+    entry is one if no boundary is found. Slopes refer to variables scaled by `factors` (n+m,).
 
     Examples
     --------
@@ -73,8 +65,7 @@ def _all_on_boundary(rows: Rows, z: np.ndarray, factors: np.ndarray) -> np.ndarr
 def _on_boundary(rows: Rows, row: int, z: np.ndarray, factors: np.ndarray) -> float:
     """Return the slope length of a row at its boundary point nearest to (n, K) points.
 
-    If no boundary is found from the points, for example because the row is flat there (a product at
-    zero), the search restarts one scale away.
+    If the row is flat at the points (a product at zero), the search restarts one scale away.
     """
     for began in (z, z + factors):
         length, way, left = _towards(rows, row, began, factors)

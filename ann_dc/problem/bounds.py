@@ -38,8 +38,8 @@ End: TypeAlias = Sequence[float | None] | None
 def bounds_of(given: Any, symbols: Sequence[sp.Symbol]) -> dict[str, tuple[float, float]]:
     """Return the checked bounds (low, high) by name, infinite if a bound is missing.
 
-    The symbols that may have bounds are given with the states first. Raises `ProblemError` if a
-    name is not among them, or if its bounds are not two numbers with the lower one first.
+    Raises `ProblemError` if a name is none of the symbols' (states first), or if its bounds are not
+    two numbers with the lower one first.
     """
     if not isinstance(given, Mapping):
         raise ProblemError(
@@ -97,18 +97,10 @@ def rows_of(
     soft: Any = None,
     inputs: Iterable[sp.Symbol] = (),
 ) -> tuple[Inequality, ...]:
-    """Return checked relations, then ``x_low``, ``x_high`` of bounded states, as rows.
+    """Return checked relations, then ``x_low``, ``x_high`` of the given bounded states, as rows.
 
-    Parameters
-    ----------
-    states : sequence of Symbol
-        States whose bounds become rows.
-    in_states : function, optional
-        Rewrites a formula in states, controls and inputs only.
-    soft : mapping of str to Soft, optional
-        Rows that may be violated, by name.
-    inputs : iterable of Symbol
-        Inputs; those named `ROOM` relax their rows.
+    Formulas are rewritten by ``in_states`` to contain states, controls and inputs only. Inputs
+    named `ROOM` relax their rows.
     """
     named = {symbol.name: symbol for symbol in inputs}
     rows = {name: in_states(excess(relation)) for name, relation in relations.items()}
@@ -151,13 +143,7 @@ def bounds_assumed(
 ) -> dict[str, tuple[float, float]]:
     """Return the bounds of states and controls, with those implied by assumptions.
 
-    Raises `ProblemError` with the name of the symbol if an assumption is not a bound or contradicts
-    a bound.
-
-    Examples
-    --------
-    >>> bounds_assumed({}, [sp.Symbol("a", positive=True), sp.Symbol("b")])
-    {'a': (0.0, inf)}
+    Raises `ProblemError` if an assumption is not a bound or contradicts a bound.
     """
     found = dict(bounds)
     for symbol in symbols:
@@ -229,17 +215,10 @@ def check_ends(
     inputs: Mapping[sp.Symbol, Any],
     bounds: Bounds,
 ) -> None:
-    """Raise an error for hard rows and bounds that the boundary conditions violate.
+    """Raise a `ProblemError` for hard rows and bounds that the boundary conditions violate.
 
-    The rows are those of the stages and those of the end; the ends are q_0 and q_d, with None for a
-    free component. Raises `ProblemError` with the name of the row, its value and the states in it.
-    Soft rows are not checked.
-
-    Examples
-    --------
-    >>> x = sp.Symbol("x")
-    >>> disc = Inequality(name="disc", expression=1 - x**2)
-    >>> check_ends((x,), ((disc,), ()), ((2.0,), (None,)), {}, {})
+    The rows are those of the stages, checked in stage 0, and of the end, checked at q_N, if the end
+    fixes all states of the row and the row contains no control.
     """
     soft = {row.name for row in rows[0] if row.soft}
     for name, end in zip(("q_0", "q_d"), ends):

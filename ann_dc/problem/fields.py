@@ -114,6 +114,15 @@ def text(name: str, given) -> str:
     return given
 
 
+def by_name(field: str, given, prefix: str, expected: str) -> dict:
+    """Return a mapping, or the parts of a sequence by numbered names; else a `ProblemError`."""
+    if isinstance(given, Mapping):
+        return dict(given)
+    if isinstance(given, Sequence) and not isinstance(given, (str, bytes)):
+        return {f"{prefix}{number}": part for number, part in enumerate(given, 1)}
+    raise ProblemError(f"{field}: expected a sequence of {expected}, got {given!r}")
+
+
 def whole_stages(given) -> int:
     """Return N as an int from 1 to MAX_HORIZON, or raise a `ProblemError`."""
     whole = isinstance(given, numbers.Integral) and not isinstance(given, bool)

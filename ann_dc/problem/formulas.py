@@ -42,13 +42,8 @@ def lines_of(expression: sp.Expr) -> tuple[str, ...]:
 def expression_of(lines: Sequence[str], symbols: Mapping[str, sp.Expr], where: str) -> sp.Expr:
     """Return the expression that lines written by `lines_of` represent.
 
-    The symbols give the meaning of each name; errors begin with the field of the text. Raises
-    `ExpressionError` if the lines are empty, or if a line is not an expression.
-
-    Examples
-    --------
-    >>> expression_of(["sin(x)", "2*_1"], {"x": sp.Symbol("x")}, "cost")
-    2*sin(x)
+    Raises `ExpressionError`, which begins with the field ``where``, if there is no line, or if a
+    line is not an expression.
     """
     if not lines:
         raise ExpressionError(f"{where}: no line of text; write an expression, or 0")

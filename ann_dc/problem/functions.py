@@ -52,22 +52,9 @@ class EndRows(NamedTuple):
 class ProblemFunctions:
     """Vectorised map, cost, inequalities and derivatives of a control problem.
 
-    Every method takes ``q`` (n, N) and ``u`` (m, N) and evaluates all stages at once.
-
-    Parameters
-    ----------
-    inputs : mapping of symbol to (N,) array
-        Further symbols of the expressions with their values at every stage.
-    f : sequence of n expressions
-        Map q_{k+1} = f(q_k, u_k).
-    cost : expression
-        Stage cost l(q_k, u_k).
-    terminal_cost : expression
-        Terminal cost l_N(q_N), with the input values of the last stage.
-    rows : sequence of r expressions
-        Functions g(q_k, u_k) of the inequalities g <= 0.
-    end_rows : sequence of r_e expressions
-        Functions g(q_N), with the input values of the last stage.
+    Every method takes ``q`` (n, N) and ``u`` (m, N) and evaluates all stages at once. The inputs
+    are (N,) arrays by symbol; the terminal cost and the rows of the end read those of the last
+    stage.
 
     Examples
     --------
@@ -95,10 +82,7 @@ class ProblemFunctions:
         self._compiled = _compiled(tuple(states), tuple(controls), tuple(inputs), *formulas)
 
     def with_inputs(self, inputs: Mapping[sp.Symbol, np.ndarray]) -> ProblemFunctions:
-        """Return the functions with other input values; compiled code is reused.
-
-        The inputs have the same symbols in the same order and values of shape (N,).
-        """
+        """Return the functions with other values (N,) of the inputs; compiled code is reused."""
         other = copy.copy(self)
         other._inputs = inputs
         return other
@@ -199,9 +183,8 @@ class ProblemFunctions:
     def in_library(self, modules) -> tuple[Callable, ...]:
         """Return five functions of one stage, compiled for another array library.
 
-        They are the map, stage cost, terminal cost, inequality rows and end rows. Each takes all
-        states, controls and inputs as positional arguments and returns a list. ``modules`` has the
-        form that `sympy.lambdify` accepts.
+        Map, stage cost, terminal cost, inequality rows and end rows take all states, controls and
+        inputs and return a list. ``modules`` is that of `sympy.lambdify`.
         """
         own = self._compiled
         told = own.f, [own.l], [own.l_N], own.g, own.g_N

@@ -19,7 +19,7 @@ does its optimum.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, TypeAlias
 
@@ -27,7 +27,7 @@ import numpy as np
 import sympy as sp
 
 from ann_dc.errors import ProblemError
-from ann_dc.problem.fields import check_names, is_finite, smooth_expression
+from ann_dc.problem.fields import by_name, check_names, is_finite, smooth_expression
 
 Objectives: TypeAlias = Any
 """Expressions by name or in a sequence; by name once they are declared."""
@@ -45,7 +45,7 @@ def objectives_of(given: Any, known: set[sp.Symbol], chosen: set[sp.Symbol]) -> 
     least one of the ``chosen`` states and controls. Raises `ProblemError` if there is only one
     objective, or if one is not smooth, contains no state or control, or has an invalid name.
     """
-    named = _by_name("objectives", given)
+    named = _by_name(given)
     if len(named) == 1:
         raise ProblemError("objectives: one objective alone is a cost; give it as cost")
     symbols = [sp.Symbol(name) for name in named if isinstance(name, str)]
@@ -75,7 +75,7 @@ def weights_of(given: Any, objectives: Any) -> dict[str, float]:
     """
     if given is None or (isinstance(given, Mapping) and not given):
         return {}
-    names = list(_by_name("objectives", objectives))
+    names = list(_by_name(objectives))
     if not names:
         raise ProblemError("weights: there are no objectives to weigh; give objectives")
     weights = dict(given) if isinstance(given, Mapping) else None
@@ -114,15 +114,8 @@ def weight_inputs(weights: Mapping[str, float]) -> dict[sp.Symbol, float]:
     return {_weight(name): weight for name, weight in weights.items()}
 
 
-def _by_name(field: str, given: Any) -> dict[Any, Any]:
-    if isinstance(given, Mapping):
-        return dict(given)
-    if isinstance(given, Sequence) and not isinstance(given, (str, bytes)):
-        return {f"J{number}": expression for number, expression in enumerate(given, 1)}
-    raise ProblemError(
-        f"{field}: expected a sequence of expressions, or a mapping of name to expression, got "
-        f"{given!r}"
-    )
+def _by_name(given: Any) -> dict[Any, Any]:
+    return by_name("objectives", given, "J", "expressions, or a mapping of name to expression")
 
 
 def _weight(name: str) -> sp.Symbol:

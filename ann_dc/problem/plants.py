@@ -88,11 +88,6 @@ def double_integrator(*, dt=0.1, N=20, q_0=(0, 0), q_d=(1, 0)) -> OptimalControl
     The states are position x and speed v, the control is the acceleration a. In the discrete
     optimum, the acceleration decreases linearly in time.
 
-    Parameters
-    ----------
-    dt, N, q_0, q_d
-        Sampling interval, horizon, initial state, terminal state.
-
     Examples
     --------
     >>> import ann_dc
@@ -149,8 +144,6 @@ def pendulum(*, effort=0.0375, dt=0.075, N=40, q_0=(np.pi, 0), q_d=(0, 0)) -> Op
     ----------
     effort : float
         Weight of torque**2; the default dt / 2 makes the sum an integral over time.
-    dt, N, q_0, q_d
-        Sampling interval, horizon, initial state, terminal state.
     """
     torque = sp.Symbol("torque")
     return _pendulum("pendulum", effort * torque**2, dt=dt, N=N, q_0=q_0, q_d=q_d)
@@ -166,8 +159,6 @@ def pendulum_state_cost(
     ----------
     rate_weight, height_weight : float
         Weights of omega**2 and of 1 - cos(theta) relative to torque**2; the sum is halved.
-    dt, N, q_0, q_d
-        Sampling interval, horizon, initial state, terminal state.
     """
     theta, omega, torque = sp.symbols("theta omega torque")
     cost = HALF * (torque**2 + rate_weight * omega**2 + height_weight * (1 - sp.cos(theta)))
@@ -199,8 +190,6 @@ def cart_pole(
         Length of the pole in metres, gravity in m/s^2.
     effort : float
         Weight of force**2.
-    dt, N, q_0, q_d
-        Sampling interval, horizon, initial state, terminal state.
     """
     states = sp.symbols("x theta v omega")
     _, theta, v, omega = states
@@ -225,8 +214,6 @@ def van_der_pol(*, weight=0.05, dt=0.1, N=40, q_0=(1, 0), q_d=(0, 0)) -> Optimal
     ----------
     weight : float
         Factor of x**2 + v**2 + drive**2.
-    dt, N, q_0, q_d
-        Sampling interval, horizon, initial state, terminal state.
     """
     x, v, drive = sp.symbols("x v drive")
     return OptimalControlProblem(
@@ -253,8 +240,6 @@ def two_link_arm(
         Viscous friction d of both joints.
     effort, rate_weight : float
         Weights of the squared torques and of the squared joint rates.
-    dt, N, q_0, q_d
-        Sampling interval, horizon, initial state, terminal state.
     """
     states = sp.symbols("shoulder elbow rate_s rate_e")
     _, elbow, rate_s, rate_e = states
@@ -285,11 +270,6 @@ def cstr(*, dt=0.1, N=30, q_0=(0.9, 1.05), q_d=(0.55, 1.35)) -> OptimalControlPr
 
     The reaction rate follows the Arrhenius law. Concentration, temperature, coolant temperature and
     time are dimensionless. The cost tracks the operating point (0.6, 1.3) with the coolant near 1.
-
-    Parameters
-    ----------
-    dt, N, q_0, q_d
-        Sampling interval, horizon, initial state, terminal state.
     """
     concentration, temperature, coolant = sp.symbols("concentration temperature coolant")
     rate = 72 * sp.exp(-8 / temperature) * concentration

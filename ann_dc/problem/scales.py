@@ -60,21 +60,10 @@ def bridge_variance(
 ) -> np.ndarray:
     """Return the variance (n, N) of q_1..q_N on a Gaussian bridge of density exp(-E).
 
-    The variance is zero for a state that no control moves and at the fixed end. It is infinite for
-    a component that is free at q_0 if no cost limits its excursion.
-
-    Parameters
-    ----------
-    F, B : (n, n, N) and (n, m, N) arrays
-        df/dq and df/du along a path.
-    Q : (n, N+1) array
-        Curvature of the cost in q_0..q_N, non-negative.
-    R : (m,) array
-        Curvature of the cost in the controls, positive.
-    fixed : (n,) booleans
-        True for components that are fixed at q_N.
-    loose : (n,) booleans, optional
-        True for components that are free at q_0; none by default.
+    F (n, n, N) and B (n, m, N) are df/dq and df/du along a path, Q (n, N+1) and R (m,) the
+    curvatures of the cost in states and controls. The variance is zero for a state that no control
+    moves and at the end that is ``fixed`` (n,). It is infinite for a component that is free at q_0
+    (``loose``) if no cost limits its excursion.
 
     Examples
     --------
@@ -248,14 +237,9 @@ def scales_of(problem: OptimalControlProblem) -> Scales:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StraightLine:
-    """Straight line between the ends with fitted controls and scales.
+    """Straight line between the ends (n, N+1) in the user's units, with controls and scales.
 
-    Attributes
-    ----------
-    q : (n, N+1) array
-        States in the user's units.
-    u : (m, N) array
-        Controls after one Gauss-Newton step from those of least cost.
+    The controls (m, N) are one Gauss-Newton step from those of least cost.
     """
 
     q: np.ndarray
@@ -265,14 +249,9 @@ class StraightLine:
 
 @lru_cache(maxsize=64)
 def straight_line(problem: OptimalControlProblem) -> StraightLine:
-    """Return the straight line from q_0 to q_d with its controls and scales.
+    """Return the straight line from q_0 to q_d; a free component has the value of its other end.
 
-    A free component has the value of its other end.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem; inputs that hold ineffective controls are set to zero.
+    Inputs that hold ineffective controls are set to zero.
     """
     with np.errstate(all="ignore"):
         problem = problem.with_inputs(**{HOLD.format(c): 0.0 for c in problem.held})
@@ -282,11 +261,7 @@ def straight_line(problem: OptimalControlProblem) -> StraightLine:
 
 
 def fitting_controls(problem: OptimalControlProblem, q: np.ndarray) -> np.ndarray:
-    """Return controls (m, N) that approximately follow a path q (n, N+1).
-
-    The controls result from one Gauss-Newton step from those of least cost. States include the end
-    and are in the user's units.
-    """
+    """Return controls (m, N) that approximately follow a path q (n, N+1) in the user's units."""
     with np.errstate(all="ignore"):
         return _Path(problem, q).controls(natural_scales(problem).state_factors)
 
@@ -357,8 +332,8 @@ class _Path:
     def _control_cost(self, scale: np.ndarray) -> np.ndarray:
         """Return the curvature R (m,) of the cost in the controls.
 
-        An unknown entry is that of other controls with the same effect, or infinite if these are
-        unknown too. If no control has a cost, the curvature of the affected states is used.
+        An unknown entry is that of controls with the same effect, or infinite. If no control has a
+        cost, the curvature of the affected states is used.
         """
         R, effect = self.control_curvature, self._effect(scale) ** 2
         if not (R > 0).any():

@@ -59,8 +59,8 @@ class StepLength:
     Every realisation represents the interval as one more state, carried unchanged from stage to
     stage and free at both ends. This costs four neurons per stage; a bus along the network would
     cost one in total. However, the wires only reach the next stage, so all cells remain alike.
-    Preconditioners, circuits and weight files therefore need no extension. A `InitialGuess` has one
-    more row for z, the last one, zero at the guess.
+    Preconditioners, circuits and weight files therefore need no extension. An `InitialGuess` has
+    one more row for z, the last one, zero at the guess.
 
     Parameters
     ----------
@@ -190,11 +190,6 @@ def stage_times(dt: float | StepLength, q: np.ndarray) -> np.ndarray:
     """Return the limits (N+1,) of stages in time, from 0, in the unit of dt.
 
     The last row of the states q (n, N+1) contains an optimised step length.
-
-    Examples
-    --------
-    >>> stage_times(0.5, np.zeros((2, 3))).tolist()
-    [0.0, 0.5, 1.0]
     """
     if isinstance(dt, StepLength):
         return np.append(0.0, np.cumsum(dt.length(q[-1, :-1])))
@@ -202,29 +197,18 @@ def stage_times(dt: float | StepLength, q: np.ndarray) -> np.ndarray:
 
 
 def mean_length(dt: float | StepLength, q: np.ndarray) -> float:
-    """Return the length of a stage: dt, or the mean of an optimised step length.
+    """Return the length of a stage: dt, or the mean of an optimised step length in q (n, N+1).
 
-    The optimised lengths of all stages are equal after settling. They are in the last row of the
-    states q (n, N+1).
+    The optimised lengths of all stages are equal after settling.
     """
     return float(stage_times(dt, q)[-1]) / (q.shape[-1] - 1) if isinstance(dt, StepLength) else dt
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HandedOn:
-    """Completion of a declaration with the carried state, if the step length is free.
+    """Completion of a declaration with the carried state, if the step length is optimised.
 
-    Attributes
-    ----------
-    own : tuple of Symbol
-        The user's states.
-
-    Examples
-    --------
-    >>> x = sp.Symbol("x")
-    >>> completed = HandedOn.of((x,), StepLength(low=0.1))
-    >>> completed.states, completed.after((0.0,), None)
-    ((x, h_free), (0.0, None))
+    `own` are the user's states.
     """
 
     own: tuple[sp.Symbol, ...]

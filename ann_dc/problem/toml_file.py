@@ -291,12 +291,6 @@ def _as_given(field: str, given: Any, _: object) -> Any:
     return given
 
 
-def _text(field: str, given: Any, _: object) -> str:
-    if not isinstance(given, str):
-        raise ProblemError(f"{field}: expected text, got {given!r}")
-    return given
-
-
 def _symbols(field: str, given: Any, names: _Names) -> list[sp.Symbol]:
     return [names.symbols[name] for name in given]
 
@@ -367,7 +361,7 @@ _READERS: dict[str, Callable[[str, Any, _Names], Any]] = {
     "dt": _as_given,
     "horizon": _as_given,
     "q_0": _end,
-    "name": _text,
+    "name": _as_given,
     "q_d": _end,
     "cost": _expression,
     "terminal_cost": _expression,
