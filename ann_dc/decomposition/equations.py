@@ -134,12 +134,6 @@ class Stationarity:
     The potential (cost and map, times multipliers) is differentiated; the remainder contains
     couplings and terms of errata. The neuron of the variable follows tau * d(variable)/ds = sign *
     expression: -1 descends, +1 ascends.
-
-    Examples
-    --------
-    >>> from ann_dc import decompose, plants
-    >>> decompose(plants.double_integrator()).grad_u[0].expression
-    a + 0.1*mu_v
     """
 
     variable: sp.Symbol

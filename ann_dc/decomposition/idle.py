@@ -111,15 +111,6 @@ def idle_controls(problem: OptimalControlProblem, *, any_start: bool = False) ->
 
     Problems with several objectives are not supported. With ``any_start`` the result is valid for
     every q_0.
-
-    Examples
-    --------
-    >>> x, v, a = sp.symbols("x v a")
-    >>> problem = OptimalControlProblem(
-    ...     states=(x, v), controls=(a,), dynamics=(v, a), dt=0.1, cost=x**2, horizon=4,
-    ...     q_0=(1, 0), bounds={a: (-1, 1)})
-    >>> idle_controls(problem).ravel().tolist()
-    [False, False, True, True]
     """
     variables, n = (*problem.states, *problem.controls), problem.n
     read = lambda formulas: np.array(  # noqa: E731
@@ -143,13 +134,6 @@ def held(problem: OptimalControlProblem, *, any_start: bool = False) -> OptimalC
 
     The problem itself is returned if there are none, or if it has several objectives. With
     ``any_start``, for a varying q_0, only controls that are ineffective for every q_0 are held.
-
-    Examples
-    --------
-    >>> from ann_dc import plants
-    >>> car = plants.car()
-    >>> held(car) is car
-    True
     """
     if problem.objectives:
         return problem

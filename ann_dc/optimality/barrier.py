@@ -64,22 +64,21 @@ class Caution(Enum):
 
 
 class Point(NamedTuple):
-    """Variables of a barrier problem in scales, or a direction in these variables."""
+    """Variables of a barrier problem in scales, or a direction in these variables.
+
+    q (N+1, n), u (N, m) and mu (N, n) are states, controls and multipliers of the dynamics; the
+    other arrays are (N+1, R). s are positive slacks, w the violation of compliant constraints and e
+    that at the penalty weight, positive, or zero for hard constraints. z are multipliers, positive
+    and below the penalty weight.
+    """
 
     q: np.ndarray
-    """States, (N+1, n)."""
     u: np.ndarray
-    """Controls, (N, m)."""
     s: np.ndarray
-    """Positive slacks of the constraints, (N+1, R)."""
     w: np.ndarray
-    """Violation of compliant constraints, (N+1, R)."""
     e: np.ndarray
-    """Violation at the penalty weight, (N+1, R); positive, or zero for hard constraints."""
     mu: np.ndarray
-    """Multipliers of the dynamics, (N, n)."""
     z: np.ndarray
-    """Multipliers of the constraints, (N+1, R); positive and below the penalty weight."""
 
     def moved(self, step: Point, primal: float, dual: float) -> Point:
         """Return the point after a step; ``dual`` scales z and ``primal`` the other parts."""
@@ -96,8 +95,8 @@ class Point(NamedTuple):
 class Barrier:
     """Scales and constraints shared by all barrier problems of a problem.
 
-    `units` (r,) are factors on the inequalities that limit their initial gradient entries to one.
-    `limits` are the constraints of all finite control limits, with minus the signed limit as value.
+    `units` (r,) limit the initial gradient entries of inequalities to one. `limits` are all finite
+    control limits as constraints, with minus the signed limit as value.
     """
 
     problem: OptimalControlProblem
@@ -179,10 +178,9 @@ class Barrier:
 
 
 def _frame(problem: OptimalControlProblem, q: np.ndarray, u: np.ndarray, caution: Caution) -> Frame:
-    """Return natural scales, limited to half the distance of two bounds.
+    """Return natural scales, limited to half the distance of two bounds and reduced by caution.
 
-    With caution, they are reduced to the initial motion of the controls. The unit of cost bounds
-    the curvature of the controls and, by `LARGEST_SLOPE`, all gradients.
+    The unit of cost bounds the curvature of the controls and, by `LARGEST_SLOPE`, all gradients.
     """
     scales, n = natural_scales(problem), problem.n
     named = scales.states + scales.controls
@@ -320,7 +318,7 @@ class Model:
         """Return the Newton step with a multiple of the identity added to the Hessian.
 
         Returns None if the step is not finite, or if the shifted Hessian is not positive definite
-        on the null space of the constraints (``is_counted``; otherwise only along the step).
+        on the null space of the constraints (``is_counted``; otherwise along the step).
         """
         point, rows, (stages, end) = self.point, self.rows, self.hessian
         n, z = len(end), stages.shape[1]

@@ -66,20 +66,6 @@ def without_minimum(
     Returns None if the descent converged or ran out of steps. Also returns None if the start is
     given and every control has limits on both sides: a continuous cost then has a minimum.
     `progress` receives one line per step.
-
-    Examples
-    --------
-    A control with negative cost:
-
-    >>> import sympy as sp
-    >>> from ann_dc.problem import OptimalControlProblem, straight_line
-    >>> from ann_dc.optimality import feasible_path
-    >>> x, a = sp.symbols("x a")
-    >>> problem = OptimalControlProblem(
-    ...     states=(x,), controls=(a,), dynamics=(a,), cost=x**2 - a**2, horizon=9, q_0=(0,))
-    >>> line = straight_line(problem)
-    >>> without_minimum(problem, feasible_path(problem, line.q, line.u)).largest
-    'a'
     """
     if all(problem.fixed_start) and np.isfinite(problem.control_limits).all():
         return None

@@ -128,7 +128,7 @@ class Certificate:
         if not self.kkt_residual < LARGEST_RESIDUAL:
             return f"the KKT residual {self.kkt_residual:.1e} is not below {LARGEST_RESIDUAL:g}"
         for part in (self.complementarity, self.largest):
-            if part is not None and not part.holds:
+            if part is not None and part.reason:
                 return part.reason
         return ""
 
@@ -210,7 +210,10 @@ def certify(
     of_all = None if not shares else np.concatenate([np.ravel(given) for given in shares])
     _check_rows("shares", of_all, (len(problem.objectives),))
     states = np.column_stack([q, t[:, -1]])
+    zeta = np.zeros((len(problem.inequalities), problem.horizon)) if zeta is None else zeta
+    zeta_end = np.zeros(len(problem.end_inequalities)) if zeta_end is None else zeta_end
     expansion = Expansion.at(problem, states, u, mu, zeta, zeta_end, of_all)
+    contact = expansion.contact
     largest = Largest.of(problem, states, u, of_all)
     first, last = expansion.ends
     with np.errstate(all="ignore"):
@@ -224,8 +227,8 @@ def certify(
             newton_step=newton_step(expansion, states),
             rollout_error=_largest(missed[expansion.fixed]),
             rollout=rollout,
-            complementarity=_complementarity(expansion),
-            soft_rows=_soft_rows(problem, (states, u), zeta, zeta_end),
+            complementarity=contact and Complementarity.of(contact, expansion.largest_slope()),
+            soft_rows=SoftRows.of(problem, (states, u), (zeta, zeta_end)),
             largest=largest,
         )
 
@@ -236,19 +239,6 @@ def _check_rows(name: str, given: np.ndarray | None, shape: tuple[int, ...]) -> 
             f"{name}: expected an array of shape {shape}, a row for each inequality of the "
             f"problem, got one of shape {given.shape}"
         )
-
-
-def _complementarity(expansion: Expansion) -> Complementarity | None:
-    if expansion.contact is None:
-        return None
-    return Complementarity.of(expansion.contact, expansion.largest_slope())
-
-
-def _soft_rows(problem, point, zeta, zeta_end) -> SoftRows | None:
-    shapes = (len(problem.inequalities), problem.horizon), len(problem.end_inequalities)
-    given = (np.zeros(s) if z is None else z for s, z in zip(shapes, (zeta, zeta_end)))
-    of_stages, of_end = given
-    return SoftRows.of(problem, point, (of_stages, of_end))
 
 
 def _largest(values: np.ndarray) -> float:

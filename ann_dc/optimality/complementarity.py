@@ -53,11 +53,6 @@ class Complementarity:
         )
 
     @property
-    def holds(self) -> bool:
-        """True if all three residuals are below `LARGEST_MISS`."""
-        return bool(np.max([self.violation, self.wrong_sign, self.product]) < LARGEST_MISS)
-
-    @property
     def counts(self) -> str:
         """Numbers of active and inactive constraints, as text."""
         return f"{self.strong} strongly active, {self.weak} weakly, {self.inactive} inactive"

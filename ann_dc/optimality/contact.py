@@ -35,20 +35,19 @@ SMALLEST_CONTROL = 1e-6
 
 
 class Slots(NamedTuple):
-    """Constraints in scaled variables, R slots per stage; the last stage is q_N."""
+    """Constraints in scaled variables, (N+1, R) slots per stage; the last stage is q_N.
+
+    `is_row` is True if the slot contains a constraint; `value` is g, negative in empty slots, and
+    `slope` (N+1, R, n+m) its gradient. Multipliers `zeta` and penalty weights `price`, infinite for
+    hard constraints, are relative to the cost scale; `compliance` is zero for hard constraints.
+    """
 
     is_row: np.ndarray
-    """True if the slot contains a constraint, (N+1, R) of bool."""
     value: np.ndarray
-    """Values of g, (N+1, R); negative in empty slots."""
     slope: np.ndarray
-    """Gradients of g, (N+1, R, n+m)."""
     zeta: np.ndarray
-    """Multipliers relative to the cost scale, (N+1, R)."""
     compliance: np.ndarray
-    """Compliance of soft constraints, otherwise zero, (N+1, R)."""
     price: np.ndarray
-    """Penalty weight relative to the cost scale, (N+1, R); infinite for hard constraints."""
 
     @classmethod
     def empty(cls, stages: int, slots: int, z: int) -> Slots:

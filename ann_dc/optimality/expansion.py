@@ -36,34 +36,28 @@ BEYOND = 1e-6
 
 
 class Frame(NamedTuple):
-    """Scales and boundary conditions shared by all expansions of a problem."""
+    """Scales and boundary conditions shared by all expansions of a problem.
+
+    `fixed_start` and `fixed` (n,) are True for components that q_0 and q_d fix; a free component of
+    `ends` has its value at the other end. `state` (n,), `control` (m,) and `factors` (n+m,) are
+    scale factors, `zero` (n+m,) offsets and `cost` the unit of the cost. The factors of a Jacobian
+    of the dynamics are (n, n+m), of a Hessian (n+m, n+m) and of a gradient of the cost (n+m,).
+    `limits` (m, 2) are scaled. `is_bounded` is True if there are inequalities or control limits.
+    """
 
     fixed_start: np.ndarray
-    """Components that q_0 fixes, (n,) of bool."""
     fixed: np.ndarray
-    """Components that q_d fixes, (n,) of bool."""
     ends: tuple[np.ndarray, np.ndarray]
-    """q_0 and q_d; a free component has its value at the other end."""
     state: np.ndarray
-    """Scale factors of the states, (n,)."""
     control: np.ndarray
-    """Scale factors of the controls, (m,)."""
     zero: np.ndarray
-    """Offsets of states and controls, (n+m,)."""
     cost: float
-    """Unit of the cost."""
     of_jacobian: np.ndarray
-    """Factors on the Jacobian of the dynamics, (n, n+m)."""
     of_hessian: np.ndarray
-    """Factors on a Hessian of the cost, (n+m, n+m)."""
     of_slope: np.ndarray
-    """Factors on a gradient of the cost, (n+m,)."""
     factors: np.ndarray
-    """Scale factors of states and controls, (n+m,)."""
     limits: np.ndarray
-    """Scaled control limits, (m, 2)."""
     is_bounded: bool
-    """True if the problem has inequalities or control limits."""
 
     @classmethod
     @lru_cache(maxsize=64)

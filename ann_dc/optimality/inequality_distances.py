@@ -20,15 +20,15 @@ from ann_dc.problem.scales import straight_line
 
 
 class WorstStage(NamedTuple):
-    """Stage of the largest violation of an inequality."""
+    """Stage of the largest violation of an inequality, N at the end.
+
+    `distance` is in scales, and `excess` is g in its unit.
+    """
 
     inequality: Inequality
     distance: float
-    """Distance in scales."""
     excess: float
-    """Value of g, in its unit."""
     stage: int
-    """Stage, N at the end."""
 
 
 class RowDistances:

@@ -87,11 +87,6 @@ class Largest:
         return float((shares * np.abs(due - self.values)).max() / self.size)
 
     @property
-    def holds(self) -> bool:
-        """True if all errors are below `LARGEST_MISS`."""
-        return bool(np.max([self.miss, self.product]) < LARGEST_MISS)
-
-    @property
     def reason(self) -> str:
         """Description of the condition that fails; empty if all hold."""
         if not self.miss < LARGEST_MISS:

@@ -92,12 +92,11 @@ def _step(expansion: Expansion, gap: np.ndarray) -> np.ndarray:
 
 
 def banded_system(expansion: Expansion, gap: np.ndarray):
-    """Return the banded KKT matrix, the right-hand side (N+1, 2n+m+R) and a mask.
+    """Return the banded KKT matrix, the right-hand side (N+1, 2n+m+R) and a mask of its unknowns.
 
-    Block k is (q_k, u_k, zeta_k, mu_k); the last block contains only q_N and zeta_N. The band has
-    LAPACK's layout, transposed: column j has entry (i, j) at 2 w + i - j, with w entries on either
-    side of the diagonal. A fixed component has a row and a column of the identity. The mask is True
-    for existing unknowns.
+    Block k is (q_k, u_k, zeta_k, mu_k); the last one is q_N and zeta_N. The band has LAPACK's
+    layout, transposed: column j has entry (i, j) at 2 w + i - j, with w entries on either side of
+    the diagonal. A fixed component has a row and a column of the identity.
     """
     stages, n, z = expansion.jacobian.shape
     contact, each = expansion.contact, np.arange(n)

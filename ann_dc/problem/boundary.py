@@ -28,19 +28,6 @@ def boundary_slopes(
 
     Each row uses the boundary point nearest to any of the states (n, N+1) and controls (m, N); an
     entry is one if no boundary is found. Slopes refer to variables scaled by `factors` (n+m,).
-
-    Examples
-    --------
-    A disc of radius 2, from its centre and from points next to the centre:
-
-    >>> import ann_dc, sympy as sp
-    >>> x, a = sp.symbols("x a")
-    >>> problem = ann_dc.OptimalControlProblem(
-    ...     states=(x,), controls=(a,), map=(x + a,), cost=a**2, horizon=2, q_0=(None,),
-    ...     constraints=[x**2 >= 4])
-    >>> line = np.array([[0.0, 0.5, 1.0]])
-    >>> boundary_slopes(problem.functions, line, np.zeros((1, 2)), np.ones(2))[0].round(6)
-    array([4.])
     """
     n = len(q)
 

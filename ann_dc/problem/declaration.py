@@ -48,10 +48,10 @@ from ann_dc.problem.minimax import (
     Objectives,
     Weights,
     objectives_of,
-    share_symbols,
+    share_symbol,
     temperature_of,
     weight_inputs,
-    weight_symbols,
+    weight_symbol,
     weights_among,
     weights_of,
 )
@@ -278,8 +278,7 @@ class OptimalControlProblem(Record):
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
         """Boundary values (q_0, q_d) as arrays (n,).
 
-        A free component has the value of its other end. A component that is free at both ends is
-        zero, or the offset of its `Scale`.
+        A free component has the value of its other end, or else zero or the offset of its `Scale`.
         """
         return both_ends(self.q_0, self.q_d or (), [self.scales.get(str(s)) for s in self.states])
 
@@ -365,8 +364,8 @@ class OptimalControlProblem(Record):
     @property
     def stage_objectives(self) -> dict[str, sp.Expr]:
         """Terms w_i l_i by name, in states, controls and inputs; w_i is 1 without weights."""
-        weights = weight_symbols(self.weights, self.objectives)
-        return {n: w * self._in_states(e) for w, (n, e) in zip(weights, self.objectives.items())}
+        weigh = weight_symbol if self.weights else lambda _: sp.S.One
+        return {n: weigh(n) * self._in_states(e) for n, e in self.objectives.items()}
 
     @property
     def shares(self) -> dict[sp.Symbol, np.ndarray]:
@@ -375,7 +374,7 @@ class OptimalControlProblem(Record):
 
     def shared_by(self, shares: np.ndarray) -> dict[sp.Symbol, np.ndarray]:
         """Return given coefficients (p,) by symbol, constant over the stages."""
-        return share_symbols(self.objectives, self.horizon, shares)
+        return {share_symbol(n): np.full(self.horizon, z) for n, z in zip(self.objectives, shares)}
 
     def functions_with(self, shares: np.ndarray | None) -> ProblemFunctions:
         """Return the problem functions with coefficients (p,), equal ones if None."""

@@ -255,10 +255,9 @@ def inputs_by_name(
 
 
 def measures(given, names: Sequence[str]) -> dict[str, str]:
-    """Return units of measure by name, as text that every figure and report can show.
+    """Return units of measure by name, as short text that every figure and report can show.
 
-    Raises `ProblemError` if a name is neither one of ``names`` nor "cost" or "time", or if a unit
-    is not a short text.
+    Raises `ProblemError` if a name is neither one of ``names`` nor "cost" or "time".
     """
     if not isinstance(given, Mapping):
         raise ProblemError(
@@ -339,8 +338,7 @@ def _per(above: str, below: str) -> str:
 def scales_by_hand(given, names: Sequence[str]) -> dict[str, float | Scale]:
     """Return scales by name: a positive number, or a `Scale` with an offset.
 
-    Raises `ProblemError` if a name is neither one of ``names`` nor "cost", or if a scale is not
-    positive and finite.
+    Raises `ProblemError` if a name is neither one of ``names`` nor "cost".
     """
     if not isinstance(given, Mapping):
         raise ProblemError(

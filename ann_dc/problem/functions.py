@@ -17,36 +17,31 @@ import sympy as sp
 
 
 class Derivatives(NamedTuple):
-    """Map and cost of all stages with their derivatives and the Hessian of l + mu' f."""
+    """Map f (n, N) and cost l (N,) of all stages with derivatives in (q, u).
+
+    The Jacobian of the map is (n, n+m, N) and the gradient of the cost (n+m, N). The Hessian (n+m,
+    n+m, N) is that of l + mu' f.
+    """
 
     map: np.ndarray
-    """Values f(q_k, u_k), (n, N)."""
     jacobian: np.ndarray
-    """Jacobian of the map in (q, u), (n, n+m, N)."""
     cost: np.ndarray
-    """Stage cost l(q_k, u_k), (N,)."""
     gradient: np.ndarray
-    """Gradient of the cost in (q, u), (n+m, N)."""
     hessian: np.ndarray
-    """Hessian of l + mu' f in (q, u), (n+m, n+m, N)."""
 
 
 class Rows(NamedTuple):
-    """Inequality rows g(q_k, u_k) of all stages with their derivatives."""
+    """Inequality rows g(q_k, u_k) (r, N) of all stages and their Jacobian (r, n+m, N)."""
 
     value: np.ndarray
-    """Values of the rows, (r, N)."""
     jacobian: np.ndarray
-    """Jacobian of the rows in (q, u), (r, n+m, N)."""
 
 
 class EndRows(NamedTuple):
-    """Inequality rows of q_N with their derivatives."""
+    """Inequality rows of q_N (r_e,) and their Jacobian (r_e, n)."""
 
     value: np.ndarray
-    """Values of the rows, (r_e,)."""
     jacobian: np.ndarray
-    """Jacobian of the rows, (r_e, n)."""
 
 
 class ProblemFunctions:
@@ -55,14 +50,6 @@ class ProblemFunctions:
     Every method takes ``q`` (n, N) and ``u`` (m, N) and evaluates all stages at once. The inputs
     are (N,) arrays by symbol; the terminal cost and the rows of the end read those of the last
     stage.
-
-    Examples
-    --------
-    >>> from ann_dc import plants
-    >>> functions = plants.double_integrator(N=3).functions
-    >>> functions.rollout([0, 0], np.ones((1, 3))).round(3)
-    array([[0.  , 0.  , 0.01, 0.03],
-           [0.  , 0.1 , 0.2 , 0.3 ]])
     """
 
     def __init__(

@@ -34,20 +34,7 @@ Relations: TypeAlias = Mapping[str, sp.Rel] | Sequence[sp.Rel]
 
 @dataclass(frozen=True, kw_only=True)
 class Inequality:
-    """Row g <= 0 with g in states, controls and inputs; `soft` is None for a hard constraint.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> x, a = sp.symbols("x a")
-    >>> problem = ann_dc.OptimalControlProblem(
-    ...     states=(x,), controls=(a,), map=(x + a,), cost=a**2, horizon=3, q_0=(2,),
-    ...     constraints={"disc": x**2 + a**2 >= 1}, bounds={x: (0, None)})
-    >>> for row in problem.inequalities:
-    ...     print(row)
-    disc: -a**2 - x**2 + 1 <= 0
-    x_low: -x <= 0
-    """
+    """Row g <= 0 with g in states, controls and inputs; `soft` is None for a hard constraint."""
 
     name: str
     expression: sp.Expr

@@ -39,11 +39,9 @@ WHOLE = 1e-9
 
 
 def objectives_of(given: Any, known: set[sp.Symbol], chosen: set[sp.Symbol]) -> dict[str, sp.Expr]:
-    """Return objectives by name, each a smooth stage cost.
+    """Return objectives by name, each a smooth stage cost of a state or control (``chosen``).
 
-    Unnamed objectives are called J1, J2, ... An objective contains only ``known`` symbols and at
-    least one of the ``chosen`` states and controls. Raises `ProblemError` if there is only one
-    objective, or if one is not smooth, contains no state or control, or has an invalid name.
+    Raises `ProblemError` if there is only one, or if one has an invalid name or unknown symbols.
     """
     named = _by_name(given)
     if len(named) == 1:
@@ -52,7 +50,7 @@ def objectives_of(given: Any, known: set[sp.Symbol], chosen: set[sp.Symbol]) -> 
     if len(symbols) < len(named):
         raise ProblemError(f'objectives: expected names such as "effort", got {list(named)!r}')
     check_names(symbols, [])
-    taken = {str(symbol) for symbol in known} & {str(_share(name)) for name in named}
+    taken = {str(symbol) for symbol in known} & {str(share_symbol(name)) for name in named}
     if taken:
         raise ProblemError(f"objectives: the name {', '.join(sorted(taken))} stands for a share")
     checked = {}
@@ -70,8 +68,7 @@ def objectives_of(given: Any, known: set[sp.Symbol], chosen: set[sp.Symbol]) -> 
 def weights_of(given: Any, objectives: Any) -> dict[str, float]:
     """Return weights by the name of their objective; empty if none are given.
 
-    Raises `ProblemError` unless there is one non-negative weight per objective and their sum is
-    one.
+    Raises `ProblemError` unless there is a non-negative one per objective and their sum is one.
     """
     if given is None or (isinstance(given, Mapping) and not given):
         return {}
@@ -111,34 +108,26 @@ def temperature_of(given: Any, objectives: Any) -> float:
 
 def weight_inputs(weights: Mapping[str, float]) -> dict[sp.Symbol, float]:
     """Return weights as network inputs, which may change without rewiring."""
-    return {_weight(name): weight for name, weight in weights.items()}
+    return {weight_symbol(name): weight for name, weight in weights.items()}
 
 
 def _by_name(given: Any) -> dict[Any, Any]:
     return by_name("objectives", given, "J", "expressions, or a mapping of name to expression")
 
 
-def _weight(name: str) -> sp.Symbol:
+def weight_symbol(name: str) -> sp.Symbol:
+    """Return the input w_i of an objective."""
     return sp.Symbol(f"weight_{name}")
 
 
-def _share(name: str) -> sp.Symbol:
+def share_symbol(name: str) -> sp.Symbol:
+    """Return the coefficient zeta_i of an objective."""
     return sp.Symbol(f"share_{name}")
-
-
-def share_symbols(objectives: Mapping[str, Any], horizon: int, shares: np.ndarray) -> dict:
-    """Return coefficients zeta (p,) by symbol, constant over the stages."""
-    return {_share(name): np.full(horizon, zeta) for name, zeta in zip(objectives, shares)}
-
-
-def weight_symbols(weights: Mapping[str, float], objectives: Mapping[str, Any]) -> list[Any]:
-    """Return the inputs w_i of all objectives; 1 without weights."""
-    return [_weight(name) if weights else sp.S.One for name in objectives]
 
 
 def weights_among(weights: Any, inputs: Mapping[sp.Symbol, Any]) -> dict[str, Any] | None:
     """Return the weights in the given inputs, or None if there are none."""
-    found = {name: np.unique(inputs[_weight(name)]) for name in weights}
+    found = {name: np.unique(inputs[weight_symbol(name)]) for name in weights}
     return {name: v.item() if v.size == 1 else v for name, v in found.items()} or None
 
 

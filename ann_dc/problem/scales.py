@@ -64,14 +64,6 @@ def bridge_variance(
     curvatures of the cost in states and controls. The variance is zero for a state that no control
     moves and at the end that is ``fixed`` (n,). It is infinite for a component that is free at q_0
     (``loose``) if no cost limits its excursion.
-
-    Examples
-    --------
-    A chain of three sums from 0 back to 0 is free in the middle:
-
-    >>> one = np.ones((1, 1, 4))
-    >>> bridge_variance(one, one, np.zeros((1, 5)), np.ones(1), np.array([True])).round(3)
-    array([[0.75, 1.  , 0.75, 0.  ]])
     """
     variance = _variance(F, B, Q, R, fixed, loose)
     norms = np.linalg.norm(F, axis=(0, 1))  # at least the spectral radii, and cheaper
@@ -157,22 +149,9 @@ ROUNDS = 3
 @such_as("ann_dc.problem.scales_of(problem)")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scales:
-    """Scales between network values and the user's values of a problem.
+    """Scales between network values and the user's values: one per state chain and per control.
 
-    Attributes
-    ----------
-    states : tuple of n Scale
-        One scale per state chain.
-    controls : tuple of m Scale
-        One scale per control.
-    cost : float
-        User's cost that a network objective of 1 represents.
-
-    Examples
-    --------
-    >>> from ann_dc.problem import plants, scales_of
-    >>> [scale.factor for scale in scales_of(plants.double_integrator()).controls]
-    [26.293...]
+    `cost` is the user's cost that a network objective of 1 represents.
     """
 
     states: tuple[Scale, ...]
@@ -299,9 +278,9 @@ class _Path:
         return self.functions.hessian(self._from, u, np.zeros_like(self.q[:, 1:]))
 
     def _cheapest(self) -> np.ndarray:
-        """Return the controls (m, N) of least cost along the line, within the domain.
+        """Return the controls (m, N) of least cost along the line, one Newton step from zero.
 
-        One Newton step from zero is used.
+        They are moved into the domain.
         """
         n, u = self.problem.n, np.zeros((self.problem.m, self.problem.horizon))
         _, slope = self.functions.cost_gradient(self._from, u)
@@ -356,8 +335,8 @@ class _Path:
     def controls(self, scale: np.ndarray) -> np.ndarray:
         """Return controls that take q_k to q_{k+1} after one least-squares step.
 
-        States are measured in their scales, controls by their cost. The controls of least cost are
-        returned if f is not finite.
+        States are measured in their scales, controls by their cost. Without a finite f, the
+        controls are those of least cost.
         """
         if not np.isfinite(self.gap).all():
             return self.cheapest
@@ -380,7 +359,7 @@ class _Path:
     def _in_common(self, scale: np.ndarray) -> np.ndarray:
         """Return the geometric means (n,) of state excursions and end distances.
 
-        For nearly coinciding ends the mean tends to the excursion alone as the span tends to zero.
+        The mean tends to the excursion alone as the span tends to zero.
         """
         moved, span = np.isfinite(scale), self.span
         scale = scale * self._shared_factor(scale)

@@ -92,12 +92,6 @@ def written(problem: OptimalControlProblem) -> WrittenProblem:
     """Return a problem as plain data.
 
     Raises `ExpressionError` if the problem has a function that the parser does not know.
-
-    Examples
-    --------
-    >>> from ann_dc import plants
-    >>> written(plants.double_integrator(N=3)).cost
-    ('(1/2)*a**2',)
     """
     given = _users_fields(problem)
     symbols = (*given["states"], *given["controls"], *given["inputs"])
@@ -129,14 +123,6 @@ def declared(given: WrittenProblem) -> OptimalControlProblem:
     """Return the problem that plain data describes.
 
     Raises `ProblemError` if the data are not a valid problem; the message begins with the field.
-
-    Examples
-    --------
-    >>> from ann_dc import plants
-    >>> problem = plants.car()
-    >>> again = declared(written(problem))
-    >>> again.f == problem.f, again.cost == problem.cost
-    (True, True)
     """
     data = dict(vars(given))
     assumptions, step = data.pop("assumptions"), data.pop("step")
