@@ -25,10 +25,9 @@ import numpy as np
 from ann_dc.dataclass_pickling import WHERE_GIVEN
 from ann_dc.errors import ArgumentValueError
 from ann_dc.optimality.by_stages import Minimum
-from ann_dc.optimality.complementarity import Complementarity
+from ann_dc.optimality.complementarity import Complementarity, Largest
 from ann_dc.optimality.contact import SMALLEST_STATE
 from ann_dc.optimality.expansion import Expansion
-from ann_dc.optimality.largest import Largest
 from ann_dc.optimality.minimum import minimum_of
 from ann_dc.optimality.newton import newton_step
 from ann_dc.optimality.soft_constraints import SoftRows

@@ -11,9 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ann_dc.optimality.boundedness import Unbounded, without_minimum
-from ann_dc.optimality.feasibility import feasible_path
+from ann_dc.optimality.feasibility import Infeasible, feasible_path, out_of_reach
 from ann_dc.optimality.feasibility_search import Path
-from ann_dc.optimality.infeasibility import Infeasible, out_of_reach
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 from ann_dc.progress import Progress, Stopped, silent

@@ -56,7 +56,7 @@ from ann_dc.problem.minimax import (
     weights_of,
 )
 from ann_dc.problem.soft import Softness, soft_of
-from ann_dc.problem.step_length import SCALE, HandedOn, StepLength, step_length
+from ann_dc.problem.step_length import HandedOn, StepLength, step_length
 from ann_dc.scale import Scale
 from ann_dc.si_prefixes import counted
 from ann_dc.validation import checked
@@ -286,11 +286,6 @@ class OptimalControlProblem(Record):
     def handed_on(self) -> tuple[sp.Symbol, ...]:
         """State of an optimised step length, carried from stage to stage; otherwise empty."""
         return (self.dt.coordinate,) if isinstance(self.dt, StepLength) else ()
-
-    @property
-    def known_scales(self) -> np.ndarray:
-        """Scales (n,) of states that are known in advance (step length); nan elsewhere."""
-        return np.array([SCALE if s in self.handed_on else np.nan for s in self.states])
 
     @cached_property
     def functions(self) -> ProblemFunctions:

@@ -33,6 +33,7 @@ from ann_dc.errors import such_as
 from ann_dc.problem.bounds import widths
 from ann_dc.problem.declaration import HOLD, OptimalControlProblem
 from ann_dc.problem.domain import into_domain, within_domain
+from ann_dc.problem.step_length import SCALE
 from ann_dc.scale import Scale
 from ann_dc.validation import checked
 
@@ -250,7 +251,8 @@ class _Path:
 
     def __init__(self, problem: OptimalControlProblem, q: np.ndarray) -> None:
         self.problem, self.functions, self.q = problem, problem.functions, q
-        self.fixed, self.known = np.array(problem.fixed), problem.known_scales
+        self.fixed, carried = np.array(problem.fixed), problem.handed_on
+        self.known = np.array([SCALE if s in carried else np.nan for s in problem.states])
         self.loose = ~np.array(problem.fixed_start) & np.isnan(self.known)
         self.span = np.abs(q[:, -1] - q[:, 0])
         self.cheapest = self._cheapest()

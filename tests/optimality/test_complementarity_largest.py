@@ -10,7 +10,7 @@ import ann_dc
 from ann_dc.errors import ArgumentValueError
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.optimality.certificate import certify
-from ann_dc.optimality.largest import Largest
+from ann_dc.optimality.complementarity import Largest
 
 
 @pytest.fixture(scope="module")
