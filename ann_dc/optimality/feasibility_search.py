@@ -19,9 +19,9 @@ The active constraints and limits are found in a few rounds. After each round, c
 step would violate are added and others removed, and unknowns that would exceed their limits are
 fixed there.
 
-Distances list the inequalities by stage, then those of the end. A constraint g <= 0 is divided by the length of its gradient on its boundary, in the problem's
-scales. A positive value is the distance that a path must move to satisfy the constraint. Soft
-constraints need not hold and are omitted.
+Distances list the inequalities by stage, then those of the end. A constraint g <= 0 is divided by
+the length of its gradient on its boundary, in the problem's scales. A positive value is the
+distance that a path must move to satisfy the constraint. Soft constraints are omitted.
 """
 
 from __future__ import annotations

@@ -90,7 +90,10 @@ def within_domain(problem: Any, q: np.ndarray, u: np.ndarray, step: np.ndarray) 
 
 
 def culprit(expressions: Iterable[Any], values: dict[Any, float]) -> str:
-    """Return the first function that is not finite with its slope at values by symbol, as text."""
+    """Return the first function that is not finite with its slope, as text, such as "log(c)".
+
+    The values of states, controls and inputs are given by symbol.
+    """
     for expression in expressions:
         for atom in sorted(expression.atoms(sp.Function, sp.Pow), key=sp.default_sort_key):
             argument = sp.Dummy("argument")

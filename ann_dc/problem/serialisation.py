@@ -3,10 +3,10 @@
 Reading repeats the declaration, so all checks of a declaration apply. A new field of
 `OptimalControlProblem` must be added to `WrittenProblem`, and to `_CODECS` if it is not plain data.
 
-An expression becomes a few lines that `parse_expression` reads. A part that would make a line too long or too deep becomes a
-separate line. Later lines refer to this line by a name that no symbol can have, such as ``_1``.
-Sums and products are written in halves, so that lines do not nest deeply. A number retains all its
-digits.
+An expression becomes a few lines that `parse_expression` reads. A part that would make a line too
+long or too deep becomes a separate line, which later lines call by a name that no symbol can have,
+such as ``_1``. Sums and products are written in halves, so that lines do not nest deeply. A number
+retains all its digits.
 """
 
 from __future__ import annotations
