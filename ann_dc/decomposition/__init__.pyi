@@ -8,4 +8,4 @@ from .form import (
     Form as Form,
     switch as switch,
 )
-from .idle import determined as determined, held as held
+from .idle import held as held

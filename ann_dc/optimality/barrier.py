@@ -19,13 +19,7 @@ shift
     h = g - d z + \frac{t}{z} - \frac{t}{P - z}, \qquad \Delta z = \omega (G \Delta x + h),
 
 and thus requires one solve of the banded matrix of the certificate, with G' omega G in the Hessian.
-
-References
-----------
-.. [1] A. Wächter, L. T. Biegler, On the implementation of an interior-point filter line-search
-   algorithm for large-scale nonlinear programming, Mathematical Programming 106 (2006).
-.. [2] C. V. Rao, S. J. Wright, J. B. Rawlings, Application of interior-point methods to model
-   predictive control, J. Optimization Theory and Applications 99 (1998).
+The references are those of `interior_point`.
 """
 
 from __future__ import annotations
@@ -296,7 +290,7 @@ class Model:
         return stages, end
 
     def error(self, t: float) -> float:
-        """Return the largest residual of the barrier problem, scaled as in [1]_, (5)."""
+        """Return the largest residual, scaled as in (5) of Wächter and Biegler."""
         point, rows, plain, n = self.point, self.rows, self.plain, len(self.plain.end_slope)
         pull = (point.z[:, None] @ rows.slope)[:, 0]
         stages = plain.own_slope() + pull[:-1]
