@@ -1,6 +1,6 @@
 """Local optimum of a problem by a primal-dual interior-point method.
 
-Newton steps solve barrier problems (`model`) with decreasing parameter t; the linear algebra
+Newton steps solve barrier problems (`barrier`) with decreasing parameter t; the linear algebra
 proceeds by stages. A multiple of the identity is added to the Hessian until the test by stages
 finds the Hessian positive definite on the null space of the constraints. A filter accepts step
 lengths. If it accepts none, Gauss-Newton steps reduce the infeasibility, and the next shift of the

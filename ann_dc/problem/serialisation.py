@@ -74,11 +74,7 @@ class _Writer:
         self.lines: list[str] = []
 
     def write(self, expression: Any) -> str:
-        text = self._text(expression)
-        if len(text) > LONGEST_PART or _depth(text) > DEEPEST_PART:
-            self.lines.append(text)
-            return f"_{len(self.lines)}"
-        return text
+        return self._in_line(self._text(expression))
 
     def _text(self, expression: Any) -> str:
         if expression.is_Symbol:
@@ -171,6 +167,9 @@ def _depth(text: str) -> int:
         depth += (character == "(") - (character == ")")
         deepest = max(deepest, depth)
     return deepest
+
+
+# ---- records
 
 
 Formula = tuple[str, ...]
