@@ -34,7 +34,7 @@ from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import certify
 from ann_dc.optimality.reference_solvers import ipopt_point
 from ann_dc.problem.expression import parse_expression
-from ann_dc.problem.formulas import expression_of, lines_of
+from ann_dc.problem.serialisation import expression_of, lines_of
 from ann_dc.weights.hashes import content_hash
 from ann_dc.weights.network_file import load
 

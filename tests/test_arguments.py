@@ -35,8 +35,7 @@ INNER = {
     "Scale.network", "Scale.user", "StepLength.length", "StepLength.bound_at",
     "Soft.cost", "OptimalControlProblem.timed", "OptimalControlProblem.functions_with",
     "OptimalControlProblem.objective_stages", "OptimalControlProblem.objective_values",
-    "OptimalControlProblem.related", "OptimalControlProblem.shared_by",
-    "OptimalControlProblem.weighed",
+    "OptimalControlProblem.shared_by",
 }  # fmt: skip
 """What a run asks for itself, or what writes a word of a figure: no user calls it."""
 

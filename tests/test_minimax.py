@@ -64,7 +64,7 @@ def test_a_winner_that_takes_all_chatters():
     """Weight one for the largest and none for the other: the temperature zero of shares that only
     follow the objectives. It never comes to rest."""
     problem, first, second = small(), *sp.symbols("first second")
-    effort, error = problem.named_objectives.values()
+    effort, error = problem.objectives.values()
     given = {first: 0.5, second: 0.5}
     summed = replace(problem, objectives=(), cost=first * effort + second * error, inputs=given)
     designed = ann_dc.design(summed)

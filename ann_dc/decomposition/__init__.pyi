@@ -1,4 +1,3 @@
-from .determined import determined as determined
 from .equations import StageEquations as StageEquations, decompose as decompose
 from .form import (
     CORRECTED as CORRECTED,

@@ -8,25 +8,122 @@ With l the stage cost, f the map and t_k the copy of q_{k+1} that stage k propos
 A stationarity expression is stored as the derivative of a potential plus a remainder. The adjoint
 half of a cell is derived from the potential; the remainder is linear wiring. The printed form
 changes potentials and remainders only.
+
+Inequalities g <= 0 extend the Lagrangian (10) of a stage by
+
+.. math:: L_k \mathrel{+}= \zeta_k^T g(q_k, u_k), \qquad \zeta_k \ge 0, \qquad
+    \zeta_{k,i}\, g_i(q_k, u_k) = 0,
+
+so that (11) and (12) contain one more potential. Rows of the end are added to the terminal cost, in
+(14) of the last stage. The multiplier of a soft row is limited by the penalty weight, and the row
+may settle at g = d zeta (`Soft`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, TypeAlias, cast
+from typing import Annotated, Any, TypeAlias, cast
 
 import sympy as sp
 
-from ann_dc.decomposition.drift import at_rest, drift_and_drive
 from ann_dc.decomposition.form import CORRECTED, CostWeight, Form, LowerForm
-from ann_dc.decomposition.inequalities import InequalityRow, end_rows, pressed, stage_rows
-from ann_dc.decomposition.symbols import fresh, rounded
 from ann_dc.errors import FormError, such_as
 from ann_dc.problem.declaration import OptimalControlProblem
+from ann_dc.problem.inequality import Inequality
+from ann_dc.problem.soft import Soft
 from ann_dc.problem.step_length import StepLength
 from ann_dc.timing import phase
 from ann_dc.validation import NotEmpty, checked
+
+
+def fresh(name: str, problem: OptimalControlProblem) -> sp.Symbol:
+    """Return a symbol of that name, with a trailing '_' if the name is taken."""
+    taken = {s.name for s in (*problem.states, *problem.controls, *problem.inputs)}
+    while name in taken:
+        name += "_"
+    return sp.Symbol(name)
+
+
+def rounded(expression: sp.Expr) -> Any:
+    """Return the expression with its numbers rounded to six digits for display."""
+    return expression.xreplace({n: sp.Float(f"{float(n):.6g}") for n in expression.atoms(sp.Float)})
+
+
+def at_rest(problem: OptimalControlProblem) -> dict[Any, Any]:
+    """Return a substitution that sets every control to zero."""
+    return {u: sp.Integer(0) for u in problem.controls}
+
+
+def drift_and_drive(problem: OptimalControlProblem) -> list[tuple[sp.Expr, sp.Expr]]:
+    """Return f(q, 0) - q and f(q, u) - f(q, 0) for every state, as the paper splits the map.
+
+    Raises `FormError` if the map has no value without controls.
+    """
+    parts = []
+    for q, f in zip(problem.states, problem.f):
+        still = f.subs(at_rest(problem))
+        drift, driven = sp.expand(still - q), sp.expand(f - still)
+        if drift.has(sp.nan, sp.zoo):
+            raise FormError(
+                "S4, S6, S17: the map has no value at u = 0, so drift and control part "
+                "cannot be told apart; leave these switches off"
+            )
+        parts.append((drift, driven))
+    return parts
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InequalityRow:
+    """Row g <= 0 of a stage or of the end with its multiplier zeta.
+
+    The expression is in q and u of the stage, or in t if the row is one of q_N alone (`at_end`).
+    `soft` is None for a hard constraint.
+    """
+
+    name: str
+    expression: sp.Expr
+    multiplier: sp.Symbol
+    at_end: bool
+    soft: Soft | None = None
+
+    def __str__(self) -> str:
+        where = "at the end, " if self.at_end else ""
+        soft = f", {self.soft}" if self.soft else ""
+        return f"{where}{self.multiplier} >= 0 presses {self.expression} <= 0{soft}"
+
+
+def stage_rows(problem: OptimalControlProblem) -> tuple[InequalityRow, ...]:
+    """Return the rows of every stage of a problem."""
+    return tuple(_row(problem, given) for given in problem.inequalities)
+
+
+def end_rows(
+    problem: OptimalControlProblem, targets: Sequence[sp.Symbol]
+) -> tuple[InequalityRow, ...]:
+    """Return the rows of q_N, in the targets t (n symbols) of the last stage."""
+    at_end = dict(zip(problem.states, targets))
+    return tuple(_row(problem, given, at_end) for given in problem.end_inequalities)
+
+
+def _row(
+    problem: OptimalControlProblem,
+    given: Inequality,
+    at_end: dict[sp.Symbol, sp.Symbol] | None = None,
+) -> InequalityRow:
+    return InequalityRow(
+        name=given.name,
+        expression=cast(sp.Expr, given.expression.xreplace(at_end or {})),
+        multiplier=fresh(f"zeta_{'end_' if at_end else ''}{given.name}", problem),
+        at_end=at_end is not None,
+        soft=given.soft,
+    )
+
+
+def pressed(rows: Sequence[InequalityRow]) -> sp.Expr:
+    """Return the sum of zeta g over rows, their contribution to a Lagrangian."""
+    return sp.Add(*(row.multiplier * row.expression for row in rows))
 
 
 @checked
@@ -34,22 +131,9 @@ from ann_dc.validation import NotEmpty, checked
 class Stationarity:
     """One equation d(potential)/d(variable) + remainder = 0, driven with a sign.
 
-    Attributes
-    ----------
-    variable : sympy.Symbol
-        Neuron that the equation drives.
-    potential : sympy.Expr
-        Scalar that is differentiated: cost and map, times multipliers.
-    remainder : sympy.Expr
-        Terms added to the derivative: couplings, and terms of errata.
-    sign : int
-        tau * d(variable)/ds = sign * expression; -1 descends, +1 ascends.
-
-    Examples
-    --------
-    >>> from ann_dc import decompose, plants
-    >>> decompose(plants.double_integrator()).grad_u[0].expression
-    a + 0.1*mu_v
+    The potential (cost and map, times multipliers) is differentiated; the remainder contains
+    couplings and terms of errata. The neuron of the variable follows tau * d(variable)/ds = sign *
+    expression: -1 descends, +1 ascends.
     """
 
     variable: sp.Symbol

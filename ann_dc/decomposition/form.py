@@ -128,8 +128,8 @@ class Form:
     def numbers(self) -> tuple[int, ...]:
         """Numbers of the equations of q, u, mu, t and beta in the paper.
 
-        The numbers are (11)-(15), or (16) and (17) in the form that iterates them as printed.
-        Equations that a closed lower level takes from (30) have that number.
+        These are (11)-(15), or (16) and (17) in the form that iterates them as printed; a closed
+        lower level takes (30).
         """
         if self.primal_ascends and self.coupling_reads_next:
             return 16, 16, 16, 17, 17

@@ -9,9 +9,7 @@ from __future__ import annotations
 import numpy as np
 import sympy as sp
 
-from ann_dc.decomposition.equations import StageEquations
-from ann_dc.decomposition.inequalities import InequalityRow
-from ann_dc.decomposition.symbols import rounded
+from ann_dc.decomposition.equations import InequalityRow, StageEquations, rounded
 from ann_dc.validation import checked
 
 

@@ -31,7 +31,7 @@ from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.certificate import Certificate
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.initial_guess import interpolated_guess
-from ann_dc.problem.minimax import weights_of
+from ann_dc.problem.minimax import normalised, weighed, weights_of
 from ann_dc.progress import Progress, silent
 from ann_dc.solution.solution import certificate_of
 from ann_dc.synthesis.synthesis import synthesize
@@ -183,7 +183,7 @@ def pareto(
             f"objectives: {problem.name} has a point that is best for all objectives; there is no "
             "front"
         )
-    related = problem.related(ideal, nadir)
+    related = normalised(problem, ideal, nadir)
     network = synthesize(decompose(related))
     designed = procedure.design(network, preconditioner=preconditioner, progress=progress)
     inputs = {f"weight_{name}": w for name, w in zip(related.objective_names, weights.T)}
@@ -231,7 +231,7 @@ def _weights_of(problem: OptimalControlProblem, points: Any) -> np.ndarray:
             f"of {', '.join(names)}, got one of shape {weights.shape}"
         )
     for row in weights:
-        weights_of(row.tolist(), problem.named_objectives)
+        weights_of(row.tolist(), problem.objectives)
     if not (weights > 0).all():
         raise ProblemError("points: weights of a front are positive; leave that objective out")
     return weights
@@ -258,7 +258,7 @@ def _payoff(problem: OptimalControlProblem, kinds, progress: Progress) -> np.nda
     rows = []
     for own, name in enumerate(plain.objective_names):
         progress(f"front: the least {name}")
-        alone = plain.weighed((np.eye(len(sizes))[own] + REGULAR) / sizes)
+        alone = weighed(plain, (np.eye(len(sizes))[own] + REGULAR) / sizes)
         designed = procedure.design(
             synthesize(decompose(alone)), preconditioner=kinds, progress=progress
         )

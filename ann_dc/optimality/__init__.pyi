@@ -1,6 +1,4 @@
 from .certificate import Certificate as Certificate, certify as certify
-from .curvature import smallest_curvature as smallest_curvature
-from .feasibility import feasible_path as feasible_path
-from .infeasibility import out_of_reach as out_of_reach
-from .minimum import minimum_of as minimum_of
+from .feasibility import feasible_path as feasible_path, out_of_reach as out_of_reach
+from .minimum import minimum_of as minimum_of, smallest_curvature as smallest_curvature
 from .reference_solvers import ipopt_point as ipopt_point, time_solvers as time_solvers

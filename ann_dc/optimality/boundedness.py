@@ -48,10 +48,9 @@ RESTORATIONS = 8
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Unbounded:
-    """Unbounded cost, shown by a feasible path.
+    """Unbounded cost, shown by a feasible path with that `objective` in the user's units.
 
-    `objective` is the cost of the path in the user's units, `largest` the state or control that has
-    grown most, and `message` describes the result.
+    `largest` is the state or control that has grown most.
     """
 
     objective: float
@@ -67,20 +66,6 @@ def without_minimum(
     Returns None if the descent converged or ran out of steps. Also returns None if the start is
     given and every control has limits on both sides: a continuous cost then has a minimum.
     `progress` receives one line per step.
-
-    Examples
-    --------
-    A control with negative cost:
-
-    >>> import sympy as sp
-    >>> from ann_dc.problem import OptimalControlProblem, straight_line
-    >>> from ann_dc.optimality import feasible_path
-    >>> x, a = sp.symbols("x a")
-    >>> problem = OptimalControlProblem(
-    ...     states=(x,), controls=(a,), dynamics=(a,), cost=x**2 - a**2, horizon=9, q_0=(0,))
-    >>> line = straight_line(problem)
-    >>> without_minimum(problem, feasible_path(problem, line.q, line.u)).largest
-    'a'
     """
     if all(problem.fixed_start) and np.isfinite(problem.control_limits).all():
         return None
@@ -122,8 +107,8 @@ class _Descent:
     def _last_control(self) -> str:
         """Return the control of the last stage along which the cost is unbounded, if any.
 
-        Each control is perturbed alone, together with a free end. The descent does not find these
-        paths, because all other stages resist its long steps.
+        Each control is perturbed alone, together with a free end: all other stages resist the long
+        steps of the descent.
         """
         functions, start = self.problem.functions, self.path
         for control, size in enumerate(self.search.control.ravel()):

@@ -67,10 +67,10 @@ _ANSWERS = {
 
 
 def counted(expansion: Expansion, rows: np.ndarray) -> Minimum:
-    """Return the result of the second-order test by stages.
+    """Return the result of the second-order test of a finite expansion by stages.
 
-    The expansion must be finite. `rows` (N+1, R, n+m) contains the gradients of inequalities that
-    hold as equations, and zeros in empty slots.
+    `rows` (N+1, R, n+m) contains the gradients of inequalities that hold as equations, and zeros in
+    empty slots.
     """
     J, W, end = expansion.jacobian, expansion.hessian, expansion.end_hessian
     n, free = len(end), np.flatnonzero(~expansion.fixed_start)
@@ -161,10 +161,10 @@ def _rows(C, J, G):
 
 @inner
 def _eliminated(rows, p, n, little):
-    """Reduce C B Q to a diagonal above zero rows, in place, with u = Q y.
+    """Reduce C B Q to a diagonal above zero rows, in place, with u = Q y and Q orthogonal (m, m).
 
-    Returns the rows above the orthogonal Q (m, m), the number of components of y that they
-    determine, and the largest entry of each row during elimination.
+    Returns the rows above Q, the number of components of y that they determine, and the largest
+    entry of each row during elimination.
     """
     z = rows.shape[1]
     sizes, largest = np.zeros(p), np.zeros(p)

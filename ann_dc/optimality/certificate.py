@@ -25,12 +25,11 @@ import numpy as np
 from ann_dc.dataclass_pickling import WHERE_GIVEN
 from ann_dc.errors import ArgumentValueError
 from ann_dc.optimality.by_stages import Minimum
-from ann_dc.optimality.complementarity import Complementarity
+from ann_dc.optimality.complementarity import Complementarity, Largest
 from ann_dc.optimality.contact import SMALLEST_STATE
 from ann_dc.optimality.expansion import Expansion
-from ann_dc.optimality.largest import Largest
 from ann_dc.optimality.minimum import minimum_of
-from ann_dc.optimality.newton import step_of
+from ann_dc.optimality.newton import newton_step
 from ann_dc.optimality.soft_constraints import SoftRows
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.validation import OrNan, Shape, checked
@@ -128,7 +127,7 @@ class Certificate:
         if not self.kkt_residual < LARGEST_RESIDUAL:
             return f"the KKT residual {self.kkt_residual:.1e} is not below {LARGEST_RESIDUAL:g}"
         for part in (self.complementarity, self.largest):
-            if part is not None and not part.holds:
+            if part is not None and part.reason:
                 return part.reason
         return ""
 
@@ -210,7 +209,10 @@ def certify(
     of_all = None if not shares else np.concatenate([np.ravel(given) for given in shares])
     _check_rows("shares", of_all, (len(problem.objectives),))
     states = np.column_stack([q, t[:, -1]])
+    zeta = np.zeros((len(problem.inequalities), problem.horizon)) if zeta is None else zeta
+    zeta_end = np.zeros(len(problem.end_inequalities)) if zeta_end is None else zeta_end
     expansion = Expansion.at(problem, states, u, mu, zeta, zeta_end, of_all)
+    contact = expansion.contact
     largest = Largest.of(problem, states, u, of_all)
     first, last = expansion.ends
     with np.errstate(all="ignore"):
@@ -221,11 +223,11 @@ def certify(
             constraint_residual=_constraints(expansion, q, t),
             stationarity_residual=_stationarity(expansion, beta),
             minimum=minimum_of(expansion),
-            newton_step=step_of(expansion, states),
+            newton_step=newton_step(expansion, states),
             rollout_error=_largest(missed[expansion.fixed]),
             rollout=rollout,
-            complementarity=_complementarity(expansion),
-            soft_rows=_soft_rows(problem, (states, u), zeta, zeta_end),
+            complementarity=contact and Complementarity.of(contact, expansion.largest_slope()),
+            soft_rows=SoftRows.of(problem, (states, u), (zeta, zeta_end)),
             largest=largest,
         )
 
@@ -236,19 +238,6 @@ def _check_rows(name: str, given: np.ndarray | None, shape: tuple[int, ...]) -> 
             f"{name}: expected an array of shape {shape}, a row for each inequality of the "
             f"problem, got one of shape {given.shape}"
         )
-
-
-def _complementarity(expansion: Expansion) -> Complementarity | None:
-    if expansion.contact is None:
-        return None
-    return Complementarity.of(expansion.contact, expansion.largest_slope())
-
-
-def _soft_rows(problem, point, zeta, zeta_end) -> SoftRows | None:
-    shapes = (len(problem.inequalities), problem.horizon), len(problem.end_inequalities)
-    given = (np.zeros(s) if z is None else z for s, z in zip(shapes, (zeta, zeta_end)))
-    of_stages, of_end = given
-    return SoftRows.of(problem, point, (of_stages, of_end))
 
 
 def _largest(values: np.ndarray) -> float:

@@ -35,20 +35,19 @@ SMALLEST_CONTROL = 1e-6
 
 
 class Slots(NamedTuple):
-    """Constraints in scaled variables, R slots per stage; the last stage is q_N."""
+    """Constraints in scaled variables, (N+1, R) slots per stage; the last stage is q_N.
+
+    `is_row` is True if the slot contains a constraint; `value` is g, negative in empty slots, and
+    `slope` (N+1, R, n+m) its gradient. Multipliers `zeta` and penalty weights `price`, infinite for
+    hard constraints, are relative to the cost scale; `compliance` is zero for hard constraints.
+    """
 
     is_row: np.ndarray
-    """True if the slot contains a constraint, (N+1, R) of bool."""
     value: np.ndarray
-    """Values of g, (N+1, R); negative in empty slots."""
     slope: np.ndarray
-    """Gradients of g, (N+1, R, n+m)."""
     zeta: np.ndarray
-    """Multipliers relative to the cost scale, (N+1, R)."""
     compliance: np.ndarray
-    """Compliance of soft constraints, otherwise zero, (N+1, R)."""
     price: np.ndarray
-    """Penalty weight relative to the cost scale, (N+1, R); infinite for hard constraints."""
 
     @classmethod
     def empty(cls, stages: int, slots: int, z: int) -> Slots:
@@ -89,18 +88,11 @@ class Slots(NamedTuple):
 class Contact:
     """Constraints by slots (N+1, R), with gradients normalised to unit length.
 
-    Attributes
-    ----------
-    value, distance : (N+1, R) arrays
-        g over the length of its gradient, and relative to the range of the variables: positive if
-        violated, infinite if the gradient is zero and the value is not.
-    slope : (N+1, R, n+m) array
-        Unit gradient in (q_k, u_k), zero in components that an end fixes.
-    multiplier, product : (N+1, R) arrays
-        zeta times the length of the gradient; abs(zeta g) relative to the range of the variables.
-    compliance, room : (N+1, R) arrays
-        Violation of a soft constraint per unit multiplier; difference of its penalty weight and
-        multiplier, infinite for hard constraints.
+    `value` is g over the length of its gradient, and `distance` is relative to the range of the
+    variables: positive if violated, infinite if the gradient is zero and the value is not. `slope`
+    (N+1, R, n+m) is zero in components that an end fixes. `multiplier` is zeta times the length of
+    the gradient, and `product` is abs(zeta g) relative to the range. `room` is the difference of
+    penalty weight and multiplier, infinite for hard constraints.
     """
 
     is_row: np.ndarray
@@ -116,8 +108,7 @@ class Contact:
     def of(cls, slots: Slots, sizes: np.ndarray, is_free: np.ndarray) -> Contact:
         """Normalise constraints that are given in scaled variables.
 
-        `sizes` (n+m,) contains the ranges of states and controls. `is_free` (N+1, n+m) is True for
-        variables that no end fixes.
+        `sizes` (n+m,) are ranges; `is_free` (N+1, n+m) is True for variables that no end fixes.
         """
         length = np.sqrt((slots.slope**2).sum(axis=-1))
         is_flat = length == 0.0
@@ -183,11 +174,10 @@ def rows_of(
     factors: np.ndarray,
     cost: float,
 ) -> Slots:
-    """Return the inequality constraints of a problem, of the stages and of the end.
+    """Return the inequality constraints of the stages and of the end.
 
-    `point` contains states (n, N+1) and controls (m, N) in the user's units, `zetas` the
-    multipliers (r, N) and (r_e,). `factors` (n+m,) and `cost` are the scales of states and controls
-    and of the cost.
+    States (n, N+1), controls (m, N) and multipliers (r, N), (r_e,) are in the user's units.
+    `factors` (n+m,) and `cost` are scales.
     """
     (q, u), (zeta, zeta_end), n = point, zetas, problem.n
     rows, end = problem.functions.rows(q[:, :-1], u), problem.functions.end_rows(q[:, -1])
@@ -208,10 +198,9 @@ def rows_of(
 
 
 def limits_of(u: np.ndarray, limits: np.ndarray, slope: np.ndarray, sizes: np.ndarray) -> Slots:
-    """Return the control limits as constraints, the nearer limit of each control.
+    """Return the control limits (m, 2) as constraints, the nearer limit of each control.
 
-    The last stage has none. Shapes: `u` (N, m), `limits` (m, 2), infinite if absent, `sizes`
-    (n+m,). `slope` (N, n+m) is the gradient of the Lagrangian without the limits.
+    The last stage has none. `slope` (N, n+m) is the gradient of the Lagrangian without the limits.
     """
     bounded = np.flatnonzero(np.isfinite(limits).any(axis=1))
     at, each = slope.shape[1] - u.shape[1] + bounded, np.arange(len(bounded))

@@ -11,9 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ann_dc.optimality.boundedness import Unbounded, without_minimum
-from ann_dc.optimality.feasibility import feasible_path
+from ann_dc.optimality.feasibility import Infeasible, feasible_path, out_of_reach
 from ann_dc.optimality.feasibility_search import Path
-from ann_dc.optimality.infeasibility import Infeasible, out_of_reach
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales
 from ann_dc.progress import Progress, Stopped, silent
@@ -41,9 +40,8 @@ class Hopeless(Stopped):
 class Prospect:
     """Feasibility and boundedness of a problem, checked at increasing intervals.
 
-    `feasible` is a feasible path, once known; `asked` counts the requests. `followed` is True once
-    the boundedness check from that path is done, and `bottomless` is its result. `progress`
-    receives one line per iteration.
+    `feasible` is a feasible path, once known. `followed` is True once the boundedness check from
+    that path is done, and `bottomless` is its result.
     """
 
     problem: OptimalControlProblem
@@ -54,34 +52,18 @@ class Prospect:
     bottomless: Unbounded | None = field(default=None, init=False)
 
     def doubt(self, q: np.ndarray, u: np.ndarray) -> None:
-        """Check at the first, second, fourth, ... request.
+        """Check a stalled run, q (n, N+1) and u (m, N), at the first, second, fourth, ... request.
 
-        `q` (n, N+1), with the end, and `u` (m, N) are the state of the stalled run in the user's
-        units. Raises `Hopeless` if the target is infeasible or the cost is unbounded.
+        Raises `Hopeless` if the target is infeasible or the cost is unbounded.
         """
         self.asked += 1
         if self.asked & (self.asked - 1) == 0 and (found := self.look(q, u)):
             raise Hopeless(found)
 
     def look(self, q: np.ndarray, u: np.ndarray) -> Infeasible | Unbounded | None:
-        """Return the infeasibility or unboundedness found from a path, or None.
+        """Return the infeasibility or unboundedness found from q (n, N+1) and u (m, N), or None.
 
-        `q` (n, N+1) includes the end; `u` is (m, N), in the user's units. A path with non-finite
-        values is ignored.
-
-        Examples
-        --------
-        A vehicle without steering:
-
-        >>> import sympy as sp
-        >>> from ann_dc.problem import OptimalControlProblem, straight_line
-        >>> x, y, a = sp.symbols("x y a")
-        >>> problem = OptimalControlProblem(
-        ...     states=(x, y), controls=(a,), dynamics=(a, 0 * a), cost=a**2, horizon=5,
-        ...     q_0=(0, 0), q_d=(1, 1))
-        >>> line = straight_line(problem)
-        >>> Prospect(problem=problem).look(line.q, line.u).reached
-        {'q_d.y': ...}
+        A path with non-finite values is ignored.
         """
         if self.feasible is None:
             path = feasible_path(self.problem, q, u, self.progress)

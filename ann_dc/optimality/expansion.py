@@ -36,34 +36,28 @@ BEYOND = 1e-6
 
 
 class Frame(NamedTuple):
-    """Scales and boundary conditions shared by all expansions of a problem."""
+    """Scales and boundary conditions shared by all expansions of a problem.
+
+    `fixed_start` and `fixed` (n,) are True for components that q_0 and q_d fix; a free component of
+    `ends` has its value at the other end. `state` (n,), `control` (m,) and `factors` (n+m,) are
+    scale factors, `zero` (n+m,) offsets and `cost` the unit of the cost. The factors of a Jacobian
+    of the dynamics are (n, n+m), of a Hessian (n+m, n+m) and of a gradient of the cost (n+m,).
+    `limits` (m, 2) are scaled. `is_bounded` is True if there are inequalities or control limits.
+    """
 
     fixed_start: np.ndarray
-    """Components that q_0 fixes, (n,) of bool."""
     fixed: np.ndarray
-    """Components that q_d fixes, (n,) of bool."""
     ends: tuple[np.ndarray, np.ndarray]
-    """q_0 and q_d; a free component has its value at the other end."""
     state: np.ndarray
-    """Scale factors of the states, (n,)."""
     control: np.ndarray
-    """Scale factors of the controls, (m,)."""
     zero: np.ndarray
-    """Offsets of states and controls, (n+m,)."""
     cost: float
-    """Unit of the cost."""
     of_jacobian: np.ndarray
-    """Factors on the Jacobian of the dynamics, (n, n+m)."""
     of_hessian: np.ndarray
-    """Factors on a Hessian of the cost, (n+m, n+m)."""
     of_slope: np.ndarray
-    """Factors on a gradient of the cost, (n+m,)."""
     factors: np.ndarray
-    """Scale factors of states and controls, (n+m,)."""
     limits: np.ndarray
-    """Scaled control limits, (m, 2)."""
     is_bounded: bool
-    """True if the problem has inequalities or control limits."""
 
     @classmethod
     @lru_cache(maxsize=64)
@@ -98,24 +92,11 @@ class Frame(NamedTuple):
 class Expansion:
     """Linear-quadratic problem around a point; stages are the first axis.
 
-    Attributes
-    ----------
-    fixed_start, fixed : (n,) arrays of bool
-        Components that q_0 and q_d fix.
-    ends : two (n,) arrays
-        q_0 and q_d in the user's units; a free component has its value at the other end.
-    state, cost : (n,) array and float
-        Value of one scaled unit, in the user's units.
-    q, u, mu : (N+1, n), (N, m) and (N, n) arrays
-        States with the end, controls and multipliers of the dynamics.
-    jacobian, hessian, slope : (N, n, n+m), (N, n+m, n+m) and (N, n+m) arrays
-        (F_k, B_k), W_k and g_k.
-    end_hessian, end_slope : (n, n) and (n,) arrays
-        Derivatives of the terminal cost.
-    map, objective : (n, N) array and float
-        f(q_k, u_k), and E with the cost of soft constraints, in the user's units.
-    contact : Contact or None
-        Inequalities and control limits; None if the problem has none.
+    `ends`, `map` (n, N) and `objective` (with the cost of soft constraints) are in the user's
+    units, and `state` (n,) and `cost` are the value of one scaled unit; the rest is scaled. `q`
+    (N+1, n) includes the end, `u` is (N, m) and `mu` (N, n). `jacobian` (N, n, n+m) is (F_k, B_k),
+    `hessian` (N, n+m, n+m) is W_k and `slope` (N, n+m) is g_k. `contact` is None without
+    inequalities and limits.
     """
 
     fixed_start: np.ndarray
@@ -146,11 +127,10 @@ class Expansion:
         zeta_end: np.ndarray | None = None,
         shares: np.ndarray | None = None,
     ) -> Expansion:
-        """Expand a problem at a point in the user's units.
+        """Expand a problem at q (n, N+1), u (m, N) and mu (n, N) in the user's units.
 
-        `q` (n, N+1) includes the end; `u` is (m, N), `mu` (n, N). The multipliers of the
-        inequalities, `zeta` (r, N), and of the end, `zeta_end` (r_e,), are zero by default. The
-        weights `shares` (p,) of the objectives are equal by default.
+        The multipliers `zeta` (r, N) and `zeta_end` (r_e,) are zero by default; the weights
+        `shares` (p,) of the objectives are equal by default.
         """
         plain = cls.without_rows(problem, q, u, mu, shares)
         if not Frame.of(problem).is_bounded:
@@ -283,8 +263,8 @@ class Expansion:
 def _priced(rows: Slots, sizes: np.ndarray, is_free: np.ndarray) -> tuple[Slots, Slots, np.ndarray]:
     """Split constraints into those to satisfy and those at their penalty weight.
 
-    Also returns a mask of active constraints. A soft constraint on fixed end components is in
-    neither group: its cost is a constant.
+    The last result marks the active ones. A soft constraint on fixed end components is in neither
+    group: its cost is a constant.
     """
     contact = Contact.of(rows, sizes, is_free)
     if np.isinf(rows.price).all() and not rows.compliance.any():

@@ -1,6 +1,6 @@
 """Local optimum of a problem by a primal-dual interior-point method.
 
-Newton steps solve barrier problems (`model`) with decreasing parameter t; the linear algebra
+Newton steps solve barrier problems (`barrier`) with decreasing parameter t; the linear algebra
 proceeds by stages. A multiple of the identity is added to the Hessian until the test by stages
 finds the Hessian positive definite on the null space of the constraints. A filter accepts step
 lengths. If it accepts none, Gauss-Newton steps reduce the infeasibility, and the next shift of the
@@ -20,8 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.optimality.barrier import Barrier, Caution, Point
-from ann_dc.optimality.barrier_model import Model
+from ann_dc.optimality.barrier import Barrier, Caution, Model, Point
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import straight_line
 from ann_dc.progress import Progress, silent
@@ -57,18 +56,10 @@ APPROACHES = 40
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Extremum:
-    """Result of a search, in the user's units.
+    """Result of a search in the user's units; if not `converged`, `reason` explains the end.
 
-    Attributes
-    ----------
-    converged : bool
-        True if the scaled error is below the tolerance; otherwise `reason` explains the end.
-    objective : float
-        E with the cost of soft constraints.
-    q, u : (n, N+1) and (m, N) arrays
-        States with the end, and controls.
-    mu, zeta, zeta_end : (n, N), (r, N) and (r_e,) arrays
-        Multipliers of the dynamics, of the inequalities and of the terminal inequalities.
+    The objective includes the cost of soft constraints. States (n, N+1) include the end; controls
+    are (m, N), multipliers mu (n, N), zeta (r, N) and zeta_end (r_e,).
     """
 
     converged: bool
@@ -91,23 +82,12 @@ def interior_point(
     restorations: int = RESTORATIONS,
     progress: Progress = silent,
 ) -> Extremum:
-    """Search for a local optimum from a path.
+    """Search for a local optimum from a path; check ``converged`` of the result.
 
-    Method of [1]_ with the elimination by stages of [2]_. Problems with several objectives are not
-    supported. The result is returned for every outcome; check ``converged``.
-
-    Parameters
-    ----------
-    q, u : (n, N+1) and (m, N) arrays, optional
-        States with the end, and controls, in the user's units; by default the straight line and the
-        controls that fit it.
-    caution : Caution
-        Reduction of the natural scales, which can be far too large for states that move without
-        control.
-    restorations : int
-        Largest number of restorations; they take most of the time of a failing search.
-    progress : Progress
-        Receives one line per iteration; it may end the search by raising `Stopped`.
+    Method of [1]_ with the elimination by stages of [2]_. The initial guess q (n, N+1), u (m, N) is
+    in the user's units, by default the straight line. `caution` reduces the natural scales, which
+    can be far too large for states that move without control. `restorations` take most of the time
+    of a failing search. Problems with several objectives are not supported.
     """
     line = straight_line(problem)
     q, u = line.q if q is None else q, line.u if u is None else u
@@ -188,8 +168,8 @@ class _Search:
     def step(self) -> Point | None:
         """Return a Newton step with the smallest tested shift that gives descent.
 
-        With nearly dependent constraints, rounding can make the test by stages fail for every
-        shift. The curvature along the step then decides.
+        Rounding can make the test by stages fail for every shift if constraints are nearly
+        dependent. The curvature along the step then decides.
         """
         for is_counted in (True, False):
             shift = 0.0

@@ -28,8 +28,6 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs
 
 from ann_dc.optimality.expansion import Expansion
-from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.validation import checked
 
 (solve_band,) = get_lapack_funcs(("gbsv",), dtype=np.float64)
 
@@ -62,45 +60,13 @@ RELEASES = 20
 """Largest number of releases of constraints."""
 
 
-@checked
-def newton_step(
-    problem: OptimalControlProblem,
-    q: np.ndarray,
-    u: np.ndarray,
-    mu: np.ndarray,
-    zeta: np.ndarray | None = None,
-    zeta_end: np.ndarray | None = None,
-) -> float:
+def newton_step(expansion: Expansion, q: np.ndarray) -> float:
     """Return the largest relative Newton step of a state or control component.
 
     The result is max_i |step of component i| / max(range of component i), over all stages. If the
     step leads to zero, a fraction of the scale (`OF_STATE`, `OF_CONTROL`) replaces the range. The
-    result is nan if the KKT matrix is singular.
-
-    `q` (n, N+1) includes the end, `u` is (m, N), and `mu` (n, N) are the multipliers of the
-    dynamics. `zeta` (r, N) and `zeta_end` (r_e,) are those of the inequalities, zero by default.
-
-    Examples
-    --------
-    The optimal controls of a double integrator and a perturbation of 1 %:
-
-    >>> from ann_dc import equilibrium, plants, synthesize
-    >>> from ann_dc.evaluation import kkt_point
-    >>> problem = plants.double_integrator(N=5)
-    >>> network = synthesize(problem)
-    >>> q, u, t, mu, _ = kkt_point(network, equilibrium(network, network.start_state))
-    >>> states = np.c_[q, t[:, -1:]]
-    >>> newton_step(problem, states, u, mu) < 1e-9 < newton_step(problem, states, 1.01 * u, mu)
-    True
-    """
-    return step_of(Expansion.at(problem, q, u, mu, zeta, zeta_end), q)
-
-
-def step_of(expansion: Expansion, q: np.ndarray) -> float:
-    """Return the largest relative Newton step at the point of an expansion.
-
-    The expansion is that of the problem at q, u and mu. `q` (n, N+1) includes the end, in the
-    user's units. Definition as in `newton_step`.
+    result is nan if the KKT matrix is singular. The expansion is that at q (n, N+1), in the user's
+    units.
     """
     gap = (expansion.map - q[:, 1:]).T / expansion.state
     step, n, z = _step(expansion, gap), len(q), expansion.slope.shape[1]
@@ -126,12 +92,11 @@ def _step(expansion: Expansion, gap: np.ndarray) -> np.ndarray:
 
 
 def banded_system(expansion: Expansion, gap: np.ndarray):
-    """Return the banded KKT matrix, the right-hand side (N+1, 2n+m+R) and a mask.
+    """Return the banded KKT matrix, the right-hand side (N+1, 2n+m+R) and a mask of its unknowns.
 
-    Block k is (q_k, u_k, zeta_k, mu_k); the last block contains only q_N and zeta_N. The band has
-    LAPACK's layout, transposed: column j has entry (i, j) at 2 w + i - j, with w entries on either
-    side of the diagonal. A fixed component has a row and a column of the identity. The mask is True
-    for existing unknowns.
+    Block k is (q_k, u_k, zeta_k, mu_k); the last one is q_N and zeta_N. The band has LAPACK's
+    layout, transposed: column j has entry (i, j) at 2 w + i - j, with w entries on either side of
+    the diagonal. A fixed component has a row and a column of the identity.
     """
     stages, n, z = expansion.jacobian.shape
     contact, each = expansion.contact, np.arange(n)

@@ -130,12 +130,8 @@ def _timed(ca: Any, name: str, plugin: str, options: dict, program, bounds, repe
 class ReferencePoint:
     """Optimum found by IPOPT with its multipliers, in the user's units.
 
-    Attributes
-    ----------
-    q, t, u : (n, N), (n, N) and (m, N) arrays
-        States of the N stages, states after each stage, and controls.
-    mu, beta, zeta, zeta_end : (n, N), (n, N), (r, N) and (r_e,) arrays
-        Multipliers; zeta are those of the inequalities, zeta_end those of the end.
+    q, t, mu and beta are (n, N), u is (m, N), zeta (r, N) and zeta_end (r_e,); t are the states
+    after each stage.
     """
 
     objective: float
@@ -191,8 +187,7 @@ class _Shooting:
     """Multiple shooting program, ordered by stage as fatrop requires.
 
     `program` is the argument of `casadi.nlpsol`. `kinds` names the kind of each constraint: "map",
-    "end" (fixed), "row" or "last". `slack` and `end_slack` are the slacks of the soft constraints
-    of a stage and of the end.
+    "end" (fixed), "row" or "last".
     """
 
     problem: OptimalControlProblem

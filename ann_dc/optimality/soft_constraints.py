@@ -33,18 +33,11 @@ class _Row(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SoftRows:
-    """Soft constraints of a point.
+    """Soft constraints of a point that are exceeded, and their cost in the objective's unit.
 
-    Attributes
-    ----------
-    at_price, yielding : int
-        Number of constraints, of all stages and the end, exceeded at their penalty weight; number
-        of compliant ones exceeded below it.
-    cost : float
-        Contribution to the objective, in its unit.
-    worst, excess, stage : str, float and int
-        Constraint with the largest violation in units of its g (empty if none is exceeded), this
-        violation, and its stage, N at the end.
+    `at_price` counts constraints exceeded at their penalty weight, `yielding` compliant ones
+    exceeded below it. `worst` has the largest violation `excess` in units of its g (empty if none
+    is exceeded), at that stage, N at the end.
     """
 
     at_price: int
@@ -63,8 +56,7 @@ class SoftRows:
     ) -> SoftRows | None:
         """Evaluate the soft constraints at a point; None if the problem has none.
 
-        `point` contains states (n, N+1), end included, and controls (m, N) in the user's units,
-        `zetas` the multipliers (r, N) and (r_e,).
+        States (n, N+1), controls (m, N) and multipliers (r, N), (r_e,) are in the user's units.
         """
         rows = _soft_rows(problem, *point, *zetas)
         if not rows:
@@ -110,8 +102,8 @@ class SoftRows:
 class Slacks:
     """Slacks of soft constraints for solvers without penalties: g <= sum of slacks.
 
-    `share` (r, S) is the coefficient of every slack in every constraint. The cost of a slack s is
-    price s + stiffness s^2 / 2.
+    `share` (r, S) is the coefficient of every slack in every constraint. A slack s costs price s +
+    stiffness s^2 / 2.
     """
 
     share: np.ndarray

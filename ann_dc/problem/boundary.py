@@ -26,29 +26,8 @@ def boundary_slopes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return slope lengths (r,) and (r_e,) of stage and end rows on their boundaries.
 
-    An entry is one if no boundary is found.
-
-    Parameters
-    ----------
-    q : (n, N+1) array
-        States including the end; each row uses the boundary point nearest to any of them.
-    u : (m, N) array
-        Controls of the path.
-    factors : (n+m,) array
-        Scale factors of states and controls; slopes refer to the scaled variables.
-
-    Examples
-    --------
-    A disc of radius 2, from its centre and from points next to the centre:
-
-    >>> import ann_dc, sympy as sp
-    >>> x, a = sp.symbols("x a")
-    >>> problem = ann_dc.OptimalControlProblem(
-    ...     states=(x,), controls=(a,), map=(x + a,), cost=a**2, horizon=2, q_0=(None,),
-    ...     constraints=[x**2 >= 4])
-    >>> line = np.array([[0.0, 0.5, 1.0]])
-    >>> boundary_slopes(problem.functions, line, np.zeros((1, 2)), np.ones(2))[0].round(6)
-    array([4.])
+    Each row uses the boundary point nearest to any of the states (n, N+1) and controls (m, N); an
+    entry is one if no boundary is found. Slopes refer to variables scaled by `factors` (n+m,).
     """
     n = len(q)
 
@@ -73,8 +52,7 @@ def _all_on_boundary(rows: Rows, z: np.ndarray, factors: np.ndarray) -> np.ndarr
 def _on_boundary(rows: Rows, row: int, z: np.ndarray, factors: np.ndarray) -> float:
     """Return the slope length of a row at its boundary point nearest to (n, K) points.
 
-    If no boundary is found from the points, for example because the row is flat there (a product at
-    zero), the search restarts one scale away.
+    If the row is flat at the points (a product at zero), the search restarts one scale away.
     """
     for began in (z, z + factors):
         length, way, left = _towards(rows, row, began, factors)

@@ -20,10 +20,15 @@ import numpy as np
 import sympy as sp
 
 from ann_dc.dataclass_pickling import Record
-from ann_dc.errors import ProblemError, such_as
-from ann_dc.problem.assumptions import bounds_assumed, check_inputs
-from ann_dc.problem.bounds import bounds_of, limits_of, rows_of
-from ann_dc.problem.carried_state import HandedOn
+from ann_dc.errors import ProblemError, UnknownNameError, such_as
+from ann_dc.problem.bounds import (
+    bounds_assumed,
+    bounds_of,
+    check_ends,
+    check_inputs,
+    limits_of,
+    rows_of,
+)
 from ann_dc.problem.fields import (
     both_ends,
     check_names,
@@ -33,24 +38,25 @@ from ann_dc.problem.fields import (
     smooth_expression,
     symbols,
     text,
+    units_by_name,
     values_a_stage,
     whole_stages,
 )
-from ann_dc.problem.fixed_ends import check_ends
 from ann_dc.problem.functions import ProblemFunctions
 from ann_dc.problem.inequality import Inequality, Relations, relations_of
 from ann_dc.problem.minimax import (
     Objectives,
-    Several,
     Weights,
     objectives_of,
+    share_symbol,
     temperature_of,
     weight_inputs,
+    weight_symbol,
+    weights_among,
     weights_of,
 )
 from ann_dc.problem.soft import Softness, soft_of
-from ann_dc.problem.step_length import SCALE, StepLength, step_length
-from ann_dc.problem.units import Measured
+from ann_dc.problem.step_length import HandedOn, StepLength, step_length
 from ann_dc.scale import Scale
 from ann_dc.si_prefixes import counted
 from ann_dc.validation import checked
@@ -63,7 +69,7 @@ HOLD = "hold_{}"
 
 @such_as("ann_dc.plants.car()")
 @dataclass(frozen=True, kw_only=True, eq=False)
-class OptimalControlProblem(Measured, Several, Record):
+class OptimalControlProblem(Record):
     """Discrete-time optimal-control problem in the user's symbols.
 
     Parameters
@@ -160,7 +166,7 @@ class OptimalControlProblem(Measured, Several, Record):
     bounds: Mapping[str, Sequence[float | None]] = field(default_factory=dict)
     soft: Softness = field(default_factory=dict)
     objectives: Objectives = ()
-    weights: Weights | None = None
+    weights: Weights = None
     temperature: float = 0.0
 
     def __post_init__(self) -> None:
@@ -174,7 +180,7 @@ class OptimalControlProblem(Measured, Several, Record):
         put("weights", weights_of(self.weights, self.objectives))
         put("temperature", temperature_of(self.temperature, self.objectives))
         inputs = values_a_stage(self.inputs, self.horizon)
-        put("inputs", inputs | values_a_stage(weight_inputs(self.named_weights), self.horizon))
+        put("inputs", inputs | values_a_stage(weight_inputs(self.weights), self.horizon))
         check_names([*self.states, *self.controls], [*self.inputs])
         handed.check_symbol([*self.states, *self.controls, *self.inputs])
         known = {*self.states, *self.controls, *self.inputs, *handed.symbols}
@@ -213,7 +219,8 @@ class OptimalControlProblem(Measured, Several, Record):
     @cached_property
     def l(self) -> sp.Expr:  # noqa: E743
         """Stage cost l(q_k, u_k) in states, controls and inputs, with weighted objectives."""
-        return self._in_states(self.cost) + self._shared_cost
+        weighed = self.stage_objectives.values()
+        return self._in_states(self.cost) + sp.Add(*(z * e for z, e in zip(self.shares, weighed)))
 
     @cached_property
     def l_N(self) -> sp.Expr:
@@ -271,8 +278,7 @@ class OptimalControlProblem(Measured, Several, Record):
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
         """Boundary values (q_0, q_d) as arrays (n,).
 
-        A free component has the value of its other end. A component that is free at both ends is
-        zero, or the offset of its `Scale`.
+        A free component has the value of its other end, or else zero or the offset of its `Scale`.
         """
         return both_ends(self.q_0, self.q_d or (), [self.scales.get(str(s)) for s in self.states])
 
@@ -280,11 +286,6 @@ class OptimalControlProblem(Measured, Several, Record):
     def handed_on(self) -> tuple[sp.Symbol, ...]:
         """State of an optimised step length, carried from stage to stage; otherwise empty."""
         return (self.dt.coordinate,) if isinstance(self.dt, StepLength) else ()
-
-    @property
-    def known_scales(self) -> np.ndarray:
-        """Scales (n,) of states that are known in advance (step length); nan elsewhere."""
-        return np.array([SCALE if s in self.handed_on else np.nan for s in self.states])
 
     @cached_property
     def functions(self) -> ProblemFunctions:
@@ -299,6 +300,106 @@ class OptimalControlProblem(Measured, Several, Record):
             rows=[row.expression for row in self.inequalities],
             end_rows=[row.expression for row in self.end_inequalities],
         )
+
+    @property
+    def time_unit(self) -> str:
+        """Unit of measure of dt, "s" by default."""
+        return self.units.get("time", "s")
+
+    @property
+    def interval(self) -> str:
+        """Sampling interval with its unit: "0.1 s", or "0.02 to 0.5 s" if optimised."""
+        return self.timed(str(self.dt) if isinstance(self.dt, StepLength) else f"{self.dt:g}")
+
+    def timed(self, number: str) -> str:
+        """Return a number with the unit of dt."""
+        return number + (f" {self.time_unit}" if self.time_unit != "1" else "")
+
+    @property
+    def cost_unit(self) -> str:
+        """Unit of measure of the objective; empty if undeclared."""
+        return self.units.get("cost", "")
+
+    @checked
+    def unit(self, name: str) -> str:
+        """Return the unit of measure of a state, control, input or neuron.
+
+        The unit is empty if undeclared. A multiplier has the unit of the cost divided by the unit
+        of its state; a multiplier of an inequality has no unit.
+
+        The name is, for example, "x", or the network's neuron name "q.x", "u.a" or "mu.x". Raises
+        `UnknownNameError` with the list of names if the name is unknown.
+
+        Examples
+        --------
+        >>> x, a = sp.symbols("x a")
+        >>> problem = OptimalControlProblem(
+        ...     states=(x,), controls=(a,), dynamics=(a,), cost=a**2, horizon=9, q_0=(0,),
+        ...     units={x: "m", "a": "m/s"})
+        >>> problem.unit("a"), problem.unit("q.x"), problem.unit("mu.x"), problem.time_unit
+        ('m/s', 'm', 'cost/m', 's')
+        """
+        q, u, w = ([str(s) for s in group] for group in (self.states, self.controls, self.inputs))
+        rows = [f"z.{row.name}" for row in self.inequalities]
+        rows += [f"z_end.{row.name}" for row in self.end_inequalities]
+        known = units_by_name(self.units, q, u, w, [*rows, *(f"z_J.{n}" for n in self.objectives)])
+        known |= {f"J.{name}": self.cost_unit for name in self.objectives}
+        known |= {"E.max": self.cost_unit} if self.objectives else {}
+        if isinstance(self.dt, StepLength):
+            known[str(self.dt.symbol)] = self.time_unit
+        if name not in known:
+            raise UnknownNameError.of("name", name, known)
+        return known[name]
+
+    @property
+    def objective_names(self) -> tuple[str, ...]:
+        """Names of all objectives."""
+        return tuple(self.objectives)
+
+    @property
+    def stage_objectives(self) -> dict[str, sp.Expr]:
+        """Terms w_i l_i by name, in states, controls and inputs; w_i is 1 without weights."""
+        weigh = weight_symbol if self.weights else lambda _: sp.S.One
+        return {n: weigh(n) * self._in_states(e) for n, e in self.objectives.items()}
+
+    @property
+    def shares(self) -> dict[sp.Symbol, np.ndarray]:
+        """Equal coefficients zeta of all objectives, (N,) each, by symbol."""
+        return self.shared_by(np.full(len(self.objectives), 1.0 / max(len(self.objectives), 1)))
+
+    def shared_by(self, shares: np.ndarray) -> dict[sp.Symbol, np.ndarray]:
+        """Return given coefficients (p,) by symbol, constant over the stages."""
+        return {share_symbol(n): np.full(self.horizon, z) for n, z in zip(self.objectives, shares)}
+
+    def functions_with(self, shares: np.ndarray | None) -> ProblemFunctions:
+        """Return the problem functions with coefficients (p,), equal ones if None."""
+        if shares is None:
+            return self.functions
+        given: Any = {**self.inputs, **self.shared_by(shares)}
+        return self.functions.with_inputs(given)
+
+    def objective_values(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Return w_i J_i (p,) of a path ``q`` (n, N+1) with q_N, ``u`` (m, N).
+
+        Examples
+        --------
+        >>> x, a = sp.symbols("x a")
+        >>> problem = OptimalControlProblem(
+        ...     states=(x,), controls=(a,), dynamics=(a,), horizon=2, q_0=(1,),
+        ...     objectives={"effort": a**2, "error": x**2})
+        >>> problem.objective_values(np.ones((1, 3)), np.full((1, 2), 3.0)).tolist()
+        [18.0, 2.0]
+        """
+        return self.objective_stages(q, u).sum(axis=1)
+
+    def objective_stages(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Return the contribution of every stage to the objectives, (p, N)."""
+        count = len(self.objectives)
+        if not count:
+            return np.zeros((0, self.horizon))
+        alone = (np.zeros(count), *np.eye(count))
+        common, *each = [self.functions_with(shares).cost(q[:, :-1], u) for shares in alone]
+        return np.array(each) - common
 
     def with_inputs(self, /, *, q_0=None, q_d=None, **inputs) -> OptimalControlProblem:
         """Return the problem with other boundary conditions or input values.
@@ -327,7 +428,7 @@ class OptimalControlProblem(Measured, Several, Record):
             q_0=self.q_0 if q_0 is None else q_0,
             q_d=self.q_d if q_d is None else q_d,
             inputs=given,
-            weights=self._weights_among(given),
+            weights=weights_among(self.weights, given),
         )
         given: Any = {**other.inputs, **other.shares}
         if other.end_inequalities == self.end_inequalities:  # bounds of other free ends are others

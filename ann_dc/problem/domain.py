@@ -19,11 +19,9 @@ HALVINGS = 20
 
 
 def terms(problem: Any, q: np.ndarray, u: np.ndarray) -> list[tuple[str, Any, np.ndarray]]:
-    """Return map, cost and inequalities on a path and the stages that have values.
+    """Return map, cost and inequalities on a path: name, expressions and defined stages (N,).
 
-    Each item is (name, expressions, defined stages). States q (n, N), without the end, and controls
-    u (m, N) are in the user's units. The defined stages are (N,) booleans: True if value and slope
-    are finite.
+    A stage is defined if value and slope are finite. States (n, N) exclude the end.
     """
     functions = problem.functions
     rows = zip(problem.inequalities, *functions.rows(q, u))
@@ -55,9 +53,8 @@ def into_domain(problem: Any, q: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Return controls (m, N), moved into the domain at stages that lie outside.
 
     A control moves to the middle of its limits, or otherwise to a value of `SIZES`, with equal or
-    alternating signs. The first value at which all stages are defined is used; if there is none,
-    the value with the most defined stages. States q (n, N), without the end, are in the user's
-    units.
+    alternating signs. The first value with all stages defined is used, or otherwise the one with
+    most. States (n, N) exclude the end.
     """
     bad = ~defined(problem, q, u)
     if not bad.any():
@@ -81,8 +78,7 @@ def into_domain(problem: Any, q: np.ndarray, u: np.ndarray) -> np.ndarray:
 def within_domain(problem: Any, q: np.ndarray, u: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Return ``u + step``, with the step halved at stages that leave the domain.
 
-    The controls u (m, N) lie in the domain; states q (n, N), without the end, are in the user's
-    units. After `HALVINGS` halvings the step of a stage is zero.
+    The controls u (m, N) lie in the domain. After `HALVINGS` halvings the step of a stage is zero.
     """
     share, bad = np.ones(u.shape[1]), np.zeros(u.shape[1], bool)
     for _ in range(HALVINGS):
@@ -94,16 +90,9 @@ def within_domain(problem: Any, q: np.ndarray, u: np.ndarray, step: np.ndarray) 
 
 
 def culprit(expressions: Iterable[Any], values: dict[Any, float]) -> str:
-    """Return the first function that is not finite with its slope, as text.
+    """Return the first function that is not finite with its slope, as text, such as "log(c)".
 
-    The values of states, controls and inputs are given by symbol. The text is empty if all
-    functions are finite.
-
-    Examples
-    --------
-    >>> c, k = sp.symbols("c k")
-    >>> culprit([k - sp.log(c)], {c: 0.0, k: 10.0})
-    'log(c)'
+    The values of states, controls and inputs are given by symbol.
     """
     for expression in expressions:
         for atom in sorted(expression.atoms(sp.Function, sp.Pow), key=sp.default_sort_key):

@@ -45,19 +45,10 @@ _SUM, _PRODUCT = (ast.Add, ast.Sub), (ast.Mult, ast.Div)
 
 
 def parse_expression(text: str, symbols: Mapping[str, sp.Expr], where: str) -> sp.Expr:
-    """Read a mathematical expression from text.
+    """Read a mathematical expression from text: numbers, names, + - * / **, calls of `FUNCTIONS`.
 
-    Raises `ExpressionError` with the field, the rejected piece of text and the allowed syntax.
-
-    Parameters
-    ----------
-    text : str
-        Numbers, the given names, ``pi``, ``+ - * / **``, parentheses, and calls of `FUNCTIONS`. A
-        numeric exponent lies between -1000 and 1000.
-    symbols : mapping of str to sympy.Expr
-        Meaning of each name: a symbol, or a number for a parameter.
-    where : str
-        Field of the text, such as ``"dynamics.v"``; errors begin with this name.
+    A name is a symbol, a number (a parameter) or ``pi``. Raises `ExpressionError`, which begins
+    with the field ``where``, with the rejected piece of text and the allowed syntax.
 
     Examples
     --------

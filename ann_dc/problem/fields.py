@@ -114,6 +114,15 @@ def text(name: str, given) -> str:
     return given
 
 
+def by_name(field: str, given, prefix: str, expected: str) -> dict:
+    """Return a mapping, or the parts of a sequence by numbered names; else a `ProblemError`."""
+    if isinstance(given, Mapping):
+        return dict(given)
+    if isinstance(given, Sequence) and not isinstance(given, (str, bytes)):
+        return {f"{prefix}{number}": part for number, part in enumerate(given, 1)}
+    raise ProblemError(f"{field}: expected a sequence of {expected}, got {given!r}")
+
+
 def whole_stages(given) -> int:
     """Return N as an int from 1 to MAX_HORIZON, or raise a `ProblemError`."""
     whole = isinstance(given, numbers.Integral) and not isinstance(given, bool)
@@ -246,10 +255,9 @@ def inputs_by_name(
 
 
 def measures(given, names: Sequence[str]) -> dict[str, str]:
-    """Return units of measure by name, as text that every figure and report can show.
+    """Return units of measure by name, as short text that every figure and report can show.
 
-    Raises `ProblemError` if a name is neither one of ``names`` nor "cost" or "time", or if a unit
-    is not a short text.
+    Raises `ProblemError` if a name is neither one of ``names`` nor "cost" or "time".
     """
     if not isinstance(given, Mapping):
         raise ProblemError(
@@ -296,11 +304,41 @@ def _measure(name: str, given) -> str:
     return unit
 
 
+def units_by_name(
+    units: Mapping[str, str],
+    states: Sequence[str],
+    controls: Sequence[str],
+    inputs: Sequence[str],
+    rows: Sequence[str],
+) -> dict[str, str]:
+    """Return the unit of every state, control, input and neuron; empty if unknown.
+
+    The rows are the neurons of inequalities, whose multipliers have no unit.
+    """
+    known = {name: units.get(name, "") for name in (*states, *controls, *inputs)}
+    cost = units.get("cost", "cost")
+    known |= {f"{p}.{s}": known[s] for p in ("q", "t") for s in states}
+    known |= {f"{p}.{s}": known[s] and _per(cost, known[s]) for p in ("mu", "beta") for s in states}
+    known |= {f"u.{s}": known[s] for s in controls}
+    return known | dict.fromkeys(rows, "")
+
+
+def _per(above: str, below: str) -> str:
+    """Return the unit of a quotient.
+
+    >>> _per("cost", "m"), _per("cost", "m/s"), _per("J", "1"), _per("J/s", "m")
+    ('cost/m', 'cost/(m/s)', 'J', '(J/s)/m')
+    """
+    if below == "1":
+        return above
+    above, below = (f"({u})" if set(u) & set("/*· ") else u for u in (above, below))
+    return f"{above}/{below}"
+
+
 def scales_by_hand(given, names: Sequence[str]) -> dict[str, float | Scale]:
     """Return scales by name: a positive number, or a `Scale` with an offset.
 
-    Raises `ProblemError` if a name is neither one of ``names`` nor "cost", or if a scale is not
-    positive and finite.
+    Raises `ProblemError` if a name is neither one of ``names`` nor "cost".
     """
     if not isinstance(given, Mapping):
         raise ProblemError(

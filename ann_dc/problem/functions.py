@@ -17,65 +17,39 @@ import sympy as sp
 
 
 class Derivatives(NamedTuple):
-    """Map and cost of all stages with their derivatives and the Hessian of l + mu' f."""
+    """Map f (n, N) and cost l (N,) of all stages with derivatives in (q, u).
+
+    The Jacobian of the map is (n, n+m, N) and the gradient of the cost (n+m, N). The Hessian (n+m,
+    n+m, N) is that of l + mu' f.
+    """
 
     map: np.ndarray
-    """Values f(q_k, u_k), (n, N)."""
     jacobian: np.ndarray
-    """Jacobian of the map in (q, u), (n, n+m, N)."""
     cost: np.ndarray
-    """Stage cost l(q_k, u_k), (N,)."""
     gradient: np.ndarray
-    """Gradient of the cost in (q, u), (n+m, N)."""
     hessian: np.ndarray
-    """Hessian of l + mu' f in (q, u), (n+m, n+m, N)."""
 
 
 class Rows(NamedTuple):
-    """Inequality rows g(q_k, u_k) of all stages with their derivatives."""
+    """Inequality rows g(q_k, u_k) (r, N) of all stages and their Jacobian (r, n+m, N)."""
 
     value: np.ndarray
-    """Values of the rows, (r, N)."""
     jacobian: np.ndarray
-    """Jacobian of the rows in (q, u), (r, n+m, N)."""
 
 
 class EndRows(NamedTuple):
-    """Inequality rows of q_N with their derivatives."""
+    """Inequality rows of q_N (r_e,) and their Jacobian (r_e, n)."""
 
     value: np.ndarray
-    """Values of the rows, (r_e,)."""
     jacobian: np.ndarray
-    """Jacobian of the rows, (r_e, n)."""
 
 
 class ProblemFunctions:
     """Vectorised map, cost, inequalities and derivatives of a control problem.
 
-    Every method takes ``q`` (n, N) and ``u`` (m, N) and evaluates all stages at once.
-
-    Parameters
-    ----------
-    inputs : mapping of symbol to (N,) array
-        Further symbols of the expressions with their values at every stage.
-    f : sequence of n expressions
-        Map q_{k+1} = f(q_k, u_k).
-    cost : expression
-        Stage cost l(q_k, u_k).
-    terminal_cost : expression
-        Terminal cost l_N(q_N), with the input values of the last stage.
-    rows : sequence of r expressions
-        Functions g(q_k, u_k) of the inequalities g <= 0.
-    end_rows : sequence of r_e expressions
-        Functions g(q_N), with the input values of the last stage.
-
-    Examples
-    --------
-    >>> from ann_dc import plants
-    >>> functions = plants.double_integrator(N=3).functions
-    >>> functions.rollout([0, 0], np.ones((1, 3))).round(3)
-    array([[0.  , 0.  , 0.01, 0.03],
-           [0.  , 0.1 , 0.2 , 0.3 ]])
+    Every method takes ``q`` (n, N) and ``u`` (m, N) and evaluates all stages at once. The inputs
+    are (N,) arrays by symbol; the terminal cost and the rows of the end read those of the last
+    stage.
     """
 
     def __init__(
@@ -95,10 +69,7 @@ class ProblemFunctions:
         self._compiled = _compiled(tuple(states), tuple(controls), tuple(inputs), *formulas)
 
     def with_inputs(self, inputs: Mapping[sp.Symbol, np.ndarray]) -> ProblemFunctions:
-        """Return the functions with other input values; compiled code is reused.
-
-        The inputs have the same symbols in the same order and values of shape (N,).
-        """
+        """Return the functions with other values (N,) of the inputs; compiled code is reused."""
         other = copy.copy(self)
         other._inputs = inputs
         return other
@@ -199,9 +170,8 @@ class ProblemFunctions:
     def in_library(self, modules) -> tuple[Callable, ...]:
         """Return five functions of one stage, compiled for another array library.
 
-        They are the map, stage cost, terminal cost, inequality rows and end rows. Each takes all
-        states, controls and inputs as positional arguments and returns a list. ``modules`` has the
-        form that `sympy.lambdify` accepts.
+        Map, stage cost, terminal cost, inequality rows and end rows take all states, controls and
+        inputs and return a list. ``modules`` is that of `sympy.lambdify`.
         """
         own = self._compiled
         told = own.f, [own.l], [own.l_N], own.g, own.g_N

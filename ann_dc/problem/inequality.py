@@ -13,7 +13,7 @@ import numpy as np
 import sympy as sp
 
 from ann_dc.errors import ProblemError
-from ann_dc.problem.fields import check_names, smooth_expression
+from ann_dc.problem.fields import by_name, check_names, smooth_expression
 from ann_dc.problem.soft import Soft
 
 PREFIXES = {"constraints": "g", "terminal_constraints": "end"}
@@ -34,27 +34,7 @@ Relations: TypeAlias = Mapping[str, sp.Rel] | Sequence[sp.Rel]
 
 @dataclass(frozen=True, kw_only=True)
 class Inequality:
-    """Row g <= 0.
-
-    Attributes
-    ----------
-    expression : sympy.Expr
-        Function g in states, controls and inputs.
-    soft : Soft or None
-        Cost of a violation; None for a hard constraint.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> x, a = sp.symbols("x a")
-    >>> problem = ann_dc.OptimalControlProblem(
-    ...     states=(x,), controls=(a,), map=(x + a,), cost=a**2, horizon=3, q_0=(2,),
-    ...     constraints={"disc": x**2 + a**2 >= 1}, bounds={x: (0, None)})
-    >>> for row in problem.inequalities:
-    ...     print(row)
-    disc: -a**2 - x**2 + 1 <= 0
-    x_low: -x <= 0
-    """
+    """Row g <= 0 with g in states, controls and inputs; `soft` is None for a hard constraint."""
 
     name: str
     expression: sp.Expr
@@ -67,23 +47,13 @@ class Inequality:
 def relations_of(
     field: str, given: Any, known: set[sp.Symbol], data: set[sp.Symbol], bounds: Collection[str]
 ) -> dict[str, sp.Rel]:
-    """Return relations by name, each a smooth inequality.
+    """Return relations by name, each a smooth inequality in known symbols.
 
-    Raises `ProblemError` if a relation is not a smooth inequality, contains no variable to
-    optimise, or has an invalid name.
-
-    Parameters
-    ----------
-    field : str
-        One of `PREFIXES`; errors begin with this name.
-    known : set of Symbol
-        Symbols that a relation may contain.
-    data : set of Symbol
-        Subset of ``known`` with given values; a relation needs at least one other symbol.
-    bounds : collection of str
-        Names of bounded quantities, whose rows also have names.
+    A relation needs a symbol that is not among the ``data``. The rows of bounded quantities have
+    names too. Raises `ProblemError`, which begins with the field, one of `PREFIXES`.
     """
-    relations = _named(field, given)
+    expected = "relations such as [x <= 1], or a mapping of name to relation"
+    relations = by_name(field, given, PREFIXES[field], expected)
     taken = [row_name(bounded, side) for bounded in bounds for side in ("low", "high")]
     _check_names(field, [*relations, *taken])
     for name, relation in relations.items():
@@ -100,17 +70,6 @@ def relations_of(
 def row_name(bounded: str, side: str) -> str:
     """Return the row name of a bound, free of the double "_" reserved for netlists."""
     return f"{bounded.rstrip('_')}_{side}"
-
-
-def _named(field: str, given: Any) -> dict[Any, Any]:
-    if isinstance(given, Mapping):
-        return dict(given)
-    if isinstance(given, Sequence) and not isinstance(given, (str, bytes)):
-        return {f"{PREFIXES[field]}{number}": relation for number, relation in enumerate(given, 1)}
-    raise ProblemError(
-        f"{field}: expected a sequence of relations such as [x <= 1], or a mapping of name to "
-        f"relation, got {given!r}"
-    )
 
 
 def _check_names(field: str, names: Sequence[Any]) -> None:

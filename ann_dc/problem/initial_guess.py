@@ -71,7 +71,7 @@ def interpolated_guess(problem: OptimalControlProblem) -> InitialGuess:
 
     Returns
     -------
-    Start
+    InitialGuess
 
     Examples
     --------
@@ -94,7 +94,7 @@ def zero_guess(problem: OptimalControlProblem) -> InitialGuess:
 
     Returns
     -------
-    Start
+    InitialGuess
 
     Examples
     --------
@@ -130,7 +130,7 @@ def random_guess(problem: OptimalControlProblem, rng: np.random.Generator | Inde
 
     Returns
     -------
-    Start
+    InitialGuess
 
     Examples
     --------

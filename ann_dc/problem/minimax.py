@@ -7,9 +7,9 @@ which is (6) of the paper. At an optimum this is the problem with the single cos
 
 .. math:: l + \sum_i \zeta_i w_i l_i, \qquad \zeta_i \ge 0, \qquad \sum_i \zeta_i = 1.
 
-The coefficients zeta (`Several.shares`) are zero for objectives that are not the largest. The cost
-of a problem contains them as symbols; the network determines their values, and the problem itself
-uses equal ones.
+The coefficients zeta are zero for objectives that are not the largest. The cost of a problem
+contains them as symbols; the network determines their values, and the problem itself uses equal
+ones (`OptimalControlProblem.shares`).
 
 At a temperature T > 0 the maximum is softened to T log sum_i exp(w_i J_i / T), and zeta_i is
 proportional to exp(w_i J_i / T). The soft maximum exceeds the maximum by at most T log p, and so
@@ -19,39 +19,38 @@ does its optimum.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import sympy as sp
 
 from ann_dc.errors import ProblemError
-from ann_dc.problem.fields import check_names, is_finite, smooth_expression
-from ann_dc.problem.functions import ProblemFunctions
+from ann_dc.problem.fields import by_name, check_names, is_finite, smooth_expression
 
-Objectives: TypeAlias = Mapping[str, sp.Expr] | Sequence[sp.Expr]
-Weights: TypeAlias = Mapping[str, float] | Sequence[float]
+Objectives: TypeAlias = Any
+"""Expressions by name or in a sequence; by name once they are declared."""
+Weights: TypeAlias = Any
+"""Numbers by the name of their objective or in its order; by name once they are declared."""
 
 WHOLE = 1e-9
 """Tolerance of the sum of weights, which must be one."""
 
 
 def objectives_of(given: Any, known: set[sp.Symbol], chosen: set[sp.Symbol]) -> dict[str, sp.Expr]:
-    """Return objectives by name, each a smooth stage cost.
+    """Return objectives by name, each a smooth stage cost of a state or control (``chosen``).
 
-    Unnamed objectives are called J1, J2, ... An objective contains only ``known`` symbols and at
-    least one of the ``chosen`` states and controls. Raises `ProblemError` if there is only one
-    objective, or if one is not smooth, contains no state or control, or has an invalid name.
+    Raises `ProblemError` if there is only one, or if one has an invalid name or unknown symbols.
     """
-    named = _by_name("objectives", given)
+    named = _by_name(given)
     if len(named) == 1:
         raise ProblemError("objectives: one objective alone is a cost; give it as cost")
     symbols = [sp.Symbol(name) for name in named if isinstance(name, str)]
     if len(symbols) < len(named):
         raise ProblemError(f'objectives: expected names such as "effort", got {list(named)!r}')
     check_names(symbols, [])
-    taken = {str(symbol) for symbol in known} & {str(_share(name)) for name in named}
+    taken = {str(symbol) for symbol in known} & {str(share_symbol(name)) for name in named}
     if taken:
         raise ProblemError(f"objectives: the name {', '.join(sorted(taken))} stands for a share")
     checked = {}
@@ -69,12 +68,11 @@ def objectives_of(given: Any, known: set[sp.Symbol], chosen: set[sp.Symbol]) -> 
 def weights_of(given: Any, objectives: Any) -> dict[str, float]:
     """Return weights by the name of their objective; empty if none are given.
 
-    Raises `ProblemError` unless there is one non-negative weight per objective and their sum is
-    one.
+    Raises `ProblemError` unless there is a non-negative one per objective and their sum is one.
     """
     if given is None or (isinstance(given, Mapping) and not given):
         return {}
-    names = list(_by_name("objectives", objectives))
+    names = list(_by_name(objectives))
     if not names:
         raise ProblemError("weights: there are no objectives to weigh; give objectives")
     weights = dict(given) if isinstance(given, Mapping) else None
@@ -110,129 +108,44 @@ def temperature_of(given: Any, objectives: Any) -> float:
 
 def weight_inputs(weights: Mapping[str, float]) -> dict[sp.Symbol, float]:
     """Return weights as network inputs, which may change without rewiring."""
-    return {_weight(name): weight for name, weight in weights.items()}
+    return {weight_symbol(name): weight for name, weight in weights.items()}
 
 
-def _by_name(field: str, given: Any) -> dict[Any, Any]:
-    if isinstance(given, Mapping):
-        return dict(given)
-    if isinstance(given, Sequence) and not isinstance(given, (str, bytes)):
-        return {f"J{number}": expression for number, expression in enumerate(given, 1)}
-    raise ProblemError(
-        f"{field}: expected a sequence of expressions, or a mapping of name to expression, got "
-        f"{given!r}"
-    )
+def _by_name(given: Any) -> dict[Any, Any]:
+    return by_name("objectives", given, "J", "expressions, or a mapping of name to expression")
 
 
-def _weight(name: str) -> sp.Symbol:
+def weight_symbol(name: str) -> sp.Symbol:
+    """Return the input w_i of an objective."""
     return sp.Symbol(f"weight_{name}")
 
 
-def _share(name: str) -> sp.Symbol:
+def share_symbol(name: str) -> sp.Symbol:
+    """Return the coefficient zeta_i of an objective."""
     return sp.Symbol(f"share_{name}")
 
 
-class Several:
-    """Objectives of a problem."""
+def weights_among(weights: Any, inputs: Mapping[sp.Symbol, Any]) -> dict[str, Any] | None:
+    """Return the weights in the given inputs, or None if there are none."""
+    found = {name: np.unique(inputs[weight_symbol(name)]) for name in weights}
+    return {name: v.item() if v.size == 1 else v for name, v in found.items()} or None
 
-    if TYPE_CHECKING:
-        objectives: Any
-        weights: Any
-        temperature: float
-        horizon: int
-        inputs: Any
-        functions: Any
 
-        def _in_states(self, formula: sp.Expr) -> Any: ...
+def normalised(problem: Any, ideal: np.ndarray, nadir: np.ndarray) -> Any:
+    """Return a problem normalised to 0 at the ``ideal`` (p,) and 1 at the ``nadir``.
 
-    @property
-    def named_objectives(self) -> dict[str, sp.Expr]:
-        """Objectives by name, unscaled."""
-        return dict(self.objectives)
+    The objectives have equal weights and zero temperature, so their maximum is minimised.
+    """
+    objectives = {
+        name: (expression - float(low) / problem.horizon) / float(high - low)
+        for (name, expression), low, high in zip(problem.objectives.items(), ideal, nadir)
+    }
+    weights = [1.0 / len(objectives)] * len(objectives)
+    return replace(problem, objectives=objectives, weights=weights, temperature=0.0)
 
-    @property
-    def named_weights(self) -> dict[str, float]:
-        """Weights by the name of the objective; empty if there are none."""
-        return dict(self.weights)
 
-    @property
-    def objective_names(self) -> tuple[str, ...]:
-        """Names of all objectives."""
-        return tuple(self.objectives)
-
-    @property
-    def stage_objectives(self) -> dict[str, sp.Expr]:
-        """Terms w_i l_i by name, in states, controls and inputs; w_i is 1 without weights."""
-        weigh = _weight if self.weights else lambda _: sp.S.One
-        return {n: weigh(n) * self._in_states(e) for n, e in self.objectives.items()}
-
-    @property
-    def shares(self) -> dict[sp.Symbol, np.ndarray]:
-        """Equal coefficients zeta of all objectives, (N,) each, by symbol."""
-        return self.shared_by(np.full(len(self.objectives), 1.0 / max(len(self.objectives), 1)))
-
-    def shared_by(self, shares: np.ndarray) -> dict[sp.Symbol, np.ndarray]:
-        """Return given coefficients (p,) by symbol, constant over the stages."""
-        return {_share(n): np.full(self.horizon, z) for n, z in zip(self.objectives, shares)}
-
-    def objective_values(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return w_i J_i (p,) of a path ``q`` (n, N+1) with q_N, ``u`` (m, N).
-
-        Examples
-        --------
-        >>> import ann_dc
-        >>> x, a = sp.symbols("x a")
-        >>> problem = ann_dc.OptimalControlProblem(
-        ...     states=(x,), controls=(a,), dynamics=(a,), horizon=2, q_0=(1,),
-        ...     objectives={"effort": a**2, "error": x**2})
-        >>> problem.objective_values(np.ones((1, 3)), np.full((1, 2), 3.0)).tolist()
-        [18.0, 2.0]
-        """
-        return self.objective_stages(q, u).sum(axis=1)
-
-    def objective_stages(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return the contribution of every stage to the objectives, (p, N)."""
-        count = len(self.objectives)
-        if not count:
-            return np.zeros((0, self.horizon))
-        alone = (np.zeros(count), *np.eye(count))
-        told = [self.functions_with(shares).cost(q[:, :-1], u) for shares in alone]
-        return np.array(told[1:]) - told[0]
-
-    def functions_with(self, shares: np.ndarray | None) -> ProblemFunctions:
-        """Return the problem functions with coefficients (p,), equal ones if None."""
-        if shares is None:
-            return self.functions
-        return self.functions.with_inputs({**self.inputs, **self.shared_by(shares)})
-
-    def related(self, ideal: np.ndarray, nadir: np.ndarray) -> Any:
-        """Return the problem normalised to 0 at the ``ideal`` (p,) and 1 at the ``nadir``.
-
-        The objectives have equal weights and zero temperature, so their maximum is minimised.
-        """
-        given = zip(self.named_objectives.items(), np.asarray(ideal), np.asarray(nadir))
-        objectives = {
-            name: (expression - float(low) / self.horizon) / float(high - low)
-            for (name, expression), low, high in given
-        }
-        count = len(objectives)
-        problem: Any = self
-        weights = [1.0 / count] * count
-        return replace(problem, objectives=objectives, weights=weights, temperature=0.0)
-
-    def weighed(self, factors: np.ndarray) -> Any:
-        """Return the problem whose cost includes all objectives times ``factors`` (p,)."""
-        cost = sp.Add(*(float(w) * e for w, e in zip(factors, self.named_objectives.values())))
-        problem: Any = self
-        whole = problem.cost + cost
-        return replace(problem, objectives=(), weights=None, temperature=0.0, cost=whole)
-
-    @property
-    def _shared_cost(self) -> sp.Expr:
-        """Sum of zeta_i w_i l_i."""
-        return sp.Add(*(s * e for s, e in zip(self.shares, self.stage_objectives.values())))
-
-    def _weights_among(self, inputs: Mapping[sp.Symbol, Any]) -> dict[str, Any] | None:
-        """Return the weights in the given inputs, or None if there are none."""
-        found = {n: np.unique(inputs[_weight(n)]) for n in self.weights}
-        return {n: v.item() if v.size == 1 else v for n, v in found.items()} or None
+def weighed(problem: Any, factors: np.ndarray) -> Any:
+    """Return a problem whose cost includes all objectives times ``factors`` (p,)."""
+    cost = sp.Add(*(float(w) * e for w, e in zip(factors, problem.objectives.values())))
+    whole = problem.cost + cost
+    return replace(problem, objectives=(), weights=None, temperature=0.0, cost=whole)

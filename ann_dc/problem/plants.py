@@ -15,13 +15,14 @@ unicycle: 3 states (x, y, theta), 2 controls (v, omega), 10 stages of 0.1 s
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import sympy as sp
 
 from ann_dc.errors import UnknownNameError
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.timed_plants import car_free_time, pendulum_free_time
+from ann_dc.problem.step_length import StepLength, step_length
 from ann_dc.problem.vehicles import (
     HALF,
     bicycle,
@@ -87,15 +88,6 @@ def double_integrator(*, dt=0.1, N=20, q_0=(0, 0), q_d=(1, 0)) -> OptimalControl
     The states are position x and speed v, the control is the acceleration a. In the discrete
     optimum, the acceleration decreases linearly in time.
 
-    Parameters
-    ----------
-    dt, N, q_0, q_d
-        Sampling interval, horizon, initial state, terminal state.
-
-    Returns
-    -------
-    OptimalControlProblem
-
     Examples
     --------
     >>> import ann_dc
@@ -127,10 +119,6 @@ def lq(
         Weight c in the stage cost (c q'q + u'u) / 2.
     dt, N, q_0, q_d
         Label of the time axis, horizon, initial state, terminal state.
-
-    Returns
-    -------
-    OptimalControlProblem
     """
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(4, 4))
@@ -156,12 +144,6 @@ def pendulum(*, effort=0.0375, dt=0.075, N=40, q_0=(np.pi, 0), q_d=(0, 0)) -> Op
     ----------
     effort : float
         Weight of torque**2; the default dt / 2 makes the sum an integral over time.
-    dt, N, q_0, q_d
-        Sampling interval, horizon, initial state, terminal state.
-
-    Returns
-    -------
-    OptimalControlProblem
     """
     torque = sp.Symbol("torque")
     return _pendulum("pendulum", effort * torque**2, dt=dt, N=N, q_0=q_0, q_d=q_d)
@@ -177,12 +159,6 @@ def pendulum_state_cost(
     ----------
     rate_weight, height_weight : float
         Weights of omega**2 and of 1 - cos(theta) relative to torque**2; the sum is halved.
-    dt, N, q_0, q_d
-        Sampling interval, horizon, initial state, terminal state.
-
-    Returns
-    -------
-    OptimalControlProblem
     """
     theta, omega, torque = sp.symbols("theta omega torque")
     cost = HALF * (torque**2 + rate_weight * omega**2 + height_weight * (1 - sp.cos(theta)))
@@ -214,12 +190,6 @@ def cart_pole(
         Length of the pole in metres, gravity in m/s^2.
     effort : float
         Weight of force**2.
-    dt, N, q_0, q_d
-        Sampling interval, horizon, initial state, terminal state.
-
-    Returns
-    -------
-    OptimalControlProblem
     """
     states = sp.symbols("x theta v omega")
     _, theta, v, omega = states
@@ -244,12 +214,6 @@ def van_der_pol(*, weight=0.05, dt=0.1, N=40, q_0=(1, 0), q_d=(0, 0)) -> Optimal
     ----------
     weight : float
         Factor of x**2 + v**2 + drive**2.
-    dt, N, q_0, q_d
-        Sampling interval, horizon, initial state, terminal state.
-
-    Returns
-    -------
-    OptimalControlProblem
     """
     x, v, drive = sp.symbols("x v drive")
     return OptimalControlProblem(
@@ -276,12 +240,6 @@ def two_link_arm(
         Viscous friction d of both joints.
     effort, rate_weight : float
         Weights of the squared torques and of the squared joint rates.
-    dt, N, q_0, q_d
-        Sampling interval, horizon, initial state, terminal state.
-
-    Returns
-    -------
-    OptimalControlProblem
     """
     states = sp.symbols("shoulder elbow rate_s rate_e")
     _, elbow, rate_s, rate_e = states
@@ -312,15 +270,6 @@ def cstr(*, dt=0.1, N=30, q_0=(0.9, 1.05), q_d=(0.55, 1.35)) -> OptimalControlPr
 
     The reaction rate follows the Arrhenius law. Concentration, temperature, coolant temperature and
     time are dimensionless. The cost tracks the operating point (0.6, 1.3) with the coolant near 1.
-
-    Parameters
-    ----------
-    dt, N, q_0, q_d
-        Sampling interval, horizon, initial state, terminal state.
-
-    Returns
-    -------
-    OptimalControlProblem
     """
     concentration, temperature, coolant = sp.symbols("concentration temperature coolant")
     rate = 72 * sp.exp(-8 / temperature) * concentration
@@ -335,6 +284,72 @@ def cstr(*, dt=0.1, N=30, q_0=(0.9, 1.05), q_d=(0.55, 1.35)) -> OptimalControlPr
         dt=dt, horizon=N, q_0=q_0, q_d=q_d,
         units=dict.fromkeys((concentration, temperature, coolant, "time"), "1"),
     )  # fmt: skip
+
+
+@checked
+def car_free_time(
+    *, time_weight=1.0, gamma=0.1, low=0.02, high=2.0, dt=None, N=9,
+    q_0=(0, 0, 0, 0), q_d=(5, 5, 0, 0),
+) -> OptimalControlProblem:  # fmt: skip
+    r"""Declare the paper's car with free final time: minimum time plus effort.
+
+    .. math:: \min \int_0^T w + \tfrac12 (\nu^2 + \eta^2)\, dt
+
+    Parameters
+    ----------
+    time_weight : float
+        Cost w of a second.
+    gamma : float
+        Damping in 1/s, as in the car.
+    low, high : float
+        Bounds of a free sampling interval in seconds.
+    dt, N, q_0, q_d
+        Sampling interval (free by default: optimised between its bounds), horizon, initial state,
+        terminal state.
+
+    Examples
+    --------
+    >>> problem = car_free_time()
+    >>> problem.interval, problem.cost
+    ('0.02 to 2 s', h*(eta**2/2 + nu**2/2 + 1.0))
+    """
+    given = car(gamma=gamma, N=N, q_0=q_0, q_d=q_d)
+    return _timed(given, "car_free_time", time_weight, _step(dt, low, high))
+
+
+@checked
+def pendulum_free_time(
+    *, time_weight=20.0, low=0.02, high=0.25, dt=None, N=20, q_0=(np.pi, 0), q_d=(0, 0)
+) -> OptimalControlProblem:
+    """Declare the pendulum swing-up with free final time: minimum time plus effort.
+
+    With a high cost of time the pendulum swings up at once; with a low one it first swings back and
+    forth.
+
+    Parameters
+    ----------
+    time_weight : float
+        Cost of a second, relative to an effort of half the squared torque.
+    low, high : float
+        Bounds of a free sampling interval in seconds.
+    dt, N, q_0, q_d
+        Sampling interval (free by default: optimised between its bounds), horizon, initial state,
+        terminal state.
+    """
+    given = _pendulum("pendulum", HALF * sp.Symbol("torque") ** 2, dt=1.0, N=N, q_0=q_0, q_d=q_d)
+    return _timed(given, "pendulum_free_time", time_weight, _step(dt, low, high))
+
+
+def _step(dt, low, high) -> float | StepLength:
+    return StepLength(low=low, high=high) if dt is None else step_length(dt)
+
+
+def _timed(
+    problem: OptimalControlProblem, name: str, weight: float, step: float | StepLength
+) -> OptimalControlProblem:
+    """Return the problem with its cost as a rate plus a cost of time."""
+    h = step.symbol if isinstance(step, StepLength) else step
+    return replace(problem, name=name, dt=step, cost=h * (weight + problem.cost))
 
 
 _PLANTS = {

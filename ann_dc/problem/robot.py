@@ -20,22 +20,12 @@ from ann_dc.validation import NotNegative, Positive, checked
 class Robot:
     """Robot in continuous time, dq/dt = F(q, u), with position (x, y) as first states.
 
+    It must not move if all controls are zero, because it brakes in this way. Bounds are those of a
+    problem, finite for controls. `radius` is that of the disc that contains the robot. `effort` is
+    the cost rate of a control or a state: weight times its square over two, per second. `rolling`
+    is the smallest magnitude of a control at which F is linearised; a stationary car cannot steer.
     Raises `ScenarioError` if the position is missing, a control has no limits, or the robot moves
     with zero controls.
-
-    Attributes
-    ----------
-    dynamics : sequence of sympy expressions
-        Right-hand side F. The robot must not move if all controls are zero, because it brakes in
-        this way.
-    bounds : mapping of name to (low, high)
-        Bounds of controls and states, as in a problem; those of controls are finite.
-    radius : float
-        Radius of the disc that contains the robot.
-    effort : mapping of name to float
-        Cost rate of a control or a state: weight times its square over two, per second.
-    rolling : mapping of name to float
-        Smallest magnitude of a control at which F is linearised; a stationary car cannot steer.
     """
 
     states: Sequence[sp.Symbol]
@@ -163,11 +153,6 @@ def unicycle_robot(
 
     Radius in metres, largest forward and backward speed nu in m/s, largest abs(omega) (``turning``)
     in rad/s.
-
-    Examples
-    --------
-    >>> [str(u) for u in unicycle_robot().controls]
-    ['nu', 'omega']
     """
     x, y, theta, nu, omega = sp.symbols("x y theta nu omega")
     return Robot(

@@ -28,15 +28,7 @@ FAR = 100.0
 
 
 class Entry(NamedTuple):
-    """Entry of the map's Jacobian that varies along a path.
-
-    Attributes
-    ----------
-    name : str
-        Name of its input.
-    row, column : int
-        Position in the Jacobian (n, n+m).
-    """
+    """Entry of the map's Jacobian (n, n+m) that varies along a path, and the name of its input."""
 
     name: str
     row: int
@@ -44,15 +36,7 @@ class Entry(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Symbolic map q' of a stage and its inputs.
-
-    Attributes
-    ----------
-    entries : tuple of Entry
-        Inputs in A and B.
-    shifts : tuple of (str, int)
-        Inputs c and the indices of their states.
-    """
+    """Symbolic map q' of a stage, its inputs in A and B, and its inputs c with their states."""
 
     map: tuple[sp.Expr, ...]
     entries: tuple[Entry, ...] = ()
@@ -62,14 +46,8 @@ class Step(NamedTuple):
 class Form(NamedTuple):
     """Form of the cells of a planning network; see `LINEAR` and `NONLINEAR`.
 
-    Attributes
-    ----------
-    step : callable (Robot, dt) to Step
-        Map of a stage.
-    row : callable (x, y, and three inputs) to sympy expression
-        Row of an obstacle, zero or less if a position (x, y) is clear of the obstacle.
-    nowhere : (float, float, float)
-        The three inputs of an empty slot.
+    A row of an obstacle is zero or less if a position (x, y) is clear of it; `nowhere` are the
+    three inputs of an empty slot.
     """
 
     step: Callable[[Robot, float], Step]
@@ -81,18 +59,7 @@ class Form(NamedTuple):
 class Planning:
     """Planning problem and the sources of its inputs; see `planning_problem`.
 
-    Attributes
-    ----------
-    steps : ProblemFunctions
-        Map of the robot, which is linearised.
-    step : Step
-        Map of the cells.
-    dt : float
-        Duration of a stage in seconds.
-    slots : int
-        Number of obstacles per cell.
-    soft : Soft
-        Cost of a row violation.
+    `steps` is the map of the robot, which is linearised, and `step` that of the cells.
     """
 
     problem: OptimalControlProblem
@@ -196,20 +163,10 @@ def planning_problem(
 ) -> Planning:
     """Return the problem that a robot solves in every control period.
 
-    Parameters
-    ----------
-    horizon : int
-        Number of stages N.
-    dt : float
-        Duration of a stage in seconds.
-    slots : int
-        Number of obstacles per cell.
-    pull : float
-        Weight of the squared distance to the goal, per stage.
-    reach : float
-        Largest distance of a plan, the scale of x and y.
-    soft : Soft
-        Cost of a row violation, in units of the cost per length (or per unit of a state).
+    ``dt`` is the duration of a stage in seconds and ``slots`` the number of obstacles per cell.
+    ``pull`` weights the squared distance to the goal, per stage. ``reach`` is the largest distance
+    of a plan, the scale of x and y. ``soft`` is the cost of a row violation per length (or per unit
+    of a state).
     """
     step, place = form.step(robot, dt), robot.states[:2]
     goal = sp.symbols("goal_x goal_y")
@@ -268,8 +225,7 @@ def _scales(robot: Robot, reach: float) -> dict[str, float]:
 def leg_problem(robot: Robot, *, stages: int, reach: float) -> OptimalControlProblem:
     """Return the minimum-effort problem of a segment: from a state to a position.
 
-    The duration is adjustable by the input ``h``, the seconds of a stage. ``reach`` is the length
-    of the segment and the scale of x and y.
+    The input ``h`` is the duration of a stage in seconds; ``reach`` is the length of the segment.
     """
     h = sp.Symbol("h")
     aside = len(robot.states) - 2

@@ -3,13 +3,23 @@ r"""Scales of states, controls and cost, chosen so that network values are near 
 The network computes with :math:`\hat q = (q - c) / S`, :math:`v = (u - u_0) / U` and :math:`\hat E
 = E / E_0`. A state has one scale for its whole chain. The scale combines the distance of the ends
 with the excursion between them at small cost. The excursion is derived from the variance of a
-Gaussian bridge along the straight line (`excursions`).
+Gaussian bridge along the straight line.
 
 U makes the largest control effect :math:`|S^{-1} \partial f / \partial v|` one, and E_0 makes the
 largest :math:`\partial^2 \hat E / \partial v^2` one. Offsets are q_0 and the controls of least
 cost.
 
 The scales are covariant: the network of a problem does not depend on its units.
+
+The path of least cost from end to end is the mean of a Gaussian bridge, a random walk with density
+exp(-E) whose ends are fixed. The variance of the bridge measures the distance that states deviate
+from the mean at small cost. With V_k the Hessian of the cost to go,
+
+.. math::
+    X_{k+1} = G_k X_k G_k^T + B_k (R + B_k^T V_{k+1} B_k)^{-1} B_k^T, \qquad
+    G_k = F_k - B_k (R + B_k^T V_{k+1} B_k)^{-1} B_k^T V_{k+1} F_k .
+
+Fixed ends are stiff in V_N and zero in X_0; components that q_0 leaves free have V_0^{-1}.
 """
 
 from __future__ import annotations
@@ -23,9 +33,105 @@ from ann_dc.errors import such_as
 from ann_dc.problem.bounds import widths
 from ann_dc.problem.declaration import HOLD, OptimalControlProblem
 from ann_dc.problem.domain import into_domain, within_domain
-from ann_dc.problem.excursions import bridge_variance
+from ann_dc.problem.step_length import SCALE
 from ann_dc.scale import Scale
 from ann_dc.validation import checked
+
+STIFF = 1e8
+"""Stiffness of a fixed end relative to the reach of the controls."""
+HELD = 1e-6
+"""Motion relative to the reach of the controls below which a state counts as fixed."""
+FLAT = 1e-9
+"""Curvature relative to the largest one below which the cost does not determine a free component of
+q_0.
+"""
+EXPLOSION = 1e30
+"""Variance relative to that of a non-growing map, above which F does not predict the excursions."""
+GROWTH = 30.0
+"""Growth of a disturbance beyond which earlier controls are omitted from the reach."""
+
+
+def bridge_variance(
+    F: np.ndarray,
+    B: np.ndarray,
+    Q: np.ndarray,
+    R: np.ndarray,
+    fixed: np.ndarray,
+    loose: np.ndarray | None = None,
+) -> np.ndarray:
+    """Return the variance (n, N) of q_1..q_N on a Gaussian bridge of density exp(-E).
+
+    F (n, n, N) and B (n, m, N) are df/dq and df/du along a path, Q (n, N+1) and R (m,) the
+    curvatures of the cost in states and controls. The variance is zero for a state that no control
+    moves and at the end that is ``fixed`` (n,). It is infinite for a component that is free at q_0
+    (``loose``) if no cost limits its excursion.
+    """
+    variance = _variance(F, B, Q, R, fixed, loose)
+    norms = np.linalg.norm(F, axis=(0, 1))  # at least the spectral radii, and cheaper
+    if np.log(np.maximum(norms, 1.0)).sum() <= np.log(EXPLOSION) / 2:
+        return variance
+    radii = np.maximum(np.abs(np.linalg.eigvals(np.moveaxis(F, -1, 0))).max(axis=1), 1.0)
+    bounded = _variance(F / radii, B, Q, R, fixed, loose)
+    return bounded if (variance > EXPLOSION * bounded)[bounded > 0].any() else variance
+
+
+def _variance(
+    F: np.ndarray,
+    B: np.ndarray,
+    Q: np.ndarray,
+    R: np.ndarray,
+    fixed: np.ndarray,
+    loose: np.ndarray | None,
+) -> np.ndarray:
+    """Return the variance by the recursion, without a limit on the growth of F."""
+    n, m, stages = B.shape
+    B = B / np.sqrt(R)[:, None]
+    reached = _reached(F, B)
+    V = np.diag(np.where(fixed & (reached > 0), STIFF / np.where(reached > 0, reached, 1.0), 0.0))
+    feedback, share = np.empty((stages, m, n)), np.empty((stages, m, m))
+    for k in range(stages - 1, -1, -1):
+        V = V + np.diag(Q[:, k + 1])
+        share[k] = np.linalg.inv(np.eye(m) + B[:, :, k].T @ V @ B[:, :, k])
+        feedback[k] = share[k] @ B[:, :, k].T @ V @ F[:, :, k]
+        G = F[:, :, k] - B[:, :, k] @ feedback[k]
+        V = G.T @ V @ G + feedback[k].T @ feedback[k]  # not F'VG: an error of G counts squared
+    X, variance = np.zeros((n, n)), np.empty((n, stages))
+    loose = np.zeros(n, bool) if loose is None else loose
+    X[np.ix_(loose, loose)], unknown = _at_start((V + np.diag(Q[:, 0]))[np.ix_(loose, loose)])
+    for k in range(stages):
+        G = F[:, :, k] - B[:, :, k] @ feedback[k]
+        X = G @ X @ G.T + B[:, :, k] @ share[k] @ B[:, :, k].T
+        variance[:, k] = X.diagonal()
+    variance[fixed, -1] = 0.0
+    is_held = variance.max(axis=1) < HELD * reached  # what is left is how soft the ends are
+    variance = np.where(is_held[:, None], 0.0, np.maximum(variance, 0.0))
+    variance[np.flatnonzero(loose)[unknown]] = np.inf
+    return variance
+
+
+def _at_start(V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the covariance of free components of q_0 and the undetermined entries.
+
+    The covariance is the inverse of the Hessian of the cost to go in these components.
+    """
+    size = np.sqrt(np.maximum(V.diagonal(), 0.0))
+    size = np.where(size > 0, 1.0 / np.where(size > 0, size, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(size[:, None] * V * size)
+    told = values > FLAT
+    root = size[:, None] * vectors[:, told] / np.sqrt(values[told])
+    return root @ root.T, (np.abs(vectors[:, ~told]) > np.sqrt(FLAT)).any(axis=1)
+
+
+def _reached(F: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """Return the diagonal (n,) of the terminal controllability Gramian (last stages)."""
+    total, after = np.zeros(len(F)), np.eye(len(F))
+    for k in range(F.shape[-1] - 1, -1, -1):
+        total += ((after @ B[:, :, k]) ** 2).sum(axis=1)
+        after = after @ F[:, :, k]
+        if not (np.isfinite(after).all() and np.abs(np.linalg.eigvals(after)).max() < GROWTH):
+            break
+    return total
+
 
 NEARLY = 0.05
 """Span relative to the excursion below which the ends of a state nearly coincide."""
@@ -44,22 +150,9 @@ ROUNDS = 3
 @such_as("ann_dc.problem.scales_of(problem)")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scales:
-    """Scales between network values and the user's values of a problem.
+    """Scales between network values and the user's values: one per state chain and per control.
 
-    Attributes
-    ----------
-    states : tuple of n Scale
-        One scale per state chain.
-    controls : tuple of m Scale
-        One scale per control.
-    cost : float
-        User's cost that a network objective of 1 represents.
-
-    Examples
-    --------
-    >>> from ann_dc.problem import plants, scales_of
-    >>> [scale.factor for scale in scales_of(plants.double_integrator()).controls]
-    [26.293...]
+    `cost` is the user's cost that a network objective of 1 represents.
     """
 
     states: tuple[Scale, ...]
@@ -124,14 +217,9 @@ def scales_of(problem: OptimalControlProblem) -> Scales:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StraightLine:
-    """Straight line between the ends with fitted controls and scales.
+    """Straight line between the ends (n, N+1) in the user's units, with controls and scales.
 
-    Attributes
-    ----------
-    q : (n, N+1) array
-        States in the user's units.
-    u : (m, N) array
-        Controls after one Gauss-Newton step from those of least cost.
+    The controls (m, N) are one Gauss-Newton step from those of least cost.
     """
 
     q: np.ndarray
@@ -141,14 +229,9 @@ class StraightLine:
 
 @lru_cache(maxsize=64)
 def straight_line(problem: OptimalControlProblem) -> StraightLine:
-    """Return the straight line from q_0 to q_d with its controls and scales.
+    """Return the straight line from q_0 to q_d; a free component has the value of its other end.
 
-    A free component has the value of its other end.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem; inputs that hold ineffective controls are set to zero.
+    Inputs that hold ineffective controls are set to zero.
     """
     with np.errstate(all="ignore"):
         problem = problem.with_inputs(**{HOLD.format(c): 0.0 for c in problem.held})
@@ -158,11 +241,7 @@ def straight_line(problem: OptimalControlProblem) -> StraightLine:
 
 
 def fitting_controls(problem: OptimalControlProblem, q: np.ndarray) -> np.ndarray:
-    """Return controls (m, N) that approximately follow a path q (n, N+1).
-
-    The controls result from one Gauss-Newton step from those of least cost. States include the end
-    and are in the user's units.
-    """
+    """Return controls (m, N) that approximately follow a path q (n, N+1) in the user's units."""
     with np.errstate(all="ignore"):
         return _Path(problem, q).controls(natural_scales(problem).state_factors)
 
@@ -172,7 +251,8 @@ class _Path:
 
     def __init__(self, problem: OptimalControlProblem, q: np.ndarray) -> None:
         self.problem, self.functions, self.q = problem, problem.functions, q
-        self.fixed, self.known = np.array(problem.fixed), problem.known_scales
+        self.fixed, carried = np.array(problem.fixed), problem.handed_on
+        self.known = np.array([SCALE if s in carried else np.nan for s in problem.states])
         self.loose = ~np.array(problem.fixed_start) & np.isnan(self.known)
         self.span = np.abs(q[:, -1] - q[:, 0])
         self.cheapest = self._cheapest()
@@ -200,9 +280,9 @@ class _Path:
         return self.functions.hessian(self._from, u, np.zeros_like(self.q[:, 1:]))
 
     def _cheapest(self) -> np.ndarray:
-        """Return the controls (m, N) of least cost along the line, within the domain.
+        """Return the controls (m, N) of least cost along the line, one Newton step from zero.
 
-        One Newton step from zero is used.
+        They are moved into the domain.
         """
         n, u = self.problem.n, np.zeros((self.problem.m, self.problem.horizon))
         _, slope = self.functions.cost_gradient(self._from, u)
@@ -233,8 +313,8 @@ class _Path:
     def _control_cost(self, scale: np.ndarray) -> np.ndarray:
         """Return the curvature R (m,) of the cost in the controls.
 
-        An unknown entry is that of other controls with the same effect, or infinite if these are
-        unknown too. If no control has a cost, the curvature of the affected states is used.
+        An unknown entry is that of controls with the same effect, or infinite. If no control has a
+        cost, the curvature of the affected states is used.
         """
         R, effect = self.control_curvature, self._effect(scale) ** 2
         if not (R > 0).any():
@@ -257,8 +337,8 @@ class _Path:
     def controls(self, scale: np.ndarray) -> np.ndarray:
         """Return controls that take q_k to q_{k+1} after one least-squares step.
 
-        States are measured in their scales, controls by their cost. The controls of least cost are
-        returned if f is not finite.
+        States are measured in their scales, controls by their cost. Without a finite f, the
+        controls are those of least cost.
         """
         if not np.isfinite(self.gap).all():
             return self.cheapest
@@ -281,7 +361,7 @@ class _Path:
     def _in_common(self, scale: np.ndarray) -> np.ndarray:
         """Return the geometric means (n,) of state excursions and end distances.
 
-        For nearly coinciding ends the mean tends to the excursion alone as the span tends to zero.
+        The mean tends to the excursion alone as the span tends to zero.
         """
         moved, span = np.isfinite(scale), self.span
         scale = scale * self._shared_factor(scale)

@@ -94,19 +94,10 @@ class Soft:
 
 
 def soft_of(given: Any, rows: Collection[Any], limited: Collection[str]) -> dict[str, Soft]:
-    """Return soft rows by name.
+    """Return soft rows by name; a value without a name applies to all rows.
 
-    Raises `ProblemError` if the problem has no rows, a name is unknown, or a value is not a penalty
-    weight.
-
-    Parameters
-    ----------
-    given : Soft, float, or mapping of str to either or to a table of both numbers
-        A number is a penalty weight; a value without a name applies to all rows.
-    rows : collection of str
-        Names of the rows.
-    limited : collection of str
-        Controls with limits, which cannot be soft.
+    A number is a penalty weight. Raises `ProblemError` if the problem has no rows, a name is
+    unknown or one of the limited controls, or a value is not a penalty weight.
     """
     if not isinstance(given, Mapping):
         if not rows:

@@ -14,6 +14,9 @@ At a bound the slope is zero and the curvature is not. An optimum at a bound is 
 stationary point with a finite z, and the network settles there as usual. A map that reaches its
 bounds at infinity, such as tanh, would let z drift indefinitely.
 
+The declaration contains the user's states and z, which is free at both ends and whose map is the
+identity. A completed declaration is not changed, so `dataclasses.replace` works.
+
 References
 ----------
 .. [1] F. James, M. Roos, Minuit: a system for function minimization and analysis of the parameter
@@ -23,6 +26,7 @@ References
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,7 +34,7 @@ import numpy as np
 import sympy as sp
 
 from ann_dc.errors import ProblemError
-from ann_dc.problem.fields import check_names, positive
+from ann_dc.problem.fields import check_names, is_vector, one_a_state, positive, smooth_expression
 
 SUFFIX = "_free"
 """Suffix of the symbol's name that gives the name of z."""
@@ -55,8 +59,8 @@ class StepLength:
     Every realisation represents the interval as one more state, carried unchanged from stage to
     stage and free at both ends. This costs four neurons per stage; a bus along the network would
     cost one in total. However, the wires only reach the next stage, so all cells remain alike.
-    Preconditioners, circuits and weight files therefore need no extension. A `InitialGuess` has one
-    more row for z, the last one, zero at the guess.
+    Preconditioners, circuits and weight files therefore need no extension. An `InitialGuess` has
+    one more row for z, the last one, zero at the guess.
 
     Parameters
     ----------
@@ -186,11 +190,6 @@ def stage_times(dt: float | StepLength, q: np.ndarray) -> np.ndarray:
     """Return the limits (N+1,) of stages in time, from 0, in the unit of dt.
 
     The last row of the states q (n, N+1) contains an optimised step length.
-
-    Examples
-    --------
-    >>> stage_times(0.5, np.zeros((2, 3))).tolist()
-    [0.0, 0.5, 1.0]
     """
     if isinstance(dt, StepLength):
         return np.append(0.0, np.cumsum(dt.length(q[-1, :-1])))
@@ -198,9 +197,107 @@ def stage_times(dt: float | StepLength, q: np.ndarray) -> np.ndarray:
 
 
 def mean_length(dt: float | StepLength, q: np.ndarray) -> float:
-    """Return the length of a stage: dt, or the mean of an optimised step length.
+    """Return the length of a stage: dt, or the mean of an optimised step length in q (n, N+1).
 
-    The optimised lengths of all stages are equal after settling. They are in the last row of the
-    states q (n, N+1).
+    The optimised lengths of all stages are equal after settling.
     """
     return float(stage_times(dt, q)[-1]) / (q.shape[-1] - 1) if isinstance(dt, StepLength) else dt
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HandedOn:
+    """Completion of a declaration with the carried state, if the step length is optimised.
+
+    `own` are the user's states.
+    """
+
+    own: tuple[sp.Symbol, ...]
+    step: StepLength | None
+
+    @classmethod
+    def of(cls, states: tuple[sp.Symbol, ...], dt: float | StepLength) -> HandedOn:
+        """Return the completion of a declaration, with or without the carried state.
+
+        Raises `ProblemError` if a carried state exists but the step length is now given.
+        """
+        if isinstance(dt, StepLength):
+            own = states[:-1] if states[-1] == dt.coordinate else states
+            return cls(own=own, step=dt)
+        if isinstance(states[-1], Coordinate):
+            raise ProblemError(
+                f"dt: {dt:g} is given, but this problem chooses its step length (state "
+                f"{states[-1]}); declare it anew with formulas in which the step is a number"
+            )
+        return cls(own=states, step=None)
+
+    @property
+    def states(self) -> tuple[sp.Symbol, ...]:
+        """States of the completed declaration, n in total."""
+        return self.own if self.step is None else (*self.own, self.step.coordinate)
+
+    @property
+    def symbols(self) -> tuple[sp.Symbol, ...]:
+        """Symbols that formulas may name in addition to states, controls and inputs."""
+        return () if self.step is None else (self.step.symbol,)  # type: ignore[return-value]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of the carried state, which is dimensionless."""
+        return {} if self.step is None else {str(self.step.coordinate): "1"}
+
+    def check_symbol(self, given: Sequence[sp.Symbol]) -> None:
+        """Raise a `ProblemError` if the step length's symbol is among the given ones."""
+        for symbol in self.symbols:
+            if symbol.name.lower() in [s.name.lower() for s in given]:
+                raise ProblemError(
+                    f"dt.symbol: {symbol} is one of the problem's own symbols; call the step "
+                    'length something else, for instance StepLength(..., symbol="step")'
+                )
+
+    def stage_map(
+        self, dynamics: Any, map: Any, known: set[sp.Symbol]
+    ) -> tuple[str, tuple[sp.Expr, ...]]:
+        """Return "dynamics" or "map" and its n checked components.
+
+        Raises `ProblemError` if neither or both are given, or if the number of components is wrong.
+        """
+        if (dynamics is None) == (map is None):
+            raise ProblemError(
+                f"dynamics, map: {'neither' if map is None else 'both'} given; give the continuous "
+                "right-hand side as dynamics= or the map q_{k+1} = f(q, u) as map=, one of the two"
+            )
+        name, given = ("map", map) if dynamics is None else ("dynamics", dynamics)
+        last = self.states[-1] if dynamics is None else sp.S.Zero
+        given = self.of_own(given, last)
+        if not is_vector(given, len(self.own)):
+            raise ProblemError(
+                f"{name}: {len(self.own)} expressions expected, one for each state "
+                f"({', '.join(str(s) for s in self.own)}), but got {given!r}"
+            )
+        checked = [smooth_expression(f"{name}[{s}]", e, known) for s, e in zip(self.own, given)]
+        return name, self.after(checked, last)
+
+    def end(self, name: str, given: Any) -> tuple[Any, ...]:
+        """Return the values of q_0 or q_d per state, None if free.
+
+        A missing q_d is free in all components. Raises `ProblemError` for invalid values.
+        """
+        if given is None and name == "q_d":
+            given = (None,) * len(self.own)
+        return self.after(one_a_state(name, self.of_own(given, None), self.own), None)
+
+    def of_own(self, given: Any, last: Any) -> Any:
+        """Return the values of the user's states, without the value of a carried state.
+
+        The carried state is recognised by its value ``last``.
+        """
+        completed = self.step is not None and is_vector(given, len(self.own) + 1)
+        return given[: len(self.own)] if completed and _is(given[len(self.own)], last) else given
+
+    def after(self, checked: Sequence[Any], last: Any) -> tuple[Any, ...]:
+        """Return the checked values of the user's states, plus ``last`` if completed."""
+        return tuple(checked) if self.step is None else (*checked, last)
+
+
+def _is(value: Any, last: Any) -> bool:
+    return value is None if last is None else bool(value == last)

@@ -54,44 +54,27 @@ temperature that softens the largest of objectives, ``temperature = 0.1``.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import fields
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import sympy as sp
 
-from ann_dc.errors import ProblemError
+from ann_dc.errors import ExpressionError, ProblemError
 from ann_dc.files import read_table
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.expression import parse_expression
 from ann_dc.problem.fields import FORMULA_NAMES
-from ann_dc.problem.inequality import PREFIXES
-from ann_dc.problem.relation_text import parse_relations
+from ann_dc.problem.inequality import PREFIXES, SIGNS, row_name
 from ann_dc.problem.step_length import StepLength
 from ann_dc.scale import Scale
 from ann_dc.validation import checked
 
-REQUIRED = ("states", "controls", "dt", "horizon", "q_0")
-OPTIONAL = (
-    "name",
-    "q_d",
-    "cost",
-    "terminal_cost",
-    "parameters",
-    "dynamics",
-    "map",
-    "inputs",
-    "units",
-    "scales",
-    "constraints",
-    "terminal_constraints",
-    "bounds",
-    "soft",
-    "objectives",
-    "weights",
-    "temperature",
-)
+SIGN = re.compile("([<>]=?)")
+LONGEST = 60
+"""Maximum number of letters of a text that an error message repeats."""
 
 
 @checked
@@ -144,42 +127,21 @@ def load_problem(path: str | os.PathLike[str]) -> OptimalControlProblem:
 def _declared(table: Mapping, default_name: str) -> OptimalControlProblem:
     _check_keys(table)
     states, controls = _names("states", table["states"]), _names("controls", table["controls"])
-    inputs = _table("inputs", table.get("inputs", {}))
-    dt = _step(table["dt"])
+    dt, inputs = _step(table["dt"]), _table("inputs", table.get("inputs", {}))
     symbols = {name: sp.Symbol(name) for name in (*states, *controls, *inputs)}
     if isinstance(dt, StepLength):
         symbols.setdefault(str(dt.symbol), sp.Symbol(str(dt.symbol)))
     numbers = _parameters(table.get("parameters", {}), symbols)
-    terms = symbols | numbers
-    return OptimalControlProblem(
-        name=_text("name", table.get("name", default_name)),
-        states=[symbols[name] for name in states],
-        controls=[symbols[name] for name in controls],
-        dt=dt,
-        horizon=table["horizon"],
-        q_0=_end("q_0", table["q_0"], states, numbers),
-        q_d=_end("q_d", table["q_d"], states, numbers) if "q_d" in table else None,
-        **({"cost": _formula("cost", table["cost"], terms)} if "cost" in table else {}),
-        terminal_cost=_formula("terminal_cost", table.get("terminal_cost", 0), terms),
-        dynamics=_formulas("dynamics", table, states, terms),
-        map=_formulas("map", table, states, terms),
-        inputs={symbols[name]: _input(name, value) for name, value in inputs.items()},
-        units=_table("units", table.get("units", {})),
-        scales=_scales(_table("scales", table.get("scales", {}))),
-        constraints=_relations("constraints", table, terms),
-        terminal_constraints=_relations("terminal_constraints", table, terms),
-        bounds=_bounds(_table("bounds", table.get("bounds", {})), numbers),
-        soft=table.get("soft", {}),
-        objectives=_objectives(table.get("objectives", []), terms),
-        weights=table.get("weights"),
-        temperature=table.get("temperature", 0.0),
-    )
+    names = _Names(symbols=symbols, states=states, numbers=numbers)
+    given = {"name": default_name, **table, "dt": dt}
+    read = {key: _READERS[key](key, value, names) for key, value in given.items()}
+    return OptimalControlProblem(**{key: v for key, v in read.items() if key != "parameters"})
 
 
 def _check_keys(table: Mapping) -> None:
-    known = ", ".join(REQUIRED + OPTIONAL)
+    known = ", ".join(_READERS)
     for key in table:
-        if key not in REQUIRED + OPTIONAL:
+        if key not in _READERS:
             raise ProblemError(f"unknown key {key!r}; a problem file has the keys {known}")
     for key in REQUIRED:
         if key not in table:
@@ -208,15 +170,16 @@ def _names(field: str, given: object) -> list[str]:
     return given
 
 
-def _text(field: str, given: object) -> str:
-    if not isinstance(given, str):
-        raise ProblemError(f"{field}: expected text, got {given!r}")
+def _table(field: str, given: object, _: object = None) -> Mapping:
+    if not isinstance(given, Mapping):
+        raise ProblemError(f"{field}: expected a table, written [{field}], got {given!r}")
     return given
 
 
-def _table(field: str, given: object) -> Mapping:
-    if not isinstance(given, Mapping):
-        raise ProblemError(f"{field}: expected a table, written [{field}], got {given!r}")
+def _numbered(prefix: str, given: object) -> object:
+    """Return a list as a table of numbered names, and other values unchanged."""
+    if isinstance(given, list):
+        return {f"{prefix}{number}": part for number, part in enumerate(given, 1)}
     return given
 
 
@@ -231,112 +194,190 @@ def _parameters(given: object, symbols: Mapping[str, sp.Symbol]) -> dict[str, sp
     return numbers
 
 
-def _value(field: str, given: object, numbers: Mapping[str, sp.Expr], word: str) -> object:
-    """Return a number, or None for the given word; other text is a formula.
-
-    Formulas contain numbers and parameters only.
-    """
-    if given == word:
-        return None
-    if not isinstance(given, str):
-        return given
-    try:
-        return float(_formula(field, given, numbers))
-    except ProblemError as error:
-        raise ProblemError(
-            f'{field}: {given!r} is neither a number nor "{word}", nor a formula of numbers and '
-            f"parameters: {str(error).removeprefix(f'{field}: ')}"
-        ) from None
-
-
 def _is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def _formula(field: str, given: object, terms: Mapping[str, sp.Expr]) -> sp.Expr:
-    return parse_expression(
-        str(given) if _is_number(given) else given,  # type: ignore[arg-type]
-        terms,
-        field,
-    )
+def _formula(field: str, given: Any, terms: Mapping[str, sp.Expr]) -> sp.Expr:
+    return parse_expression(str(given) if _is_number(given) else given, terms, field)
 
 
-def _formulas(
-    field: str, table: Mapping, states: Sequence[str], terms: Mapping[str, sp.Expr]
-) -> list[sp.Expr] | None:
-    if field not in table:
-        return None
-    rows = _per_state(field, _table(field, table[field]), states)
-    return [_formula(f"{field}.{name}", row, terms) for name, row in zip(states, rows)]
+def parse_relations(
+    name: str, text: object, symbols: Mapping[str, sp.Expr], where: str
+) -> dict[str, sp.Rel]:
+    """Read a single or double inequality from text, without evaluating or comparing its sides.
+
+    A double inequality gives ``name_low`` and ``name_high``. Formulas are separated by ``<=``,
+    ``<``, ``>=`` or ``>``. Raises `ExpressionError`, which begins with ``where``, if the text is
+    not an inequality, or if three formulas are not in order.
+
+    Examples
+    --------
+    >>> x, y = sp.symbols("x y")
+    >>> parse_relations("gap", "-1 <= x - y < 1", {"x": x, "y": y}, "constraints.gap")
+    {'gap_low': -1 <= x - y, 'gap_high': x - y < 1}
+    """
+    if not isinstance(text, str):
+        raise ExpressionError(f'{where}: expected text such as "x <= 1", got {text!r}')
+    parts = SIGN.split(text)
+    sides, signs = parts[::2], parts[1::2]
+    if not 1 <= len(signs) <= 2 or "=" in "".join(sides):
+        raise ExpressionError(
+            f'{where}: {text[:LONGEST]!r} is no inequality; write it like "x**2 + y <= 1" or '
+            '"-1 <= x <= 1", with <=, <, >= or > (an equality belongs into the map, q_0 or q_d)'
+        )
+    if len({sign[0] for sign in signs}) > 1:
+        raise ExpressionError(
+            f"{where}: {text[:LONGEST]!r} compares its middle with two bounds of the same side; "
+            "write two inequalities"
+        )
+    formulas = [parse_expression(side, symbols, where) for side in sides]
+    names = [name] if len(signs) == 1 else [row_name(name, side) for side in ("low", "high")]
+    if signs[0][0] == ">":
+        names.reverse()
+    return {
+        own: SIGNS[sign](left, right, evaluate=False)
+        for own, sign, left, right in zip(names, signs, formulas, formulas[1:])
+    }
 
 
-def _per_state(field: str, given: object, states: Sequence[str]) -> list:
-    """Return a list, or a table with every state exactly once, in the states' order."""
-    if isinstance(given, Mapping):
-        missing = [name for name in states if name not in given]
-        unknown = [name for name in given if name not in states]
+# ---- readers of the keys
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Names:
+    """Names of a file: symbols, states in their order, and parameters with their numbers."""
+
+    symbols: Mapping[str, sp.Symbol]
+    states: list[str]
+    numbers: Mapping[str, sp.Expr]
+
+    @property
+    def terms(self) -> dict[str, sp.Expr]:
+        """Meaning of every name in a formula."""
+        return {**self.symbols, **self.numbers}
+
+    def value(self, field: str, given: Any, word: str) -> Any:
+        """Return a number, a formula of parameters as a number, or None for the given word."""
+        if given == word:
+            return None
+        if not isinstance(given, str):
+            return given
+        try:
+            return float(_formula(field, given, self.numbers))
+        except ProblemError as error:
+            raise ProblemError(
+                f'{field}: {given!r} is neither a number nor "{word}", nor a formula of numbers '
+                f"and parameters: {str(error).removeprefix(f'{field}: ')}"
+            ) from None
+
+    def of_states(self, field: str, given: Any) -> list:
+        """Return a list, or a table with every state exactly once, in the states' order."""
+        if not isinstance(given, Mapping):
+            if not isinstance(given, list):
+                raise ProblemError(f"{field}: expected one value for each state, got {given!r}")
+            return given
+        missing = [name for name in self.states if name not in given]
+        unknown = [name for name in given if name not in self.states]
         if missing or unknown:
             raise ProblemError(
-                f"{field}: every state exactly once ({', '.join(states)}), but "
+                f"{field}: every state exactly once ({', '.join(self.states)}), but "
                 f"missing: {', '.join(missing) or '-'}; unknown: {', '.join(unknown) or '-'}"
             )
-        return [given[name] for name in states]
-    if not isinstance(given, list):
-        raise ProblemError(f"{field}: expected one value for each state, got {given!r}")
+        return [given[name] for name in self.states]
+
+
+def _as_given(field: str, given: Any, _: object) -> Any:
     return given
 
 
-def _end(field: str, given: object, states: Sequence[str], numbers: Mapping[str, sp.Expr]) -> list:
-    return [_value(field, value, numbers, "free") for value in _per_state(field, given, states)]
+def _symbols(field: str, given: Any, names: _Names) -> list[sp.Symbol]:
+    return [names.symbols[name] for name in given]
 
 
-def _input(name: str, given: object) -> float | list[float]:
-    values = given if isinstance(given, list) else [given]
-    if not all(map(_is_number, values)):
-        raise ProblemError(
-            f"inputs.{name}: expected a number or a list of numbers, one for each stage, "
-            f"got {given!r}"
-        )
-    return given  # type: ignore[return-value]
+def _expression(field: str, given: Any, names: _Names) -> sp.Expr:
+    return _formula(field, given, names.terms)
 
 
-def _scales(table: Mapping[str, Any]) -> dict[str, Any]:
+def _expressions(field: str, given: Any, names: _Names) -> list[sp.Expr]:
+    rows = zip(names.states, names.of_states(field, _table(field, given)))
+    return [_formula(f"{field}.{name}", row, names.terms) for name, row in rows]
+
+
+def _end(field: str, given: Any, names: _Names) -> list:
+    return [names.value(field, value, "free") for value in names.of_states(field, given)]
+
+
+def _inputs(field: str, given: Any, names: _Names) -> dict[sp.Symbol, float | list[float]]:
+    for name, value in given.items():
+        if not all(map(_is_number, value if isinstance(value, list) else [value])):
+            raise ProblemError(
+                f"{field}.{name}: expected a number or a list of numbers, one for each stage, "
+                f"got {value!r}"
+            )
+    return {names.symbols[name]: value for name, value in given.items()}
+
+
+def _scales(field: str, given: Any, names: _Names) -> dict[str, Any]:
     """Return scales; a list of two numbers is a factor and an offset."""
     pair = lambda value: isinstance(value, list) and len(value) == 2  # noqa: E731
+    table = _table(field, given)
     return {name: Scale(*value) if pair(value) else value for name, value in table.items()}
 
 
-def _relations(field: str, table: Mapping, terms: Mapping[str, sp.Expr]) -> dict[str, sp.Rel]:
-    """Return relations from a table of texts, or from a list, which is numbered."""
-    given = table.get(field, {})
-    if isinstance(given, list):
-        given = {f"{PREFIXES[field]}{number}": text for number, text in enumerate(given, 1)}
+def _relations(field: str, given: Any, names: _Names) -> dict[str, sp.Rel]:
     found: dict[str, sp.Rel] = {}
-    for name, text in _table(field, given).items():
-        relations = parse_relations(name, text, terms, f"{field}.{name}")
+    for name, text in _table(field, _numbered(PREFIXES[field], given)).items():
+        relations = parse_relations(name, text, names.terms, f"{field}.{name}")
         for own in found.keys() & relations.keys():
             raise ProblemError(f"{field}.{name}: the name {own!r} is already used; choose another")
         found |= relations
     return found
 
 
-def _objectives(given: object, terms: Mapping[str, sp.Expr]) -> Any:
-    """Return objectives from a table of formulas, or from a list, which is numbered."""
-    if isinstance(given, list):
-        given = {f"J{number}": text for number, text in enumerate(given, 1)}
-    table = _table("objectives", given)
-    return {name: _formula(f"objectives.{name}", text, terms) for name, text in table.items()}
-
-
-def _bounds(table: Mapping[str, Any], numbers: Mapping[str, sp.Expr]) -> dict[str, Any]:
+def _bounds(field: str, given: Any, names: _Names) -> dict[str, Any]:
     """Return pairs of numbers, with None for "none"."""
+    table = _table(field, given)
     for name, pair in table.items():
         if not isinstance(pair, list) or not all(_is_number(v) or isinstance(v, str) for v in pair):
             raise ProblemError(
-                f'bounds.{name}: expected two numbers, or "none" where there is no bound, got '
+                f'{field}.{name}: expected two numbers, or "none" where there is no bound, got '
                 f"{pair!r}"
             )
     return {
-        name: [_value(f"bounds.{name}", end, numbers, "none") for end in pair]
+        name: [names.value(f"{field}.{name}", end, "none") for end in pair]
         for name, pair in table.items()
     }
+
+
+def _objectives(field: str, given: Any, names: _Names) -> dict[str, sp.Expr]:
+    table = _table(field, _numbered("J", given))
+    return {name: _formula(f"{field}.{name}", text, names.terms) for name, text in table.items()}
+
+
+_READERS: dict[str, Callable[[str, Any, _Names], Any]] = {
+    "states": _symbols,
+    "controls": _symbols,
+    "dt": _as_given,
+    "horizon": _as_given,
+    "q_0": _end,
+    "name": _as_given,
+    "q_d": _end,
+    "cost": _expression,
+    "terminal_cost": _expression,
+    "parameters": _as_given,
+    "dynamics": _expressions,
+    "map": _expressions,
+    "inputs": _inputs,
+    "units": _table,
+    "scales": _scales,
+    "constraints": _relations,
+    "terminal_constraints": _relations,
+    "bounds": _bounds,
+    "soft": _as_given,
+    "objectives": _objectives,
+    "weights": _as_given,
+    "temperature": _as_given,
+}
+"""Readers by key of a problem file, in the order of messages."""
+REQUIRED = ("states", "controls", "dt", "horizon", "q_0")

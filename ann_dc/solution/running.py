@@ -23,7 +23,7 @@ from ann_dc.network.network import Network
 from ann_dc.optimality.boundedness import Unbounded
 from ann_dc.optimality.certificate import LARGEST_STEP, Certificate
 from ann_dc.optimality.existence import Hopeless, Prospect
-from ann_dc.optimality.infeasibility import Infeasible
+from ann_dc.optimality.feasibility import Infeasible
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Stopped
 from ann_dc.solution.finding import path_of

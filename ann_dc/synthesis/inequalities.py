@@ -16,8 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ann_dc.decomposition.equations import StageEquations
-from ann_dc.decomposition.inequalities import InequalityRow
+from ann_dc.decomposition.equations import InequalityRow, StageEquations
 from ann_dc.network.cell import ONE, Connection, Neuron
 from ann_dc.network.duals import InequalityDual, ObjectiveDual
 from ann_dc.problem.boundary import boundary_slopes

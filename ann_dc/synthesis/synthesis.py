@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ann_dc.decomposition.equations import StageEquations, Stationarity
-from ann_dc.decomposition.inequalities import pressed
+from ann_dc.decomposition.equations import StageEquations, Stationarity, pressed
 from ann_dc.network.cell import Cell, Connection, Template
 from ann_dc.network.duals import PIDual
 from ann_dc.network.network import Network

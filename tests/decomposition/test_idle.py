@@ -8,8 +8,7 @@ import sympy as sp
 from reference import best_of
 
 import ann_dc
-from ann_dc.decomposition.determined import determined
-from ann_dc.decomposition.idle import held, idle_controls
+from ann_dc.decomposition.idle import determined, held, idle_controls
 from ann_dc.optimality.reference_solvers import ipopt_point
 from ann_dc.problem.scales import natural_scales
 

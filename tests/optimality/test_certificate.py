@@ -16,7 +16,7 @@ from ann_dc import equilibrium, synthesize
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.optimality.by_stages import Minimum
 from ann_dc.optimality.certificate import certify
-from ann_dc.optimality.curvature import smallest_curvature
+from ann_dc.optimality.minimum import smallest_curvature
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.scales import natural_scales, scales_of

@@ -9,7 +9,7 @@ from hopeless import INFEASIBLE, UNBOUNDED, a, x
 
 from ann_dc.optimality.boundedness import Unbounded
 from ann_dc.optimality.existence import Hopeless, Prospect
-from ann_dc.optimality.infeasibility import Infeasible
+from ann_dc.optimality.feasibility import Infeasible
 from ann_dc.problem import plants
 from ann_dc.problem.scales import straight_line
 

@@ -6,8 +6,7 @@ from hopeless import INFEASIBLE, UNBOUNDED
 from problems import SUITE
 from reference import ipopt
 
-from ann_dc.optimality.feasibility import feasible_path
-from ann_dc.optimality.infeasibility import out_of_reach
+from ann_dc.optimality.feasibility import feasible_path, out_of_reach
 from ann_dc.problem import plants
 from ann_dc.problem.scales import straight_line
 

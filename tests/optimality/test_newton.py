@@ -10,11 +10,16 @@ from points import random_point
 from problems import SUITE
 from reference import ipopt
 
-from ann_dc.optimality.newton import newton_step
+from ann_dc.optimality import newton
+from ann_dc.optimality.expansion import Expansion
 from ann_dc.problem import plants
 from ann_dc.problem.scales import natural_scales
 
 NAMES = ["car", "unicycle", "bicycle", "van_der_pol", "lq_unst", "pendulum_state_cost", "cstr"]
+
+
+def newton_step(problem, q, u, mu, zeta=None) -> float:
+    return newton.newton_step(Expansion.at(problem, q, u, mu, zeta), q)
 
 
 def dense_step(problem, q, u, mu, zeta=None) -> tuple[float, np.ndarray]:

@@ -104,7 +104,7 @@ def test_as_plain_data_and_back():
     problem = small(5, weights=(0.25, 0.75), cost=0.1 * v**2, temperature=0.2)
     again = declared(written(problem))
     assert again.temperature == 0.2
-    assert again.named_objectives == problem.named_objectives
+    assert again.objectives == problem.objectives
     assert (again.weights, again.cost) == (problem.weights, problem.cost)
     assert [str(s) for s in again.inputs] == [str(s) for s in problem.inputs]
     plain = declared(written(small()))
@@ -143,7 +143,7 @@ def test_objectives_in_a_file(tmp_path, keys, tables, names):
     problem = ann_dc.load_problem(path)
     assert problem.weights == dict(zip(names, (0.3, 0.7)))
     given = dict(zip(names, (EFFORT, ERROR)))
-    assert all(sp.expand(own - given[n]) == 0 for n, own in problem.named_objectives.items())
+    assert all(sp.expand(own - given[n]) == 0 for n, own in problem.objectives.items())
 
 
 @pytest.mark.parametrize(

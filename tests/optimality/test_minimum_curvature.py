@@ -8,11 +8,10 @@ import sympy as sp
 from points import random_point
 from problems import SUITE
 
-from ann_dc.optimality import curvature
+from ann_dc.optimality import minimum as curvature
 from ann_dc.optimality.by_stages import Minimum
-from ann_dc.optimality.curvature import smallest_curvature
 from ann_dc.optimality.expansion import Expansion
-from ann_dc.optimality.minimum import minimum_of
+from ann_dc.optimality.minimum import minimum_of, smallest_curvature
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 from scipy.linalg import null_space
 
-from ann_dc.problem.excursions import bridge_variance
+from ann_dc.problem.scales import bridge_variance
 
 BRIDGES = st.tuples(
     st.integers(1, 3), st.integers(1, 2), st.integers(3, 7), st.integers(0, 2**32 - 1)

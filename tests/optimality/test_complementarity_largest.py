@@ -10,7 +10,7 @@ import ann_dc
 from ann_dc.errors import ArgumentValueError
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.optimality.certificate import certify
-from ann_dc.optimality.largest import Largest
+from ann_dc.optimality.complementarity import Largest
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def point():
 def test_values_and_shares_are_told(point):
     problem, settled, solution = point
     largest = certify(problem, *settled).largest
-    assert largest.holds
+    assert not largest.reason
     assert largest.reason == ""
     assert largest.shares.min() > 0.01
     assert largest.values[0] == pytest.approx(largest.values[1], abs=1e-6)
@@ -43,7 +43,7 @@ def test_values_and_shares_are_told(point):
 def test_shares_add_up_to_one(point, shares, reason):
     problem, settled, _ = point
     found = certify(problem, *settled[:-1], settled[-1] * shares).largest
-    assert not found.holds
+    assert found.reason
     assert reason in found.reason
 
 
@@ -51,7 +51,7 @@ def test_a_share_is_not_negative(point):
     problem, settled, _ = point
     found = certify(problem, *settled[:-1], np.array([1.2, -0.2])).largest
     assert found.miss == pytest.approx(0.2)
-    assert not found.holds
+    assert found.reason
 
 
 def test_only_the_largest_has_a_share(point):
@@ -75,7 +75,7 @@ def test_at_a_temperature_shares_are_exponentials():
     shares = np.exp(values / T) / np.exp(values / T).sum()
     largest = Largest(names=("a", "b", "c"), values=values, shares=shares, size=1.0, temperature=T)
     assert largest.level == pytest.approx(T * np.log(np.exp(values / T).sum()))
-    assert largest.holds
+    assert not largest.reason
     assert largest.excess == pytest.approx(-T * shares @ np.log(shares))
     moved = replace(largest, shares=shares + np.array([1e-3, -1e-3, 0]))
     assert moved.miss < 1e-12

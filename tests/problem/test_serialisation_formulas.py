@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from ann_dc.errors import ExpressionError
 from ann_dc.problem.expression import FUNCTIONS
-from ann_dc.problem.formulas import IN_OTHER_WORDS, expression_of, lines_of
+from ann_dc.problem.serialisation import IN_OTHER_WORDS, expression_of, lines_of
 
 x, y, z = sp.symbols("x y z")
 SYMBOLS = {"x": x, "y": y, "z": z}

@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from ann_dc.errors import ExpressionError
 from ann_dc.problem.expression import parse_expression
 from ann_dc.problem.inequality import SIGNS
-from ann_dc.problem.relation_text import parse_relations
+from ann_dc.problem.toml_file import parse_relations
 
 x, y = sp.symbols("x y")
 SYMBOLS = {"x": x, "y": y, "limit": sp.Float(2.5)}
