@@ -1,9 +1,8 @@
 """Level comparison: one problem at every model level, predicted and measured.
 
 Every level has two figures: the error of its settled controls against the optimum, relative to the
-largest control, and the settling time to 0.1 %. Levels with a single non-ideality show its cost;
-part sets have all non-idealities at once. Digital methods are listed for comparison: the ODE and
-the recurrent layer first, solvers on this CPU last.
+largest control, and the settling time to 0.1 %. Digital methods are listed for comparison: the ODE
+and the recurrent layer first, solvers on this CPU last.
 """
 
 from __future__ import annotations
@@ -46,18 +45,14 @@ class Measured:
 
     Attributes
     ----------
-    level : Level or None
-        Level of the circuit; None if nothing is built.
+    level, circuit, run : Level, Circuit, CircuitRun or None
+        Level, built circuit and completed run in ngspice; None if nothing is built.
     error, predicted_error : float
         Error of the settled controls, relative to the largest control.
     settling, predicted_settling : float
         Settling time to 0.1 %, in seconds.
     wall : float
         Wall-clock time of ngspice in seconds, including its process.
-    run : CircuitRun or None
-        Completed run in ngspice.
-    circuit : Circuit or None
-        Built circuit.
     why : str
         Reason of a failure.
     """
@@ -100,9 +95,9 @@ def quick(rung: Rung) -> bool:
 
     Examples
     --------
-    >>> from ann_dc.fidelity import Rung, quick
-    >>> from ann_dc.hardware.parts import switched_capacitor
-    >>> quick(Rung(name="switched capacitors", level=switched_capacitor(step=0.1), slow=True))
+    >>> from ann_dc.fidelity import quick
+    >>> from ann_dc.fidelity.model_level import Rung
+    >>> quick(Rung(name="switched capacitors", level=ann_dc.levels.macro(), slow=True))
     False
     """
     return not rung.slow
@@ -119,6 +114,9 @@ def compare_levels(
 ) -> Iterator[Measured]:
     """Yield the level comparison: digital methods, circuits, solvers on this CPU.
 
+    A failed level gives its reason, and the comparison continues. Raises `NetworkError` if the
+    network does not settle, and `NgspiceMissing` if ngspice is not found for the first circuit.
+
     Parameters
     ----------
     network : Network
@@ -131,18 +129,6 @@ def compare_levels(
         Selects the circuits to build from those of `rungs`. Default: `quick`.
     timings : iterable of SolverTiming
         Solvers to list for comparison; see `ann_dc.optimality.time_solvers`. Default: none.
-
-    Yields
-    ------
-    Measured
-        Result of a level. A failed level gives its reason, and the comparison continues.
-
-    Raises
-    ------
-    NetworkError
-        If the network does not settle.
-    NgspiceMissing
-        If ngspice is not found for the first circuit.
 
     Examples
     --------
@@ -157,20 +143,16 @@ def compare_levels(
     ...     print(measured.name, measured.error, measured.settling)
     """
     ladder = ladder or Ladder()
-    first, probe = ode_rung(network)
+    first, probe = _ode_rung(network)
     yield first
     ladder.progress("recurrent layer")
-    yield recurrent_rung(network, probe)
+    yield _recurrent_rung(network, probe)
     yield from ladder.run(network, filter(wanted, rungs(network, probe, seed=seed)))
     yield from map(_cpu_rung, timings)
 
 
-@checked
-def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
-    """Return the result of the ODE in the time scale of 10 MHz op amps, and its run.
-
-    Raises `NetworkError` if the network does not settle.
-    """
+def _ode_rung(network: Network) -> tuple[Measured, Trajectory]:
+    """Return the result of the ODE in the time scale of 10 MHz op amps, and its run."""
     circuit, probe = SpiceBackend(level=macro()).prepare(network)
     first = Measured(
         name="ODE",
@@ -181,8 +163,7 @@ def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
     return first, probe
 
 
-@checked
-def recurrent_rung(network: Network, probe: Trajectory) -> Measured:
+def _recurrent_rung(network: Network, probe: Trajectory) -> Measured:
     """Return the result of the recurrent layer with adaptive steps.
 
     The layer has steps instead of seconds. The error is measured near the end of `probe`, the run
@@ -214,25 +195,19 @@ def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
 class Ladder:
     """Settings for running the circuits of a level comparison.
 
-    Attributes
-    ----------
-    simulator : Ngspice, optional
-        Simulator. Default: one with the time limit of each level.
-    margin : float, optional
-        Bandwidth margin k: op-amp bandwidth relative to the fastest network mode. Default: the
-        fitted margin of each level.
+    By default each level has a simulator with its time limit and its fitted bandwidth margin k:
+    op-amp bandwidth relative to the fastest network mode.
     """
 
     simulator: Ngspice | None = None
     margin: float | None = None
     progress: Progress = silent
 
-    @checked
     def run(self, network: Network, steps: Iterable[Rung]) -> Iterator[Measured]:
-        """Predict and measure the given levels in order.
+        """Predict and measure the given levels in order, when their results are requested.
 
-        A failed level gives its reason. Levels are processed lazily, when their results are
-        requested. Raises `NgspiceMissing` if ngspice is not found for the first circuit.
+        A failed level gives its reason. Raises `NgspiceMissing` if ngspice is not found for the
+        first circuit.
         """
         for rung in steps:
             self.progress(rung.name)
@@ -258,18 +233,18 @@ class Ladder:
             deviations = backend.deviations(circuit)
         except NetworkError as error:
             return replace(done, why=str(error))
-        done = _predicted(replace(done, circuit=circuit), backend, probe, deviations)
-        return _simulated(done, backend, probe, deviations)
+        done = _predicted(replace(done, circuit=circuit), circuit, probe, deviations)
+        return _simulated(done, backend, circuit, probe, deviations)
 
 
 def _predicted(
-    done: Measured, backend: SpiceBackend, probe: Trajectory, deviations: Deviations
+    done: Measured, circuit: Circuit, probe: Trajectory, deviations: Deviations
 ) -> Measured:
-    assert done.circuit is not None
-    if not (backend.level.emulated or backend.level.technology.clocked):
+    level = done.level
+    if level is None or not (level.emulated or level.technology.clocked):
         return done
     try:
-        found = predict(done.circuit, backend.level, probe, deviations)
+        found = predict(circuit, level, probe, deviations)
     except NetworkError as error:
         return replace(done, why=str(error))
     if not found.stable:
@@ -280,12 +255,15 @@ def _predicted(
 
 
 def _simulated(
-    done: Measured, backend: SpiceBackend, probe: Trajectory, deviations: Deviations
+    done: Measured,
+    backend: SpiceBackend,
+    circuit: Circuit,
+    probe: Trajectory,
+    deviations: Deviations,
 ) -> Measured:
-    assert done.circuit is not None
     began = clock.monotonic()
     try:
-        run = simulate(backend, done.circuit, probe, deviations).timed
+        run = simulate(backend, circuit, probe, deviations).timed
     except (SpiceError, NetworkError) as error:
         return replace(done, why=str(error).splitlines()[0])
     return replace(

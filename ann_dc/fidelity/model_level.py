@@ -43,22 +43,12 @@ class Rung:
 
     Attributes
     ----------
-    name : str
-        Name in reports.
     seed : int or None
         Seed of the errors of single parts, drawn from the tolerances of the level.
     series : Series
         Series of the resistors.
     slow : bool
         True if ngspice needs a minute or more.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> from ann_dc.fidelity import Rung
-    >>> preset = ann_dc.presets.get("opa192_ad734")
-    >>> Rung(name="my board", level=preset, seed=3).group.value
-    'a level of fidelity'
     """
 
     name: str
@@ -78,15 +68,6 @@ def rungs(
     `network` and `probe`, its run in continuous time, give the step of switched capacitors. `base`
     names the part set whose non-idealities are listed separately. `seed` draws the errors of single
     parts. Raises `UnknownNameError` if the part set is unknown.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> from ann_dc.fidelity import Group, rungs
-    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=5)).network
-    >>> probe = ann_dc.OdeBackend(verify=False).run(network).trajectory
-    >>> [rung.name for rung in rungs(network, probe) if rung.group is Group.ALONE][:3]
-    ['gain 1e+06 alone', 'slew 20 V/us alone', 'rails 14.5 V alone']
     """
     step = SLOWEST * stability_limit(probe.network, probe.final)
     boards = {name: with_rails(network, presets.get(name)) for name in presets.names()}

@@ -23,7 +23,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.schematic.preconditioner_wiring import PreconditionerWiring, wiring_of
 from ann_dc.network.network import Network
-from ann_dc.validation import State, checked
+from ann_dc.validation import State
 
 WORSE = 2.0
 """Allowed factor on the time of the slowest mode."""
@@ -46,9 +46,7 @@ class PreconditionerDemand:
     error : float
         Largest relative standard deviation of all weights; zero as for the lag. Forward and
         backward wires have independent errors, except in a resistive grid, whose wire pairs are one
-        resistor.
-    draws : int
-        Number of error sets; the worst set counts.
+        resistor. The worst of ``draws`` error sets counts.
     """
 
     kind: str
@@ -66,7 +64,6 @@ class PreconditionerDemand:
         )
 
 
-@checked
 def preconditioner_demand(
     network: Network, x: State, *, draws: int = 5
 ) -> PreconditionerDemand | None:
@@ -75,17 +72,6 @@ def preconditioner_demand(
     `x` (n,) is a settled state; `draws` is the number of error sets. The result is None for a
     diagonal preconditioner. Raises `NetworkError` if the settled point is unstable with ideal
     wires.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> from ann_dc.analysis import equilibrium
-    >>> from ann_dc.network.preconditioners import PreconditionerKind
-    >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, preconditioner=PreconditionerKind.MULTILEVEL).network
-    >>> found = preconditioner_demand(network, equilibrium(network, network.start_state))
-    >>> 1e-3 < found.lag < 1, 1e-2 < found.error < 1
-    (True, True)
     """
     wiring = wiring_of(network)
     if wiring is None:

@@ -1,7 +1,4 @@
-"""Specification of a circuit: limits of error and settling time, or stability.
-
-A specification is written as text, ``error<1%, settle<50us``, and read term by term.
-"""
+"""Specification of a circuit: limits of error and settling time, or stability."""
 
 from __future__ import annotations
 
@@ -30,17 +27,8 @@ STABLE = "stable"
 class Spec:
     """Limits of a circuit; a circuit that does not settle fails all limits.
 
-    Attributes
-    ----------
-    error : float
-        Limit of the error of the settled controls, relative to the largest control.
-    settling_time : float
-        Limit in seconds of the time until every control stays within 0.1 %.
-
-    Examples
-    --------
-    >>> print(Spec(error=0.01, settling_time=5e-5))
-    error<1%, settle<50us
+    ``error`` limits the error of the settled controls, relative to the largest control, and
+    ``settling_time`` the seconds until every control stays within 0.1 %.
     """
 
     error: Positive = math.inf
@@ -70,14 +58,11 @@ class Spec:
 
 @checked
 def spec_of(text: str) -> Spec:
-    """Parse a specification.
+    """Parse a specification, ``error<1%, settle<50us``, term by term.
 
-    `text` consists of terms separated by commas: ``error<1%`` or ``error<0.01``, ``settle<50us``
-    (s, ms, us, ns), ``stable``. Raises `NetworkError` if a term is invalid or repeated, or if its
-    limit is not positive.
+    The terms are ``error<1%`` or ``error<0.01``, ``settle<50us`` (s, ms, us, ns) and ``stable``.
+    Raises `NetworkError` if a term is invalid or repeated, or if its limit is not positive.
 
-    Examples
-    --------
     >>> spec_of("error < 0.5%, settle<2s").limits
     {'error': 0.005, 'settling_time': 2.0}
     """

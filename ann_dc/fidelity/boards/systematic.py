@@ -1,8 +1,7 @@
 """Systematic errors: control shift by each parasitic common to all circuits.
 
 Tolerances differ from part to part and add up as squares. A nonlinearity, a leakage or a bias
-current is equal in all parts of one type. Each parasitic is evaluated separately, against parts
-without parasitics.
+current is equal in all parts of one type.
 """
 
 from __future__ import annotations
@@ -25,20 +24,9 @@ def systematic(instance: CircuitInstance) -> dict[str, float]:
     """Return the shift of the settled controls by each parasitic, taken alone.
 
     The result maps attributes of `Parasitics` to the largest shift relative to the largest control,
-    in decreasing order. Parasitics without effect, such as a capacitance, give about zero. Raises
-    `NetworkError` if a circuit has no emulation, or no equilibrium near the ideal one.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> from ann_dc.fidelity import CircuitInstance
-    >>> from ann_dc.fidelity.boards import systematic, with_parasitics
-    >>> problem = ann_dc.plants.double_integrator(N=3)
-    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> level = with_parasitics(ann_dc.levels.macro(), switch_leakage=1e9, capacitor_leakage=1e3)
-    >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
-    >>> list(systematic(CircuitInstance(circuit=circuit, level=level, probe=probe)))
-    ['switch_leakage', 'capacitor_leakage']
+    in decreasing order, against parts without parasitics. Parasitics without effect, such as a
+    capacitance, give about zero. Raises `NetworkError` if a circuit has no emulation, or no
+    equilibrium near the ideal one.
     """
     parasitics = instance.level.datasheet.parasitics
     plain = _controls(instance, NONE)

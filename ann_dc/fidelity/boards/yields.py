@@ -60,11 +60,6 @@ class Spot:
     kept: tuple[bool, bool]
     agreed: bool
 
-    @property
-    def difference(self) -> float:
-        """Relative amount by which the measured error exceeds the predicted error."""
-        return self.measured / self.predicted - 1.0
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircuitYield:
@@ -72,8 +67,6 @@ class CircuitYield:
 
     Attributes
     ----------
-    seeds : tuple of int
-        Seed of each circuit.
     errors : (S,) array
         Predicted error of the controls, relative to the largest control; nan if a circuit does not
         settle.
@@ -126,9 +119,9 @@ def yield_of(
 ) -> CircuitYield:
     """Compute the fraction of drawn circuits that meet a specification.
 
-    Raises `NetworkError` if the circuit has no emulation. It is also raised if the spec limits the
-    settling time of a circuit whose transient is not run: a clocked circuit or more than 6000
-    neurons. Raises `NgspiceMissing` if spots are requested and ngspice is not found.
+    Raises `NetworkError` if the circuit has no emulation, or if the spec limits the settling time
+    of a circuit whose transient is not run: a clocked circuit or more than 6000 neurons. Raises
+    `NgspiceMissing` if spots are requested and ngspice is not found.
 
     Parameters
     ----------

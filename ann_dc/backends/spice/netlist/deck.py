@@ -88,7 +88,6 @@ class Deck:
     cells: Lines
     row: Lines
     inputs: Lines
-    noise: Lines = ()
     library: dict[str, str]
     options: str
     signals: dict[tuple[str, int], str]
@@ -125,7 +124,6 @@ class Deck:
             *self.row,
             "* ---- inputs and reset",
             *self.inputs,
-            *self.noise,
             *self.analysis,
             ".end",
         ]
