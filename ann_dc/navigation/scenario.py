@@ -77,10 +77,7 @@ class Scenario:
         ]
 
     def clearance(self, places: np.ndarray, time: np.ndarray) -> float:
-        """Return the least distance from the robot's rim to any obstacle.
-
-        The robot is at places (K, 2) at times (K,).
-        """
+        """Return the least distance from the robot's rim at places (K, 2), times (K,)."""
         gaps = [
             obstacle.near(places, time).distance[time >= obstacle.appears]
             for obstacle in self.obstacles
@@ -101,18 +98,9 @@ def _numbers(field: str, given: object) -> np.ndarray:
 def random_scenario(
     seed: Index, *, robot: Robot | None = None, counts: Sequence[int] = (3, 8)
 ) -> Scenario:
-    """Create a world with random discs, every second one moving.
+    """Create a world with random discs between (0, 0) and (5, 5), every second one moving.
 
-    The start is (0, 0) and the goal is (5, 5); the discs lie between them.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the random numbers.
-    robot : Robot, optional
-        Robot model; the default is `car_robot`.
-    counts : (int, int)
-        Smallest and largest number of discs.
+    ``counts`` are the smallest and largest number of discs; the default robot is `car_robot`.
 
     Examples
     --------

@@ -47,21 +47,6 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     The stem of the path is the name of the world unless the file contains ``name``. Raises
     `FileFormatError` if the file does not exist or is not TOML. Raises `ScenarioError` if the
     content does not describe a world; the message begins with the path and the field.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> text = '''
-    ... start = [0, 0, 0]
-    ... goal = [4, 1]
-    ... robot = {kind = "unicycle"}
-    ... discs = [{centre = [2, 1], radius = 0.4}]
-    ... '''
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder, "yard.toml")
-    ...     _ = file.write_text(text, encoding="utf-8")
-    ...     len(load_scenario(file).obstacles)
-    1
     """
     file = Path(path)
     table = read_table(file, "world", "demos/crossing.toml")

@@ -247,8 +247,9 @@ def test_the_sources_are_those_that_ngspice_finds(name, tmp_path):
     for part in [part for part in circuit.schematic.parts if part.name in circuit.resistors][::4]:
         analysis = f".noise v({signals[part.name, stage]}) {source} dec 40 10 1e10\n.end\n"
         spectrum = density(text + analysis, tmp_path)
+        hertz = np.real(spectrum["frequency"])
         square = np.real(spectrum["onoise_spectrum"]) ** 2
-        found = np.trapezoid(square * spectrum.frequency, np.log(spectrum.frequency))
+        found = np.trapezoid(square * hertz, np.log(hertz))
         place = network.state_index[network.neuron_index[part.name], stage]
         volts = circuit.scaling.volts(part.name, expected[place])
         assert np.sqrt(found) == pytest.approx(volts, rel=2e-3), part.name

@@ -48,23 +48,8 @@ Voltages: TypeAlias = dict[tuple[str, int], np.ndarray]
 class Overload:
     """Node that exceeded the capability of its part.
 
-    Attributes
-    ----------
-    node : str
-        Name in the network.
-    stage : int
-        Cell, from 0.
-    time : float
-        Seconds since the reset switches opened.
-    volts, limit : float
-        Reached and permitted magnitude.
-    clips : bool
-        True if the part has rails; otherwise the limit is a fraction of full scale.
-
-    Examples
-    --------
-    >>> print(Overload(node="u.a", stage=2, time=3e-6, volts=1.31, limit=1.2))
-    u.a of cell 2 reached 1.31 V at 3e-06 s; it is good for 1.2 V
+    It reached ``volts`` at ``time`` seconds after the reset switches opened. If the part has no
+    rails to clip at, the permitted ``limit`` is a fraction of full scale.
     """
 
     node: str
@@ -154,11 +139,6 @@ class CircuitRun(Tabulated):
         """Run with steps fine enough for its settling time.
 
         ngspice runs once or twice more at the first access. Errors do not need these runs.
-
-        Raises
-        ------
-        NgspiceMissing
-            If ngspice is not found any more.
         """
         return self if self.finer is None else self.finer(self)
 
@@ -172,18 +152,14 @@ class CircuitRun(Tabulated):
 
     @property
     def control_error(self) -> float:
-        """Largest final control error relative to the size of the probe's controls.
-
-        For the size see `size_of`.
-        """
+        """Largest final control error relative to the size (`size_of`) of the probe's controls."""
         return control_error(self.trajectory.control_values[-1], self.probe)
 
     @property
     def mean_square_error(self) -> float:
-        """Relative mean square error of the trajectory against the ODE's.
+        """Mean square error of the trajectory relative to the mean square of the ODE's.
 
-        The error is relative to the mean square of the ODE trajectory. This reference is at least
-        that of one state at `RESTING` of its scale.
+        The reference is at least that of one state at `RESTING` of its scale.
         """
         at, probe = self.trajectory.time, self.probe
         if probe.is_dense:
@@ -224,8 +200,8 @@ def read_back(
 ) -> CircuitRun:
     """Return the circuit run with neuron states from the voltages of ngspice.
 
-    ``probe`` is the ODE run of the same network. Rails of the datasheet define an overload; without
-    a datasheet, parts are ideal. Raises `UnknownNameError` if the answer lacks a node of the deck.
+    Rails of the datasheet define an overload; without a datasheet, parts are ideal. Raises
+    `UnknownNameError` if the answer lacks a node of the deck.
     """
     network = circuit.schematic.network
     time, volts = _voltages(circuit, deck, raw)
@@ -311,10 +287,7 @@ def _rails(circuit: Circuit, name: str, datasheet: Datasheet) -> float:
 
 
 def check_full_scale(level: Level) -> None:
-    """Raise `NetworkError` if parts of a level clip at its full scale.
-
-    The message contains the largest admissible full scale.
-    """
+    """Raise `NetworkError` if parts of a level clip at its full scale."""
     if level.full_scale > KNEE * level.limit:
         share = level.conditions.supply
         supplied = f" with supplies of {share:g} times the nominal ones" if share != 1 else ""

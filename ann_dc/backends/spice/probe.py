@@ -1,8 +1,6 @@
 """Probe runs of the ideal network, by which its circuit is scaled.
 
-The probe is run in continuous time. It determines the volts per unit of every node, the simulation
-time, and the reference for the circuit. Saturation limits of coupled neurons are replaced by
-constraints before the run.
+Saturation limits of coupled neurons are replaced by constraints before the run.
 """
 
 from __future__ import annotations
@@ -27,16 +25,9 @@ PROBE = OdeBackend(method=DOP853, verify=False)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Probed:
-    """Network with its probe run and the scaling of its circuit.
+    """Network that is built, its run and the scaling of its circuit.
 
-    Attributes
-    ----------
-    network : Network
-        Network that is built.
-    trajectory : Trajectory
-        Run of the network.
-    rate : float
-        Fastest rate for which op amps are sized, in units of 1 / network time.
+    ``rate`` is the fastest rate for which op amps are sized, in units of 1 / network time.
     """
 
     network: Network
@@ -50,18 +41,6 @@ def probed(network: Network, rules: ScalingRules, progress: Progress) -> Probed:
 
     Constraints replace the saturation limits of coupled neurons. Raises `NetworkError` if the
     network does not settle, so that scaling is impossible.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> from ann_dc.hardware.circuit import ScalingRules
-    >>> from ann_dc.progress import silent
-    >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> kind = ann_dc.PreconditionerKind.RESISTIVE_GRID
-    >>> network = ann_dc.design(problem, preconditioner=kind).network
-    >>> found = probed(network, ScalingRules(), silent)
-    >>> found.network is network
-    True
     """
     if not len(clamped_rows(network)):
         return _probed(network, rules, progress)

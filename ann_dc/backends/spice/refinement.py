@@ -44,8 +44,7 @@ def read_timed(
 ) -> CircuitRun:
     """Read back a run whose settling time comes from finer runs, made on request.
 
-    ``answer`` contains circuit, netlist, answer of ngspice and probe, as for `read_back`. The
-    simulator makes the finer runs, and the datasheet is that of the level.
+    ``answer`` contains circuit, netlist, answer of ngspice and probe, as for `read_back`.
     """
     finer = partial(refined, simulator=simulator, datasheet=datasheet)
     return replace(read_back(*answer, datasheet), finer=finer)

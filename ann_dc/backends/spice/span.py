@@ -47,22 +47,7 @@ LEFT = 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class Span:
-    """Duration of a circuit simulation.
-
-    Attributes
-    ----------
-    duration : float
-        Network time.
-    wanted : float
-        Network time required by the slowest pole; longer than ``duration`` if the bound is reached.
-
-    Examples
-    --------
-    >>> Span(duration=300.0, wanted=200.0).cut
-    ''
-    >>> Span(duration=300.0, wanted=450.0).cut
-    'its slowest pole asks for a run 1.5 times as long, beyond 20 times the ideal network'
-    """
+    """Network time that a simulation lasts, and that wanted by the slowest pole."""
 
     duration: float
     wanted: float
@@ -79,10 +64,7 @@ class Span:
 
 
 def span_of(circuit: Circuit, level: Level, probe: Trajectory) -> Span:
-    """Return the simulation duration of a circuit.
-
-    For a level whose circuits are not emulated, the probe alone determines the duration.
-    """
+    """Return the simulation duration of a circuit; without emulation, by the probe alone."""
     ideal = float(probe.time[-1])
     if not level.emulated:
         return Span(duration=LONGER * max(ideal, _ideal_run(probe)), wanted=0.0)

@@ -38,10 +38,7 @@ from ann_dc.hardware.schematic.elements import (
 def switched_capacitors(
     nodes: Nodes, values: Values, text: CellText, part: Amplifier, built: SwitchedCapacitors
 ) -> None:
-    """Write branches into a summing node and the op amp that integrates them.
-
-    The first arguments are those of `op_amp`; ``built`` gives clock and step.
-    """
+    """Write branches into a summing node and the op amp that integrates them."""
     if isinstance(part, Adder):
         op_amp(nodes, values, text, part)
         return
@@ -95,8 +92,7 @@ def _start(circuit: Circuit, part: Integrator | PICell, stage: int) -> float:
 def cell_of(nodes: Nodes, values: Values, level: Level, stage: int) -> CellText:
     """Return the cards and values of one cell, by its index from 0.
 
-    ``nodes`` records the constant sources that the cell reads. ``values`` contains the part values
-    with their deviations.
+    ``nodes`` records the constant sources that the cell reads.
     """
     text, schematic = CellText(stage), nodes.schematic
     for part in schematic.parts:

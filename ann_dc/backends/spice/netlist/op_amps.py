@@ -33,11 +33,7 @@ CLAMPS = "clamp_low", "clamp_high"
 
 
 def op_amp(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> None:
-    """Write resistors into a summing node, and the op amp with its feedback.
-
-    ``values`` contains the part values with their deviations. The cards are added to ``text``, the
-    cell, and make up ``part``.
-    """
+    """Write resistors into a summing node, and the op amp with its feedback."""
     alias, out = nodes.alias[part.name], nodes.own(part.name, text.stage)
     summing = nodes.summing(part.name)
     input_resistors(nodes, values, text, part)
@@ -51,10 +47,7 @@ def op_amp(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> Non
 
 
 def input_resistors(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> None:
-    """Write resistors into a part's summing node from its sources in a cell.
-
-    The arguments are those of `op_amp`.
-    """
+    """Write resistors into a part's summing node from its sources in a cell."""
     for resistor in values.resistors(nodes, part, text.stage):
         value = text.value(resistor.name, resistor.ohms)
         ends = resistor.source, nodes.summing(part.name)
@@ -80,10 +73,7 @@ def _clamps(
 
 
 def differential_pair(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> None:
-    """Write each resistor twice, the second from the other sign to the other node.
-
-    The arguments are those of `op_amp`.
-    """
+    """Write each resistor twice, the second from the other sign to the other node."""
     alias, out = nodes.alias[part.name], nodes.own(part.name, text.stage)
     grounds = f"@sp__{alias}", f"@sn__{alias}"
     for resistor in values.resistors(nodes, part, text.stage):
@@ -97,20 +87,14 @@ def differential_pair(nodes: Nodes, values: Values, text: CellText, part: Amplif
 
 
 def resettable(part: Amplifier, ends: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the nodes of an amplifier's cell, with reset unless it is an adder.
-
-    An adder has no state.
-    """
+    """Return the nodes of an amplifier's cell, with reset unless it is an adder."""
     return ends if isinstance(part, Adder) else (*ends, "rst")
 
 
 def feedback(
     values: Values, text: CellText, part: Amplifier, alias: str, *, offset: bool = True
 ) -> dict[str, str]:
-    """Return parameters of an amplifier's cell: resistor, capacitor, preset, offset.
-
-    Resistor and capacitor are those of the feedback.
-    """
+    """Return parameters of an amplifier's cell: feedback, capacitor, preset, offset."""
     name, circuit = part.name, values.circuit
     given: dict[str, str] = {}
     if name in circuit.feedback:
@@ -136,10 +120,7 @@ def inverter(nodes: Nodes, values: Values, text: CellText, name: str) -> None:
 
 
 def grid_node(nodes: Nodes, values: Values, text: CellText, part: GridNode) -> None:
-    """Write a pair of nodes, the resistors that begin there, and the follower.
-
-    The arguments are those of `op_amp`; the cards make up ``part``.
-    """
+    """Write a pair of nodes, the resistors that begin there, and the follower."""
     circuit, alias, stage = nodes.circuit, nodes.alias[part.name], text.stage
     here = _pair(nodes, part.name, stage)
     ohms, order = circuit.resistors[part.name], list(nodes.schematic.by_name)
@@ -197,8 +178,8 @@ def transconductors(
 ) -> None:
     """Write the transconductors into the part's node, and its load.
 
-    The first arguments are those of `op_amp`. ``built`` gives the linearity. ``a0`` is the voltage
-    gain of a transconductor into its output resistance; infinite without such a resistance.
+    ``a0`` is the voltage gain of a transconductor into its output resistance; infinite without such
+    a resistance.
     """
     alias, out = nodes.alias[part.name], nodes.own(part.name, text.stage)
     weights = [

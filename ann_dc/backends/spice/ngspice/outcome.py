@@ -31,13 +31,9 @@ UNSTABLE = (
 def checked_outcome(folder: Path, code: int | None, timeout: float) -> list[Raw]:
     """Return the plots of a run that ended by itself with exit code 0.
 
-    The code is negative for a signal, and None if the time limit of ``timeout`` seconds was
-    exceeded. Raises:
-
-    - `SpiceTimeoutError` if the time limit was exceeded;
-    - `SpiceCrashError` if the run was killed or the exit code is not 0;
-    - `EndedEarlyError` if an analysis was aborted;
-    - `RawFileError` if the answer is missing or not readable.
+    The code is negative for a signal, and None after the time limit of ``timeout`` seconds. Raises
+    `SpiceTimeoutError` in the latter case, `SpiceCrashError` for any code but 0, `EndedEarlyError`
+    if an analysis was aborted, and `RawFileError` if the answer is missing or not readable.
     """
     if code is None:
         raise SpiceTimeoutError(
@@ -84,10 +80,7 @@ def _killed(number: int) -> str:
 
 
 def check_end(plots: list[Raw], end_time: float | None) -> None:
-    """Raise `EndedEarlyError` if a transient did not reach its end, or is missing.
-
-    The end time is in seconds; None disables the check.
-    """
+    """Raise `EndedEarlyError` if a transient did not reach its end (s), or is missing."""
     if end_time is None:
         return
     transients = [raw for raw in plots if raw.names[0] == "time"]
@@ -104,10 +97,7 @@ def check_end(plots: list[Raw], end_time: float | None) -> None:
 
 
 def check_finite(plots: list[Raw]) -> None:
-    """Raise `NotFiniteError` if a value is infinite or not a number.
-
-    The message names the variable and the place.
-    """
+    """Raise `NotFiniteError` if a value is infinite or not a number."""
     for raw in plots:
         wrong = ~np.isfinite(raw.values)
         if wrong.any():

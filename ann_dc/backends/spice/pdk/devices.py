@@ -50,11 +50,6 @@ class Device:
 def devices_in(cards: str) -> list[Device]:
     """Return every distinct device and geometry in the lines of a netlist.
 
-    Widths and lengths are plain numbers of micrometres. Raises `UnknownNameError` if a device is
-    not in `KNOWN`, and `FileFormatError` if a size is not a plain number.
-
-    Examples
-    --------
     >>> devices_in("X1 d g s b sky130_fd_pr__nfet_g5v0d10v5 w=20 l=1")
     [Device(name='nfet_g5v0d10v5', width=20.0, length=1.0)]
     """
@@ -64,7 +59,8 @@ def devices_in(cards: str) -> list[Device]:
 def device_cards(cards: str) -> Iterator[tuple[Device, int]]:
     """Yield the device of every card and its number in parallel.
 
-    Raises `FileFormatError` as `devices_in` does.
+    Widths and lengths are plain numbers of micrometres; others raise `FileFormatError`, and a
+    device that is not in `KNOWN` raises `UnknownNameError`.
     """
     for card in CARD.finditer(cards):
         given = dict(GIVEN.findall(card["given"].lower()))

@@ -27,14 +27,10 @@ SLOW = {"s": 1.0, "t": 0.0, "f": -1.0}
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Place:
-    """Operating conditions of a netlist as cards and options.
+    """Operating conditions of a netlist as cards and simulator options.
 
-    Attributes
-    ----------
-    before, behind : tuple of str
-        Cards before and after the library's models and cells; the last definition applies.
-    options : str
-        Options of the simulator.
+    The cards are placed before and behind the library's models and cells; the last definition
+    applies.
     """
 
     before: tuple[str, ...] = ()
@@ -48,18 +44,10 @@ def place_of(level: Level, library: Mapping[str, str], seed: int | None = None) 
 
     The generic transistors read ``supply``, ``slow_n`` and ``slow_p``. Rails of macro models are
     among the figures of these models. ``library`` maps the names of the netlist's ``circuits``
-    files to their text. ``seed`` draws the mismatch of all PDK devices; without a seed there is
-    none.
+    files to their text. ``seed`` draws the mismatch of all PDK devices.
 
-    Raises `PdkMissing` if the level's package is not installed, and `FileFormatError` if one of its
-    files is missing or malformed. Raises `NetworkError` if temperature or supplies are outside the
-    range of the models.
-
-    Examples
-    --------
-    >>> from ann_dc.hardware.parts import TRANSISTOR, Conditions
-    >>> place_of(TRANSISTOR.at(Conditions(temperature=85.0, process="sf")), {}).behind
-    ('.param slow_n=1', '.param slow_p=-1', '.temp 85')
+    Raises `PdkMissing` if the level's package is not installed, and `FileFormatError` or
+    `NetworkError` as `excerpt`.
     """
     conditions = level.conditions
     if level.models == PACKAGE:
