@@ -335,8 +335,15 @@ def study_circuit(
     built = replace(nominal, deviations=deviations) if deviations else nominal
     op_amps = level.emulated and not isinstance(level.technology, OtaC)
     unlooped = why_no_loops(built.emulation) if loops and op_amps else ""
-    margins = _loops(backend, built)[:loops] if loops and not unlooped else ()
-    worst = _budget(backend, nominal)[:items] if items else ()
+    margins: tuple[LoopGain, ...] = ()
+    if loops and not unlooped:
+        backend.progress("loop gains")
+        margins = loop_gains(built.emulation, level, built.settled)[:loops]
+    worst: tuple[Item, ...] = ()
+    if items:
+        backend.progress("error budget")
+        slopes = sensitivity(nominal.emulation, nominal.settled)
+        worst = budget(slopes, level.tolerances)[:items]
     drawn = np.zeros(0)
     if samples:
         seeds = range(samples)
@@ -405,16 +412,6 @@ def _run(backend: SpiceBackend, built: CircuitInstance, deck: Deck) -> CircuitRu
     run = backend.measure(built.circuit, deck, built.probe)
     backend.progress("ngspice, finer steps up to where it settles")
     return run.timed
-
-
-def _loops(backend: SpiceBackend, built: CircuitInstance) -> tuple[LoopGain, ...]:
-    backend.progress("loop gains")
-    return loop_gains(built.emulation, built.level, built.settled)
-
-
-def _budget(backend: SpiceBackend, nominal: CircuitInstance) -> tuple[Item, ...]:
-    backend.progress("error budget")
-    return budget(sensitivity(nominal.emulation, nominal.settled), nominal.level.tolerances)
 
 
 def _settling_time(run: CircuitRun | None, prediction: Prediction | None) -> float:

@@ -148,7 +148,9 @@ def compare_levels(
     ladder.progress("recurrent layer")
     yield _recurrent_rung(network, probe)
     yield from ladder.run(network, filter(wanted, rungs(network, probe, seed=seed)))
-    yield from map(_cpu_rung, timings)
+    for timing in timings:
+        name = f"{timing.name} on this CPU"
+        yield Measured(name=name, group=Group.DIGITAL, settling=timing.seconds)
 
 
 def _ode_rung(network: Network) -> tuple[Measured, Trajectory]:
@@ -176,11 +178,6 @@ def _recurrent_rung(network: Network, probe: Trajectory) -> Measured:
     name = f"recurrent layer, {run.settling_steps} steps"
     error = _distance(network, probe, run.trajectory.final)
     return Measured(name=name, group=Group.DIGITAL, error=error)
-
-
-def _cpu_rung(timing: SolverTiming) -> Measured:
-    name = f"{timing.name} on this CPU"
-    return Measured(name=name, group=Group.DIGITAL, settling=timing.seconds)
 
 
 def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import enum
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.trajectory import Trajectory
@@ -91,38 +90,32 @@ def _alone(level: Level, seed: int) -> Iterator[Rung]:
     """Yield a level for every non-ideality alone, with all else ideal."""
     datasheet, tolerances = level.datasheet, level.tolerances
 
-    def rung(name: str, *, errors: Tolerances | None = None, series=EXACT, **given) -> Rung:
-        figures: dict[str, Any] = {"a0": 1e8, "gbw": datasheet.gbw} | given
-        parts = Datasheet(**figures, tolerances=errors or Tolerances())
-        return Rung(
-            name=name,
-            group=Group.ALONE,
-            level=replace(level, name="macro", datasheet=parts),
-            seed=seed if errors else None,
-            series=series,
-        )
-
-    yield rung(f"gain {datasheet.a0:.0e} alone", a0=datasheet.a0)
-    yield rung(f"slew {datasheet.slew * 1e-6:.0f} V/us alone", slew=datasheet.slew)
-    yield rung(f"rails {datasheet.rails:g} V alone", rails=datasheet.rails)
-    yield rung(
-        f"multipliers of {datasheet.multiplier_bandwidth * 1e-6:.0f} MHz alone",
-        multiplier_bandwidth=datasheet.multiplier_bandwidth,
-        function_bandwidth=datasheet.function_bandwidth,
+    figures: dict[str, tuple[str, ...]] = {
+        f"gain {datasheet.a0:.0e}": ("a0",),
+        f"slew {datasheet.slew * 1e-6:.0f} V/us": ("slew",),
+        f"rails {datasheet.rails:g} V": ("rails",),
+        f"multipliers of {datasheet.multiplier_bandwidth * 1e-6:.0f} MHz": (
+            "multiplier_bandwidth",
+            "function_bandwidth",
+        ),
+    }
+    errors = {
+        f"op-amp offsets {tolerances.offset * 1e6:.0f} uV": "offset",
+        f"resistors {tolerances.resistor:.1%}": "resistor",
+        f"multiplier gains {tolerances.gain:.1%}": "gain",
+        f"multiplier offsets {tolerances.product_offset * 1e3:g} mV": "product_offset",
+    }
+    plain = Datasheet(a0=1e8, gbw=datasheet.gbw, tolerances=Tolerances())
+    alone = Rung(
+        name="E96 resistors alone",
+        group=Group.ALONE,
+        level=replace(level, name="macro", datasheet=plain),
     )
-    yield rung(
-        f"op-amp offsets {tolerances.offset * 1e6:.0f} uV alone",
-        errors=Tolerances(offset=tolerances.offset),
-    )
-    yield rung(
-        f"resistors {tolerances.resistor:.1%} alone",
-        errors=Tolerances(resistor=tolerances.resistor),
-    )
-    yield rung(
-        f"multiplier gains {tolerances.gain:.1%} alone", errors=Tolerances(gain=tolerances.gain)
-    )
-    yield rung(
-        f"multiplier offsets {tolerances.product_offset * 1e3:g} mV alone",
-        errors=Tolerances(product_offset=tolerances.product_offset),
-    )
-    yield rung("E96 resistors alone", series=E96)
+    for name, fields in figures.items():
+        parts = replace(plain, **{field: getattr(datasheet, field) for field in fields})
+        yield replace(alone, name=f"{name} alone", level=replace(alone.level, datasheet=parts))
+    for name, field in errors.items():
+        parts = replace(plain, tolerances=Tolerances(**{field: getattr(tolerances, field)}))
+        lone = replace(alone.level, datasheet=parts)
+        yield replace(alone, name=f"{name} alone", level=lone, seed=seed)
+    yield replace(alone, series=E96)

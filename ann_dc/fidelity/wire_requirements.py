@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -85,12 +84,14 @@ def preconditioner_demand(
         raise NetworkError("preconditioner_demand: the settled point does not attract; see analyse")
     allowed, radius = ideal.real.max() / WORSE, np.abs(ideal).max()
 
+    def decays(jacobian: np.ndarray) -> bool:
+        return np.linalg.eigvals(jacobian).real.max() <= allowed
+
     def endures(error: float) -> bool:
-        drawn = (flow.with_weights(wiring.weights.data * (1 + error * e)) for e in errors)
-        return all(np.linalg.eigvals(J).real.max() <= allowed for J in drawn)
+        return all(decays(flow.with_weights(wiring.weights.data * (1 + error * e))) for e in errors)
 
     def follows(lag: float) -> bool:
-        return np.linalg.eigvals(flow.with_lag(lag / radius)).real.max() <= allowed
+        return decays(flow.with_lag(lag / radius))
 
     return PreconditionerDemand(
         kind=network.preconditioner.kind.value,
@@ -136,13 +137,9 @@ class _LinearFlow:
         self.others = np.setdiff1d(np.arange(network.size), self.moved)
         self.rates = rates[self.others]
 
-    @cached_property
-    def _pattern(self) -> sparse.csr_array:
-        return sparse.csr_array(self.wiring.weights)
-
     def with_weights(self, data: np.ndarray) -> np.ndarray:
         """Return the Jacobian (n, n) with other wire weights and no lag: d(z)/ds = M d."""
-        pattern = self._pattern
+        pattern = self.wiring.weights.tocsr()
         weights = sparse.csr_array((data, pattern.indices, pattern.indptr), shape=pattern.shape)
         preconditioner = replace(self.wiring, weights=weights).preconditioner
         jacobian = np.empty_like(self.drives)

@@ -136,7 +136,8 @@ def interface_cost(
         for offset in [network.input_scale(name).offset]
     }
     backend.progress("rounded inputs")
-    controls = _controls(network.with_inputs(rounded), probe)
+    ideal = network.with_inputs(rounded)
+    controls = control_values(ideal, equilibrium(ideal, probe.final))
     grain = _control_steps(circuit, interface.adc_bits)
     read = _rounded(controls, grain, interface.adc_bits)
     size = probe.control_size
@@ -190,11 +191,6 @@ def _rounded(values: np.ndarray, step: float | np.ndarray, bits: int | None) -> 
     if bits is None:
         return values
     return step * np.clip(np.round(values / step), -(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
-
-
-def _controls(network: Network, probe: Trajectory) -> np.ndarray:
-    """Return the controls of the ideal network at the equilibrium for these inputs."""
-    return control_values(network, equilibrium(network, probe.final))
 
 
 def _moved(network: Network, probe: Trajectory, steps: Mapping[str, float]) -> np.ndarray:
