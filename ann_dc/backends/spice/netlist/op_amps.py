@@ -25,7 +25,7 @@ from ann_dc.hardware.schematic.elements import (
 )
 from ann_dc.hardware.schematic.preconditioner_wiring import OWN
 
-KINDS = {Integrator: "integ", PICell: "pi_cell", Adder: "sum"}
+LIBRARY = {Integrator: "integ", PICell: "pi_cell", Adder: "sum"}
 """Library cell of every part; with suffix ``_fd`` for a differential part."""
 
 CLAMPS = "clamp_low", "clamp_high"
@@ -37,7 +37,7 @@ def op_amp(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> Non
     alias, out = nodes.alias[part.name], nodes.own(part.name, text.stage)
     summing = nodes.summing(part.name)
     input_resistors(nodes, values, text, part)
-    ends, kind = resettable(part, (summing, out)), KINDS[type(part)]
+    ends, kind = resettable(part, (summing, out)), LIBRARY[type(part)]
     given = feedback(values, text, part, alias)
     if isinstance(part, PICell) and part.rectified:
         kind, given["rp"] = "pi_diode", number(HOLD * values.circuit.inverter)
@@ -82,7 +82,7 @@ def differential_pair(nodes: Nodes, values: Values, text: CellText, part: Amplif
         for half, summing, source in zip("pn", grounds, both):
             ends = source, summing
             text.card(f"R{half}_{resistor.label}", ends, value, {}, counts_as="resistor")
-    ends, kind = resettable(part, (*grounds, out, nodes.opposite(out))), KINDS[type(part)] + "_fd"
+    ends, kind = resettable(part, (*grounds, out, nodes.opposite(out))), LIBRARY[type(part)] + "_fd"
     text.card(f"X_{alias}", ends, kind, feedback(values, text, part, alias))
 
 
