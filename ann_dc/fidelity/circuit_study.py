@@ -13,11 +13,10 @@ import numpy as np
 
 from ann_dc.analysis.spectra import DENSE_LIMIT
 from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of
-from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun
+from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun, read_timed
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
-from ann_dc.backends.spice.refinement import read_timed
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.rules import NEAR

@@ -15,13 +15,12 @@ from typing import Annotated, TypeAlias
 import numpy as np
 
 from ann_dc.analysis.spectra import spectrum
-from ann_dc.backends.spice.circuit_run import CircuitRun, check_full_scale
+from ann_dc.backends.spice.circuit_run import CircuitRun, check_full_scale, read_timed
 from ann_dc.backends.spice.netlist.deck import Deck, deck_of
 from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.backends.spice.probe import probed
-from ann_dc.backends.spice.refinement import read_timed
 from ann_dc.backends.spice.span import span_of
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError

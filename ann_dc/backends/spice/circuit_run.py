@@ -4,13 +4,18 @@ The value of a neuron q, u or t is that of its node, x = p (S / V) v, where p is
 is in units per volt. The node of a PI dual carries the multiplier m = mu + rho c, so mu is m minus
 rho c, with c from the other nodes. The node of a diode neuron that is off leaks towards the zero at
 its output. Voltages beyond the capability of a part are recorded as overloads.
+
+A run spends most of its steps after settling. The settling time comes from a second run that ends
+there, with a largest step a fourth as long and an eighth of the truncation error. The change of the
+settling time is its error estimate.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TypeAlias
 
 import numpy as np
@@ -19,8 +24,9 @@ from ann_dc.backends.curves import Curves, Tabulated
 from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
+from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory, control_error
-from ann_dc.errors import NetworkError, such_as
+from ann_dc.errors import NetworkError, SpiceError, such_as
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import RESTING
@@ -29,7 +35,7 @@ from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, PICell
-from ann_dc.validation import checked
+from ann_dc.validation import Count, checked
 
 OVERLOAD = 0.95
 """Fraction of full scale above which a node without rails counts as overloaded."""
@@ -295,3 +301,86 @@ def check_full_scale(level: Level) -> None:
             f"full_scale: parts of level {level.name} clip at {level.limit:.4g} V{supplied}, got "
             f"{level.full_scale:g} V; take at most {KNEE * level.limit:.3g} V"
         )
+
+
+FINER = 4
+"""Ratio of the largest steps of a run and the next one."""
+
+TRUNCATION = 7.0
+"""Factor of tolerated truncation errors in ngspice, ``trtol``."""
+
+RUNS = 2
+"""Largest number of finer runs."""
+
+ENOUGH = 0.01
+"""Relative change of the settling time below which no further run is made."""
+
+BEYOND = 1.1
+"""End of a finer run relative to the settling time."""
+
+
+def read_timed(
+    answer: tuple[Circuit, Deck, Raw, Trajectory], simulator: Ngspice, datasheet: Datasheet
+) -> CircuitRun:
+    """Read back a run whose settling time comes from finer runs, made on request.
+
+    ``answer`` contains circuit, netlist, answer of ngspice and probe, as for `read_back`.
+    """
+    finer = partial(refined, simulator=simulator, datasheet=datasheet)
+    return replace(read_back(*answer, datasheet), finer=finer)
+
+
+@checked
+def refined(
+    run: CircuitRun, simulator: Ngspice, datasheet: Datasheet, *, finer: Count = FINER
+) -> CircuitRun:
+    """Return a settled run with finer steps and an error of its settling time.
+
+    A run that did not settle is returned unchanged; a clocked run is accurate to a period. The
+    largest steps shrink by ``finer`` from run to run, and truncation errors by twice as much.
+    ``settling_error`` is the change by the last of the finer runs. If ngspice fails in a run, the
+    settling time is that of the run before, with a warning and a ``settling_error`` of nan.
+    """
+    samples = run.deck.timing.samples
+    if samples is not None:
+        return replace(run, settling_error=float(samples[-1] - samples[-2]), finer=None)
+    if not run.settled():
+        return run
+    run = replace(run, finer=None)
+    for count in range(1, RUNS + 1):
+        before = run.settling_time()
+        deck = _finer(run.deck, before, finer**count)
+        try:
+            raw = simulator.run(deck.text, end_time=deck.end)
+        except SpiceError as error:
+            warnings.warn(
+                f"ngspice failed in steps finer by {finer**count}: {error}; the settling time is "
+                "that of coarser steps and may be some percent off; allow ngspice more time",
+                stacklevel=2,
+            )
+            return replace(run, settling_error=float("nan"))
+        fine = read_back(run.circuit, deck, raw, run.probe, datasheet).trajectory
+        run = replace(run, trajectory=_joined(fine, run.trajectory))
+        change = abs(run.settling_time() - before)
+        run = replace(run, settling_error=change)
+        if change < ENOUGH * before:
+            break
+    return run
+
+
+def _finer(deck: Deck, settling: float, factor: int) -> Deck:
+    """Return the netlist up to the settling time, with steps finer by a factor."""
+    timing = deck.timing
+    end = min(timing.release + BEYOND * settling, timing.end)
+    finer = replace(timing, end=end, step=timing.step / factor)
+    options = f"{deck.options} trtol={TRUNCATION / (2 * factor):.3g}"
+    return replace(deck, timing=finer, options=options)
+
+
+def _joined(fine: Trajectory, coarse: Trajectory) -> Trajectory:
+    """Return a trajectory followed, after its end, by another one."""
+    later = coarse.time > fine.time[-1]
+    time = np.concatenate([fine.time, coarse.time[later]])
+    residuals = np.concatenate([fine.residuals, coarse.residuals[later]])
+    states = np.concatenate([fine.states, coarse.states[later]])
+    return replace(coarse, time=time, states=states, residual_time=time, residuals=residuals)

@@ -11,7 +11,7 @@ import time
 import pytest
 from ngspice_runs import ENDLESS, on_linux, wait_for, working_in
 
-from ann_dc.backends.spice.ngspice import outcome as verdict, process as processes
+from ann_dc.backends.spice.ngspice import process as processes, runner as verdict
 from ann_dc.backends.spice.ngspice.process import find_ngspice
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import (
