@@ -35,7 +35,6 @@ class Group(enum.Enum):
     ALONE = "one defect alone"
 
 
-@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rung:
     """Level of the comparison, with its part errors.

@@ -63,7 +63,6 @@ def best_gradient(network: Network, settled: State) -> tuple[UpperLevel, UpperGa
     return Gradient(lambda_t=gains.lambda_t, lambda_beta=gains.lambda_beta), gains
 
 
-@checked
 def newton(network: Network, settled: State) -> tuple[UpperLevel, None]:
     """Return the Newton upper level, which does not need the solution."""
     return NewtonCoordinator(), None
@@ -85,7 +84,6 @@ COORDINATORS: dict[str, Coordinator] = {
 """Coordinators by name, for the command line."""
 
 
-@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Coordination:
     """Run of the two-level algorithm with its predictions and certificate.
@@ -171,7 +169,6 @@ class Coordination:
         return self.certificate.reason
 
 
-@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Undesigned:
     """Result without a run: the design did not settle in a number of ``steps``.

@@ -114,7 +114,6 @@ class OracleBackend:
         """Integrate from the initial guess until it settles, diverges or time expires."""
         return self.ode.follow(network, self.right_hand_side(network))
 
-    @checked
     def right_hand_side(self, network: Network) -> RightHandSide:
         """Return x (n,) -> dx/ds (n,) with the rates of t and beta multiplied by the gain."""
         compiled, slow = fast_evaluator(network), network.of_population(*COORDINATION)

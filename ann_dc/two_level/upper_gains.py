@@ -36,7 +36,6 @@ REFINED = 3
 """Number of grid gains to refine; the radius has kinks at which a simplex search stops."""
 
 
-@checked
 @dataclass(frozen=True, kw_only=True)
 class UpperGains:
     """Gains of the upper level in network units, with the radius of its linearised map."""

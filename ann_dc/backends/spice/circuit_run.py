@@ -35,7 +35,6 @@ from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, PICell
-from ann_dc.validation import Count, checked
 
 OVERLOAD = 0.95
 """Fraction of full scale above which a node without rails counts as overloaded."""
@@ -200,7 +199,6 @@ class CircuitRun(Tabulated):
         return control_settling(self.timed.trajectory, share) * self.deck.timing.unit
 
 
-@checked
 def read_back(
     circuit: Circuit, deck: Deck, raw: Raw, probe: Trajectory, datasheet: Datasheet | None = None
 ) -> CircuitRun:
@@ -330,9 +328,8 @@ def read_timed(
     return replace(read_back(*answer, datasheet), finer=finer)
 
 
-@checked
 def refined(
-    run: CircuitRun, simulator: Ngspice, datasheet: Datasheet, *, finer: Count = FINER
+    run: CircuitRun, simulator: Ngspice, datasheet: Datasheet, *, finer: int = FINER
 ) -> CircuitRun:
     """Return a settled run with finer steps and an error of its settling time.
 

@@ -51,7 +51,6 @@ DEFAULT = re.compile(r"(\w+)=(\S+)")
 PASSIVE = re.compile(r"^([RC])\S* +\S+ +\S+ +(\{.*\}|\S+) *$", re.MULTILINE | re.IGNORECASE)
 
 
-@checked
 @dataclass(frozen=True, kw_only=True)
 class Area:
     """Areas of a chip by component type, in square micrometres."""

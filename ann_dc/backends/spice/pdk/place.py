@@ -20,7 +20,6 @@ from ann_dc.backends.spice.pdk.files import PACKAGE, PdkFiles, installed
 from ann_dc.errors import FileFormatError, NetworkError
 from ann_dc.hardware.parts.conditions import NOMINAL, ROOM, Conditions
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.validation import checked
 
 MADE_FOR = -40.0, 125.0
 """Temperature range of the models in degrees Celsius."""
@@ -44,7 +43,6 @@ ASSIGNED = re.compile(r"(\w+)\s*=\s*('[^']*'|\{[^}]*\}|[^\s=]+)")
 NAME = re.compile(r"\b[a-z]\w*\b", re.IGNORECASE)
 
 
-@checked
 def excerpt(
     devices: list[Device],
     files: PdkFiles,
@@ -170,7 +168,6 @@ SLOW = {"s": 1.0, "t": 0.0, "f": -1.0}
 """Slowness parameter of the generic transistors for each letter of a corner."""
 
 
-@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Place:
     """Operating conditions of a netlist as cards and simulator options.
@@ -184,7 +181,6 @@ class Place:
     options: str = ""
 
 
-@checked
 def place_of(level: Level, library: Mapping[str, str], seed: int | None = None) -> Place:
     """Return temperature, supplies and process of a level, and models of PDK devices.
 
