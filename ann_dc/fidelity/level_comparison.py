@@ -1,12 +1,14 @@
 """Level comparison: one problem at every model level, predicted and measured.
 
-Every level has two figures: the error of its settled controls against the optimum, relative to the
-largest control, and the settling time to 0.1 %. Digital methods are listed for comparison: the ODE
-and the recurrent layer first, solvers on this CPU last.
+The levels are the ideal circuit, single non-idealities, part sets and silicon. Every level has two
+figures: the error of its settled controls against the optimum, relative to the largest control, and
+the settling time to 0.1 %. Digital methods are listed for comparison: the ODE and the recurrent
+layer first, solvers on this CPU last.
 """
 
 from __future__ import annotations
 
+import enum
 import time as clock
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -14,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
@@ -23,18 +26,124 @@ from ann_dc.backends.trajectory import Trajectory, control_values
 from ann_dc.errors import NetworkError, SpiceError
 from ann_dc.evaluation.rules import size_of
 from ann_dc.fidelity.fitting import fitting_intervals
-from ann_dc.fidelity.model_level import Group, Rung, rungs
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.circuit.loads import load_power
-from ann_dc.hardware.parts.levels import Level, macro
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
+from ann_dc.hardware.parts.e_series import E96, EXACT, Series
+from ann_dc.hardware.parts.levels import (
+    BEHAVIOURAL,
+    TRANSISTOR,
+    Level,
+    macro,
+    ota_c,
+    switched_capacitor,
+)
+from ann_dc.hardware.schematic.saturation import with_rails
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.reference_solvers import SolverTiming
 from ann_dc.progress import Progress, silent
 from ann_dc.validation import checked
+
+SLOWEST = 0.3
+"""Step of the switched-capacitor level relative to the stability limit at the settled point."""
+
+
+class Group(enum.Enum):
+    """Group of a level in the comparison."""
+
+    DIGITAL = "computed digitally"
+    LEVEL = "a level of fidelity"
+    ALONE = "one defect alone"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rung:
+    """Level of the comparison, with its part errors.
+
+    Attributes
+    ----------
+    seed : int or None
+        Seed of the errors of single parts, drawn from the tolerances of the level.
+    series : Series
+        Series of the resistors.
+    slow : bool
+        True if ngspice needs a minute or more.
+    """
+
+    name: str
+    level: Level
+    group: Group = Group.LEVEL
+    seed: int | None = None
+    series: Series = EXACT
+    slow: bool = False
+
+
+@checked
+def rungs(
+    network: Network, probe: Trajectory, *, base: str = "opa192_ad734", seed: int = 1
+) -> tuple[Rung, ...]:
+    """Return the levels: ideal, single non-idealities, part sets and silicon.
+
+    `network` and `probe`, its run in continuous time, give the step of switched capacitors. `base`
+    names the part set whose non-idealities are listed separately. `seed` draws the errors of single
+    parts. Raises `UnknownNameError` if the part set is unknown.
+    """
+    step = SLOWEST * stability_limit(probe.network, probe.final)
+    boards = {name: with_rails(network, presets.get(name)) for name in presets.names()}
+    return (
+        Rung(name="behavioural", level=BEHAVIOURAL),
+        Rung(name="OTA-C, tanh 30 x full scale", level=ota_c()),
+        Rung(name="macro, A0 = 1e6", level=macro()),
+        Rung(name="macro, fully differential", level=macro(differential=True)),
+        *_alone(with_rails(network, presets.get(base)), seed),
+        *(Rung(name=name, level=level, seed=seed) for name, level in boards.items()),
+        Rung(
+            name="switched-capacitor, A0 = 1e6",
+            level=switched_capacitor(a0=1e6, step=step),
+            slow=True,
+        ),
+        Rung(name="transistor", level=TRANSISTOR),
+    )
+
+
+def _alone(level: Level, seed: int) -> Iterator[Rung]:
+    """Yield a level for every non-ideality alone, with all else ideal."""
+    datasheet, tolerances = level.datasheet, level.tolerances
+    figures: dict[str, tuple[str, ...]] = {
+        f"gain {datasheet.a0:.0e}": ("a0",),
+        f"slew {datasheet.slew * 1e-6:.0f} V/us": ("slew",),
+        f"rails {datasheet.rails:g} V": ("rails",),
+        f"multipliers of {datasheet.multiplier_bandwidth * 1e-6:.0f} MHz": (
+            "multiplier_bandwidth",
+            "function_bandwidth",
+        ),
+    }
+    errors = {
+        f"op-amp offsets {tolerances.offset * 1e6:.0f} uV": "offset",
+        f"resistors {tolerances.resistor:.1%}": "resistor",
+        f"multiplier gains {tolerances.gain:.1%}": "gain",
+        f"multiplier offsets {tolerances.product_offset * 1e3:g} mV": "product_offset",
+    }
+    plain = Datasheet(a0=1e8, gbw=datasheet.gbw, tolerances=Tolerances())
+    alone = Rung(
+        name="E96 resistors alone",
+        group=Group.ALONE,
+        level=replace(level, name="macro", datasheet=plain),
+    )
+    for name, fields in figures.items():
+        parts = replace(plain, **{field: getattr(datasheet, field) for field in fields})
+        yield replace(alone, name=f"{name} alone", level=replace(alone.level, datasheet=parts))
+    for name, field in errors.items():
+        parts = replace(plain, tolerances=Tolerances(**{field: getattr(tolerances, field)}))
+        lone = replace(alone.level, datasheet=parts)
+        yield replace(alone, name=f"{name} alone", level=lone, seed=seed)
+    yield replace(alone, series=E96)
+
 
 NAN = float("nan")
 
@@ -96,8 +205,8 @@ def quick(rung: Rung) -> bool:
     Examples
     --------
     >>> from ann_dc.fidelity import quick
-    >>> from ann_dc.fidelity.model_level import Rung
-    >>> quick(Rung(name="switched capacitors", level=ann_dc.levels.macro(), slow=True))
+    >>> from ann_dc.hardware.parts import switched_capacitor
+    >>> quick(Rung(name="switched capacitors", level=switched_capacitor(step=0.1), slow=True))
     False
     """
     return not rung.slow

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -22,7 +21,7 @@ class UpperLevel(ABC):
     """Base class of the coordinators; ``name`` is the name on the command line."""
 
     name: ClassVar[str]
-    suited: ClassVar[Callable[[], LowerLevel]]
+    suited: ClassVar[type[LowerLevel]]
     """Lower level that suits the coordinator."""
 
     @abstractmethod

@@ -12,13 +12,15 @@ from ann_dc.backends.recurrent import in_code
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NgspiceMissing
 from ann_dc.fidelity.level_comparison import (
+    Group,
     Ladder,
     Measured,
+    Rung,
     _ode_rung,
     _recurrent_rung,
     compare_levels,
+    rungs,
 )
-from ann_dc.fidelity.model_level import Group, Rung, rungs
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances

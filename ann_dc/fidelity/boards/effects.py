@@ -3,6 +3,9 @@
 The circuit is designed for one level and built with the parts of another level, which has one
 additional effect. The table therefore shows effects that the design ignores; `ann_dc.SpiceBackend`
 takes these into account when it chooses resistors and bandwidth margin.
+
+Tolerances differ from part to part and add up as squares. A nonlinearity, a leakage or a bias
+current is equal in all parts of one type, and `systematic` gives the shift of the controls by each.
 """
 
 from __future__ import annotations
@@ -18,12 +21,13 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NotFiniteError, SpiceTimeoutError, UnknownNameError
+from ann_dc.evaluation.rules import size_of
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.prediction import Unpredicted, prediction_of
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.levels import Level, macro
-from ann_dc.hardware.parts.parasitics import Parasitics
+from ann_dc.hardware.parts.parasitics import NONE, Parasitics
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 from ann_dc.validation import PositiveFinite, checked
@@ -276,3 +280,36 @@ def _rings(run: CircuitRun) -> bool:
     thirds = (time > time[-1] / 3) & (time <= 2 / 3 * time[-1]), time > 2 / 3 * time[-1]
     before, last = (np.ptp(controls[third], axis=0).max() for third in thirds)
     return bool(last >= STAYS * before)
+
+
+STILL = ("bias_doubling", "multiplier_noise", "amplifier_noise")
+"""Parasitics that do not shift the controls by themselves, or only briefly."""
+
+
+@checked
+def systematic(instance: CircuitInstance) -> dict[str, float]:
+    """Return the shift of the settled controls by each parasitic, taken alone.
+
+    The result maps attributes of `Parasitics` to the largest shift relative to the largest control,
+    in decreasing order, against parts without parasitics. Parasitics without effect, such as a
+    capacitance, give about zero. Raises `NetworkError` if a circuit has no emulation, or no
+    equilibrium near the ideal one.
+    """
+    parasitics = instance.level.datasheet.parasitics
+    plain = _controls(instance, NONE)
+    size = size_of(plain, instance.probe.control_reach)
+    moves = {}
+    for field in fields(Parasitics):
+        value = getattr(parasitics, field.name)
+        if field.name not in STILL and value != getattr(NONE, field.name):
+            alone = _controls(instance, replace(NONE, **{field.name: value}))
+            moves[field.name] = float(np.abs(alone - plain).max() / size)
+    return dict(sorted(moves.items(), key=lambda move: -move[1]))
+
+
+def _controls(instance: CircuitInstance, parasitics: Parasitics) -> np.ndarray:
+    """Return the settled controls (m,) of the circuit with these parasitics."""
+    level = instance.level
+    parts = replace(level.datasheet, parasitics=parasitics)
+    built = replace(instance, level=replace(level, datasheet=parts))
+    return built.emulation.controls(built.settled)

@@ -9,8 +9,7 @@ from simulator import needs_ngspice
 from ann_dc import PreconditionerKind, SpiceBackend, design, plants
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.boards.spec import Spec
-from ann_dc.fidelity.boards.yields import yield_of
+from ann_dc.fidelity.boards.yields import Spec, yield_of
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.circuit_study import predicted_errors
 from ann_dc.fidelity.noise_run import control_noise
