@@ -13,7 +13,7 @@ import numpy as np
 
 from ann_dc.analysis.spectra import DENSE_LIMIT
 from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of
-from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun, read_timed
+from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
@@ -174,12 +174,9 @@ def measured_runs(
     All runs have the duration of the first netlist.
     """
     end = decks[0].end if decks else None
-    simulator, datasheet = ngspice_of(backend), backend.level.datasheet
-    results = simulator.run_many([deck.text for deck in decks], end_time=end)
+    results = ngspice_of(backend).run_many([deck.text for deck in decks], end_time=end)
     return [
-        read_timed((circuit, deck, raw, probe), simulator, datasheet)
-        if isinstance(raw, Raw)
-        else None
+        backend.read(circuit, deck, raw, probe) if isinstance(raw, Raw) else None
         for deck, raw in zip(decks, results)
     ]
 

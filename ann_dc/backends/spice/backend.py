@@ -10,14 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Annotated, TypeAlias
 
 import numpy as np
 
 from ann_dc.analysis.spectra import spectrum
-from ann_dc.backends.spice.circuit_run import CircuitRun, check_full_scale, read_timed
+from ann_dc.backends.spice.circuit_run import (
+    CircuitRun,
+    check_full_scale,
+    read_back,
+    refined,
+)
 from ann_dc.backends.spice.netlist.deck import Deck, deck_of
 from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
+from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.backends.spice.probe import probed
@@ -229,7 +236,13 @@ class SpiceBackend:
         """Run a circuit's netlist in ngspice, regardless of its pole model."""
         self.progress(f"ngspice, {self.level.name} level")
         raw = ngspice_of(self).run(deck.text, end_time=deck.end)
-        return read_timed((circuit, deck, raw, probe), ngspice_of(self), self.level.datasheet)
+        return self.read(circuit, deck, raw, probe)
+
+    def read(self, circuit: Circuit, deck: Deck, raw: Raw, probe: Trajectory) -> CircuitRun:
+        """Read back a run of ngspice; finer runs for its settling time are made on request."""
+        datasheet = self.level.datasheet
+        finer = partial(refined, simulator=ngspice_of(self), datasheet=datasheet)
+        return replace(read_back(circuit, deck, raw, probe, datasheet), finer=finer)
 
 
 @checked

@@ -15,7 +15,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -315,17 +315,6 @@ ENOUGH = 0.01
 
 BEYOND = 1.1
 """End of a finer run relative to the settling time."""
-
-
-def read_timed(
-    answer: tuple[Circuit, Deck, Raw, Trajectory], simulator: Ngspice, datasheet: Datasheet
-) -> CircuitRun:
-    """Read back a run whose settling time comes from finer runs, made on request.
-
-    ``answer`` contains circuit, netlist, answer of ngspice and probe, as for `read_back`.
-    """
-    finer = partial(refined, simulator=simulator, datasheet=datasheet)
-    return replace(read_back(*answer, datasheet), finer=finer)
 
 
 def refined(

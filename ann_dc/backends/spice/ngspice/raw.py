@@ -45,8 +45,7 @@ class Raw:
     names : tuple of str
         Variables in lower case: ``time``, ``frequency``, ``v(node)``, ``i(v1)``.
     values : (T, n) array
-        Seconds or hertz, volts and amperes; read-only, complex for ``.ac``. Other shapes raise
-        `RawFileError`.
+        Seconds or hertz, volts and amperes; read-only, complex for ``.ac``.
     """
 
     title: str
@@ -56,11 +55,6 @@ class Raw:
 
     def __post_init__(self) -> None:
         values = np.asarray(self.values).view()
-        if values.ndim != 2 or values.shape[1] != len(self.names):
-            raise RawFileError(
-                f"values: expected shape (points, {len(self.names)}), one column a name, "
-                f"got {values.shape}"
-            )
         values.setflags(write=False)
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "names", tuple(name.lower() for name in self.names))
