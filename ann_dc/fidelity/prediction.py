@@ -219,6 +219,12 @@ def not_emulated(instance: CircuitInstance) -> Unpredicted | None:
     return Unpredicted(reason=Reason.LEVEL, sentence=sentence)
 
 
+def require_emulation(instance: CircuitInstance, topic: str) -> None:
+    """Raise `NetworkError`, beginning with the topic, if a circuit has no emulation."""
+    if missing := not_emulated(instance):
+        raise NetworkError(f"{topic}: {missing}")
+
+
 def untimed(instance: CircuitInstance) -> str:
     """Return the reason, as a clause, for which no transient is run, or ""."""
     if instance.level.technology.clocked:

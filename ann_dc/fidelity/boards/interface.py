@@ -28,7 +28,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.fidelity.circuit_instance import CircuitInstance, settling_of, transient_of
 from ann_dc.fidelity.circuit_study import instances, settled_error, undrawn
 from ann_dc.fidelity.noise_run import control_noise
-from ann_dc.fidelity.prediction import CLOCKED, astray_of, not_emulated
+from ann_dc.fidelity.prediction import CLOCKED, astray_of, require_emulation
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.network.network import Network
 from ann_dc.validation import NotNegative, Range, checked
@@ -123,9 +123,7 @@ def interface_cost(
     built = undrawn(backend, circuit, probe)
     if backend.seed is not None:
         (built,) = instances(built, [backend.seed])
-    missing = not_emulated(built)
-    if missing is not None:
-        raise NetworkError(f"interface: {missing}")
+    require_emulation(built, "interface")
     if backend.level.technology.clocked:
         raise NetworkError(f"interface: no settling time is known: {CLOCKED}")
     network = circuit.schematic.network

@@ -26,7 +26,7 @@ from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.circuit_study import instances, settled_error, undrawn
 from ann_dc.fidelity.error_budget import Sensitivity, sensitivity
 from ann_dc.fidelity.noise_run import control_noise, noisy
-from ann_dc.fidelity.prediction import REPELS, not_emulated
+from ann_dc.fidelity.prediction import REPELS, require_emulation
 from ann_dc.hardware.circuit.circuit import Circuit, Parameter, Quantity
 from ann_dc.hardware.circuit.deviations import draw
 from ann_dc.hardware.parts.datasheet import Kind
@@ -158,9 +158,7 @@ def trimming(
     (True, True)
     """
     nominal = undrawn(backend, circuit, probe)
-    missing = not_emulated(nominal)
-    if missing is not None:
-        raise NetworkError(f"trimming: {missing}")
+    require_emulation(nominal, "trimming")
     _check_settles(backend, nominal)
     noise = control_noise(nominal)
     static = _without_noise(error, noise)

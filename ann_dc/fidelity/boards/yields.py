@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from ann_dc.fidelity.circuit_study import (
     undrawn,
 )
 from ann_dc.fidelity.noise_run import control_noise, noisy
-from ann_dc.fidelity.prediction import Unpredicted, not_emulated, prediction_of, untimed
+from ann_dc.fidelity.prediction import Unpredicted, prediction_of, require_emulation, untimed
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.validation import Count, Index, Positive, checked
 from ann_dc.yields import Yield, within
@@ -187,19 +187,21 @@ class CircuitYield:
     settling_times: np.ndarray
     unknown: tuple[str, ...]
     found: Yield
-    spots: tuple[Spot, ...]
+    spots: tuple[Spot, ...] = ()
 
     def __str__(self) -> str:
         return f"{self.spec}: {self.found}"
 
+    def excess(self, n: int) -> float:
+        """Return the predicted figures of a circuit relative to their limits; see `Spec`."""
+        return self.spec.excess(noisy(self.errors[n], self.noise), self.settling_times[n])
+
     @property
     def closest(self) -> int | None:
         """Index of the circuit best within the spec or closest to it; None if unsettled."""
-        stable = np.flatnonzero(np.isfinite(self.errors))
-        counted = noisy(self.errors, self.noise)
-        excess = [self.spec.excess(counted[n], self.settling_times[n]) for n in stable]
-        ranked = sorted(zip(excess, self.errors[stable], stable))
-        return int(ranked[0][2]) if ranked else None
+        stable = map(int, np.flatnonzero(np.isfinite(self.errors)))
+        ranked = sorted((self.excess(n), self.errors[n], n) for n in stable)
+        return ranked[0][2] if ranked else None
 
 
 @checked
@@ -244,9 +246,7 @@ def yield_of(
     100.0 % (83.2 to 100.0 %, 20 of 20)
     """
     common = undrawn(backend, circuit, probe)
-    missing = not_emulated(common)
-    if missing is not None:
-        raise NetworkError(f"yield: {missing}")
+    require_emulation(common, "yield")
     timed = "settling_time" in spec.limits
     if timed and (why := untimed(common)):
         raise NetworkError(f"yield: no settling time is known of {spec}: {why}")
@@ -259,7 +259,7 @@ def yield_of(
     noise = control_noise(common)
     columns = {"error": noisy(errors, noise), "settling_time": times}
     passed = np.isfinite(errors) & (within(columns, spec.limits) if spec.limits else True)
-    return CircuitYield(
+    found = CircuitYield(
         spec=spec,
         seeds=tuple(seeds),
         errors=errors,
@@ -267,8 +267,8 @@ def yield_of(
         settling_times=times,
         unknown=tuple(each[2] for each in figures),
         found=Yield(passed=int(passed.sum()), count=samples),
-        spots=_spots(backend, common, spec, errors, times, noise, spots),
     )
+    return replace(found, spots=_spots(backend, common, found, spots))
 
 
 def _figures(instance: CircuitInstance, timed: bool) -> tuple[float, float, str]:
@@ -282,16 +282,10 @@ def _figures(instance: CircuitInstance, timed: bool) -> tuple[float, float, str]
 
 
 def _spots(
-    backend: SpiceBackend,
-    common: CircuitInstance,
-    spec: Spec,
-    errors: np.ndarray,
-    times: np.ndarray,
-    noise: float,
-    count: int,
+    backend: SpiceBackend, common: CircuitInstance, drawn: CircuitYield, count: int
 ) -> tuple[Spot, ...]:
-    circuit, probe = common.circuit, common.probe
-    seeds = _spread(errors, count)
+    circuit, probe, spec = common.circuit, common.probe, drawn.spec
+    seeds = _spread(drawn.errors, count)
     if not seeds:
         return ()
     backend.progress(f"ngspice, {len(seeds)} circuits")
@@ -301,13 +295,13 @@ def _spots(
         error, time, done = np.nan, np.nan, np.inf
         if run is not None and not run.unsettled:
             error, time = run.control_error, run.settling_time() if timed else np.nan
-            done = spec.excess(noisy(error, noise), time)
-        said = spec.excess(noisy(errors[seed], noise), times[seed])
+            done = spec.excess(noisy(error, drawn.noise), time)
+        said = drawn.excess(seed)
         spot = Spot(
             seed=seed,
-            predicted=errors[seed],
+            predicted=drawn.errors[seed],
             measured=error,
-            predicted_time=times[seed],
+            predicted_time=drawn.settling_times[seed],
             measured_time=time,
             kept=(bool(said <= 1), bool(done <= 1)),
             agreed=(said <= 1) == (done <= 1) or abs(said - 1) + abs(done - 1) < CLOSE,
