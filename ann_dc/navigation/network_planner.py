@@ -143,20 +143,18 @@ class NetworkDriver:
         A new journey first runs several rounds of settling.
         """
         new = [s for s in situations if s.number not in self._plans]
+        rest = [s for s in situations if s.number in self._plans]
         for situation in new:
             self._plans[situation.number] = self._cold(situation)
             self._sides[situation.number] = {}
-        first: list[Plan] = []
+        for situation in rest:
+            self._plans[situation.number] = self._shifted(self._plans[situation.number])
+        plans: dict[int, Plan] = {}
         for _ in range(FIRST_ROUNDS if new else 0):
-            first = self._run(new, max(self.planner.budget, FIRST))
-        for situation in situations:
-            if situation not in new:
-                self._plans[situation.number] = self._shifted(self._plans[situation.number])
-        rest = [s for s in situations if s not in new]
-        told = dict(zip((s.number for s in new), first))
+            plans |= self._run(new, max(self.planner.budget, FIRST))
         if rest:
-            told |= dict(zip((s.number for s in rest), self._run(rest, self.planner.budget)))
-        return [told[s.number] for s in situations]
+            plans |= self._run(rest, self.planner.budget)
+        return [plans[s.number] for s in situations]
 
     def _cold(self, situation: Situation) -> np.ndarray:
         """Return neuron values (P, N) on the line to the goal, in the user's units."""
@@ -195,16 +193,17 @@ class NetworkDriver:
         )[:, 0]
         return ahead
 
-    def _run(self, situations: Sequence[Situation], budget: float) -> list[Plan]:
+    def _run(self, situations: Sequence[Situation], budget: float) -> dict[int, Plan]:
+        """Return the plans by the numbers of their journeys."""
         inputs = self._inputs(situations)
         values = np.array([self._plans[s.number] for s in situations])
         self.begun = self.network.pack((values - self._offset) / self._factor)
         self.batch = batch = self.planner.run(inputs, self.begun, budget)
         settled = self._offset + self._factor * self.network.unpack(batch.states)
-        return [
-            self._told(situation, batch, sample, settled[sample], budget)
+        return {
+            situation.number: self._told(situation, batch, sample, settled[sample], budget)
             for sample, situation in enumerate(situations)
-        ]
+        }
 
     def _inputs(self, situations: Sequence[Situation]) -> dict[str, np.ndarray]:
         planning, stages = self.planner.planning, self.network.stages

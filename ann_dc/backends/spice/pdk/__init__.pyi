@@ -1,3 +1,2 @@
 from .area import area_of as area_of
 from .files import PACKAGE as PACKAGE, installed as installed
-from .place import excerpt as excerpt
