@@ -27,8 +27,7 @@ from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.pdk.files import PACKAGE
-from ann_dc.backends.spice.probe import probed
-from ann_dc.backends.spice.span import span_of
+from ann_dc.backends.spice.probe import probed, span_of
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
