@@ -59,6 +59,7 @@ def smallest_margin(
     return least_margin(circuit, level, probe.final, progress=progress)
 
 
+@checked
 def fitting_margin(
     circuit: Circuit, level: Level, probe: Trajectory, *, progress: Progress = silent
 ) -> float:
@@ -96,6 +97,7 @@ def fitting_intervals(backend: SpiceBackend, network: Network) -> Mapping[str, t
     return tried[int(np.argmin(errors))]
 
 
+@checked
 def fitted(backend: SpiceBackend, network: Network) -> SpiceBackend:
     """Return a backend with intervals and margin that suit a network.
 

@@ -35,6 +35,7 @@ from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, PICell
+from ann_dc.validation import checked
 
 OVERLOAD = 0.95
 """Fraction of full scale above which a node without rails counts as overloaded."""
@@ -317,6 +318,7 @@ BEYOND = 1.1
 """End of a finer run relative to the settling time."""
 
 
+@checked
 def refined(
     run: CircuitRun, simulator: Ngspice, datasheet: Datasheet, *, finer: int = FINER
 ) -> CircuitRun:
