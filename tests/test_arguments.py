@@ -19,8 +19,7 @@ from ann_dc.backends.recorder import Recorder
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.errors import AnnDcError, ArgumentError
 from ann_dc.evaluation.populations import kkt_point
-from ann_dc.fidelity.level_comparison import Measured
-from ann_dc.fidelity.model_level import Group
+from ann_dc.fidelity.level_comparison import Group, Measured
 
 FACE = callables()
 

@@ -9,9 +9,9 @@ from minimax import CASES, car, small
 from simulator import needs_ngspice
 
 from ann_dc import SpiceBackend, design, emulate, equilibrium, levels, presets, spectrum
+from ann_dc.backends.spice.circuit_run import refined
 from ann_dc.backends.spice.netlist.timing import Simulation
 from ann_dc.backends.spice.ngspice.runner import Ngspice
-from ann_dc.backends.spice.refinement import refined
 from ann_dc.evaluation.populations import kkt_point
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.prediction import predict

@@ -1,8 +1,4 @@
-"""Deviation of circuits from the ideal network: predictions, drawn parts, noise.
-
-The package contains predictions by emulation, drawn circuit instances, noise runs, error budgets,
-circuit studies and the level comparison.
-"""
+"""Deviation of circuits from the ideal network: predictions, drawn parts, noise."""
 
 import lazy_loader
 

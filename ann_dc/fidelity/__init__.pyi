@@ -2,7 +2,6 @@ from .circuit_instance import CircuitInstance as CircuitInstance
 from .circuit_study import (
     measured_errors as measured_errors,
     predicted_errors as predicted_errors,
-    sample_decks as sample_decks,
     study_circuit as study_circuit,
 )
 from .error_budget import (
@@ -12,9 +11,6 @@ from .error_budget import (
     total_error as total_error,
 )
 from .fitting import fitting_intervals as fitting_intervals, smallest_margin as smallest_margin
-from .level_comparison import compare_levels as compare_levels, quick as quick
+from .level_comparison import compare_levels as compare_levels, quick as quick, rungs as rungs
 from .loop_gains import LoopGain as LoopGain, loop_gains as loop_gains
-from .model_level import Group as Group, Rung as Rung, rungs as rungs
-from .noise_run import settled_noise as settled_noise
 from .prediction import predict as predict, prediction_of as prediction_of
-from .wire_requirements import preconditioner_demand as preconditioner_demand

@@ -1,8 +1,4 @@
-"""Circuit instance: one circuit with its part errors, emulated and solved once.
-
-Prediction, error budget, noise and Monte Carlo samples all need the network of the circuit and its
-equilibrium. A `CircuitInstance` computes each result on first access and caches it.
-"""
+"""Circuit instance: one circuit with its part errors, emulated and solved once."""
 
 from __future__ import annotations
 
@@ -39,7 +35,7 @@ STIFF = 5e4
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircuitInstance:
-    """Circuit instance on a level, with deviations of its parts.
+    """Circuit on a level with deviations of its parts; each result is computed once.
 
     Attributes
     ----------
@@ -54,12 +50,11 @@ class CircuitInstance:
 
     Examples
     --------
-    >>> from ann_dc.fidelity import CircuitInstance
     >>> import ann_dc
-    >>> from ann_dc.hardware.parts import macro
+    >>> from ann_dc.fidelity import CircuitInstance
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> level = macro()
+    >>> level = ann_dc.levels.macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     >>> nominal.control_error < 1e-3  # what finite gains cost
@@ -79,10 +74,7 @@ class CircuitInstance:
         e) = 0, with e the virtual ground. Resistors of the same ratios carry no current at the same
         point.
 
-        Raises
-        ------
-        NetworkError
-            If the circuit has no emulation, or a deviation is out of its range.
+        Raises `NetworkError` if the circuit has no emulation, or a deviation is out of its range.
         """
         level = self.level
         if level.technology.clocked:
@@ -95,11 +87,6 @@ class CircuitInstance:
 
         Identical to `emulation` if the circuit has no clamps, output resistances or rectifying
         multiplier neurons.
-
-        Raises
-        ------
-        NetworkError
-            If the circuit has no emulation, or a deviation is out of its range.
         """
         if self.clamped or self.level.datasheet.rout or self.circuit.schematic.diode_neurons:
             return emulate_clamps(self.circuit, self.level, self.deviations)
@@ -115,12 +102,8 @@ class CircuitInstance:
     def settled(self) -> np.ndarray:
         """Settled state (n,) by Newton's method, from the ideal network's equilibrium.
 
-        The state is in the units of the emulation's network.
-
-        Raises
-        ------
-        NetworkError
-            If no equilibrium exists near the ideal one.
+        The state is in the units of the emulation's network. Raises `NetworkError` if no
+        equilibrium exists near the ideal one.
         """
         return settled_state(self.emulation, self.probe.final)
 
@@ -130,11 +113,6 @@ class CircuitInstance:
 
         A clocked circuit with step h has the rates ln(1 + h lambda) / h of its recurrence, where
         lambda are the modes of the ideal network.
-
-        Raises
-        ------
-        NetworkError
-            If no equilibrium exists near the ideal one.
         """
         built = self.level.technology
         if not isinstance(built, SwitchedCapacitors):
@@ -154,11 +132,7 @@ def transient_of(
     most_steps: int = TRANSIENT.most_steps,
     start: np.ndarray | None = None,
 ) -> Run:
-    """Integrate the transient (`CircuitInstance.moving`) from reset or another start.
-
-    The run ends after `most_steps` steps. `start` (n,) is the initial state; default: the state set
-    by the reset switches.
-    """
+    """Integrate the transient from reset, or from the state ``start`` (n,)."""
     network = instance.moving.network
     if start is not None:
         network = network.with_start(start)
@@ -175,10 +149,7 @@ def transient_of(
 
 
 def settling_of(instance: CircuitInstance, run: Run) -> float:
-    """Return the seconds until every control of a transient stays within 0.1 %.
-
-    `run` comes from `transient_of`. Op amps inside the circuit do not count.
-    """
+    """Return the seconds until every control of a transient stays within 0.1 %."""
     found = control_settling(run.trajectory, controls=instance.moving.controls)
     return instance.circuit.scaling.time * found
 

@@ -1,8 +1,7 @@
 """Study of one circuit: prediction, simulation, cost and error budget.
 
-The nominal circuit is emulated and solved once for the error budget and the noise. A circuit with
-resistors of a series, or with errors drawn by a seed, is a second circuit and is also emulated
-once. One netlist is written, and ngspice runs that netlist.
+The nominal circuit is emulated and solved once for the error budget and the noise, and a circuit
+with resistors of a series or drawn errors once more.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
-from ann_dc.backends.spice.refinement import read_timed
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.rules import NEAR
@@ -68,27 +66,19 @@ def predicted_errors(
         Seed of each circuit.
     base : mapping of parameter name to (N,) array, optional
         Common deviations of all circuits, for instance by a resistor series. Default: none.
-    progress : Progress
-        Receives one line per circuit. Default: silent.
 
     Returns
     -------
     (seeds,) array
         Errors; nan if a circuit has no equilibrium near the ideal one, or oscillates there.
 
-    Raises
-    ------
-    NetworkError
-        If the circuit has no emulation.
-
     Examples
     --------
-    >>> from ann_dc.fidelity import predicted_errors
     >>> import ann_dc
-    >>> from ann_dc.hardware.parts import macro
+    >>> from ann_dc.fidelity import predicted_errors
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> level = macro()
+    >>> level = ann_dc.levels.macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> errors = predicted_errors(circuit, level, probe, seeds=range(3))
     >>> (0.001 < errors).all() and (errors < 0.1).all()  # with resistors of 1 %
@@ -100,10 +90,7 @@ def predicted_errors(
 
 
 def undrawn(backend: SpiceBackend, circuit: Circuit, probe: Trajectory) -> CircuitInstance:
-    """Return the circuit before drawing, with resistors and capacitors of the series.
-
-    All circuits of a backend have these parts in common.
-    """
+    """Return the circuit before drawing, with resistors and capacitors of the series."""
     off = snapped(circuit, backend.series)
     return CircuitInstance(circuit=circuit, level=backend.level, probe=probe, deviations=off)
 
@@ -113,7 +100,7 @@ def instances(
 ) -> Iterator[CircuitInstance]:
     """Yield circuits drawn from the tolerances of a level, one per seed.
 
-    `nominal` gives circuit, level, probe and the common deviations.
+    Their common deviations are those of ``nominal``.
     """
     known, sizes = nominal.circuit.parameters, nominal.level.tolerances
     for row, seed in enumerate(seeds):
@@ -123,10 +110,7 @@ def instances(
 
 
 def settled_error(instance: CircuitInstance) -> float:
-    """Return the error of the settled controls; nan if the circuit does not settle.
-
-    The error is relative to the largest control.
-    """
+    """Return the error of the settled controls relative to the largest; nan if unsettled."""
     try:
         stable = instance.modes.abscissa < 0
     except NetworkError:
@@ -134,7 +118,6 @@ def settled_error(instance: CircuitInstance) -> float:
     return instance.control_error if stable else float("nan")
 
 
-@checked
 def sample_decks(
     circuit: Circuit,
     level: Level,
@@ -143,22 +126,9 @@ def sample_decks(
     *,
     base: Deviations | None = None,
 ) -> list[Deck]:
-    """Return one netlist per seed; netlists differ only in parameter values.
+    """Return one netlist per seed, as drawn by `predicted_errors`.
 
-    The arguments are those of `predicted_errors`.
-
-    Examples
-    --------
-    >>> from ann_dc.fidelity import sample_decks
-    >>> import ann_dc
-    >>> from ann_dc.hardware.parts import macro
-    >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> level = macro()
-    >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
-    >>> first, second = sample_decks(circuit, level, probe, seeds=(1, 2))
-    >>> first.parts == second.parts, first.text == second.text
-    (True, False)
+    Netlists differ only in parameter values.
     """
     backend, known = SpiceBackend(level=level), circuit.parameters
     drawn = (combined(known, base or {}, draw(known, level.tolerances, seed)) for seed in seeds)
@@ -175,35 +145,19 @@ def measured_errors(
 ) -> np.ndarray:
     """Measure the control error of every drawn circuit in ngspice.
 
-    The error of the settled controls is relative to the largest control. Circuits run in parallel.
-
-    Parameters
-    ----------
-    circuit, level, probe, seeds
-        See `predicted_errors`; equal seeds draw equal errors in both functions.
-    simulator : Ngspice, optional
-        Simulator. Default: one with the time limit of the level.
-
-    Returns
-    -------
-    (seeds,) array
-        Errors; nan if a run failed or did not settle.
-
-    Raises
-    ------
-    NgspiceMissing
-        If ngspice is not found.
+    The error of the settled controls is relative to the largest control; nan if a run failed or did
+    not settle. Circuits run in parallel. The arguments are those of `predicted_errors`, and equal
+    seeds draw equal errors in both functions. The default simulator has the time limit of the
+    level. Raises `NgspiceMissing` if ngspice is not found.
 
     Examples
     --------
-    >>> from ann_dc.fidelity import measured_errors, predicted_errors
     >>> import ann_dc
-    >>> from ann_dc.hardware.parts import macro
+    >>> from ann_dc.fidelity import measured_errors, predicted_errors
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> level = macro()
+    >>> level, seeds = ann_dc.levels.macro(), range(20)
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
-    >>> seeds = range(20)
     >>> measured = measured_errors(circuit, level, probe, seeds)  # doctest: +SKIP
     >>> measured / predicted_errors(circuit, level, probe, seeds)  # doctest: +SKIP
     """
@@ -217,16 +171,12 @@ def measured_runs(
 ) -> list[CircuitRun | None]:
     """Run several netlists of a circuit in ngspice in parallel; None for a failed run.
 
-    The output swing of the backend's level defines overloads, and `probe` is the reference. All
-    runs have the duration of the first netlist. Raises `NgspiceMissing` if ngspice is not found.
+    All runs have the duration of the first netlist.
     """
     end = decks[0].end if decks else None
-    simulator, datasheet = ngspice_of(backend), backend.level.datasheet
-    results = simulator.run_many([deck.text for deck in decks], end_time=end)
+    results = ngspice_of(backend).run_many([deck.text for deck in decks], end_time=end)
     return [
-        read_timed((circuit, deck, raw, probe), simulator, datasheet)
-        if isinstance(raw, Raw)
-        else None
+        backend.read(circuit, deck, raw, probe) if isinstance(raw, Raw) else None
         for deck, raw in zip(decks, results)
     ]
 
@@ -237,10 +187,8 @@ class CircuitStudy:
 
     Attributes
     ----------
-    circuit : Circuit
-        Circuit with nominal components.
-    deck : Deck
-        Netlist with the deviations of the parts.
+    circuit, deck : Circuit, Deck
+        Circuit with nominal components, and netlist with the deviations of the parts.
     run : CircuitRun or None
         Run in ngspice, if simulated.
     cost : Cost
@@ -261,14 +209,11 @@ class CircuitStudy:
         Error budget, worst first; empty if not requested.
     samples : (S,) array
         Predicted control errors of circuits drawn from the tolerances of the level.
-    demand : PreconditionerDemand or None
-        Wire requirements of the preconditioner; None without wires.
-    undemanded : str
-        Reason if the wire requirements are unknown although the preconditioner has wires.
-    loops : tuple of LoopGain
-        Op amps with the smallest phase margins; empty if not requested.
-    unlooped : str
-        Reason if requested loop gains would take too long.
+    demand, undemanded : PreconditionerDemand or None, str
+        Wire requirements of the preconditioner, None without wires; or the reason if unknown.
+    loops, unlooped : tuple of LoopGain, str
+        Op amps with the smallest phase margins, if requested; or the reason if they would take too
+        long.
     """
 
     circuit: Circuit
@@ -353,8 +298,6 @@ def study_circuit(
 
     Parameters
     ----------
-    network : Network
-        Network, which must settle.
     backend : SpiceBackend
         Level, seed, bandwidth margin and resistors of the circuit.
     items : int
@@ -377,8 +320,6 @@ def study_circuit(
     >>> ideal = study_circuit(network, ann_dc.SpiceBackend(), simulated=False)
     >>> ideal.cost.parts
     {'op amps': 57, 'resistors': 146, 'capacitors': 39}
-    >>> print(ideal.unpredicted)
-    behavioural circuits are not emulated
     >>> board = ann_dc.SpiceBackend(level=ann_dc.presets.get("opa192_ad734"), seed=1)
     >>> study = study_circuit(network, board, items=3)  # doctest: +SKIP
     >>> study.near, study.run.control_error / study.prediction.control_error  # doctest: +SKIP
@@ -390,8 +331,15 @@ def study_circuit(
     built = replace(nominal, deviations=deviations) if deviations else nominal
     op_amps = level.emulated and not isinstance(level.technology, OtaC)
     unlooped = why_no_loops(built.emulation) if loops and op_amps else ""
-    margins = _loops(backend, built)[:loops] if loops and not unlooped else ()
-    worst = _budget(backend, nominal)[:items] if items else ()
+    margins: tuple[LoopGain, ...] = ()
+    if loops and not unlooped:
+        backend.progress("loop gains")
+        margins = loop_gains(built.emulation, level, built.settled)[:loops]
+    worst: tuple[Item, ...] = ()
+    if items:
+        backend.progress("error budget")
+        slopes = sensitivity(nominal.emulation, nominal.settled)
+        worst = budget(slopes, level.tolerances)[:items]
     drawn = np.zeros(0)
     if samples:
         seeds = range(samples)
@@ -460,16 +408,6 @@ def _run(backend: SpiceBackend, built: CircuitInstance, deck: Deck) -> CircuitRu
     run = backend.measure(built.circuit, deck, built.probe)
     backend.progress("ngspice, finer steps up to where it settles")
     return run.timed
-
-
-def _loops(backend: SpiceBackend, built: CircuitInstance) -> tuple[LoopGain, ...]:
-    backend.progress("loop gains")
-    return loop_gains(built.emulation, built.level, built.settled)
-
-
-def _budget(backend: SpiceBackend, nominal: CircuitInstance) -> tuple[Item, ...]:
-    backend.progress("error budget")
-    return budget(sensitivity(nominal.emulation, nominal.settled), nominal.level.tolerances)
 
 
 def _settling_time(run: CircuitRun | None, prediction: Prediction | None) -> float:

@@ -86,34 +86,19 @@ class Item:
 def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
     """Compute the sensitivity of the controls at an equilibrium of the emulation.
 
-    Parameters
-    ----------
-    emulation : Emulation
-        Emulation of an op-amp circuit.
-    x : (n,) array
-        Settled state of the emulation, in the units of its network.
-
-    Returns
-    -------
-    Sensitivity
-        Slopes of the controls for every parameter.
-
-    Raises
-    ------
-    NetworkError
-        If the emulation does not model single resistors, such as that of transconductors.
+    `x` (n,) is the settled state of an op-amp circuit, in the units of the emulation's network.
+    Raises `NetworkError` if the emulation does not model single resistors, such as that of
+    transconductors.
 
     Examples
     --------
     Compare the linear prediction for a resistor with an error of 0.1 % with the solved circuit:
 
-    >>> import numpy as np
+    >>> import ann_dc, numpy as np
     >>> from ann_dc.fidelity import CircuitInstance, sensitivity
-    >>> import ann_dc
-    >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> level = macro()
+    >>> level = ann_dc.levels.macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     >>> found = sensitivity(nominal.emulation, nominal.settled)
@@ -144,26 +129,22 @@ def sensitivity(emulation: Emulation, x: np.ndarray) -> Sensitivity:
 def budget(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> tuple[Item, ...]:
     """Return the error budget of all parameters, largest contribution first.
 
+    The fractions of its lines add up to one. Kinds of errors of size zero are omitted.
+
     Parameters
     ----------
     found : Sensitivity
         Sensitivities of the nominal circuit.
     tolerances : Tolerances
-        Sizes of the errors, as drawn; kinds of size zero are omitted. Default: `TYPICAL`.
-
-    Returns
-    -------
-    tuple of Item
-        Lines whose fractions add up to one.
+        Sizes of the errors, as drawn. Default: `TYPICAL`.
 
     Examples
     --------
-    >>> from ann_dc.fidelity import CircuitInstance, budget, sensitivity
     >>> import ann_dc
-    >>> from ann_dc.hardware.parts import macro
+    >>> from ann_dc.fidelity import CircuitInstance, budget, sensitivity
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> level = macro()
+    >>> level = ann_dc.levels.macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     >>> items = budget(sensitivity(nominal.emulation, nominal.settled))
@@ -193,26 +174,18 @@ def budget(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> tuple[Item, 
 def total_error(found: Sensitivity, tolerances: Tolerances = TYPICAL) -> float:
     """Return the standard deviation of the worst control with all errors at once.
 
-    The value is relative to the largest control.
-
-    Parameters
-    ----------
-    found : Sensitivity
-        Sensitivities of the nominal circuit.
-    tolerances : Tolerances
-        Sizes of the errors. Default: `TYPICAL`.
+    The value is relative to the largest control. The default of ``tolerances`` is `TYPICAL`.
 
     Examples
     --------
     Errors of half the size cause half the control error:
 
+    >>> import ann_dc
     >>> from ann_dc.fidelity import CircuitInstance, sensitivity, total_error
     >>> from ann_dc.hardware.parts import Tolerances
-    >>> import ann_dc
-    >>> from ann_dc.hardware.parts import macro
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> level = macro()
+    >>> level = ann_dc.levels.macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     >>> found = sensitivity(nominal.emulation, nominal.settled)

@@ -41,38 +41,17 @@ def smallest_margin(
 ) -> float:
     """Return the smallest stable bandwidth margin k = 2 pi GBW T / radius, to 1 %.
 
-    The search starts at 1. Op amps that are slower relative to the network make the circuit
-    oscillate.
-
-    Parameters
-    ----------
-    circuit : Circuit
-        Circuit with any margin; only its time scale is changed.
-    level : Level
-        Level that defines the speed of the op amps.
-    probe : Trajectory
-        Run of the ideal network by which the circuit was scaled.
-    progress : Progress
-        Receives every tested margin. Default: silent.
-
-    Returns
-    -------
-    float
-        Infinite if 10000 is not sufficient.
-
-    Raises
-    ------
-    NetworkError
-        If the circuit has no emulation.
+    The search starts at 1; op amps that are slower relative to the network make the circuit
+    oscillate. The circuit can have any margin, since only its time scale is changed. The result is
+    infinite if 10000 is not sufficient. Raises `NetworkError` if the circuit has no emulation.
 
     Examples
     --------
-    >>> from ann_dc.fidelity import smallest_margin
     >>> import ann_dc
-    >>> from ann_dc.hardware.parts import macro
+    >>> from ann_dc.fidelity import smallest_margin
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> level = macro()
+    >>> level = ann_dc.levels.macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> round(smallest_margin(circuit, level, probe))  # it was built with 10
     5
@@ -87,8 +66,8 @@ def fitting_margin(
     """Return a margin near the fastest settling: `SPARE` times `smallest_margin`.
 
     The margin is larger if clamps could not otherwise hold neurons at their saturation limits, or
-    if idle rectifying multiplier neurons would shift a resistive grid. The margin is infinite if
-    the smallest one is infinite. Raises `NetworkError` if the circuit has no emulation.
+    if idle rectifying multiplier neurons would shift a resistive grid. It is infinite if the
+    smallest one is infinite.
     """
     least = smallest_margin(circuit, level, probe, progress=progress)
     holding = holding_margin(circuit, level, probe.final)
@@ -107,24 +86,6 @@ def fitting_intervals(backend: SpiceBackend, network: Network) -> Mapping[str, t
 
     Raises `NetworkError` if the network cannot be scaled or built, or if the circuit does not
     settle nearby.
-
-    Examples
-    --------
-    >>> from dataclasses import replace
-    >>> import ann_dc
-    >>> from ann_dc.fidelity import CircuitInstance, fitting_intervals
-    >>> from ann_dc.hardware.parts import macro
-    >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> backend = ann_dc.SpiceBackend(level=macro())
-    >>> wide = replace(backend, intervals=fitting_intervals(backend, network))
-    >>> errors = []
-    >>> for built in (backend, wide):
-    ...     circuit, probe = built.prepare(network)
-    ...     instance = CircuitInstance(circuit=circuit, level=macro(), probe=probe)
-    ...     errors.append(instance.control_error)
-    >>> errors[1] < 0.75 * errors[0]
-    True
     """
     circuit, probe = backend.prepare(network)
     wide = [_intervals(circuit, backend.intervals, wider) for wider in WIDER]
@@ -141,8 +102,7 @@ def fitted(backend: SpiceBackend, network: Network) -> SpiceBackend:
     """Return a backend with intervals and margin that suit a network.
 
     Networks with coarse-level neurons need both. Values declared by `backend` are preserved. The
-    margin is infinite if none suffices. Raises `NetworkError` as `fitting_intervals`, and if the
-    circuit has no emulation.
+    margin is infinite if none suffices.
     """
     backend = replace(backend, intervals=fitting_intervals(backend, network))
     if backend.margin is not None:

@@ -1,13 +1,14 @@
 """Level comparison: one problem at every model level, predicted and measured.
 
-Every level has two figures: the error of its settled controls against the optimum, relative to the
-largest control, and the settling time to 0.1 %. Levels with a single non-ideality show its cost;
-part sets have all non-idealities at once. Digital methods are listed for comparison: the ODE and
-the recurrent layer first, solvers on this CPU last.
+The levels are the ideal circuit, single non-idealities, part sets and silicon. Every level has two
+figures: the error of its settled controls against the optimum, relative to the largest control, and
+the settling time to 0.1 %. Digital methods are listed for comparison: the ODE and the recurrent
+layer first, solvers on this CPU last.
 """
 
 from __future__ import annotations
 
+import enum
 import time as clock
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.analysis.equilibria import equilibrium
+from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.settling import control_settling
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
@@ -24,18 +26,124 @@ from ann_dc.backends.trajectory import Trajectory, control_values
 from ann_dc.errors import NetworkError, SpiceError
 from ann_dc.evaluation.rules import size_of
 from ann_dc.fidelity.fitting import fitting_intervals
-from ann_dc.fidelity.model_level import Group, Rung, rungs
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import Cost, cost_of
 from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.circuit.loads import load_power
-from ann_dc.hardware.parts.levels import Level, macro
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
+from ann_dc.hardware.parts.e_series import E96, EXACT, Series
+from ann_dc.hardware.parts.levels import (
+    BEHAVIOURAL,
+    TRANSISTOR,
+    Level,
+    macro,
+    ota_c,
+    switched_capacitor,
+)
+from ann_dc.hardware.schematic.saturation import with_rails
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.reference_solvers import SolverTiming
 from ann_dc.progress import Progress, silent
 from ann_dc.validation import checked
+
+SLOWEST = 0.3
+"""Step of the switched-capacitor level relative to the stability limit at the settled point."""
+
+
+class Group(enum.Enum):
+    """Group of a level in the comparison."""
+
+    DIGITAL = "computed digitally"
+    LEVEL = "a level of fidelity"
+    ALONE = "one defect alone"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rung:
+    """Level of the comparison, with its part errors.
+
+    Attributes
+    ----------
+    seed : int or None
+        Seed of the errors of single parts, drawn from the tolerances of the level.
+    series : Series
+        Series of the resistors.
+    slow : bool
+        True if ngspice needs a minute or more.
+    """
+
+    name: str
+    level: Level
+    group: Group = Group.LEVEL
+    seed: int | None = None
+    series: Series = EXACT
+    slow: bool = False
+
+
+@checked
+def rungs(
+    network: Network, probe: Trajectory, *, base: str = "opa192_ad734", seed: int = 1
+) -> tuple[Rung, ...]:
+    """Return the levels: ideal, single non-idealities, part sets and silicon.
+
+    `network` and `probe`, its run in continuous time, give the step of switched capacitors. `base`
+    names the part set whose non-idealities are listed separately. `seed` draws the errors of single
+    parts. Raises `UnknownNameError` if the part set is unknown.
+    """
+    step = SLOWEST * stability_limit(probe.network, probe.final)
+    boards = {name: with_rails(network, presets.get(name)) for name in presets.names()}
+    return (
+        Rung(name="behavioural", level=BEHAVIOURAL),
+        Rung(name="OTA-C, tanh 30 x full scale", level=ota_c()),
+        Rung(name="macro, A0 = 1e6", level=macro()),
+        Rung(name="macro, fully differential", level=macro(differential=True)),
+        *_alone(with_rails(network, presets.get(base)), seed),
+        *(Rung(name=name, level=level, seed=seed) for name, level in boards.items()),
+        Rung(
+            name="switched-capacitor, A0 = 1e6",
+            level=switched_capacitor(a0=1e6, step=step),
+            slow=True,
+        ),
+        Rung(name="transistor", level=TRANSISTOR),
+    )
+
+
+def _alone(level: Level, seed: int) -> Iterator[Rung]:
+    """Yield a level for every non-ideality alone, with all else ideal."""
+    datasheet, tolerances = level.datasheet, level.tolerances
+    figures: dict[str, tuple[str, ...]] = {
+        f"gain {datasheet.a0:.0e}": ("a0",),
+        f"slew {datasheet.slew * 1e-6:.0f} V/us": ("slew",),
+        f"rails {datasheet.rails:g} V": ("rails",),
+        f"multipliers of {datasheet.multiplier_bandwidth * 1e-6:.0f} MHz": (
+            "multiplier_bandwidth",
+            "function_bandwidth",
+        ),
+    }
+    errors = {
+        f"op-amp offsets {tolerances.offset * 1e6:.0f} uV": "offset",
+        f"resistors {tolerances.resistor:.1%}": "resistor",
+        f"multiplier gains {tolerances.gain:.1%}": "gain",
+        f"multiplier offsets {tolerances.product_offset * 1e3:g} mV": "product_offset",
+    }
+    plain = Datasheet(a0=1e8, gbw=datasheet.gbw, tolerances=Tolerances())
+    alone = Rung(
+        name="E96 resistors alone",
+        group=Group.ALONE,
+        level=replace(level, name="macro", datasheet=plain),
+    )
+    for name, fields in figures.items():
+        parts = replace(plain, **{field: getattr(datasheet, field) for field in fields})
+        yield replace(alone, name=f"{name} alone", level=replace(alone.level, datasheet=parts))
+    for name, field in errors.items():
+        parts = replace(plain, tolerances=Tolerances(**{field: getattr(tolerances, field)}))
+        lone = replace(alone.level, datasheet=parts)
+        yield replace(alone, name=f"{name} alone", level=lone, seed=seed)
+    yield replace(alone, series=E96)
+
 
 NAN = float("nan")
 
@@ -46,18 +154,14 @@ class Measured:
 
     Attributes
     ----------
-    level : Level or None
-        Level of the circuit; None if nothing is built.
+    level, circuit, run : Level, Circuit, CircuitRun or None
+        Level, built circuit and completed run in ngspice; None if nothing is built.
     error, predicted_error : float
         Error of the settled controls, relative to the largest control.
     settling, predicted_settling : float
         Settling time to 0.1 %, in seconds.
     wall : float
         Wall-clock time of ngspice in seconds, including its process.
-    run : CircuitRun or None
-        Completed run in ngspice.
-    circuit : Circuit or None
-        Built circuit.
     why : str
         Reason of a failure.
     """
@@ -100,7 +204,7 @@ def quick(rung: Rung) -> bool:
 
     Examples
     --------
-    >>> from ann_dc.fidelity import Rung, quick
+    >>> from ann_dc.fidelity import quick
     >>> from ann_dc.hardware.parts import switched_capacitor
     >>> quick(Rung(name="switched capacitors", level=switched_capacitor(step=0.1), slow=True))
     False
@@ -119,6 +223,9 @@ def compare_levels(
 ) -> Iterator[Measured]:
     """Yield the level comparison: digital methods, circuits, solvers on this CPU.
 
+    A failed level gives its reason, and the comparison continues. Raises `NetworkError` if the
+    network does not settle, and `NgspiceMissing` if ngspice is not found for the first circuit.
+
     Parameters
     ----------
     network : Network
@@ -131,18 +238,6 @@ def compare_levels(
         Selects the circuits to build from those of `rungs`. Default: `quick`.
     timings : iterable of SolverTiming
         Solvers to list for comparison; see `ann_dc.optimality.time_solvers`. Default: none.
-
-    Yields
-    ------
-    Measured
-        Result of a level. A failed level gives its reason, and the comparison continues.
-
-    Raises
-    ------
-    NetworkError
-        If the network does not settle.
-    NgspiceMissing
-        If ngspice is not found for the first circuit.
 
     Examples
     --------
@@ -157,20 +252,18 @@ def compare_levels(
     ...     print(measured.name, measured.error, measured.settling)
     """
     ladder = ladder or Ladder()
-    first, probe = ode_rung(network)
+    first, probe = _ode_rung(network)
     yield first
     ladder.progress("recurrent layer")
-    yield recurrent_rung(network, probe)
+    yield _recurrent_rung(network, probe)
     yield from ladder.run(network, filter(wanted, rungs(network, probe, seed=seed)))
-    yield from map(_cpu_rung, timings)
+    for timing in timings:
+        name = f"{timing.name} on this CPU"
+        yield Measured(name=name, group=Group.DIGITAL, settling=timing.seconds)
 
 
-@checked
-def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
-    """Return the result of the ODE in the time scale of 10 MHz op amps, and its run.
-
-    Raises `NetworkError` if the network does not settle.
-    """
+def _ode_rung(network: Network) -> tuple[Measured, Trajectory]:
+    """Return the result of the ODE in the time scale of 10 MHz op amps, and its run."""
     circuit, probe = SpiceBackend(level=macro()).prepare(network)
     first = Measured(
         name="ODE",
@@ -181,8 +274,7 @@ def ode_rung(network: Network) -> tuple[Measured, Trajectory]:
     return first, probe
 
 
-@checked
-def recurrent_rung(network: Network, probe: Trajectory) -> Measured:
+def _recurrent_rung(network: Network, probe: Trajectory) -> Measured:
     """Return the result of the recurrent layer with adaptive steps.
 
     The layer has steps instead of seconds. The error is measured near the end of `probe`, the run
@@ -197,11 +289,6 @@ def recurrent_rung(network: Network, probe: Trajectory) -> Measured:
     return Measured(name=name, group=Group.DIGITAL, error=error)
 
 
-def _cpu_rung(timing: SolverTiming) -> Measured:
-    name = f"{timing.name} on this CPU"
-    return Measured(name=name, group=Group.DIGITAL, settling=timing.seconds)
-
-
 def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
     """Return the control error at a state, relative to the size at the equilibrium."""
     wanted = control_values(probe.network, equilibrium(probe.network, probe.final))
@@ -214,25 +301,19 @@ def _distance(network: Network, probe: Trajectory, x: np.ndarray) -> float:
 class Ladder:
     """Settings for running the circuits of a level comparison.
 
-    Attributes
-    ----------
-    simulator : Ngspice, optional
-        Simulator. Default: one with the time limit of each level.
-    margin : float, optional
-        Bandwidth margin k: op-amp bandwidth relative to the fastest network mode. Default: the
-        fitted margin of each level.
+    By default each level has a simulator with its time limit and its fitted bandwidth margin k:
+    op-amp bandwidth relative to the fastest network mode.
     """
 
     simulator: Ngspice | None = None
     margin: float | None = None
     progress: Progress = silent
 
-    @checked
     def run(self, network: Network, steps: Iterable[Rung]) -> Iterator[Measured]:
-        """Predict and measure the given levels in order.
+        """Predict and measure the given levels in order, when their results are requested.
 
-        A failed level gives its reason. Levels are processed lazily, when their results are
-        requested. Raises `NgspiceMissing` if ngspice is not found for the first circuit.
+        A failed level gives its reason. Raises `NgspiceMissing` if ngspice is not found for the
+        first circuit.
         """
         for rung in steps:
             self.progress(rung.name)
@@ -258,18 +339,18 @@ class Ladder:
             deviations = backend.deviations(circuit)
         except NetworkError as error:
             return replace(done, why=str(error))
-        done = _predicted(replace(done, circuit=circuit), backend, probe, deviations)
-        return _simulated(done, backend, probe, deviations)
+        done = _predicted(replace(done, circuit=circuit), circuit, probe, deviations)
+        return _simulated(done, backend, circuit, probe, deviations)
 
 
 def _predicted(
-    done: Measured, backend: SpiceBackend, probe: Trajectory, deviations: Deviations
+    done: Measured, circuit: Circuit, probe: Trajectory, deviations: Deviations
 ) -> Measured:
-    assert done.circuit is not None
-    if not (backend.level.emulated or backend.level.technology.clocked):
+    level = done.level
+    if level is None or not (level.emulated or level.technology.clocked):
         return done
     try:
-        found = predict(done.circuit, backend.level, probe, deviations)
+        found = predict(circuit, level, probe, deviations)
     except NetworkError as error:
         return replace(done, why=str(error))
     if not found.stable:
@@ -280,12 +361,15 @@ def _predicted(
 
 
 def _simulated(
-    done: Measured, backend: SpiceBackend, probe: Trajectory, deviations: Deviations
+    done: Measured,
+    backend: SpiceBackend,
+    circuit: Circuit,
+    probe: Trajectory,
+    deviations: Deviations,
 ) -> Measured:
-    assert done.circuit is not None
     began = clock.monotonic()
     try:
-        run = simulate(backend, done.circuit, probe, deviations).timed
+        run = simulate(backend, circuit, probe, deviations).timed
     except (SpiceError, NetworkError) as error:
         return replace(done, why=str(error).splitlines()[0])
     return replace(

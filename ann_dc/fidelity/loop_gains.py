@@ -57,11 +57,6 @@ class LoopGain:
     phase_margin : float
         Phase distance in degrees of the loop gain from -1 at the crossover with the smallest
         margin. Infinite without a crossover, negative beyond -1.
-
-    Examples
-    --------
-    >>> print(LoopGain(node="q.x", stage=2, crossover=1.2e6, phase_margin=48.3))
-    q.x of cell 2: 48 degrees at 1.2e+06 Hz
     """
 
     node: str
@@ -85,17 +80,8 @@ def loop_gains(emulation: Emulation, level: Level, x: State) -> tuple[LoopGain, 
 
     Parameters
     ----------
-    emulation : Emulation
-        Emulation of the circuit.
-    level : Level
-        Level of the emulation.
     x : (n,) array
         Settled state of the emulation; saturated op amps have no loop.
-
-    Returns
-    -------
-    tuple of LoopGain
-        One entry per op amp that is not saturated.
 
     Raises
     ------
@@ -105,12 +91,10 @@ def loop_gains(emulation: Emulation, level: Level, x: State) -> tuple[LoopGain, 
     Examples
     --------
     >>> import ann_dc
-    >>> from ann_dc.fidelity import CircuitInstance
-    >>> from ann_dc.fidelity import loop_gains
-    >>> from ann_dc.hardware.parts import macro
+    >>> from ann_dc.fidelity import CircuitInstance, loop_gains
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> level = macro()
+    >>> level = ann_dc.levels.macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> made = CircuitInstance(circuit=circuit, level=level, probe=probe)
     >>> worst = loop_gains(made.emulation, level, made.settled)[0]

@@ -1,8 +1,7 @@
 """Prediction of a circuit by emulation: stability, error and settling time.
 
-The emulation of a circuit is a network. Its eigenvalues are those of the pole model, its
-equilibrium is that of the circuit, and its run in continuous time is the transient of the circuit.
-No ngspice run is needed.
+The emulation of a circuit is a network: its eigenvalues are those of the pole model, its
+equilibrium is that of the circuit, and its run in continuous time is the transient.
 """
 
 from __future__ import annotations
@@ -122,11 +121,6 @@ def predict(
     deviations : mapping of parameter name to (N,) array, optional
         Deviations of the parts. Default: none.
 
-    Returns
-    -------
-    Prediction
-        Result of the emulation.
-
     Raises
     ------
     NetworkError
@@ -134,12 +128,11 @@ def predict(
 
     Examples
     --------
-    >>> from ann_dc.fidelity import predict
     >>> import ann_dc
-    >>> from ann_dc.hardware.parts import macro
+    >>> from ann_dc.fidelity import predict
     >>> problem = ann_dc.plants.double_integrator(N=5)
     >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> level = macro()
+    >>> level = ann_dc.levels.macro()
     >>> circuit, probe = ann_dc.SpiceBackend(level=level).prepare(network)
     >>> found = predict(circuit, level, probe)
     >>> found.stable, found.control_error < 1e-3, 1e-5 < found.settling_time < 1e-3
@@ -158,15 +151,8 @@ def predict(
 def prediction_of(instance: CircuitInstance) -> Prediction | Unpredicted:
     """Predict a circuit instance, reusing its emulation and equilibrium.
 
-    Returns
-    -------
-    Prediction or Unpredicted
-        Prediction, or the reason for which there is none.
-
-    Raises
-    ------
-    NetworkError
-        If a deviation is out of its range.
+    The result is `Unpredicted` with the reason if there is no prediction. Raises `NetworkError` if
+    a deviation is out of its range.
 
     Examples
     --------
@@ -209,8 +195,7 @@ def _timed(told: Prediction, instance: CircuitInstance, run: Run) -> Prediction 
 def astray_of(instance: CircuitInstance, run: Run) -> str:
     """Return, as a clause, the other equilibrium to which a transient leads.
 
-    The clause is empty if the run reaches the settled point, or ends before this is known. Raises
-    `NetworkError` if the circuit has no equilibrium near the ideal one.
+    The clause is empty if the run reaches the settled point, or ends before this is known.
     """
     if run.status.outcome in LOST:
         return f"its transient {run.status}"
@@ -224,10 +209,7 @@ def astray_of(instance: CircuitInstance, run: Run) -> str:
 
 
 def not_emulated(instance: CircuitInstance) -> Unpredicted | None:
-    """Return the reason for which a circuit instance has no emulation, or None.
-
-    The check includes the operating conditions of its level.
-    """
+    """Return the reason for which a circuit instance has no emulation, or None."""
     level = instance.level
     sentence = f"{level.name} circuits are not emulated"
     if level.emulated and level.transistors and level.conditions != NOMINAL:
@@ -235,6 +217,12 @@ def not_emulated(instance: CircuitInstance) -> Unpredicted | None:
     elif level.emulated or level.technology.clocked:
         return None
     return Unpredicted(reason=Reason.LEVEL, sentence=sentence)
+
+
+def require_emulation(instance: CircuitInstance, topic: str) -> None:
+    """Raise `NetworkError`, beginning with the topic, if a circuit has no emulation."""
+    if missing := not_emulated(instance):
+        raise NetworkError(f"{topic}: {missing}")
 
 
 def untimed(instance: CircuitInstance) -> str:
@@ -254,7 +242,7 @@ def clipped_at(emulation: Emulation, x: np.ndarray) -> np.ndarray:
 def clipping_of(instance: CircuitInstance, emulation: Emulation, x: np.ndarray) -> Unpredicted:
     """Return a message on the clipped parts of a circuit, with the required headroom.
 
-    `emulation` is one of the two of `instance`, and `x` (n,) its state, settled with clipped parts.
+    `x` (n,) is a state of the emulation, settled with clipped parts.
     """
     network, clipped = emulation.network, np.flatnonzero(clipped_at(emulation, x))
     rails = _rails(emulation)[1]

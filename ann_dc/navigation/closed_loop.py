@@ -1,7 +1,6 @@
 """Closed loop: robots drive through worlds and replan every control period.
 
-The robot is integrated in finer steps than those of a plan. A shield (safety filter) replaces a
-plan that would collide.
+The robot is integrated in finer steps than those of a plan.
 """
 
 from __future__ import annotations
@@ -125,7 +124,7 @@ def drive(
     Parameters
     ----------
     worlds : sequence of Scenario
-        Worlds with robots of one kind.
+        Worlds with robots of one kind; the runs are in their order.
     planner : Planner
         Planner of all runs.
     safety_filter : SafetyFilter or None
@@ -134,11 +133,6 @@ def drive(
         Integration steps of the plant per control period.
     progress : Progress
         Receives status messages, one line at a time.
-
-    Returns
-    -------
-    list of Journey
-        One run per world, in the order of ``worlds``.
 
     Examples
     --------

@@ -5,12 +5,8 @@ chosen once per period, about the previous planned path. A tangent is linear: th
 attracts in cases in which the curvature of a disc constraint would make it repel. If the previous
 path crosses an obstacle, all stages have tangents on one side, and the normals of earlier stages
 are turned towards that side. Cells with disc constraints receive the discs instead (`discs`). The
-half-planes resemble those of [1]_, which apply to velocities.
-
-References
-----------
-.. [1] J. van den Berg, S. J. Guy, M. Lin, D. Manocha, Reciprocal n-body collision avoidance,
-   Robotics Research, Springer 2011, 3-19: half-planes, of velocities.
+half-planes resemble those of J. van den Berg, S. J. Guy, M. Lin, D. Manocha, Reciprocal n-body
+collision avoidance, Robotics Research, Springer 2011, 3-19, which apply to velocities.
 """
 
 from __future__ import annotations
@@ -42,12 +38,9 @@ NO_WAY = 1e-3
 class Margin:
     """Clearance of a plan between the robot's rim and obstacles, in length units.
 
-    Attributes
-    ----------
-    near, far : float
-        Margins now, and from ``stages`` later on, because distant predictions are less certain.
-    between : float
-        Half the distance between two nodes of a plan, so that the plan does not cut corners.
+    ``near`` applies now and ``far`` from ``stages`` later on, because distant predictions are less
+    certain. ``between`` is half the distance between two nodes of a plan, so that the plan does not
+    cut corners.
     """
 
     near: NotNegative = 0.08
@@ -63,16 +56,8 @@ class Margin:
 class Ahead(NamedTuple):
     """Expected places of the cells of a plan and their required clearance.
 
-    Attributes
-    ----------
-    path : (N, 2) array
-        Places of the previous plan.
-    time : (N,) array
-        Times in seconds.
-    room : (N,) array
-        Radius of the robot plus the margin.
-    between : float
-        Half the distance between two nodes, see `Margin`.
+    ``path`` (N, 2) is the previous plan at the times ``time`` (N,) in seconds, ``room`` (N,) the
+    radius of the robot plus the margin, and ``between`` that of `Margin`.
     """
 
     path: np.ndarray
@@ -82,11 +67,7 @@ class Ahead(NamedTuple):
     between: float
 
     def reach(self, extent: np.ndarray | float) -> np.ndarray:
-        """Return the required distances (N,) from the centre of an obstacle.
-
-        ``extent`` is the reach of the obstacle from its centre, to which robot radius, margin and
-        half the node distance are added.
-        """
+        """Return the required distances (N,) from the centre of an obstacle of a given extent."""
         return np.hypot(extent + self.room, self.between)
 
 
@@ -95,15 +76,9 @@ def half_planes(
 ) -> np.ndarray:
     """Return constraint rows b - a'p <= 0 for every cell and its nearest obstacles.
 
-    Obstacles are those nearest to the path. The result (N, slots, 3) contains a_x, a_y and b; empty
-    slots are far away.
-
-    Parameters
-    ----------
-    obstacles : sequence of (int, Obstacle)
-        Visible obstacles with their keys in ``sides``.
-    sides : dict of int to float
-        Passing side of each obstacle, 1 for left and -1 for right; changed in place.
+    Obstacles, with their keys in ``sides``, are those nearest to the path. The result (N, slots, 3)
+    contains a_x, a_y and b; empty slots are far away. ``sides`` maps keys to the passing side, 1
+    for left and -1 for right, and is changed in place.
     """
     path, time = ahead.path, ahead.time
     rows = np.tile(np.array(LINEAR.nowhere), (len(path), slots, 1))

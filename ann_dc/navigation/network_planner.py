@@ -51,8 +51,6 @@ class NetworkPlanner:
 
     Attributes
     ----------
-    network : Network
-        Network with fixed gains.
     radius : float
         Spectral radius in contact: fastest rate, per unit of network time.
     budget : float
@@ -78,10 +76,9 @@ class NetworkPlanner:
         return NetworkDriver(self)
 
     def run(self, inputs: Mapping[str, np.ndarray], x: np.ndarray, budget: float) -> BatchRun:
-        """Run the network until it has settled or its budget is used.
+        """Run the network until it has settled or its budget of fastest time constants is used.
 
-        Inputs have shape (B, N) or (B,), and the initial states x (B, n) are in network units. The
-        budget is in fastest time constants.
+        Inputs have shape (B, N) or (B,), and the initial states x (B, n) are in network units.
         """
         backend = OdeBackend(
             limit=budget * self._start_rate / self.radius,
@@ -96,10 +93,10 @@ class NetworkPlanner:
         return float(fast_evaluator(self.network).fastest_rate(self.network.start_state))
 
     def hardware_time(self, bandwidth: float) -> float:
-        """Return the time in seconds of a period's budget for an op-amp bandwidth.
+        """Return the seconds of a period's budget for op amps of a GBW in Hz.
 
-        The bandwidth is the GBW in Hz. Circuits are scaled so that a fastest time constant is k /
-        (2 pi GBW) with a bandwidth margin k of 10, which is 0.159 us at 10 MHz.
+        Circuits are scaled so that a fastest time constant is k / (2 pi GBW) with a bandwidth
+        margin k of 10, which is 0.159 us at 10 MHz.
         """
         return self.budget * time_unit(1.0, bandwidth)
 
@@ -120,14 +117,9 @@ class NetworkPlanner:
 
 
 class NetworkDriver:
-    """Network planner on several journeys at once, one batch sample each.
+    """Network planner on several journeys at once, one sample each of its last ``batch``.
 
-    Attributes
-    ----------
-    batch : BatchRun
-        Last run.
-    begun : (B, n) array
-        Initial states of the last run, in network units.
+    ``begun`` (B, n) has the initial states of the last run, in network units.
     """
 
     batch: BatchRun
@@ -151,20 +143,18 @@ class NetworkDriver:
         A new journey first runs several rounds of settling.
         """
         new = [s for s in situations if s.number not in self._plans]
+        rest = [s for s in situations if s.number in self._plans]
         for situation in new:
             self._plans[situation.number] = self._cold(situation)
             self._sides[situation.number] = {}
-        first: list[Plan] = []
+        for situation in rest:
+            self._plans[situation.number] = self._shifted(self._plans[situation.number])
+        plans: dict[int, Plan] = {}
         for _ in range(FIRST_ROUNDS if new else 0):
-            first = self._run(new, max(self.planner.budget, FIRST))
-        for situation in situations:
-            if situation not in new:
-                self._plans[situation.number] = self._shifted(self._plans[situation.number])
-        rest = [s for s in situations if s not in new]
-        told = dict(zip((s.number for s in new), first))
+            plans |= self._run(new, max(self.planner.budget, FIRST))
         if rest:
-            told |= dict(zip((s.number for s in rest), self._run(rest, self.planner.budget)))
-        return [told[s.number] for s in situations]
+            plans |= self._run(rest, self.planner.budget)
+        return [plans[s.number] for s in situations]
 
     def _cold(self, situation: Situation) -> np.ndarray:
         """Return neuron values (P, N) on the line to the goal, in the user's units."""
@@ -187,8 +177,8 @@ class NetworkDriver:
     def _way(self, path: np.ndarray, situation: Situation) -> np.ndarray:
         """Return the places (N, 2) from which obstacles are kept away.
 
-        The places are those of the plan, or of the line to the goal if the plan leads nowhere. Such
-        a plan does not show on which side to pass an obstacle.
+        A plan that leads nowhere does not show on which side to pass an obstacle; the line to the
+        goal replaces such a plan.
         """
         planned, line = path[self._q[:2]].T, self._line(situation)[:-1]
         lengths = (np.linalg.norm(places[-1] - places[0]) for places in (planned, line))
@@ -203,16 +193,17 @@ class NetworkDriver:
         )[:, 0]
         return ahead
 
-    def _run(self, situations: Sequence[Situation], budget: float) -> list[Plan]:
+    def _run(self, situations: Sequence[Situation], budget: float) -> dict[int, Plan]:
+        """Return the plans by the numbers of their journeys."""
         inputs = self._inputs(situations)
         values = np.array([self._plans[s.number] for s in situations])
         self.begun = self.network.pack((values - self._offset) / self._factor)
         self.batch = batch = self.planner.run(inputs, self.begun, budget)
         settled = self._offset + self._factor * self.network.unpack(batch.states)
-        return [
-            self._told(situation, batch, sample, settled[sample], budget)
+        return {
+            situation.number: self._told(situation, batch, sample, settled[sample], budget)
             for sample, situation in enumerate(situations)
-        ]
+        }
 
     def _inputs(self, situations: Sequence[Situation]) -> dict[str, np.ndarray]:
         planning, stages = self.planner.planning, self.network.stages

@@ -1,8 +1,7 @@
 """Obstacles: static or moving discs and convex polygons with known velocity.
 
-An obstacle is the convex hull of its corners, widened by a radius. A disc has one corner. A planner
-uses only the reach in a direction and the distance to a point, so other convex shapes need no other
-planner.
+An obstacle is the convex hull of its corners, widened by a radius; a disc has one corner. A planner
+uses only the reach in a direction and the distance to a point.
 """
 
 from __future__ import annotations
@@ -21,14 +20,10 @@ Pair: TypeAlias = Sequence[float] | np.ndarray
 
 
 class Nearness(NamedTuple):
-    """Distances and directions from obstacles to points.
+    """Distances (K,) and unit directions (K, 2) from obstacles to points.
 
-    Attributes
-    ----------
-    distance : (K,) array
-        Distance to the boundary, in the world's length unit; negative inside.
-    normal : (K, 2) array
-        Unit vectors away from the obstacle at the nearest boundary point.
+    A distance is that to the boundary, in the world's length unit, and negative inside. The normals
+    point away from the obstacle at the nearest boundary point.
     """
 
     distance: np.ndarray
@@ -49,12 +44,6 @@ class Obstacle:
         Velocity in length units per second.
     appears : float
         Time in seconds from which the obstacle can be sensed.
-
-    Examples
-    --------
-    >>> stone = disc((2.0, 1.0), 0.5, velocity=(0.0, -0.5))
-    >>> stone.near(np.array([[2.0, 0.0]]), np.array([1.0])).distance
-    array([0.])
     """
 
     corners: np.ndarray
@@ -127,13 +116,6 @@ def disc(
     The centre is that at time zero, the velocity is in length units per second, and ``appears`` is
     the time in seconds from which the disc can be sensed. Raises `ScenarioError` if a number is not
     finite or the radius is not positive; the message names the argument.
-
-    Examples
-    --------
-    >>> disc((2, 1), -0.5)
-    Traceback (most recent call last):
-        ...
-    ann_dc.errors.ScenarioError: radius: expected a positive number, got -0.5
     """
     if not (np.ndim(radius) == 0 and np.isfinite(radius) and radius > 0):
         raise ScenarioError(f"radius: expected a positive number, got {radius!r}")
@@ -151,12 +133,6 @@ def polygon(
     The corners are those at time zero, in order around the polygon in either direction.
     ``velocity`` and ``appears`` are as for a `disc`. Raises `ScenarioError` if the polygon is not
     convex or a number is not finite.
-
-    Examples
-    --------
-    >>> wall = polygon([(0, 0), (2, 0), (2, 1), (0, 1)])
-    >>> wall.near(np.array([[1.0, 3.0]]), np.zeros(1))
-    Nearness(distance=array([2.]), normal=array([[0., 1.]]))
     """
     points = np.array([_pair(f"corners[{i}]", corner) for i, corner in enumerate(corners)])
     if len(points) < 3:

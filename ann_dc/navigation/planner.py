@@ -12,16 +12,9 @@ from ann_dc.navigation.scenario import Scenario
 
 
 class Situation(NamedTuple):
-    """Information that a robot has at the beginning of a control period.
+    """Information that a robot has at a time (s) at the beginning of a control period.
 
-    Attributes
-    ----------
-    number : int
-        Number of the journey, the key of the planner's memory.
-    q : (n,) array
-        State of the robot.
-    time : float
-        Time in seconds.
+    ``number`` is that of the journey, the key of the planner's memory; ``q`` (n,) is the state.
     """
 
     world: Scenario
@@ -32,14 +25,10 @@ class Situation(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
-    """Planned states and controls with diagnostics.
+    """Planned states q (n, K+1), beginning with the current one, and controls u (m, K).
 
     Attributes
     ----------
-    q : (n, K+1) array
-        States, beginning with the current state.
-    u : (m, K) array
-        Controls.
     residual : float
         Optimality residual of the plan; nan if the planner does not compute it.
     spent : float

@@ -84,6 +84,9 @@ def design_planner(
 ) -> NetworkPlanner:
     """Design a planning network for a robot, with gains for obstacle contacts.
 
+    Raises `DesignError` if the price is not finite, or the robot touches nothing in the worlds of
+    its design.
+
     Parameters
     ----------
     robot : Robot
@@ -103,16 +106,6 @@ def design_planner(
         preceding third.
     progress : Progress
         Receives status messages, one line at a time.
-
-    Returns
-    -------
-    NetworkPlanner
-        Planner with the designed network.
-
-    Raises
-    ------
-    DesignError
-        If the price is not finite, or the robot touches nothing in the worlds of its design.
 
     Examples
     --------
@@ -136,18 +129,7 @@ def planner_for(
 ) -> NetworkPlanner:
     """Design a planning network for a planning problem of either form.
 
-    ``worlds`` and ``progress`` are those of `design_planner`. Raises `DesignError` if the robot
-    touches nothing in the worlds of its design.
-
-    Examples
-    --------
-    >>> from ann_dc.problem import Soft
-    >>> from ann_dc.problem import NONLINEAR, planning_problem, unicycle_robot
-    >>> size = {"horizon": 10, "dt": 0.1, "slots": 1, "pull": 0.1, "reach": 2.0}
-    >>> discs = planning_problem(
-    ...     unicycle_robot(), **size, soft=Soft(weight=100.0, compliance=0.002), form=NONLINEAR
-    ... )
-    >>> planner = planner_for(discs)  # doctest: +SKIP
+    Raises `DesignError` if the robot touches nothing in the worlds of its design.
     """
     robot = planning.robot
     network = synthesize(decompose(planning.problem))
@@ -225,9 +207,9 @@ def _spread(contacts: Sequence[_Contact], count: int) -> list[_Contact]:
 def _best(
     planner: NetworkPlanner, contacts: Sequence[_Contact], progress: Progress
 ) -> NetworkPlanner:
-    """Return the planner whose gains have the least mean settling time.
+    """Return the planner whose gains have the least mean settling time over all contacts.
 
-    The mean is over all contacts. The gains are computed from calm contacts, if any.
+    The gains are computed from calm contacts, if any.
     """
     calm = [contact for contact in contacts if contact.calm] or contacts
     points = [contact.point(planner.network) for contact in _spread(calm, POINTS)]

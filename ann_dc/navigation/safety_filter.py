@@ -49,17 +49,7 @@ class SafetyFilter:
     trusted: Positive = 0.1
 
     def instead(self, situation: Situation, plan: Plan, dt: float) -> np.ndarray | None:
-        """Return controls (m,) that replace those of a plan, or None.
-
-        Parameters
-        ----------
-        situation : Situation
-            Information that the robot has now.
-        plan : Plan
-            Plan to check.
-        dt : float
-            Duration of a step, in seconds.
-        """
+        """Return controls (m,) that replace those of a plan, or None; steps last dt seconds."""
         if not situation.world.sensed(situation.q[:2], situation.time):
             return None
         doubtful = plan.residual > self.trusted
@@ -85,10 +75,7 @@ class SafetyFilter:
     def _ways_out(
         self, situation: Situation, before: np.ndarray, dt: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return controls (m, W), later states (W, n, K) and least clearances (W,).
-
-        The W manoeuvres are all escape manoeuvres.
-        """
+        """Return controls (m, W), later states (W, n, K) and clearances (W,) of all manoeuvres."""
         ends = [
             dict.fromkeys((0.0, low, high, GENTLE * low, GENTLE * high))
             for low, high in situation.world.robot.limits
@@ -111,10 +98,7 @@ class SafetyFilter:
 def _rolled(
     situation: Situation, q: np.ndarray, u: np.ndarray, steps: int, dt: float
 ) -> np.ndarray:
-    """Simulate W manoeuvres from states (n, W) with constant controls (m, W).
-
-    The result has shape (W, n, K+1).
-    """
+    """Simulate W manoeuvres (W, n, K+1) from states (n, W) with constant controls (m, W)."""
     step, limits = situation.world.robot.steps(dt), situation.world.robot.state_limits.T[..., None]
     way = [q]
     for _ in range(steps):

@@ -1,16 +1,39 @@
-"""Worlds: a robot, its start and goal, and static or moving obstacles."""
+"""Worlds: a robot, its start and goal, and static or moving obstacles.
+
+The TOML text of a world file is never executed::
+
+    start = [0, 0, 0.785, 0]     # the robot's state
+    goal = [5, 5]
+    sensor = 3.0                 # optional, as are duration, arrived and name
+
+    [robot]
+    kind = "car"                 # or "unicycle"; the rest are arguments of car_robot
+    reverse = 0.8
+
+    [[discs]]
+    centre = [2.0, 1.5]
+    radius = 0.4
+    velocity = [0.0, 0.3]        # optional, as is appears = 2.0
+
+    [[polygons]]
+    corners = [[3, 3], [4, 3], [4, 3.5]]
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import inspect
+import os
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 
-from ann_dc.errors import ScenarioError, such_as
-from ann_dc.navigation.obstacles import Obstacle, disc
-from ann_dc.problem.robot import Robot, car_robot
+from ann_dc.errors import AnnDcError, ScenarioError, such_as
+from ann_dc.files import read_table
+from ann_dc.navigation.obstacles import Obstacle, disc, polygon
+from ann_dc.problem.robot import Robot, car_robot, unicycle_robot
 from ann_dc.validation import Index, Own, Positive, checked
 
 
@@ -77,10 +100,7 @@ class Scenario:
         ]
 
     def clearance(self, places: np.ndarray, time: np.ndarray) -> float:
-        """Return the least distance from the robot's rim to any obstacle.
-
-        The robot is at places (K, 2) at times (K,).
-        """
+        """Return the least distance from the robot's rim at places (K, 2), times (K,)."""
         gaps = [
             obstacle.near(places, time).distance[time >= obstacle.appears]
             for obstacle in self.obstacles
@@ -101,18 +121,9 @@ def _numbers(field: str, given: object) -> np.ndarray:
 def random_scenario(
     seed: Index, *, robot: Robot | None = None, counts: Sequence[int] = (3, 8)
 ) -> Scenario:
-    """Create a world with random discs, every second one moving.
+    """Create a world with random discs between (0, 0) and (5, 5), every second one moving.
 
-    The start is (0, 0) and the goal is (5, 5); the discs lie between them.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the random numbers.
-    robot : Robot, optional
-        Robot model; the default is `car_robot`.
-    counts : (int, int)
-        Smallest and largest number of discs.
+    ``counts`` are the smallest and largest number of discs; the default robot is `car_robot`.
 
     Examples
     --------
@@ -141,3 +152,75 @@ def random_scenario(
     return Scenario(
         robot=robot, start=state, goal=goal, obstacles=tuple(discs), name=f"random {seed}"
     )
+
+
+ROBOTS: Mapping[str, Callable[..., Robot]] = {"car": car_robot, "unicycle": unicycle_robot}
+OBSTACLES: Mapping[str, Callable[..., Obstacle]] = {"discs": disc, "polygons": polygon}
+REQUIRED = ("start", "goal", "robot")
+OPTIONAL = ("name", "sensor", "duration", "arrived", *OBSTACLES)
+
+
+@checked
+def load_scenario(path: str | os.PathLike[str]) -> Scenario:
+    """Read a world from a TOML file.
+
+    The stem of the path is the name of the world unless the file contains ``name``. Raises
+    `FileFormatError` if the file does not exist or is not TOML. Raises `ScenarioError` if the
+    content does not describe a world; the message begins with the path and the field.
+    """
+    file = Path(path)
+    table = read_table(file, "world", "demos/crossing.toml")
+    try:
+        return _world(table, file.stem)
+    except AnnDcError as error:
+        raise ScenarioError(f"{file}: {error}") from error
+
+
+def _world(table: Mapping[str, Any], name: str) -> Scenario:
+    _check_keys("", table, REQUIRED + OPTIONAL, REQUIRED)
+    given = _table("robot", table["robot"])
+    kind = str(given.get("kind"))
+    if kind not in ROBOTS:
+        raise ScenarioError(f"robot.kind: expected one of {', '.join(ROBOTS)}, got {kind!r}")
+    robot = _made("robot", ROBOTS[kind], {k: v for k, v in given.items() if k != "kind"})
+    obstacles = []
+    for field, make in OBSTACLES.items():
+        rows = table.get(field, [])
+        if not isinstance(rows, list):
+            raise ScenarioError(f"{field}: expected tables, each written [[{field}]], got {rows!r}")
+        for number, row in enumerate(rows):
+            obstacles.append(_made(f"{field}[{number}]", make, _table(field, row)))
+    plain = {key: table[key] for key in ("sensor", "duration", "arrived") if key in table}
+    return Scenario(
+        robot=robot,
+        start=table["start"],
+        goal=table["goal"],
+        obstacles=tuple(obstacles),
+        name=str(table.get("name", name)),
+        **plain,
+    )
+
+
+def _made(field: str, make: Callable[..., Any], given: Mapping[str, Any]) -> Any:
+    parameters = inspect.signature(make).parameters
+    needed = [n for n, parameter in parameters.items() if parameter.default is parameter.empty]
+    _check_keys(f"{field}.", given, tuple(parameters), tuple(needed))
+    try:
+        return make(**given)
+    except AnnDcError as error:
+        raise ScenarioError(f"{field}.{error}") from error
+
+
+def _check_keys(field: str, table: Mapping, known: tuple[str, ...], needed: tuple) -> None:
+    for key in table:
+        if key not in known:
+            raise ScenarioError(f"{field}{key}: unknown key; known are {', '.join(known)}")
+    for key in needed:
+        if key not in table:
+            raise ScenarioError(f"{field}{key}: missing; the keys are {', '.join(known)}")
+
+
+def _table(field: str, given: Any) -> Mapping[str, Any]:
+    if not isinstance(given, Mapping):
+        raise ScenarioError(f"{field}: expected a table, got {given!r}")
+    return given

@@ -1,13 +1,9 @@
-"""Planner of the paper: optimal legs and a waypoint next to every new obstacle.
+"""Planner of the paper, section IV.C: optimal legs and a waypoint at every obstacle.
 
 One network plans legs of all lengths, without obstacles. If the robot sees an obstacle that it is
 about to meet, the leg is replaced by two legs: one to a waypoint next to the obstacle, q_obs +
 delta, and one from there to the goal. As printed, the leg to the waypoint is omitted: the next leg
 is planned as if the robot were at the waypoint already.
-
-References
-----------
-Paper section IV.C.
 """
 
 from __future__ import annotations
@@ -46,17 +42,8 @@ TRIED = 100
 class WaypointPlanner:
     """Planner of the paper's section IV.C; see `design_waypoint_planner`.
 
-    Attributes
-    ----------
-    network : Network
-        Network for a leg, used for all legs.
-    dt : float
-        Control period, in seconds.
-    delta : (2,) array
-        Offset of the waypoint from the rims of obstacle and robot; its direction is the passing
-        side of all obstacles.
-    as_printed : bool
-        True if the leg from the robot to the waypoint is omitted.
+    ``network`` serves all legs. ``delta`` (2,) is the offset of the waypoint from the rims of
+    obstacle and robot; its direction is the passing side of all obstacles.
     """
 
     robot: Robot

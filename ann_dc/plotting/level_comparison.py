@@ -7,8 +7,7 @@ from typing import Annotated
 import numpy as np
 from matplotlib.figure import Figure
 
-from ann_dc.fidelity.level_comparison import Measured
-from ann_dc.fidelity.model_level import Group
+from ann_dc.fidelity.level_comparison import Group, Measured
 from ann_dc.plotting.circuit import LOWEST
 from ann_dc.plotting.style import BLUE, GREY, INK, VERMILION, caption, headline, new_figure, quiet
 from ann_dc.problem.declaration import OptimalControlProblem

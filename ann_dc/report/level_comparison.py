@@ -8,8 +8,7 @@ from pathlib import Path
 from rich.table import Table
 
 from ann_dc import plotting
-from ann_dc.fidelity.level_comparison import Measured
-from ann_dc.fidelity.model_level import Group
+from ann_dc.fidelity.level_comparison import Group, Measured
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.report.json_file import write_json
 from ann_dc.report.tables import measured, table

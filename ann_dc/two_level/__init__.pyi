@@ -1,7 +1,5 @@
 from .coordination import (
     Coordination as Coordination,
-    Undesigned as Undesigned,
-    best_gradient as best_gradient,
     coordinate as coordinate,
 )
 from .levels import TwoLevels as TwoLevels
@@ -15,14 +13,12 @@ from .lyapunov import (
 from .oracle_gain import OracleBackend as OracleBackend, OracleGain as OracleGain
 from .run import TwoLevelRun as TwoLevelRun
 from .theorem import (
-    Following as Following,
-    Hypothesis as Hypothesis,
     PrintedMatrices as PrintedMatrices,
     StageHessians as StageHessians,
     theorem_IV_1 as theorem_IV_1,
     theorem_IV_2 as theorem_IV_2,
 )
-from .upper_gains import UpperGains as UpperGains, UpperMap as UpperMap
+from .upper_gains import UpperMap as UpperMap
 from .upper_level import (
     Gradient as Gradient,
     NewtonCoordinator as NewtonCoordinator,

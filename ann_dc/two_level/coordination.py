@@ -1,9 +1,8 @@
 """Solution of one problem by the two-level algorithm: design to certificate.
 
 A network is designed for the corrected equations with closing B: q_0 is a neuron, so every stage
-can be solved separately. At its solution the hypothesis of Theorem IV.2 is checked and the
-coordinator is chosen. The iteration then runs from the usual initial guess. The run continues to a
-small fraction of the tolerance, like every run, so that the result can be certified.
+can be solved separately. The coordinator is chosen at its solution, and the iteration runs from the
+usual initial guess to a small fraction of the tolerance, so that the result can be certified.
 """
 
 from __future__ import annotations
@@ -58,58 +57,21 @@ Coordinator: TypeAlias = Callable[[Network, np.ndarray], tuple[UpperLevel, Upper
 def best_gradient(network: Network, settled: State) -> tuple[UpperLevel, UpperGains]:
     """Return the gradient upper level (17) with the smallest spectral radius.
 
-    The spectral radius is that of the linearised upper-level map at the solution.
-
-    Parameters
-    ----------
-    network : Network
-        Network in which every stage can be solved separately (closing B).
-    settled : (n,) array
-        Solution of the network, in network units.
-
-    Returns
-    -------
-    upper : Gradient
-        Upper level with the best gains.
-    gains : UpperGains
-        The gains and their spectral radius.
-
-    Raises
-    ------
-    DesignError
-        If the lower level is singular at the solution.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> equations = ann_dc.decompose(problem, ann_dc.Form(start_is_neuron=True))
-    >>> designed = ann_dc.design(ann_dc.synthesize(equations))
-    >>> upper, gains = best_gradient(designed.network, designed.state)
-    >>> gains.radius < 1
-    True
+    Raises `DesignError` if the lower level is singular at the solution ``settled`` (n,).
     """
     gains = UpperMap(network=network, settled=settled).best()
     return Gradient(lambda_t=gains.lambda_t, lambda_beta=gains.lambda_beta), gains
 
 
-@checked
 def newton(network: Network, settled: State) -> tuple[UpperLevel, None]:
-    """Return the Newton upper level: a banded linear system per outer iteration.
-
-    The solution ``settled`` (n,) is not needed and not used.
-    """
+    """Return the Newton upper level, which does not need the solution."""
     return NewtonCoordinator(), None
 
 
 def half_bound(network: Network, settled: State) -> tuple[UpperLevel, None]:
-    """Return the oracle upper level (33) with half of |B/A|.
+    """Return the oracle upper level (33), corrected, with half of |B/A|.
 
-    This gain decreases Theta most if B < 0. The solution ``settled`` (n,) is in network units.
-
-    References
-    ----------
-    Paper equation (33), corrected.
+    This gain decreases Theta most if B < 0.
     """
     return OracleCoordinator(gain=OracleGain(settled=settled, share=0.5)), None
 
@@ -122,21 +84,16 @@ COORDINATORS: dict[str, Coordinator] = {
 """Coordinators by name, for the command line."""
 
 
-@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Coordination:
     """Run of the two-level algorithm with its predictions and certificate.
 
     Attributes
     ----------
-    problem : OptimalControlProblem
-        Solved problem.
     coordinator, lower : str
         Names of the upper and the lower level.
-    following : Following
-        Rate of Theorem IV.1 at the designed solution.
-    hypothesis : Hypothesis
-        Hypothesis of Theorem IV.2 at the designed solution.
+    following, hypothesis : Following, Hypothesis
+        Theorems IV.1 and IV.2 at the designed solution.
     gains : UpperGains or None
         Gains of the coordinator, None if it has no gains.
     run : TwoLevelRun
@@ -144,19 +101,8 @@ class Coordination:
     tolerance : float
         Tolerance on the relative KKT residual for counting iterations. The tolerance of the run is
         a fraction of this value.
-    certificate : Certificate
-        Certificate of the final state.
     values : dict of str to list
         States at N + 1 stages and controls at N stages by name, in the user's units.
-
-    Examples
-    --------
-    >>> from ann_dc import plants
-    >>> found = coordinate(plants.double_integrator(N=5), coordinator=newton)
-    >>> found.outcome.name, found.needed, found.rises
-    ('SETTLED', 4, 0)
-    >>> [round(a) for a in found.values["a"]]  # controls, in the user's units
-    [20, 10, 0, -10, -20]
     """
 
     problem: OptimalControlProblem
@@ -223,19 +169,11 @@ class Coordination:
         return self.certificate.reason
 
 
-@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Undesigned:
-    """Result without a run, because the design found no solution.
+    """Result without a run: the design did not settle in a number of ``steps``.
 
     The theorem and the gains need the designed solution.
-
-    Attributes
-    ----------
-    problem : OptimalControlProblem
-        Problem that was not solved.
-    steps : int
-        Number of steps of the design run.
     """
 
     problem: OptimalControlProblem

@@ -89,11 +89,6 @@ class TwoLevels:
             States in network units.
         inputs : mapping of input name to number, (B,) or (B, N) array, optional
             Inputs that replace those of ``network.inputs``.
-
-        Raises
-        ------
-        UnknownNameError, NetworkError
-            If an input does not exist, or sizes do not agree.
         """
         samples, states = self._samples(x, inputs)
         for sample in filter(None, samples):
@@ -130,16 +125,6 @@ class TwoLevels:
             Largest number of outer iterations.
         progress : Progress
             Receives one line per outer iteration.
-
-        Returns
-        -------
-        TwoLevelRun
-            Final states, residuals, gains and distances.
-
-        Raises
-        ------
-        UnknownNameError, NetworkError
-            If an input does not exist, or sizes do not agree.
         """
         samples, states = self._samples(x, inputs)
         known = None if settled is None else np.broadcast_to(settled, states.shape)
@@ -179,10 +164,7 @@ class TwoLevels:
     def _samples(
         self, x: np.ndarray | None, inputs: Mapping[str, object] | None
     ) -> tuple[list[Sample | None], np.ndarray]:
-        """Return the samples and their states (B, n).
-
-        A sample is None if an input is not a finite number.
-        """
+        """Return the samples, None for an input that is not finite, and their states (B, n)."""
         network = self.network
         every = input_batch(network, inputs or {})
         states = np.atleast_2d(moved_starts(network, every) if x is None else np.array(x, float))

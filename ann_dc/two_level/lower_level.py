@@ -25,43 +25,29 @@ class LowerLevel(ABC):
 
     @abstractmethod
     def solve(self, sample: Sample, x: np.ndarray) -> tuple[np.ndarray, int]:
-        """Solve the lower level with fixed t and beta.
+        """Solve the lower level with fixed t and beta from a state x (n,) in network units.
 
-        The state x (n,) is in network units. Returns the state and the number of inner steps.
+        Returns the state and the number of inner steps.
         """
 
-    @abstractmethod
     def check(self, network: Network) -> None:
-        """Raise `NetworkError` if a stage has more equations than unknowns.
-
-        The lower level of such a network has no solution.
-        """
+        """Raise `NetworkError` if q of cell 0 is pinned: n equations for its m controls."""
+        pinned = [pin.neuron for pin in network.fixed if pin.neuron.startswith("q.")]
+        controls = [n for n in network.cell.neurons if n.population == "u"]
+        if len(pinned) > len(controls):
+            raise NetworkError(
+                f"lower level: {', '.join(pinned)} of cell 0 is pinned, so that its stage has more "
+                "equations than unknowns; close the chain with Form(start_is_neuron=True)"
+            )
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Iterated(LowerLevel):
-    """Forward Euler steps (16) on q, u and mu until their net inputs vanish.
+    """Forward Euler steps (16), corrected, on q, u and mu until their net inputs vanish.
 
-    Attributes
-    ----------
-    name : str
-        Name on the command line.
-    share : float
-        Step length as a fraction of min rho tau over the duals.
-    tolerance : float
-        Tolerance on the net inputs, in network units.
-    limit : int
-        Largest number of inner steps.
-
-    Raises
-    ------
-    NetworkError
-        If ``share``, ``tolerance`` or ``limit`` is not a positive number.
-
-    References
-    ----------
-    Paper equation (16), corrected.
+    The step length is the fraction ``share`` of min rho tau over the duals. ``tolerance`` applies
+    to the net inputs, in network units.
     """
 
     name: ClassVar[str] = "iterated"
@@ -71,11 +57,6 @@ class Iterated(LowerLevel):
 
     def __post_init__(self) -> None:
         require_positive(share=self.share, tolerance=self.tolerance, limit=self.limit)
-
-    @checked
-    def check(self, network: Network) -> None:
-        """Raise `NetworkError` if a stage has more equations than unknowns."""
-        _require_free_start(network)
 
     def solve(self, sample: Sample, x: np.ndarray) -> tuple[np.ndarray, int]:
         """Step until the net inputs have vanished."""
@@ -92,28 +73,10 @@ class Iterated(LowerLevel):
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Closed(LowerLevel):
-    """Stage-wise solution: (30) for linear equations, Newton otherwise.
+    """Stage-wise solution: (30), corrected, for linear equations, Newton otherwise.
 
-    Attributes
-    ----------
-    name : str
-        Name on the command line.
-    tolerance : float
-        Tolerance on the net inputs, in network units.
-    limit : int
-        Largest number of Newton steps.
-    slew : float
-        Largest change of a lower neuron in a Newton step, in network units, during the first half
-        of the steps.
-
-    Raises
-    ------
-    NetworkError
-        If ``tolerance``, ``limit`` or ``slew`` is not a positive number.
-
-    Examples
-    --------
-    A linear plant takes one step:
+    ``tolerance`` applies to the net inputs, in network units. In the first half of at most
+    ``limit`` Newton steps no lower neuron changes by more than ``slew`` network units.
 
     >>> import ann_dc
     >>> from ann_dc.two_level import Closed, Gradient
@@ -121,12 +84,8 @@ class Closed(LowerLevel):
     >>> network = ann_dc.synthesize(ann_dc.decompose(problem, ann_dc.Form(start_is_neuron=True)))
     >>> upper = Gradient(lambda_t=0.1, lambda_beta=0.1)
     >>> levels = ann_dc.TwoLevels(network, upper=upper, lower=Closed(slew=100.0))
-    >>> levels.run(limit=1).inner.tolist()
+    >>> levels.run(limit=1).inner.tolist()  # one step for a linear plant
     [1, 1]
-
-    References
-    ----------
-    Paper equation (30), corrected.
     """
 
     name: ClassVar[str] = "closed"
@@ -136,11 +95,6 @@ class Closed(LowerLevel):
 
     def __post_init__(self) -> None:
         require_positive(tolerance=self.tolerance, limit=self.limit, slew=self.slew)
-
-    @checked
-    def check(self, network: Network) -> None:
-        """Raise `NetworkError` if a stage has more equations than unknowns."""
-        _require_free_start(network)
 
     def solve(self, sample: Sample, x: np.ndarray) -> tuple[np.ndarray, int]:
         """Take Newton steps of all stages, each with a separate small linear system."""
@@ -170,17 +124,6 @@ class Linearised(LowerLevel):
     def solve(self, sample: Sample, x: np.ndarray) -> tuple[np.ndarray, int]:
         """Return the state unchanged; the coordinator solves first."""
         return x, 0
-
-
-def _require_free_start(network: Network) -> None:
-    """Raise `NetworkError` if q of cell 0 is pinned: n equations for its m controls."""
-    pinned = [pin.neuron for pin in network.fixed if pin.neuron.startswith("q.")]
-    controls = [n for n in network.cell.neurons if n.population == "u"]
-    if len(pinned) > len(controls):
-        raise NetworkError(
-            f"lower level: {', '.join(pinned)} of cell 0 is pinned, so that its stage has more "
-            "equations than unknowns; close the chain with Form(start_is_neuron=True)"
-        )
 
 
 def _at_rest(drives: np.ndarray, tolerance: float) -> bool:

@@ -25,22 +25,11 @@ from typing import Any, NamedTuple
 
 
 class Lyapunov(NamedTuple):
-    """Theta, A and B as numbers or arrays.
+    """Theta (19), A and B (21), corrected, as numbers or arrays.
 
-    A step of lambda along the net inputs d changes Theta by lambda B + lambda^2 A.
-
-    Attributes
-    ----------
-    theta : float or array
-        Half of the squared errors of t and beta, (19).
-    A : float or array
-        Half of the squared net inputs of t and beta, (21).
-    B : float or array
-        Errors times net inputs, (21); negative if the net inputs point to the solution.
-
-    References
-    ----------
-    Paper equations (18)-(21), corrected.
+    ``theta`` is half of the squared errors of t and beta, ``A`` half of their squared net inputs d,
+    and ``B`` the errors times the net inputs: negative if d points to the solution. A step of
+    lambda along d changes Theta by lambda B + lambda^2 A.
     """
 
     theta: Any
@@ -49,35 +38,12 @@ class Lyapunov(NamedTuple):
 
     @property
     def bound(self) -> Any:
-        """Bound -B/A of lambda, paper (33), corrected.
-
-        Theta decreases for 0 < lambda < bound, if the bound is positive.
-        """
+        """Bound -B/A of lambda, paper (33), corrected; Theta decreases for 0 < lambda < bound."""
         return -self.B / self.A
 
 
 def lyapunov_of(error: Any, drive: Any) -> Lyapunov:
-    """Return Theta, A and B from errors and net inputs, summed over the first axis.
-
-    Parameters
-    ----------
-    error : (K, ...) array
-        Distances of t and beta from the solution, in network units.
-    drive : (K, ...) array
-        Net inputs of t and beta.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> lyapunov_of(np.array([2.0]), np.array([-1.0]))  # doctest: +NORMALIZE_WHITESPACE
-    Lyapunov(theta=np.float64(2.0), A=np.float64(0.5), B=np.float64(-2.0))
-    >>> lyapunov_of(np.array([2.0]), np.array([-1.0])).bound  # lambda = 4 leads to -2, no closer
-    np.float64(4.0)
-
-    References
-    ----------
-    Paper equations (18)-(21), (33), corrected.
-    """
+    """Return Theta, A and B from errors and net inputs (K, ...), summed over K."""
     return Lyapunov(
         0.5 * (error * error).sum(0), 0.5 * (drive * drive).sum(0), (error * drive).sum(0)
     )
@@ -86,16 +52,8 @@ def lyapunov_of(error: Any, drive: Any) -> Lyapunov:
 class Distances(NamedTuple):
     """Errors (18) of both levels, summed over the stages; numbers or arrays.
 
-    Attributes
-    ----------
-    v, mu : float or array
-        Norms of e_v (q and u together) and of e_mu, in network units.
-    t, beta : Lyapunov
-        Theta, A and B of t alone and of beta alone.
-
-    References
-    ----------
-    Paper equations (18), (19) and Theorem IV.1.
+    ``v`` and ``mu`` are the norms of e_v (q and u together) and of e_mu, in network units; ``t``
+    and ``beta`` have Theta, A and B of t alone and of beta alone.
     """
 
     v: Any
@@ -110,31 +68,19 @@ class Distances(NamedTuple):
 
     @property
     def told(self) -> Any:
-        """Norm of e_t and e_beta together, the errors of the coordination variables."""
+        """Norm of e_t and e_beta together."""
         return (2 * self.lyapunov.theta) ** 0.5
 
 
 def printed_of(t: Lyapunov, beta: Lyapunov, gain: Any) -> Lyapunov:
     """Return Theta, A and B as (20) and (21) define them in print.
 
-    Parameters
-    ----------
-    t, beta : Lyapunov
-        Corrected quantities of t alone and of beta alone.
-    gain : float or array
-        Gain lambda; a pair if t and beta have different gains.
+    ``t`` and ``beta`` are the corrected quantities of each alone; the gain lambda is a pair if they
+    have different gains.
 
-    Examples
-    --------
-    One t and one beta, each one unit from its solution and led there, lambda = 1/2:
-
-    >>> one = Lyapunov(theta=0.5, A=0.5, B=-1.0)
+    >>> one = Lyapunov(theta=0.5, A=0.5, B=-1.0)  # one unit from the solution and led there
     >>> printed_of(one, one, 0.5)  # (20) drives beta away, and A lambda^2 + B lambda is no change
     Lyapunov(theta=1.0, A=0.5, B=0.0)
-
-    References
-    ----------
-    Paper equations (19)-(21), as printed.
     """
     of_t, of_beta = gain if isinstance(gain, tuple) else (gain, gain)
     return Lyapunov(

@@ -2,9 +2,8 @@ r"""Adaptive gain (33) of the paper, an oracle that needs the unknown solution.
 
 .. math:: \lambda = |B / A| ,
 
-where A and B are those of `ann_dc.two_level.lyapunov` over the errors and net inputs of t and beta.
-Two classes use the rule. `OracleBackend` works in continuous time, where lambda is a factor on the
-rates of t and beta (switch S16). `ann_dc.two_level.upper_level.OracleCoordinator` works in outer
+where A and B are those of `ann_dc.two_level.lyapunov`. `OracleBackend` applies the gain in
+continuous time, as a factor on the rates of t and beta (switch S16), `OracleCoordinator` in outer
 iterations.
 """
 
@@ -66,19 +65,7 @@ class OracleGain:
             )
 
     def of(self, found: Lyapunov) -> Any:
-        """Return lambda (B,); undefined gains are replaced by ``low``.
-
-        Parameters
-        ----------
-        found : Lyapunov
-            Theta, A and B of every sample.
-
-        Examples
-        --------
-        >>> found = Lyapunov(theta=np.ones(2), A=np.array([2.0, 0.0]), B=np.array([-3.0, 0.0]))
-        >>> OracleGain(settled=np.zeros(4), low=0.1).of(found)
-        array([1.5, 0.1])
-        """
+        """Return lambda (B,) for the Theta, A and B of every sample; undefined, ``low``."""
         with np.errstate(all="ignore"):  # 0/0 at the solution
             gain = (self.share * abs(found.bound)).clip(self.low, self.high)
         gain[gain != gain] = self.low
@@ -124,26 +111,11 @@ class OracleBackend:
 
     @checked
     def run(self, network: Network) -> Run:
-        """Integrate from the network's initial guess until the run ends.
-
-        A run ends if the network settles or diverges, or if the time limit expires.
-
-        Returns
-        -------
-        Run
-            Result of the integration.
-        """
+        """Integrate from the initial guess until it settles, diverges or time expires."""
         return self.ode.follow(network, self.right_hand_side(network))
 
-    @checked
     def right_hand_side(self, network: Network) -> RightHandSide:
-        """Return dx/ds with the rates of t and beta multiplied by the gain.
-
-        Returns
-        -------
-        callable
-            Map from a state vector (n,) to dx/ds (n,), both in network units.
-        """
+        """Return x (n,) -> dx/ds (n,) with the rates of t and beta multiplied by the gain."""
         compiled, slow = fast_evaluator(network), network.of_population(*COORDINATION)
 
         def factor(x: np.ndarray) -> np.ndarray:

@@ -41,10 +41,7 @@ class Rows(NamedTuple):
 
 
 def check_problem(problem: OptimalControlProblem) -> None:
-    """Raise `ProblemError` if a problem has inequalities, bounds or objectives.
-
-    Neither level supports their neurons.
-    """
+    """Raise `ProblemError` if a problem has inequalities, bounds or objectives."""
     names = map(str, (*problem.constraints, *problem.terminal_constraints, *problem.bounds))
     if problem.objectives:
         raise ProblemError(
@@ -62,15 +59,7 @@ def rows_of(network: Network) -> Rows:
     """Return the masks of both levels in the state vector of a network.
 
     Raises `NetworkError` if a population is missing, because the network does not represent a
-    problem. The same error is raised for other populations or saturation limits, which belong to
-    inequalities.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> network = ann_dc.synthesize(ann_dc.plants.double_integrator(N=3))
-    >>> int(rows_of(network).mu.sum())  # two states, three stages
-    6
+    problem, and for populations or saturation limits that belong to inequalities.
     """
     of = [neuron.population for neuron in network.cell.neurons]
     missing = [name for name in (*STAGE, *COORDINATION) if name not in of]
@@ -111,11 +100,7 @@ class _Blocks(NamedTuple):
 
 
 class Sample:
-    """Network with its inputs as one sample; ``number`` is its index in a batch.
-
-    The network must have the two levels of a problem, without inequalities and saturation limits;
-    otherwise `NetworkError` is raised.
-    """
+    """Network with its inputs as one sample; ``number`` is its index in a batch."""
 
     def __init__(self, network: Network, number: int = 0) -> None:
         self.network, self.number, self.rows = network, number, rows_of(network)
@@ -142,8 +127,7 @@ class Sample:
     def step_limit(self) -> float:
         """Minimum of rho tau over the PI duals, at most two fastest time constants.
 
-        For h > rho tau, the integration of a dual in one step exceeds the damping of its
-        proportional path.
+        For h > rho tau, one step of a dual exceeds the damping of its proportional path.
         """
         network, own = self.network, evaluator(self.network)
         found = [2.0 / own.fastest_rate(network.start_state)]
@@ -159,10 +143,7 @@ class Sample:
         return self.network.pack(self.network.layout.rates)
 
     def stage_steps(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
-        """Return the Newton steps (L,) of the lower level, each stage separately.
-
-        The net inputs (L,) are those of the lower level at the state x (n,).
-        """
+        """Return the Newton steps (L,) of the lower level, each stage separately."""
         of, size = self._blocks, self._size
         blocks = np.repeat(np.eye(size)[None], self.network.stages, axis=0)
         blocks[self.stage, of.slot, of.slot] = 0.0

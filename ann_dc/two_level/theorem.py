@@ -32,7 +32,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 
@@ -41,7 +40,7 @@ from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.evaluation.reference import evaluator, tape_with_penalty
 from ann_dc.network.network import COORDINATION, Network
 from ann_dc.two_level.upper_gains import UpperMap
-from ann_dc.validation import NotEmpty, NotNegative, Shape, State, checked
+from ann_dc.validation import State, checked
 
 STAGE_POPULATIONS = ("q", "u")
 """Populations of v_k."""
@@ -50,28 +49,15 @@ ROUNDING = 1e-9
 """Fraction of the largest eigenvalue below which an eigenvalue counts as zero."""
 
 
-@checked
 @dataclass(frozen=True, kw_only=True)
 class Following:
-    """First-order bounds on the stage errors per unit error of t and beta.
+    """First-order bounds K_v and K_mu on the stage errors per unit error of t and beta.
 
-    Attributes
-    ----------
-    v, mu : float
-        Bounds K_v and K_mu, in network units; infinite if the lower level is singular.
-
-    Examples
-    --------
-    >>> print(Following(v=2.5, mu=40.0))
-    |e_v| <= 2.5 |e_t, e_beta| and |e_mu| <= 40 |e_t, e_beta| near the solution
-
-    References
-    ----------
-    Paper, Theorem IV.1.
+    The bounds are in network units, and infinite if the lower level is singular.
     """
 
-    v: NotNegative
-    mu: NotNegative
+    v: float
+    mu: float
 
     def __str__(self) -> str:
         if not np.isfinite(self.v):
@@ -82,36 +68,9 @@ class Following:
 
 @checked
 def theorem_IV_1(network: Network, settled: State) -> Following:
-    """Return the rate of Theorem IV.1 at a solution.
+    """Return the bounds K_v and K_mu of Theorem IV.1 at a solution (n,) in network units.
 
-    Parameters
-    ----------
-    network : Network
-        Network in which every stage can be solved separately (closing B).
-    settled : (n,) array
-        Solution of the network, in network units.
-
-    Returns
-    -------
-    Following
-        Bounds K_v and K_mu.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> equations = ann_dc.decompose(problem, ann_dc.Form(start_is_neuron=True))
-    >>> designed = ann_dc.design(ann_dc.synthesize(equations))
-    >>> bound = theorem_IV_1(designed.network, designed.state)
-    >>> upper = ann_dc.two_level.Gradient(lambda_t=0.01, lambda_beta=0.1)
-    >>> layer = ann_dc.TwoLevels(designed.network, upper=upper)
-    >>> run = layer.run(settled=designed.state, limit=20)
-    >>> bool((run.distances.v <= 1.001 * bound.v * run.distances.told).all())  # all is linear
-    True
-
-    References
-    ----------
-    Paper, Theorem IV.1.
+    Every stage must be separately solvable (closing B); otherwise the bounds are infinite.
     """
     try:
         follow = UpperMap(network=network, settled=settled).follow
@@ -123,31 +82,14 @@ def theorem_IV_1(network: Network, settled: State) -> Following:
     return Following(v=float(norm(follow[of_v], 2)), mu=float(norm(follow[~of_v], 2)))
 
 
-@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hypothesis:
-    """Result of the check of the hypothesis of Theorem IV.2.
+    """Eigenvalues of dG_k/dv_k for every stage k, ascending, in the user's units.
 
-    The check covers the matrices of the theorem, not its lambda (33). The text of the object
-    describes the result.
-
-    Attributes
-    ----------
-    eigenvalues : tuple of arrays
-        Eigenvalues of dG_k/dv_k for every stage k, ascending, in the user's units.
-
-    Examples
-    --------
-    >>> print(Hypothesis(eigenvalues=(np.array([0.0, 1.0]), np.array([-2.0, 1.0]))))
-    the hypothesis of Theorem IV.2 fails at 1 of 2 stages; worst at k = 1, where dG_k/dv_k has \
-eigenvalues -2 .. 1
-
-    References
-    ----------
-    Paper, Theorem IV.2.
+    The text of the object is the result of the check of Theorem IV.2, without its lambda (33).
     """
 
-    eigenvalues: Annotated[tuple[Annotated[np.ndarray, Shape("m")], ...], NotEmpty()]
+    eigenvalues: tuple[np.ndarray, ...]
 
     @property
     def _zero(self) -> float:
@@ -165,10 +107,7 @@ eigenvalues -2 .. 1
 
     @property
     def holds(self) -> bool:
-        """True if no matrix is indefinite and at least one is positive definite.
-
-        All matrices must be positive semi-definite.
-        """
+        """True if all matrices are positive semi-definite and one is positive definite."""
         return not self.failing and bool(self.definite)
 
     def __str__(self) -> str:
@@ -221,18 +160,10 @@ class StageHessians(StageMatrices):
 @checked
 @dataclass(frozen=True, kw_only=True)
 class PrintedMatrices(StageMatrices):
-    """Matrices diag(0.99, 0.1) as printed, for every plant and state.
+    """Matrices diag(0.99, 0.1) of (31) and (32) as printed, for every plant and state.
 
-    Equation (31) treats mu and beta as constants.
-
-    Attributes
-    ----------
-    of_q, of_u : float
-        Diagonal entries for every q and every u.
-
-    References
-    ----------
-    Paper equations (31), (32), as printed.
+    ``of_q`` and ``of_u`` are the entries for every q and every u. Equation (31) treats mu and beta
+    as constants.
     """
 
     of_q: float = 0.99

@@ -36,23 +36,9 @@ REFINED = 3
 """Number of grid gains to refine; the radius has kinks at which a simplex search stops."""
 
 
-@checked
 @dataclass(frozen=True, kw_only=True)
 class UpperGains:
-    """Gains of the upper level with their spectral radius.
-
-    Attributes
-    ----------
-    lambda_t, lambda_beta : float
-        Gains in network units.
-    radius : float
-        Spectral radius of the linearised upper-level map.
-
-    Examples
-    --------
-    >>> round(UpperGains(lambda_t=0.2, lambda_beta=3.0, radius=0.5).predicted(2**-20), 6)
-    20.0
-    """
+    """Gains of the upper level in network units, with the radius of its linearised map."""
 
     lambda_t: float
     lambda_beta: float
@@ -60,12 +46,10 @@ class UpperGains:
 
     @checked
     def predicted(self, tolerance: float = 1e-6) -> float:
-        """Return the outer iterations of the slowest mode; infinite if unstable.
+        """Return the outer iterations in which the slowest mode decreases to ``tolerance``.
 
-        Parameters
-        ----------
-        tolerance : float
-            Fraction of its initial size to which the mode decreases.
+        ``tolerance`` is a fraction of the initial size. The number is infinite if the map is
+        unstable.
         """
         return float(np.log(tolerance) / np.log(self.radius)) if self.radius < 1 else float("inf")
 
@@ -104,14 +88,9 @@ class UpperMap:
 
     @cached_property
     def follow(self) -> np.ndarray:
-        """Sensitivity d(q, u, mu) / d(t, beta) of the lower level in network units.
+        """Sensitivity d(q, u, mu) / d(t, beta) (lower, upper), in network units.
 
-        The array is dense with shape (lower, upper).
-
-        Raises
-        ------
-        DesignError
-            If the lower level is singular.
+        Raises `DesignError` if the lower level is singular.
         """
         J, upper = self._jacobian, self._upper
         lower = ~upper
@@ -125,13 +104,7 @@ class UpperMap:
 
     @cached_property
     def schur(self) -> np.ndarray:
-        """Dense Schur complement S over all t and beta, in network units.
-
-        Raises
-        ------
-        DesignError
-            If the lower level is singular.
-        """
+        """Dense Schur complement S over all t and beta, in network units."""
         J, upper = self._jacobian, self._upper
         return J[np.ix_(upper, upper)] + J[np.ix_(upper, ~upper)] @ self.follow
 
@@ -149,13 +122,7 @@ class UpperMap:
 
     @checked
     def radius(self, lambda_t: float, lambda_beta: float) -> float:
-        """Return the spectral radius of I + Lambda S for gains in network units.
-
-        Raises
-        ------
-        DesignError
-            If the lower level is singular at the solution.
-        """
+        """Return the spectral radius of I + Lambda S for gains in network units."""
         gains = np.where(self._is_t, lambda_t, lambda_beta)
         eigenvalues = np.linalg.eigvals(np.eye(len(gains)) + gains[:, None] * self.schur)
         return float(np.abs(eigenvalues).max())
@@ -163,12 +130,8 @@ class UpperMap:
     def best(self) -> UpperGains:
         """Return the two gains with the smallest spectral radius.
 
-        The best gains of a grid of decades are refined by a simplex search.
-
-        Raises
-        ------
-        DesignError
-            If the lower level is singular at the solution.
+        The best gains of a grid of decades are refined by a simplex search. A singular lower level
+        raises `DesignError`.
         """
         scale = -np.log(np.abs(np.linalg.eigvals(self.schur)).max())
         grid = [scale + np.array(z) for z in itertools.product(DECADES, DECADES)]

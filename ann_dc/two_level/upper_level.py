@@ -21,20 +21,17 @@ class UpperLevel(ABC):
     """Base class of the coordinators; ``name`` is the name on the command line."""
 
     name: ClassVar[str]
-
-    @abstractmethod
-    def suited(self) -> LowerLevel:
-        """Return the lower level that suits the coordinator."""
+    suited: ClassVar[type[LowerLevel]]
+    """Lower level that suits the coordinator."""
 
     @abstractmethod
     def move(
         self, sample: Sample, x: np.ndarray, drives: np.ndarray
     ) -> tuple[np.ndarray, tuple[float, float]]:
-        """Move the coordination variables once.
+        """Move the coordination variables once, in network units.
 
-        The state x (n,) is the state after the lower level, and the net inputs (n,) are taken at
-        this state, both in network units. Returns the new state and the gains of t and beta (nan if
-        the coordinator has no gains).
+        The net inputs (n,) are taken at the state x (n,) after the lower level. Returns the new
+        state and the gains of t and beta (nan if the coordinator has no gains).
         """
 
 
@@ -43,36 +40,19 @@ class UpperLevel(ABC):
 class Gradient(UpperLevel):
     """Gradient coordinator (17), corrected: t and beta with separate gains.
 
-    t and beta move along their net inputs. `UpperMap.best` finds good gains. A common gain is
-    slower, and unusable in units that give t and beta reciprocal scales.
-
-    Attributes
-    ----------
-    name : str
-        Name on the command line.
-    lambda_t, lambda_beta : float
-        Gains in network units.
-
-    Raises
-    ------
-    NetworkError
-        If a gain is not a positive number.
-
-    References
-    ----------
-    Paper equation (17), corrected.
+    t and beta move along their net inputs by ``lambda_t`` and ``lambda_beta``, in network units.
+    `UpperMap.best` finds good gains. A common gain is slower, and unusable in units that give t and
+    beta reciprocal scales. ``name`` is the name on the command line. Raises `NetworkError` if a
+    gain is not positive.
     """
 
     name: ClassVar[str] = "gradient"
+    suited = Closed
     lambda_t: float
     lambda_beta: float
 
     def __post_init__(self) -> None:
         require_positive(lambda_t=self.lambda_t, lambda_beta=self.lambda_beta)
-
-    def suited(self) -> LowerLevel:
-        """Return the `Closed` lower level, which solves the stage equations."""
-        return Closed()
 
     def move(self, sample, x, drives):
         """Move t and beta along their net inputs."""
@@ -82,28 +62,15 @@ class Gradient(UpperLevel):
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OracleCoordinator(UpperLevel):
-    """Coordinator (33) with one gain from the solution; for studies only.
+    """Coordinator (33), corrected, with one gain from the solution; for studies only.
 
-    t and beta move along their net inputs.
-
-    Attributes
-    ----------
-    name : str
-        Name on the command line.
-    gain : OracleGain
-        Gain rule with the solution.
-
-    References
-    ----------
-    Paper equation (33), corrected.
+    t and beta move along their net inputs by the ``gain`` rule. ``name`` is the name on the command
+    line.
     """
 
     name: ClassVar[str] = "oracle"
+    suited = Closed
     gain: OracleGain
-
-    def suited(self) -> LowerLevel:
-        """Return the `Closed` lower level, which solves the stage equations."""
-        return Closed()
 
     def move(self, sample, x, drives):
         """Move t and beta along their net inputs by the oracle gain."""
@@ -131,11 +98,6 @@ class NewtonCoordinator(UpperLevel):
         Largest change of a q or t in an outer iteration, in network units; a longer step is
         shortened as a whole.
 
-    Raises
-    ------
-    NetworkError
-        If ``slew`` is not a positive number.
-
     Examples
     --------
     >>> import ann_dc
@@ -147,14 +109,11 @@ class NewtonCoordinator(UpperLevel):
     """
 
     name: ClassVar[str] = "newton"
+    suited = Linearised
     slew: float = 0.1
 
     def __post_init__(self) -> None:
         require_positive(slew=self.slew)
-
-    def suited(self) -> LowerLevel:
-        """Return the `Linearised` lower level, which follows the coordinator."""
-        return Linearised()
 
     def move(self, sample, x, drives):
         """Take a Newton step of the whole network, shortened to the slew."""
@@ -164,15 +123,7 @@ class NewtonCoordinator(UpperLevel):
 
 
 def distances_of(rows: Rows, error: np.ndarray, drives: np.ndarray) -> Distances:
-    """Return the errors of a state relative to the solution.
-
-    ``error`` (n,) is state minus solution and ``drives`` (n,) are the net inputs at the state, both
-    in network units.
-
-    References
-    ----------
-    Paper equations (18), (19), (21).
-    """
+    """Return the errors (18), (19), (21) of a state minus the solution (n,)."""
     t, beta = (lyapunov_of(error[of], drives[of]) for of in (rows.t, rows.beta))
     norm = np.linalg.norm
     return Distances(v=norm(error[rows.v]), mu=norm(error[rows.mu]), t=t, beta=beta)

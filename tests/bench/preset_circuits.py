@@ -18,9 +18,8 @@ from constrained import CONSTRAINED, cart, two_tanks
 from wired import neighbour_wired
 
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
-from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.backends.spice.circuit_run import CircuitRun, refined
 from ann_dc.backends.spice.ngspice.runner import Ngspice
-from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.circuit_study import instances, settled_error

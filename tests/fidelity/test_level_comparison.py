@@ -12,13 +12,15 @@ from ann_dc.backends.recurrent import backend as recurrent_backend
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import NgspiceMissing
 from ann_dc.fidelity.level_comparison import (
+    Group,
     Ladder,
     Measured,
+    Rung,
+    _ode_rung,
+    _recurrent_rung,
     compare_levels,
-    ode_rung,
-    recurrent_rung,
+    rungs,
 )
-from ann_dc.fidelity.model_level import Group, Rung, rungs
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
@@ -42,7 +44,7 @@ def network() -> Network:
 @cache
 def foot():
     """(first rung, probe run)."""
-    return ode_rung(network())
+    return _ode_rung(network())
 
 
 def all_rungs(**given) -> tuple[Rung, ...]:
@@ -228,7 +230,7 @@ def test_the_first_rungs_are_computed_digitally():
     assert first.error < 1e-5
     assert first.settling > 0
     assert np.isnan([first.power, first.energy, first.predicted_error]).all()
-    second = recurrent_rung(network(), probe)
+    second = _recurrent_rung(network(), probe)
     assert second.error < 1e-5
     assert np.isnan(second.settling)  # it has steps, and no seconds
 
@@ -236,9 +238,9 @@ def test_the_first_rungs_are_computed_digitally():
 def test_without_torch_the_recurrent_rung_says_so(monkeypatch):
     """Where the steps would be those of layers: for a wiring that has no code."""
     forget_torch(monkeypatch)
-    assert recurrent_rung(network(), foot()[1]).error < 1e-5
+    assert _recurrent_rung(network(), foot()[1]).error < 1e-5
     monkeypatch.setattr(recurrent_backend, "refusal", lambda _: "no code")
-    found = recurrent_rung(network(), foot()[1])
+    found = _recurrent_rung(network(), foot()[1])
     assert "pip install 'ann-dc[torch]'" in found.why
     assert np.isnan(found.error)
 

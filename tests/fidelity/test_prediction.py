@@ -12,8 +12,8 @@ from simulator import needs_ngspice
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.spice.backend import SpiceBackend, simulate
+from ann_dc.backends.spice.circuit_run import refined
 from ann_dc.backends.spice.ngspice.runner import Ngspice
-from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.circuit_study import study_circuit

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import FileFormatError, ScenarioError
-from ann_dc.navigation.scenario_file import load_scenario
+from ann_dc.navigation.scenario import load_scenario
 
 YARD = """
 start = [0, 0, 0.5, 0]

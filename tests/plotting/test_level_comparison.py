@@ -4,8 +4,7 @@ import pytest
 
 import ann_dc
 from ann_dc import plotting
-from ann_dc.fidelity.level_comparison import Measured
-from ann_dc.fidelity.model_level import Group
+from ann_dc.fidelity.level_comparison import Group, Measured
 
 RUNGS = [
     Measured(name="ODE", group=Group.DIGITAL, error=1e-12, settling=1e-5),

@@ -5,8 +5,7 @@ import pytest
 from rich.console import Console
 
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.fidelity.boards.spec import Spec
-from ann_dc.fidelity.boards.yields import CircuitYield, Spot
+from ann_dc.fidelity.boards.yields import CircuitYield, Spec, Spot
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.report.yield_table import YieldTable
 from ann_dc.study.yield_metrics import Yield

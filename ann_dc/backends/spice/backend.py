@@ -10,19 +10,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Annotated, TypeAlias
 
 import numpy as np
 
 from ann_dc.analysis.spectra import spectrum
-from ann_dc.backends.spice.circuit_run import CircuitRun, check_full_scale
+from ann_dc.backends.spice.circuit_run import (
+    CircuitRun,
+    check_full_scale,
+    read_back,
+    refined,
+)
 from ann_dc.backends.spice.netlist.deck import Deck, deck_of
 from ann_dc.backends.spice.netlist.timing import Simulation, simulation_for
+from ann_dc.backends.spice.ngspice.raw import Raw
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.spice.pdk.files import PACKAGE
-from ann_dc.backends.spice.probe import probed
-from ann_dc.backends.spice.refinement import read_timed
-from ann_dc.backends.spice.span import span_of
+from ann_dc.backends.spice.probe import probed, span_of
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -114,10 +119,7 @@ class SpiceBackend:
 
     @property
     def kinds(self) -> tuple[PreconditionerKind, ...]:
-        """Default preconditioner kinds: time constants and pyramids.
-
-        A grid and a tree are built on request.
-        """
+        """Default preconditioner kinds; a grid and a tree are built on request."""
         return tuple(
             k
             for k in self.level.preconditioners
@@ -128,12 +130,8 @@ class SpiceBackend:
     def run(self, network: Network) -> CircuitRun:
         """Build a network as a circuit, simulate it, and read it back.
 
-        Raises
-        ------
-        NetworkError
-            If the network does not settle in continuous time, or the pole model oscillates.
-        NgspiceMissing, SpiceError
-            If ngspice is not found, or fails.
+        Raises `NetworkError` if the network does not settle in continuous time, or the pole model
+        oscillates. Raises `NgspiceMissing` or `SpiceError` if ngspice is not found, or fails.
         """
         return simulate(self, *self.prepare(network))
 
@@ -141,20 +139,13 @@ class SpiceBackend:
     def prepare(self, network: Network) -> tuple[Circuit, Trajectory]:
         """Run the probe, scale the circuit and choose components.
 
-        Returns
-        -------
-        circuit : Circuit
-            Circuit of the given network, or of one with constraints in place of the saturation
-            limits of coupled neurons.
-        probe : Trajectory
-            Run of the ideal network used for scaling.
+        Returns the circuit of the given network, or of one with constraints in place of the
+        saturation limits of coupled neurons, and the run of the ideal network used for scaling.
 
-        Raises
-        ------
-        NetworkError
-            If the network does not settle, so that scaling is impossible; if parts of the level
-            clip below full scale; or if its technology does not support the preconditioner, the
-            saturation limits of a neuron, a neuron common to all cells, or resistors of a series.
+        Raises `NetworkError` if the network does not settle, so that scaling is impossible; if
+        parts of the level clip below full scale; or if its technology does not support the
+        preconditioner, the saturation limits of a neuron, a neuron common to all cells, or
+        resistors of a series.
         """
         level = self.level
         check_full_scale(level)
@@ -182,16 +173,11 @@ class SpiceBackend:
 
     @checked
     def deviations(self, circuit: Circuit) -> dict[str, np.ndarray]:
-        """Return the errors of single parts: series rounding and drawn errors.
+        """Return the errors (N,) of single parts by parameter name: series rounding and draws.
 
-        Series rounding applies to resistors and capacitors. The level's tolerances give the size of
-        drawn errors. Errors of a foundry's transistors come from its models in the deck, with the
-        same seed.
-
-        Returns
-        -------
-        dict of parameter name to (N,) array
-            Relative errors of resistors, capacitors and gains; offsets in volts.
+        Errors are relative for resistors, capacitors and gains, and in volts for offsets. The
+        level's tolerances give the size of drawn errors. Errors of a foundry's transistors come
+        from its models in the deck, with the same seed.
         """
         off = snapped(circuit, self.series)
         if self.seed is None:
@@ -204,23 +190,9 @@ class SpiceBackend:
     def deck(self, circuit: Circuit, probe: Trajectory, deviations: Deviations) -> Deck:
         """Return the netlist of a circuit, for a run as long as its slowest pole requires.
 
-        For the duration see `span_of`.
-
-        Parameters
-        ----------
-        circuit : Circuit
-            Circuit to be written.
-        probe : Trajectory
-            Run of the ideal network.
-        deviations : mapping of parameter name to (N,) array
-            Errors of parts; empty for nominal parts.
-
-        Raises
-        ------
-        UnknownNameError
-            If a deviation names no parameter.
-        NetworkError
-            If the level's cells do not have such an error.
+        ``deviations`` (N,) are the errors of parts by parameter name; empty for nominal parts.
+        Raises `UnknownNameError` if one names no parameter, and `NetworkError` if the level's cells
+        do not have such an error.
         """
         span = span_of(circuit, self.level, probe)
         deck = deck_of(
@@ -235,20 +207,10 @@ class SpiceBackend:
 
     @checked
     def check_stable(self, emulation: Emulation, probe: Trajectory) -> None:
-        """Raise an error if the emulation of a circuit oscillates.
+        """Raise `NetworkError` if a pole of a circuit's emulation oscillates.
 
-        Parameters
-        ----------
-        emulation : Emulation
-            Behavioural emulation of the circuit.
-        probe : Trajectory
-            Run of the ideal network.
-
-        Raises
-        ------
-        NetworkError
-            If a pole oscillates. The message distinguishes parts that are too slow from an ideal
-            network that oscillates as well.
+        The message distinguishes parts that are too slow from an ideal network that oscillates as
+        well.
         """
         self.progress("eigenvalues of the pole model")
         found = pole_spectrum(emulation, probe.final)
@@ -270,25 +232,16 @@ class SpiceBackend:
 
     @checked
     def measure(self, circuit: Circuit, deck: Deck, probe: Trajectory) -> CircuitRun:
-        """Run a circuit's netlist in ngspice, regardless of its pole model.
-
-        Parameters
-        ----------
-        circuit : Circuit
-            Circuit of the netlist.
-        deck : Deck
-            Netlist.
-        probe : Trajectory
-            Reference run.
-
-        Raises
-        ------
-        NgspiceMissing, SpiceError
-            If ngspice is not found, or fails.
-        """
+        """Run a circuit's netlist in ngspice, regardless of its pole model."""
         self.progress(f"ngspice, {self.level.name} level")
         raw = ngspice_of(self).run(deck.text, end_time=deck.end)
-        return read_timed((circuit, deck, raw, probe), ngspice_of(self), self.level.datasheet)
+        return self.read(circuit, deck, raw, probe)
+
+    def read(self, circuit: Circuit, deck: Deck, raw: Raw, probe: Trajectory) -> CircuitRun:
+        """Read back a run of ngspice; finer runs for its settling time are made on request."""
+        datasheet = self.level.datasheet
+        finer = partial(refined, simulator=ngspice_of(self), datasheet=datasheet)
+        return replace(read_back(circuit, deck, raw, probe, datasheet), finer=finer)
 
 
 @checked
@@ -300,22 +253,9 @@ def simulate(
 ) -> CircuitRun:
     """Run a circuit on a backend's level and compare it with its probe run.
 
-    ``probe`` is the run of the ideal network by which the circuit was scaled. ``deviations``
-    replace the part errors from the backend's series and seed. Raises `NetworkError` if the pole
-    model oscillates and the backend requires stability, and `NgspiceMissing` or `SpiceError` if
-    ngspice is not found or fails.
-
-    Examples
-    --------
-    One resistor of every cell 1 % too large:
-
-    >>> import ann_dc
-    >>> backend = ann_dc.SpiceBackend()
-    >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> circuit, probe = backend.prepare(network)
-    >>> off = {circuit.parameters[0].name: np.full(5, 0.01)}
-    >>> simulate(backend, circuit, probe, off).control_error  # doctest: +SKIP
+    ``deviations`` replace the part errors from the backend's series and seed. Raises `NetworkError`
+    if the pole model oscillates and the backend requires stability, and `NgspiceMissing` or
+    `SpiceError` if ngspice is not found or fails.
     """
     errors = backend.deviations(circuit) if deviations is None else deviations
     if backend.require_stable and backend.level.emulated:

@@ -26,12 +26,6 @@ def level_words() -> dict[str, Level | Callable[..., Level]]:
 
     The function takes a network and figures of its op amps by name. It is present for levels whose
     op amps can be chosen.
-
-    Examples
-    --------
-    >>> words = level_words()
-    >>> words["transistor"].name, words["macro"](None, gbw=1e6).datasheet.gbw
-    ('transistor', 1000000.0)
     """
     known: dict[str, Level | Callable[..., Level]] = {
         "behavioural": BEHAVIOURAL,

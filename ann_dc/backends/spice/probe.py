@@ -1,19 +1,35 @@
-"""Probe runs of the ideal network, by which its circuit is scaled.
+"""Probe runs of the ideal network, by which its circuit is scaled and timed.
 
-The probe is run in continuous time. It determines the volts per unit of every node, the simulation
-time, and the reference for the circuit. Saturation limits of coupled neurons are replaced by
-constraints before the run.
+Saturation limits of coupled neurons are replaced by constraints before the run.
+
+A circuit is simulated for at least 14 time constants of the slowest pole, limited to between 1.5
+and 20 probe durations. The probe run shows the settling of the ideal network; if it starts near its
+end, the slowest mode is used instead. Op amps can add modes slower than those of the network, and
+so do clamps at an output that is close to a rail. The slowest pole of the pole model shows these
+modes, and the run covers it up to a bound.
+
+Controls that end far below their largest values take longer to settle, so the run is longer. A run
+ends after the slowest mode has decayed below the predicted error, which is read at its end.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.ode import DOP853, OdeBackend
-from ann_dc.backends.trajectory import Trajectory
+from ann_dc.backends.trajectory import Trajectory, control_error
 from ann_dc.errors import NetworkError
+from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.scaling import ProbeRun, Scaling, ScalingRules, scale
+from ann_dc.hardware.emulation.building import emulate
+from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.idle_clamps import beside_rails
+from ann_dc.hardware.emulation.states import pole_spectrum, settled_state
+from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.schematic import schematic_of
 from ann_dc.hardware.sizing.rail_rows import BANDWIDTH, intervals_of_inputs, with_rail_rows
 from ann_dc.network.network import Network
@@ -27,16 +43,9 @@ PROBE = OdeBackend(method=DOP853, verify=False)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Probed:
-    """Network with its probe run and the scaling of its circuit.
+    """Network that is built, its run and the scaling of its circuit.
 
-    Attributes
-    ----------
-    network : Network
-        Network that is built.
-    trajectory : Trajectory
-        Run of the network.
-    rate : float
-        Fastest rate for which op amps are sized, in units of 1 / network time.
+    ``rate`` is the fastest rate for which op amps are sized, in units of 1 / network time.
     """
 
     network: Network
@@ -50,18 +59,6 @@ def probed(network: Network, rules: ScalingRules, progress: Progress) -> Probed:
 
     Constraints replace the saturation limits of coupled neurons. Raises `NetworkError` if the
     network does not settle, so that scaling is impossible.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> from ann_dc.hardware.circuit import ScalingRules
-    >>> from ann_dc.progress import silent
-    >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> kind = ann_dc.PreconditionerKind.RESISTIVE_GRID
-    >>> network = ann_dc.design(problem, preconditioner=kind).network
-    >>> found = probed(network, ScalingRules(), silent)
-    >>> found.network is network
-    True
     """
     if not len(clamped_rows(network)):
         return _probed(network, rules, progress)
@@ -108,3 +105,83 @@ def _run(network: Network, progress: Progress) -> Trajectory:
             f"circuit: the network has to settle to be scaled; {run.status}" + means * alone
         )
     return run.trajectory
+
+
+LONGER = 1.5
+"""Smallest duration of a circuit run relative to the probe run."""
+
+LONGEST = 20.0
+"""Largest duration of a circuit run relative to the probe run."""
+
+LIFETIMES = 14.0
+"""Smallest duration of a circuit run in time constants of its slowest pole."""
+
+SMALL, LATER = 0.1, 3.0
+"""Fraction of their reach below which controls end small, and additional time constants per factor
+of e below this fraction: one for the decay, and the rest for observing it.
+"""
+
+LEFT = 0.02
+"""Deviation that the slowest mode leaves at the end of a run, relative to the predicted error."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Span:
+    """Network time that a simulation lasts, and that wanted by the slowest pole."""
+
+    duration: float
+    wanted: float
+
+    @property
+    def cut(self) -> str:
+        """Clause on why the run may be too short; empty if it is long enough."""
+        if self.wanted <= self.duration:
+            return ""
+        return (
+            f"its slowest pole asks for a run {self.wanted / self.duration:.2g} times as long, "
+            f"beyond {LONGEST:g} times the ideal network"
+        )
+
+
+def span_of(circuit: Circuit, level: Level, probe: Trajectory) -> Span:
+    """Return the simulation duration of a circuit; without emulation, by the probe alone."""
+    ideal = float(probe.time[-1])
+    if not level.emulated:
+        return Span(duration=LONGER * max(ideal, _ideal_run(probe)), wanted=0.0)
+    emulation = emulate(circuit, level)
+    slowest = _slowest(emulation, level, probe)
+    wanted = slowest * _lifetimes(probe)
+    longer = max(wanted, slowest * _lifetimes_of_error(emulation, probe))
+    if longer > LONGEST * ideal:  # a probe that starts near its end says little
+        ideal = max(ideal, _ideal_run(probe))
+    duration = float(np.clip(longer, LONGER * ideal, LONGEST * ideal))
+    return Span(duration=duration, wanted=wanted)
+
+
+def _ideal_run(probe: Trajectory) -> float:
+    """Return the network time of an ideal run, by its slowest mode; 0 if a mode grows."""
+    abscissa = spectrum(probe.network, probe.final).abscissa
+    return LIFETIMES / LONGER / -abscissa if abscissa < 0 else 0.0
+
+
+def _lifetimes(probe: Trajectory) -> float:
+    """Return the time constants for controls that end far below their largest values."""
+    fall = SMALL * probe.control_reach / probe.control_size
+    return LIFETIMES + LATER * math.log(max(fall, 1.0))
+
+
+def _lifetimes_of_error(emulation: Emulation, probe: Trajectory) -> float:
+    """Return the time constants that leave `LEFT` of the error; 0 without equilibrium."""
+    try:
+        x = settled_state(emulation, probe.final)
+    except NetworkError:
+        return 0.0
+    left = LEFT * control_error(emulation.controls(x), probe) * probe.control_size
+    return math.log(probe.control_reach / left) if 0 < left < probe.control_reach else 0.0
+
+
+def _slowest(emulation: Emulation, level: Level, probe: Trajectory) -> float:
+    """Return the slowest time constant of the pole model; 0 if a pole grows."""
+    built = beside_rails(emulation, level.datasheet, probe.final)
+    abscissa = pole_spectrum(built, probe.final).abscissa
+    return -1 / abscissa if abscissa < 0 else 0.0

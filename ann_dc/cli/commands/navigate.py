@@ -65,7 +65,7 @@ def navigate(
         from ann_dc.errors import ScenarioError, require_positive
         from ann_dc.files import make_folder
         from ann_dc.navigation.closed_loop import SHIELD, drive
-        from ann_dc.navigation.scenario_file import load_scenario
+        from ann_dc.navigation.scenario import load_scenario
         from ann_dc.plotting.saving import save
         from ann_dc.plotting.worlds import film as moving, journey as picture
 

@@ -195,7 +195,7 @@ def _simulated(word: str) -> bool:
 
 
 def _read(text: str, option: str):
-    from ann_dc.fidelity.boards.spec import spec_of
+    from ann_dc.fidelity.boards.yields import spec_of
 
     try:
         return spec_of(text)

@@ -11,8 +11,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.circuit_run import CircuitRun, check_full_scale
 from ann_dc.backends.trajectory import Trajectory
@@ -25,7 +23,6 @@ from ann_dc.fidelity.prediction import Prediction, Reason, Unpredicted, predicti
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.parts.conditions import CORNERS, NOMINAL, ROOM, Conditions
-from ann_dc.hardware.parts.levels import Level
 from ann_dc.validation import checked
 
 TEMPERATURES = (-40.0, ROOM, 125.0)
@@ -46,26 +43,22 @@ class Corner:
         nan if the circuit does not settle.
     settling_time : float
         Time in seconds until every control stays within 0.1 %; nan if unknown.
-    stable : bool
-        True if the circuit settles.
     clipped : bool
         True if a part saturates: at the settled point of an emulation, at any time of an ngspice
         run. Also true if full scale is so close to the output swing that no circuit is designed.
-    spread : float
+    spread, noise : float
         Standard deviation of the worst control due to the tolerances of the level at this corner,
-        relative to the largest control; nan if no error budget is available.
-    noise : float
-        Rms noise of the worst control, relative to the largest control; nan if unknown.
+        and its rms noise, relative to the largest control; nan if unknown.
     remark : str
         Remark on a corner without figures; otherwise empty.
     """
 
     conditions: Conditions
-    control_error: float
-    settling_time: float
-    stable: bool
-    clipped: bool
-    spread: float
+    control_error: float = math.nan
+    settling_time: float = math.nan
+    stable: bool = False
+    clipped: bool = False
+    spread: float = math.nan
     noise: float = math.nan
     remark: str = ""
 
@@ -97,10 +90,8 @@ def corners(
     backend : SpiceBackend
         The seed draws errors of single parts of its resistor series, identical at all corners.
         Transistor levels and levels without an emulation run in ngspice.
-    circuit : Circuit
-        Circuit from `SpiceBackend.prepare`, designed for room temperature.
-    probe : Trajectory
-        Run of the ideal network by which the circuit was scaled.
+    circuit, probe : Circuit, Trajectory
+        Circuit from `SpiceBackend.prepare`, designed for room temperature, with its probe.
     temperatures : sequence of float
         Temperatures in degrees Celsius.
     supplies : sequence of float
@@ -145,8 +136,10 @@ def _emulated(circuit: Circuit, probe: Trajectory, there: Sequence[SpiceBackend]
     for number, backend in enumerate(there):
         level, seed = backend.level, backend.seed
         backend.progress(f"corner {number + 1} of {len(there)}")
-        if why := _clipping(level):
-            found.append(_clipped(level, why))
+        try:
+            check_full_scale(level)
+        except NetworkError as error:
+            found.append(Corner(conditions=level.conditions, clipped=True, remark=str(error)))
             continue
         emulated = replace(level.datasheet, amplifier_power=0.0, multiplier_power=0.0)
         same = emulated, None if seed is None else level.tolerances
@@ -160,27 +153,6 @@ def _emulated(circuit: Circuit, probe: Trajectory, there: Sequence[SpiceBackend]
             noises[warm] = control_noise(replace(instance, level=level))
         found.append(_told(backend, predicted, noises[warm], slopes))
     return found
-
-
-def _clipping(level: Level) -> str:
-    """Return the reason for a full scale too close to the output swing, or ""."""
-    try:
-        check_full_scale(level)
-    except NetworkError as error:
-        return str(error)
-    return ""
-
-
-def _clipped(level: Level, why: str) -> Corner:
-    return Corner(
-        conditions=level.conditions,
-        control_error=math.nan,
-        settling_time=math.nan,
-        stable=False,
-        clipped=True,
-        spread=math.nan,
-        remark=why,
-    )
 
 
 def _slopes(circuit: Circuit, probe: Trajectory, backend: SpiceBackend) -> Sensitivity | None:
@@ -205,8 +177,6 @@ def _told(
     if isinstance(found, Unpredicted):
         return Corner(
             conditions=level.conditions,
-            control_error=math.nan,
-            settling_time=math.nan,
             stable=found.reason is Reason.CLIPPED,
             clipped=found.reason is Reason.CLIPPED,
             spread=spread,
@@ -218,7 +188,6 @@ def _told(
         control_error=found.control_error if settles else math.nan,
         settling_time=found.settling_time,
         stable=settles,
-        clipped=False,
         spread=spread,
         noise=noise if settles else math.nan,
         remark=found.astray or found.unknown,
@@ -239,14 +208,15 @@ def _measured(
 
 
 def _read(conditions: Conditions, run: CircuitRun | None) -> Corner:
-    why = "ngspice did not end its run" if run is None else run.unsettled
-    settled = run is not None and not why
+    if run is None:
+        return Corner(conditions=conditions, remark="ngspice did not end its run")
+    clipped = bool(run.overloads)
+    if why := run.unsettled:
+        return Corner(conditions=conditions, clipped=clipped, remark=why)
     return Corner(
         conditions=conditions,
-        control_error=run.control_error if run is not None and settled else np.nan,
-        settling_time=run.settling_time() if run is not None and settled else np.nan,
-        stable=settled,
-        clipped=run is not None and bool(run.overloads),
-        spread=np.nan,
-        remark=why,
+        control_error=run.control_error,
+        settling_time=run.settling_time(),
+        stable=True,
+        clipped=clipped,
     )

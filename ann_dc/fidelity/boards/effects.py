@@ -1,8 +1,11 @@
 """Effects of single non-idealities on a circuit, by emulation and in ngspice.
 
 The circuit is designed for one level and built with the parts of another level, which has one
-additional effect. The table therefore shows effects that the design ignores. `ann_dc.SpiceBackend`
-takes these effects into account when it chooses resistors and bandwidth margin.
+additional effect. The table therefore shows effects that the design ignores; `ann_dc.SpiceBackend`
+takes these into account when it chooses resistors and bandwidth margin.
+
+Tolerances differ from part to part and add up as squares. A nonlinearity, a leakage or a bias
+current is equal in all parts of one type, and `systematic` gives the shift of the controls by each.
 """
 
 from __future__ import annotations
@@ -18,12 +21,13 @@ from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NotFiniteError, SpiceTimeoutError, UnknownNameError
+from ann_dc.evaluation.rules import size_of
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.prediction import Unpredicted, prediction_of
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.levels import Level, macro
-from ann_dc.hardware.parts.parasitics import Parasitics
+from ann_dc.hardware.parts.parasitics import NONE, Parasitics
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 from ann_dc.validation import PositiveFinite, checked
@@ -36,6 +40,22 @@ PATIENCE = 60.0
 
 STAYS = 0.9
 """Ringing threshold: swing of the controls in a third of a run relative to the third before."""
+
+OP_AMPS: dict[str, dict[str, float]] = {
+    "no effect": {},
+    **{f"{p} pF at every ground": {"stray_capacitance": p * 1e-12} for p in (1, 3, 5, 8, 12, 20)},
+    **{f"second pole at {k} GBW": {"second_pole": k * 10e6} for k in (10, 5, 3, 2, 1)},
+    "second pole at 3 GBW, 3 pF": {"second_pole": 30e6, "stray_capacitance": 3e-12},
+    "second pole at 3 GBW, 8 pF": {"second_pole": 30e6, "stray_capacitance": 8e-12},
+    "bias current 1 nA": {"bias_current": 1e-9},
+    "bias current 10 nA": {"bias_current": 1e-8},
+    "bias current 100 nA": {"bias_current": 1e-7},
+    "bias current 1 uA": {"bias_current": 1e-6},
+}
+"""Parasitics of op amps of 10 MHz, by their description."""
+
+BOARDS = ("opa192_ad734", "ad8065_ad835")
+"""Part sets that are most sensitive."""
 
 PASSIVES: dict[str, dict[str, float]] = {
     "multipliers bent by 0.1 %": {"multiplier_nonlinearity": 1e-3},
@@ -55,16 +75,9 @@ PASSIVES: dict[str, dict[str, float]] = {
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Effect:
-    """Non-ideal effect, given by the level that has the effect.
+    """Non-ideal effect: description ``words``, and two levels.
 
-    Attributes
-    ----------
-    words : str
-        Description of the effect.
-    level : Level
-        Parts with the effect.
-    made_for : Level
-        Level for which the circuit is designed.
+    The circuit is designed for the level ``made_for`` and built with the parts of ``level``.
     """
 
     words: str
@@ -91,13 +104,6 @@ class Found:
     why, measured_why : str
         Reason for which the emulation or ngspice gave no result; empty (default) if there is a
         result.
-
-    Examples
-    --------
-    >>> from ann_dc.hardware.parts import macro
-    >>> print(Found(effect=Effect(words="none", level=macro(), made_for=macro()),
-    ...             predicted_error=1e-4, predicted_settling=2e-5, predicted_stable=True))
-    none: predicted 1.00e-04, 20 us; not simulated
     """
 
     effect: Effect
@@ -128,14 +134,9 @@ def _said(stable: bool | None, error: float, settling: float) -> str:
 
 @checked
 def known_effects() -> tuple[Effect, ...]:
-    """Return the known effects of parts on a board.
+    """Return the known effects of parts on a board, beginning with "no effect".
 
     The effects apply to op amps of 10 MHz and to the part sets that are most sensitive.
-
-    Returns
-    -------
-    tuple of Effect
-        Effects in the order of the table, beginning with "no effect".
 
     Examples
     --------
@@ -143,35 +144,17 @@ def known_effects() -> tuple[Effect, ...]:
     ['no effect', '1 pF at every ground']
     """
     plain = _made(macro())
-    passives = (
-        Effect(words=words, level=with_parasitics(plain, **parasitics), made_for=plain)
-        for words, parasitics in PASSIVES.items()
+    boards = {name: _made(presets.get(name)) for name in BOARDS}
+    return (
+        *_on(plain, OP_AMPS),
+        *(Effect(words=name, level=board, made_for=board) for name, board in boards.items()),
+        *_on(plain, PASSIVES),
     )
-    return (*_of_op_amps(), *passives)
 
 
-def _of_op_amps() -> Iterator[Effect]:
-    """Yield the capacitances, second poles and bias currents of op amps."""
-    plain = _made(macro())
-    for words, parasitics in OP_AMPS.items():
+def _on(plain: Level, table: dict[str, dict[str, float]]) -> Iterator[Effect]:
+    for words, parasitics in table.items():
         yield Effect(words=words, level=with_parasitics(plain, **parasitics), made_for=plain)
-    for name in ("opa192_ad734", "ad8065_ad835"):
-        preset = _made(presets.get(name))
-        yield Effect(words=name, level=preset, made_for=preset)
-
-
-OP_AMPS: dict[str, dict[str, float]] = {
-    "no effect": {},
-    **{f"{p} pF at every ground": {"stray_capacitance": p * 1e-12} for p in (1, 3, 5, 8, 12, 20)},
-    **{f"second pole at {k} GBW": {"second_pole": k * 10e6} for k in (10, 5, 3, 2, 1)},
-    "second pole at 3 GBW, 3 pF": {"second_pole": 30e6, "stray_capacitance": 3e-12},
-    "second pole at 3 GBW, 8 pF": {"second_pole": 30e6, "stray_capacitance": 8e-12},
-    "bias current 1 nA": {"bias_current": 1e-9},
-    "bias current 10 nA": {"bias_current": 1e-8},
-    "bias current 100 nA": {"bias_current": 1e-7},
-    "bias current 1 uA": {"bias_current": 1e-6},
-}
-"""Parasitics of op amps of 10 MHz, by their description."""
 
 
 def _made(level: Level) -> Level:
@@ -180,30 +163,16 @@ def _made(level: Level) -> Level:
 
 @checked
 def with_parasitics(level: Level, **parasitics: float) -> Level:
-    """Return a level whose parts have additional parasitics.
+    """Return a level whose parts have the given `Parasitics`, in their units.
 
-    Parameters
-    ----------
-    level : Level
-        Level whose other parasitics are preserved.
-    **parasitics : float
-        Values of attributes of `Parasitics`, in their units.
-
-    Returns
-    -------
-    Level
-        Level with the given parasitics replaced.
-
-    Raises
-    ------
-    UnknownNameError
-        If a name is not an attribute of `Parasitics`.
+    Raises `UnknownNameError` if a name is not an attribute of `Parasitics`.
 
     Examples
     --------
+    >>> import ann_dc
     >>> from ann_dc.fidelity.boards import with_parasitics
-    >>> from ann_dc.hardware.parts import macro
-    >>> with_parasitics(macro(), stray_capacitance=3e-12).datasheet.parasitics.ground
+    >>> strays = with_parasitics(ann_dc.levels.macro(), stray_capacitance=3e-12)
+    >>> strays.datasheet.parasitics.ground
     3e-12
     """
     known = [field.name for field in fields(Parasitics)]
@@ -224,7 +193,10 @@ def effects_table(
     patience: PositiveFinite = PATIENCE,
     progress: Progress = silent,
 ) -> tuple[Found, ...]:
-    """Compute the result of every effect on the circuit of a network.
+    """Compute the result of every effect on the circuit of a network, one row per effect.
+
+    Raises `NetworkError` if the network does not settle. Raises `NgspiceMissing` or `SpiceError` if
+    ngspice is not found, or fails for a reason other than ringing.
 
     Parameters
     ----------
@@ -239,18 +211,6 @@ def effects_table(
         Default 60.
     progress : Progress
         Receives every started run and every row. Default: silent.
-
-    Returns
-    -------
-    tuple of Found
-        One row per effect.
-
-    Raises
-    ------
-    NetworkError
-        If the network does not settle.
-    NgspiceMissing, SpiceError
-        If ngspice is not found, or fails for a reason other than ringing.
 
     Examples
     --------
@@ -320,3 +280,36 @@ def _rings(run: CircuitRun) -> bool:
     thirds = (time > time[-1] / 3) & (time <= 2 / 3 * time[-1]), time > 2 / 3 * time[-1]
     before, last = (np.ptp(controls[third], axis=0).max() for third in thirds)
     return bool(last >= STAYS * before)
+
+
+STILL = ("bias_doubling", "multiplier_noise", "amplifier_noise")
+"""Parasitics that do not shift the controls by themselves, or only briefly."""
+
+
+@checked
+def systematic(instance: CircuitInstance) -> dict[str, float]:
+    """Return the shift of the settled controls by each parasitic, taken alone.
+
+    The result maps attributes of `Parasitics` to the largest shift relative to the largest control,
+    in decreasing order, against parts without parasitics. Parasitics without effect, such as a
+    capacitance, give about zero. Raises `NetworkError` if a circuit has no emulation, or no
+    equilibrium near the ideal one.
+    """
+    parasitics = instance.level.datasheet.parasitics
+    plain = _controls(instance, NONE)
+    size = size_of(plain, instance.probe.control_reach)
+    moves = {}
+    for field in fields(Parasitics):
+        value = getattr(parasitics, field.name)
+        if field.name not in STILL and value != getattr(NONE, field.name):
+            alone = _controls(instance, replace(NONE, **{field.name: value}))
+            moves[field.name] = float(np.abs(alone - plain).max() / size)
+    return dict(sorted(moves.items(), key=lambda move: -move[1]))
+
+
+def _controls(instance: CircuitInstance, parasitics: Parasitics) -> np.ndarray:
+    """Return the settled controls (m,) of the circuit with these parasitics."""
+    level = instance.level
+    parts = replace(level.datasheet, parasitics=parasitics)
+    built = replace(instance, level=replace(level, datasheet=parts))
+    return built.emulation.controls(built.settled)

@@ -28,7 +28,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.fidelity.circuit_instance import CircuitInstance, settling_of, transient_of
 from ann_dc.fidelity.circuit_study import instances, settled_error, undrawn
 from ann_dc.fidelity.noise_run import control_noise
-from ann_dc.fidelity.prediction import CLOCKED, astray_of, not_emulated
+from ann_dc.fidelity.prediction import CLOCKED, astray_of, require_emulation
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.network.network import Network
 from ann_dc.validation import NotNegative, Range, checked
@@ -41,17 +41,9 @@ Bits = Annotated[int, Range(words="a whole number of bits, 1 to 32", low=1, high
 class Interface:
     """Converters between a circuit and its digital environment; None for exact ones.
 
-    Attributes
-    ----------
-    dac_bits, adc_bits : int or None
-        Bits of the converters of the inputs and of the controls.
-    dac_settling, adc_conversion : float
-        Time in seconds until the inputs are valid, and time to read the controls.
-
-    Examples
-    --------
-    >>> Interface(dac_bits=12, adc_bits=10).seconds
-    2e-06
+    ``dac_bits`` and ``adc_bits`` are those of the converters of the inputs and of the controls.
+    ``dac_settling`` is the time in seconds until the inputs are valid, ``adc_conversion`` that to
+    read the controls.
     """
 
     dac_bits: Bits | None = None
@@ -107,10 +99,7 @@ class InterfaceCost:
 
     @property
     def total_error(self) -> float:
-        """Bound on the error of converters and parts, for the worst inputs near these.
-
-        The value is nan if the circuit does not settle.
-        """
+        """Bound on the error of converters and parts, for the worst inputs near these."""
         converters = max(self.error, self.worst_input_error + self.output_error)
         return converters + self.circuit_error
 
@@ -130,25 +119,11 @@ def interface_cost(
     rounded to its series. `probe` is the run of the ideal network by which the circuit was scaled.
     Raises `NetworkError` if the circuit has no emulation or is clocked, or if the problem of the
     rounded inputs has no solution nearby.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> from ann_dc.fidelity.boards import Interface, interface_cost
-    >>> problem = ann_dc.plants.double_integrator(N=3)
-    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> backend = ann_dc.SpiceBackend(level=ann_dc.levels.macro())
-    >>> circuit, probe = backend.prepare(network)
-    >>> fine = interface_cost(backend, circuit, probe, Interface(dac_bits=16, adc_bits=16))
-    >>> fine.error < 1e-3, fine.cold_settling_time < 2 * fine.settling_time
-    (True, True)
     """
     built = undrawn(backend, circuit, probe)
     if backend.seed is not None:
         (built,) = instances(built, [backend.seed])
-    missing = not_emulated(built)
-    if missing is not None:
-        raise NetworkError(f"interface: {missing}")
+    require_emulation(built, "interface")
     if backend.level.technology.clocked:
         raise NetworkError(f"interface: no settling time is known: {CLOCKED}")
     network = circuit.schematic.network
@@ -159,7 +134,8 @@ def interface_cost(
         for offset in [network.input_scale(name).offset]
     }
     backend.progress("rounded inputs")
-    controls = _controls(network.with_inputs(rounded), probe)
+    ideal = network.with_inputs(rounded)
+    controls = control_values(ideal, equilibrium(ideal, probe.final))
     grain = _control_steps(circuit, interface.adc_bits)
     read = _rounded(controls, grain, interface.adc_bits)
     size = probe.control_size
@@ -213,11 +189,6 @@ def _rounded(values: np.ndarray, step: float | np.ndarray, bits: int | None) -> 
     if bits is None:
         return values
     return step * np.clip(np.round(values / step), -(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
-
-
-def _controls(network: Network, probe: Trajectory) -> np.ndarray:
-    """Return the controls of the ideal network at the equilibrium for these inputs."""
-    return control_values(network, equilibrium(network, probe.final))
 
 
 def _moved(network: Network, probe: Trajectory, steps: Mapping[str, float]) -> np.ndarray:

@@ -26,7 +26,6 @@ from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.hardware.circuit.circuit import CLAMP_OFFSETS, Parameter, Quantity
 from ann_dc.hardware.schematic.elements import Generator, Multiplier, Part
 from ann_dc.network.functions import function_block
-from ann_dc.validation import checked
 
 HELD = {
     Quantity.GAIN: ((1, 1, 0.25), (1, -1, -0.25), (-1, 1, -0.25), (-1, -1, 0.25)),
@@ -47,22 +46,9 @@ POINTS = 201
 class Reading:
     """Trim measurement.
 
-    Attributes
-    ----------
-    measure : str
-        Measured node and applied inputs, as a clause.
-    volts : float
-        Target reading in volts.
-    spread : float
-        Standard deviation of the reading before trimming, in volts.
-    slope : float
-        Volts of the reading per unit of the trimmed quantity: per volt of an offset, per fraction
-        of a gain.
-
-    Examples
-    --------
-    >>> print(Reading(measure="output of m, both inputs grounded", volts=0.0, spread=1e-3, slope=1))
-    output of m, both inputs grounded: 0 V, before it +-1 mV
+    ``measure`` describes the measured node and the applied inputs, ``volts`` is the target and
+    ``spread`` the standard deviation before trimming in volts. ``slope`` has volts per unit of the
+    trimmed quantity: per volt of an offset, per fraction of a gain.
     """
 
     measure: str
@@ -74,12 +60,8 @@ class Reading:
         return f"{self.measure}: {_told(self.volts)} V, before it +-{1e3 * self.spread:.3g} mV"
 
 
-@checked
 def reading_of(nominal: CircuitInstance, parameter: Parameter, stage: int) -> Reading:
-    """Return the measurement for trimming an offset or a gain of a part.
-
-    `nominal` is the circuit without errors; `stage` is the index of the cell, from 0.
-    """
+    """Return the measurement for trimming an offset or a gain of a part in a cell."""
     part, quantity = _part(nominal, parameter), parameter.quantity
     volts, slope = 0.0, 1.0
     if isinstance(part, Multiplier):
@@ -104,15 +86,10 @@ def reading_of(nominal: CircuitInstance, parameter: Parameter, stage: int) -> Re
     return Reading(measure=measure, volts=volts, spread=abs(size * slope), slope=slope)
 
 
-@checked
 def misread(
     nominal: CircuitInstance, parameter: Parameter, stage: int, off: Mapping[Quantity, float]
 ) -> float:
-    """Return the deviation in volts of a reading, with all errors of the part.
-
-    `parameter` and `stage` select the part as in `reading_of`; `off` gives the deviations of all
-    its quantities.
-    """
+    """Return the deviation in volts of a reading, with the errors of all its quantities."""
     part, quantity = _part(nominal, parameter), parameter.quantity
     if isinstance(part, Multiplier):
         return _multiplied(nominal, quantity, off) - _multiplied(nominal, quantity, {})

@@ -13,7 +13,7 @@ the error. Other drawn circuits validate the result.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.circuit_study import instances, settled_error, undrawn
 from ann_dc.fidelity.error_budget import Sensitivity, sensitivity
 from ann_dc.fidelity.noise_run import control_noise, noisy
-from ann_dc.fidelity.prediction import REPELS, not_emulated
+from ann_dc.fidelity.prediction import REPELS, require_emulation
 from ann_dc.hardware.circuit.circuit import Circuit, Parameter, Quantity
 from ann_dc.hardware.circuit.deviations import draw
 from ann_dc.hardware.parts.datasheet import Kind
@@ -50,17 +50,8 @@ BEST = 1.05
 class Step:
     """Trim of one quantity of one part in one cell.
 
-    Attributes
-    ----------
-    parameter : Parameter
-        Part and quantity that is trimmed.
-    stage : int
-        Index of the cell.
-    reading : Reading
-        Measurement with its target and expected deviation.
-    remaining : float
-        Error of the controls relative to the largest control that the requested fraction of
-        circuits does not exceed after this step, by sensitivities.
+    ``remaining`` is the error of the controls relative to the largest control that the requested
+    fraction of circuits does not exceed after this step, by sensitivities.
     """
 
     parameter: Parameter
@@ -105,10 +96,7 @@ class Trimming:
 
     @property
     def remaining(self) -> float:
-        """Error that the requested fraction of circuits does not exceed after all steps.
-
-        The error is computed by sensitivities.
-        """
+        """Error that the requested fraction of circuits does not exceed after all steps."""
         return self.steps[-1].remaining if self.steps else self.untrimmed
 
     @property
@@ -144,10 +132,8 @@ def trimming(
     backend : SpiceBackend
         Tolerances of its level give the deviations of parts; resistors have the values of its
         series.
-    circuit : Circuit
-        Circuit of op amps.
-    probe : Trajectory
-        Run of the ideal network by which the circuit was scaled.
+    circuit, probe : Circuit, Trajectory
+        Circuit of op amps, and the run of the ideal network by which it was scaled.
     error : float
         Limit of the largest control error with its noise, relative to the largest control.
     share : float
@@ -170,19 +156,15 @@ def trimming(
     >>> found = trimming(backend, *backend.prepare(network), error=1e-3)
     >>> found.reached, found.untrimmed > 5 * found.remaining
     (True, True)
-    >>> found.steps[0].reading.volts  # an op amp whose inputs are to be equal
-    0.0
     """
     nominal = undrawn(backend, circuit, probe)
-    missing = not_emulated(nominal)
-    if missing is not None:
-        raise NetworkError(f"trimming: {missing}")
+    require_emulation(nominal, "trimming")
     _check_settles(backend, nominal)
     noise = control_noise(nominal)
     static = _without_noise(error, noise)
     backend.progress("sensitivities")
     slopes = sensitivity(nominal.emulation, nominal.settled)
-    steps, untrimmed = trim_steps(nominal, slopes, share, resolution)
+    steps, untrimmed = _trim_steps(nominal, slopes, share, resolution)
     remaining = [float(np.quantile(untrimmed, share)), *(step.remaining for step in steps)]
     boards, others = (
         _Boards(
@@ -250,20 +232,9 @@ def _fewest(guess: int, most: int, enough: Callable[[int], bool]) -> int | None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Boards:
-    """Drawn circuits, emulated with the first trim steps; results are cached.
+    """Drawn circuits, emulated with the first trim steps to a reading's ``resolution`` (V).
 
-    Attributes
-    ----------
-    nominal : CircuitInstance
-        Nominal circuit, common to all.
-    resolution : float
-        Accuracy of a reading, in volts.
-    drawn : sequence of CircuitInstance
-        Circuit instances.
-    progress : Progress
-        Receives every circuit.
-    known : dict of int to (S,) array
-        Errors by the number of steps.
+    ``known`` has the errors (S,) by the number of steps.
     """
 
     nominal: CircuitInstance
@@ -304,31 +275,22 @@ def _trimmed(
     """Return a drawn circuit after its trim steps."""
     off = {name: np.array(each, float) for name, each in board.deviations.items()}
     for step in steps:
-        _trim(nominal, off, step, resolution)
+        trimmed, stage = step.parameter, step.stage
+        here = {p.quantity: p.name for p in nominal.circuit.parameters if p.part == trimmed.part}
+        errors = {q: float(off[name][stage]) for q, name in here.items() if name in off}
+        volts = misread(nominal, trimmed, stage, errors)
+        off[trimmed.name][stage] -= resolution * np.round(volts / resolution) / step.reading.slope
     return replace(board, deviations=off)
 
 
-def _trim(
-    nominal: CircuitInstance, off: Mapping[str, np.ndarray], step: Step, resolution: float
-) -> None:
-    """Adjust one trim in place until the reading has its target value."""
-    here = {p.quantity: p.name for p in nominal.circuit.parameters if p.part == step.parameter.part}
-    errors = {q: float(off[name][step.stage]) for q, name in here.items() if name in off}
-    volts = misread(nominal, step.parameter, step.stage, errors)
-    change = resolution * np.round(volts / resolution) / step.reading.slope
-    off[step.parameter.name][step.stage] -= change
-
-
-@checked
-def trim_steps(
+def _trim_steps(
     nominal: CircuitInstance, slopes: Sensitivity, share: Share, resolution: PositiveFinite
 ) -> tuple[list[Step], np.ndarray]:
-    """Return all trims in order and the untrimmed errors of drawn circuits.
+    """Return all trims in order and the untrimmed errors (DRAWN,) of drawn circuits.
 
-    Errors are predicted by sensitivities. `slopes` are the sensitivities of the nominal circuit at
-    its equilibrium. `share` is the fraction of circuits to which the remaining error of each step
-    refers. `resolution` is the accuracy of a reading in volts. The untrimmed errors (DRAWN,) are
-    the largest control errors of each circuit relative to the largest control, indexed by seed.
+    Errors are predicted by sensitivities, and are the largest control error of each circuit
+    relative to the largest control, by seed. `share` is the fraction of circuits to which the
+    remaining error of each step refers; `resolution` is the accuracy of a reading in volts.
     """
     known = tuple(p for p in slopes.parameters if p.name in slopes.slopes)
     drawn, steps = _Drawn(slopes, nominal), []
@@ -342,13 +304,7 @@ def trim_steps(
 
 
 class _Drawn:
-    """Controls of many drawn circuits, by sensitivities, during trimming.
-
-    Attributes
-    ----------
-    errors : (S, controls) array
-        Signed errors of all controls, relative to the largest control.
-    """
+    """Signed control errors (S, controls) of drawn circuits, by sensitivities."""
 
     def __init__(self, slopes: Sensitivity, nominal: CircuitInstance) -> None:
         right = nominal.probe.control_values[-1]

@@ -1,14 +1,16 @@
 """Parametric yield: fraction of drawn circuits that meet a specification.
 
-Circuits are drawn from the tolerances of their parts. Every circuit is emulated and solved. A few
-circuits, spread from the best to the worst, also run in ngspice and are compared with the emulation
-of the same circuit.
+Circuits are drawn from the tolerances of their parts, emulated and solved. A few circuits, spread
+from the best to the worst, also run in ngspice and are compared with the emulation of the same
+circuit.
 """
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +18,6 @@ from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.backends.spice.ngspice.process import find_ngspice
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.boards.spec import Spec
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.circuit_study import (
     instances,
@@ -26,10 +27,104 @@ from ann_dc.fidelity.circuit_study import (
     undrawn,
 )
 from ann_dc.fidelity.noise_run import control_noise, noisy
-from ann_dc.fidelity.prediction import Unpredicted, not_emulated, prediction_of, untimed
+from ann_dc.fidelity.prediction import Unpredicted, prediction_of, require_emulation, untimed
 from ann_dc.hardware.circuit.circuit import Circuit
-from ann_dc.validation import Count, Index, checked
+from ann_dc.validation import Count, Index, Positive, checked
 from ann_dc.yields import Yield, within
+
+TERM = re.compile(r"(error|settle)\s*<=?\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(%|[munµμ]?s|)")
+"""Pattern of a limit: quantity, value and unit."""
+
+UNITS = {
+    "error": {"": 1.0, "%": 1e-2},
+    "settle": {"s": 1.0, "ms": 1e-3, **dict.fromkeys(("us", "µs", "μs"), 1e-6), "ns": 1e-9},
+}
+"""Factors of the units: fractions of the largest control, and seconds."""
+
+STABLE = "stable"
+"""Term that requires only that a circuit settles, as every specification does."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Spec:
+    """Limits of a circuit; a circuit that does not settle fails all limits.
+
+    ``error`` limits the error of the settled controls, relative to the largest control, and
+    ``settling_time`` the seconds until every control stays within 0.1 %.
+    """
+
+    error: Positive = math.inf
+    settling_time: Positive = math.inf
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """Finite limits, by name."""
+        given = {"error": self.error, "settling_time": self.settling_time}
+        return {name: limit for name, limit in given.items() if math.isfinite(limit)}
+
+    def excess(self, error: float, settling_time: float) -> float:
+        """Return the larger ratio of the two figures to their limits; 1 is still met.
+
+        The ratio is infinite if a limited figure is nan, and zero if no figure is limited.
+        """
+        figures = {"error": error, "settling_time": settling_time}
+        shares = [figures[name] / limit for name, limit in self.limits.items()]
+        return max((math.inf if math.isnan(share) else share for share in shares), default=0.0)
+
+    def __str__(self) -> str:
+        words = [f"error<{100 * self.error:g}%"] if math.isfinite(self.error) else []
+        if math.isfinite(self.settling_time):
+            words.append(f"settle<{1e6 * self.settling_time:g}us")
+        return ", ".join(words) or STABLE
+
+
+@checked
+def spec_of(text: str) -> Spec:
+    """Parse a specification, ``error<1%, settle<50us``, term by term.
+
+    The terms are ``error<1%`` or ``error<0.01``, ``settle<50us`` (s, ms, us, ns) and ``stable``.
+    Raises `NetworkError` if a term is invalid or repeated, or if its limit is not positive.
+
+    >>> spec_of("error < 0.5%, settle<2s").limits
+    {'error': 0.005, 'settling_time': 2.0}
+    """
+    found: dict[str, float] = {}
+    for term in text.lower().split(","):
+        word = term.strip()
+        if word == STABLE:
+            continue
+        match = TERM.fullmatch(word)
+        what, number, unit = match.groups() if match else ("", "", "")
+        _check_unit(what, number, unit, word)
+        limit = _limit(number) * UNITS.get(what, {}).get(unit, math.nan)
+        name = "error" if what == "error" else "settling_time"
+        if not 0 < limit < math.inf or name in found:
+            raise NetworkError(
+                "spec: expected terms with commas, each once, with < and a number above 0, such "
+                f"as error<1%, settle<50us or stable; got {term.strip()!r} in {text!r}"
+            )
+        found[name] = limit
+    return Spec(**found)
+
+
+def _check_unit(what: str, number: str, unit: str, word: str) -> None:
+    """Raise `NetworkError` if number and unit are probably a mistake."""
+    if what == "settle" and not unit:
+        raise NetworkError(f"spec: {word!r} needs ns, us, ms or s, such as settle<50us")
+    if what == "error" and not unit and 1 <= _limit(number) < math.inf:
+        raise NetworkError(
+            f"spec: {word!r} is {100 * _limit(number):g} % of the largest control; write "
+            f"error<{number}% if that is meant, or a share below 1"
+        )
+
+
+def _limit(number: str) -> float:
+    try:
+        return float(number)
+    except ValueError:
+        return math.nan
+
 
 CLOSE = 0.1
 """Relative distance to a limit within which two figures agree although the limit separates them."""
@@ -60,11 +155,6 @@ class Spot:
     kept: tuple[bool, bool]
     agreed: bool
 
-    @property
-    def difference(self) -> float:
-        """Relative amount by which the measured error exceeds the predicted error."""
-        return self.measured / self.predicted - 1.0
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircuitYield:
@@ -72,8 +162,6 @@ class CircuitYield:
 
     Attributes
     ----------
-    seeds : tuple of int
-        Seed of each circuit.
     errors : (S,) array
         Predicted error of the controls, relative to the largest control; nan if a circuit does not
         settle.
@@ -99,19 +187,21 @@ class CircuitYield:
     settling_times: np.ndarray
     unknown: tuple[str, ...]
     found: Yield
-    spots: tuple[Spot, ...]
+    spots: tuple[Spot, ...] = ()
 
     def __str__(self) -> str:
         return f"{self.spec}: {self.found}"
 
+    def excess(self, n: int) -> float:
+        """Return the predicted figures of a circuit relative to their limits; see `Spec`."""
+        return self.spec.excess(noisy(self.errors[n], self.noise), self.settling_times[n])
+
     @property
     def closest(self) -> int | None:
         """Index of the circuit best within the spec or closest to it; None if unsettled."""
-        stable = np.flatnonzero(np.isfinite(self.errors))
-        counted = noisy(self.errors, self.noise)
-        excess = [self.spec.excess(counted[n], self.settling_times[n]) for n in stable]
-        ranked = sorted(zip(excess, self.errors[stable], stable))
-        return int(ranked[0][2]) if ranked else None
+        stable = map(int, np.flatnonzero(np.isfinite(self.errors)))
+        ranked = sorted((self.excess(n), self.errors[n], n) for n in stable)
+        return ranked[0][2] if ranked else None
 
 
 @checked
@@ -126,9 +216,9 @@ def yield_of(
 ) -> CircuitYield:
     """Compute the fraction of drawn circuits that meet a specification.
 
-    Raises `NetworkError` if the circuit has no emulation. It is also raised if the spec limits the
-    settling time of a circuit whose transient is not run: a clocked circuit or more than 6000
-    neurons. Raises `NgspiceMissing` if spots are requested and ngspice is not found.
+    Raises `NetworkError` if the circuit has no emulation, or if the spec limits the settling time
+    of a circuit whose transient is not run: a clocked circuit or more than 6000 neurons. Raises
+    `NgspiceMissing` if spots are requested and ngspice is not found.
 
     Parameters
     ----------
@@ -156,9 +246,7 @@ def yield_of(
     100.0 % (83.2 to 100.0 %, 20 of 20)
     """
     common = undrawn(backend, circuit, probe)
-    missing = not_emulated(common)
-    if missing is not None:
-        raise NetworkError(f"yield: {missing}")
+    require_emulation(common, "yield")
     timed = "settling_time" in spec.limits
     if timed and (why := untimed(common)):
         raise NetworkError(f"yield: no settling time is known of {spec}: {why}")
@@ -171,7 +259,7 @@ def yield_of(
     noise = control_noise(common)
     columns = {"error": noisy(errors, noise), "settling_time": times}
     passed = np.isfinite(errors) & (within(columns, spec.limits) if spec.limits else True)
-    return CircuitYield(
+    found = CircuitYield(
         spec=spec,
         seeds=tuple(seeds),
         errors=errors,
@@ -179,8 +267,8 @@ def yield_of(
         settling_times=times,
         unknown=tuple(each[2] for each in figures),
         found=Yield(passed=int(passed.sum()), count=samples),
-        spots=_spots(backend, common, spec, errors, times, noise, spots),
     )
+    return replace(found, spots=_spots(backend, common, found, spots))
 
 
 def _figures(instance: CircuitInstance, timed: bool) -> tuple[float, float, str]:
@@ -194,16 +282,10 @@ def _figures(instance: CircuitInstance, timed: bool) -> tuple[float, float, str]
 
 
 def _spots(
-    backend: SpiceBackend,
-    common: CircuitInstance,
-    spec: Spec,
-    errors: np.ndarray,
-    times: np.ndarray,
-    noise: float,
-    count: int,
+    backend: SpiceBackend, common: CircuitInstance, drawn: CircuitYield, count: int
 ) -> tuple[Spot, ...]:
-    circuit, probe = common.circuit, common.probe
-    seeds = _spread(errors, count)
+    circuit, probe, spec = common.circuit, common.probe, drawn.spec
+    seeds = _spread(drawn.errors, count)
     if not seeds:
         return ()
     backend.progress(f"ngspice, {len(seeds)} circuits")
@@ -213,13 +295,13 @@ def _spots(
         error, time, done = np.nan, np.nan, np.inf
         if run is not None and not run.unsettled:
             error, time = run.control_error, run.settling_time() if timed else np.nan
-            done = spec.excess(noisy(error, noise), time)
-        said = spec.excess(noisy(errors[seed], noise), times[seed])
+            done = spec.excess(noisy(error, drawn.noise), time)
+        said = drawn.excess(seed)
         spot = Spot(
             seed=seed,
-            predicted=errors[seed],
+            predicted=drawn.errors[seed],
             measured=error,
-            predicted_time=times[seed],
+            predicted_time=drawn.settling_times[seed],
             measured_time=time,
             kept=(bool(said <= 1), bool(done <= 1)),
             agreed=(said <= 1) == (done <= 1) or abs(said - 1) + abs(done - 1) < CLOSE,

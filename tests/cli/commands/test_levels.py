@@ -4,7 +4,7 @@ import pytest
 from command_line import QUICK, ROOT, refused, run, strict
 from simulator import needs_ngspice
 
-from ann_dc.fidelity.model_level import Rung
+from ann_dc.fidelity.level_comparison import Rung
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, macro, switched_capacitor
 
 LADDER = ["ladder", *QUICK[1:]]

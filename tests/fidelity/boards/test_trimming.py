@@ -12,7 +12,7 @@ from ann_dc import PreconditionerKind, SpiceBackend, design, plants
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.errors import ArgumentError, NetworkError
 from ann_dc.fidelity.boards.measurements import misread, reading_of
-from ann_dc.fidelity.boards.trimming import Trimming, trim_steps, trimming
+from ann_dc.fidelity.boards.trimming import Trimming, _trim_steps, trimming
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.circuit_study import predicted_errors
 from ann_dc.fidelity.error_budget import sensitivity
@@ -271,7 +271,7 @@ def test_slopes_are_of_the_circuits_that_are_emulated():
     circuit, probe = backend.prepare(network("double_integrator"))
     nominal = CircuitInstance(circuit=circuit, level=level, probe=probe)
     slopes = sensitivity(nominal.emulation, nominal.settled)
-    _, untrimmed = trim_steps(nominal, slopes, 0.95, 1e-5)
+    _, untrimmed = _trim_steps(nominal, slopes, 0.95, 1e-5)
     emulated = predicted_errors(circuit, level, probe, range(20))
     np.testing.assert_allclose(untrimmed[:20], emulated, rtol=0.02)
 

@@ -9,8 +9,7 @@ from simulator import needs_ngspice
 from ann_dc import PreconditionerKind, SpiceBackend, design, plants
 from ann_dc.analysis.spectra import stability_limit
 from ann_dc.errors import NetworkError
-from ann_dc.fidelity.boards.spec import Spec
-from ann_dc.fidelity.boards.yields import yield_of
+from ann_dc.fidelity.boards.yields import Spec, yield_of
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.circuit_study import predicted_errors
 from ann_dc.fidelity.noise_run import control_noise
@@ -112,7 +111,7 @@ def test_ngspice_agrees_with_the_emulation_from_the_best_to_the_worst(backend, b
     assert seeds[0] == found.errors.argmin()
     assert seeds[-1] == found.errors.argmax()
     assert all(spot.agreed for spot in found.spots)
-    assert all(abs(spot.difference) < 0.02 for spot in found.spots)
+    assert all(abs(spot.measured / spot.predicted - 1) < 0.02 for spot in found.spots)
 
 
 @needs_ngspice
@@ -120,7 +119,7 @@ def test_circuits_and_spots_have_resistors_of_the_series(backend, built):
     """Of E12, up to 10 % off: what ngspice runs is as far off as what is emulated."""
     plain = yield_of(backend, *built, Spec(error=0.5), samples=1)
     found = yield_of(replace(backend, series=E12), *built, Spec(error=0.5), samples=1, spots=1)
-    assert abs(found.spots[0].difference) < 0.02
+    assert abs(found.spots[0].measured / found.spots[0].predicted - 1) < 0.02
     assert abs(found.errors[0] - plain.errors[0]) > 0.1 * plain.errors[0]
 
 

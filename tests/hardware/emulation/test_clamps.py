@@ -11,10 +11,9 @@ from simulator import needs_ngspice
 from ann_dc import OdeBackend, ode
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.backends.spice.circuit_run import CircuitRun, refined
 from ann_dc.backends.spice.ngspice.runner import Ngspice
-from ann_dc.backends.spice.refinement import refined
-from ann_dc.backends.spice.span import span_of
+from ann_dc.backends.spice.probe import span_of
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.circuit.circuit import CLAMP_RESTING, CLAMP_SATURATION

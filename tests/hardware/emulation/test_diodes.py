@@ -6,8 +6,8 @@ from scipy.constants import Boltzmann, elementary_charge
 from simulator import needs_ngspice
 
 from ann_dc import SpiceBackend, emulate, equilibrium, evaluator, levels, spectrum
+from ann_dc.backends.spice.circuit_run import refined
 from ann_dc.backends.spice.ngspice.runner import Ngspice
-from ann_dc.backends.spice.refinement import refined
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.emulation.building import emulate_clamps
 from ann_dc.hardware.emulation.states import emulated_state, pole_spectrum

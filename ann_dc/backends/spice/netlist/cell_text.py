@@ -13,25 +13,10 @@ LINE = 100
 class CellText:
     r"""Cards of one cell with internal node names, and the values used by the cards.
 
-    Parameters
-    ----------
-    stage : int
-        Index of the cell, from 0. Names of its nodes lose this number. Those of its neighbours
-        become ``prev__`` and ``next__``, with a number if they are further away.
+    Names of its nodes lose the number of the cell. Those of its neighbours become ``prev__`` and
+    ``next__``, with a number if they are further away. ``ports`` has the internal names by
+    top-level nodes, and ``kinds`` the number of cards of each kind.
 
-    Attributes
-    ----------
-    lines : list of str
-        Cards and comments, in order.
-    values : dict of str to float
-        Parameters of the cell.
-    ports : dict of str to str
-        Internal names by top-level nodes.
-    kinds : Counter of str
-        Number of cards of each kind.
-
-    Examples
-    --------
     >>> cell = CellText(3)
     >>> cell.card("R_1", ("q_x__3", "q_x__2"), "res", {"r": cell.value("r_1", 1e4)})
     >>> print("\n".join(cell.subcircuit("cell_0")).rstrip())
@@ -68,9 +53,8 @@ class CellText:
     ) -> None:
         """Add one element of the given kind (subcircuit or model).
 
-        The nodes have top-level names, with ``@`` before those internal to the cell. ``given``
-        contains the parameters as text. ``counts_as`` is the row in the table of parts; by default
-        the kind.
+        The nodes have top-level names, with ``@`` before those internal to the cell. ``counts_as``
+        is the row in the table of parts; by default the kind.
         """
         inside = " ".join(self._inside(node) for node in nodes)
         parameters = "".join(f" {key}={text}" for key, text in given.items())

@@ -51,10 +51,7 @@ CURVE_CELLS = {Polynomial: (), Breakpoints: ("breakpoint", "inv", "sum")}
 
 
 def check_functions(schematic: Schematic, library: Iterable[str]) -> None:
-    """Raise `NetworkError` if the library lacks a function generator's subcircuit.
-
-    ``library`` contains the texts of its files. The message names the function block.
-    """
+    """Raise `NetworkError` if the library lacks a function generator's subcircuit."""
     built = {name for text in library for name in re.findall(r"(?m)^\.subckt func_(\w+)", text)}
     for part in schematic.parts:
         if isinstance(part, Generator) and part.function not in built:
@@ -66,15 +63,7 @@ def check_functions(schematic: Schematic, library: Iterable[str]) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Subcircuit:
-    """Function generator with its text and its parts.
-
-    Attributes
-    ----------
-    text : str
-        Text from ``.subckt`` to ``.ends``.
-    multipliers, op_amps, resistors : int
-        Number of parts of each kind.
-    """
+    """Function generator: text from ``.subckt`` to ``.ends``, and its numbers of parts."""
 
     text: str
     multipliers: int
@@ -85,15 +74,9 @@ class Subcircuit:
 def subcircuit_of(name: str, curve: Curve, sx: float, sy: float) -> Subcircuit:
     """Write a generator, v(out) = (1 + ge) f(u) / sy + oy with u = sx v(x).
 
-    The subcircuit is ``.subckt <name> x out params: ge=0 oy=0``. The curve is the fitted function.
-    The scales ``sx`` and ``sy`` are units of u per volt of the input and units of f(u) per volt of
-    the output, of any sign. Raises `NetworkError` if a scale is zero or not finite.
-
-    Examples
-    --------
-    >>> curve = Breakpoints(segments=20).fit("exp", -2.0, 2.0)
-    >>> subcircuit_of("growth", curve, sx=2.0, sy=7.4).op_amps
-    21
+    The subcircuit is ``.subckt <name> x out params: ge=0 oy=0`` of the fitted function f. The
+    scales ``sx`` and ``sy`` are units of u per volt of the input and units of f(u) per volt of the
+    output, of any sign. Raises `NetworkError` if a scale is zero or not finite.
     """
     if not (0 < abs(sx) < math.inf and 0 < abs(sy) < math.inf):
         raise NetworkError(f"{curve.stretch}: sx, sy: expected units, not 0; got {sx}, {sy}")

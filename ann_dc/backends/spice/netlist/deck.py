@@ -1,8 +1,4 @@
-"""Netlist of a circuit: one cell subcircuit, N instances, one parameter per part.
-
-A deck is a record of sections; its text is their concatenation. The same input gives the same
-bytes.
-"""
+"""Netlist of a circuit: one cell subcircuit, N instances, one parameter per part."""
 
 from __future__ import annotations
 
@@ -53,10 +49,9 @@ class Deck:
 
     Attributes
     ----------
-    head, models, cells, row, inputs, noise : tuple of str
+    head, models, cells, row, inputs : tuple of str
         Lines: comments; parameters, models and cells of the library; subcircuits of this network's
-        cells; their instances and negative copies; constant sources, reset and clock; noise
-        sources.
+        cells; their instances and negative copies; constant sources, reset and clock.
     library : dict of str to str
         Files of ``circuits`` that are among the models, by their names there.
     options : str
@@ -69,18 +64,6 @@ class Deck:
         Number of components by kind.
     cut : str
         Clause on why the run may end before it settles; empty if no reason is known.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> problem = ann_dc.plants.double_integrator(N=5)
-    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> backend = ann_dc.SpiceBackend()
-    >>> deck = backend.deck(*backend.prepare(network), deviations={})
-    >>> print(deck.text.splitlines()[0])
-    * double_integrator: 5 cells, behavioural level
-    >>> deck.signals["u.a", 4]
-    'u_a__4'
     """
 
     head: Lines
@@ -88,7 +71,6 @@ class Deck:
     cells: Lines
     row: Lines
     inputs: Lines
-    noise: Lines = ()
     library: dict[str, str]
     options: str
     signals: dict[tuple[str, int], str]
@@ -125,7 +107,6 @@ class Deck:
             *self.row,
             "* ---- inputs and reset",
             *self.inputs,
-            *self.noise,
             *self.analysis,
             ".end",
         ]
@@ -143,21 +124,9 @@ def deck_of(
 ) -> Deck:
     """Write the netlist of a circuit; the same input gives the same bytes.
 
-    Raises `UnknownNameError` if a deviation names no parameter, and `NetworkError` if the level's
-    cells do not have such an error.
-
-    Parameters
-    ----------
-    level : Level
-        Parts and operating conditions.
-    duration : float
-        Duration in units of network time.
-    deviations : mapping of parameter name to (N,) array, optional
-        Errors of parts; see `ann_dc.hardware.circuit.deviations`.
-    simulation : Simulation, optional
-        Simulation settings; by default those of the level.
-    mismatch : int, optional
-        Seed of the errors of a foundry's transistors; by default no errors.
+    ``duration`` is in units of network time, and ``mismatch`` the seed of the errors of a foundry's
+    transistors. Raises `UnknownNameError` if a deviation names no parameter, and `NetworkError` if
+    the level's cells do not have such an error.
     """
     off = _deviations(circuit, level, deviations) if deviations else {}
     nodes, values = Nodes(circuit), Values(circuit=circuit, deviations=off)

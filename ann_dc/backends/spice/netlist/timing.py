@@ -35,11 +35,6 @@ class Simulation:
     patience : float
         Time limit of a run in seconds.
 
-    Raises
-    ------
-    NetworkError
-        If a number is not positive.
-
     Examples
     --------
     >>> import ann_dc
@@ -84,18 +79,10 @@ RELEASE = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Timing:
-    """Times of reset, end and samples of a run.
+    """Reset until ``release``, run until ``end`` with the largest ``step``, in seconds.
 
-    Attributes
-    ----------
-    release, end : float
-        Ends of the reset and of the run in seconds.
-    step : float
-        Largest step of the simulator in seconds.
-    unit : float
-        Seconds per unit of network time.
-    samples : (T,) array or None
-        Seconds at which a clocked circuit is read, once per period; None reads every time step.
+    ``unit`` is the seconds per unit of network time. ``samples`` (T,) are the seconds at which a
+    clocked circuit is read, once per period; None reads every time step.
     """
 
     release: float
@@ -109,11 +96,6 @@ def reset_card(release: float) -> str:
     """Return the source of the reset signal: 5 V closed, 0 V open.
 
     The switches open at half of 5 V, at ``release`` in seconds.
-
-    Examples
-    --------
-    >>> reset_card(1e-9)
-    'V_rst rst 0 PWL(0 5 9e-10 5 1.1e-09 0)'
     """
     return f"V_rst rst 0 PWL(0 5 {number(0.9 * release)} 5 {number(1.1 * release)} 0)"
 
@@ -124,7 +106,7 @@ def timing_of(built: Technology, time_scale: float, duration: float, points: int
     A continuous circuit is reset for a thousandth of a unit of network time. In a clocked circuit
     the reset opens in the first sampling phase, and the state is read at the end of each period.
     ``time_scale`` gives seconds per unit of network time; a clocked circuit derives it from clock
-    and step. ``points`` is the smallest number of steps of a continuous run.
+    and step.
     """
     if isinstance(built, SwitchedCapacitors):
         period = 1 / built.clock

@@ -29,17 +29,7 @@ SOURCE = "src__"
 
 
 class Nodes:
-    """Node names of one circuit, with a record of the constant sources in use.
-
-    Attributes
-    ----------
-    circuit : Circuit
-        Circuit of the nodes.
-    alias : mapping of part name to str
-        Names that are valid in a netlist.
-    sources : dict of node to float
-        Volts of every constant source that a card reads.
-    """
+    """Node names of one circuit, with the volts of every constant ``sources`` in use."""
 
     def __init__(self, circuit: Circuit) -> None:
         self.circuit, self.alias = circuit, circuit.alias
@@ -87,10 +77,7 @@ class Nodes:
         return -1 if node.endswith(NEGATIVE) else 1
 
     def reading(self, part: Amplifier, wire: Wire, stage: int) -> str:
-        """Return the node whose current has the sign needed by an inverting part.
-
-        The node is ``0`` without a source.
-        """
+        """Return the node whose current has the sign needed by an inverting part, or ``0``."""
         sign = int(self.schematic.reading(part, wire)[stage])
         where = stage + wire.offset
         if sign == 0:
@@ -114,18 +101,10 @@ class Nodes:
 
 @dataclass(frozen=True, kw_only=True)
 class Resistor:
-    """Resistor into a part's summing node.
+    """Resistor of ``ohms``, with its deviation, from a ``source`` node into a summing node.
 
-    Attributes
-    ----------
-    name : str
-        Name of its parameter.
-    label : str
-        Common part of the names of its cards and values: the part's alias and the wire.
-    source : str
-        Node at the source end.
-    ohms : float
-        Resistance including the deviation.
+    ``name`` is that of its parameter. The ``label`` is the common part of the names of its cards
+    and values: the part's alias and the wire.
     """
 
     name: str
@@ -138,10 +117,8 @@ class Resistor:
 class Values:
     """Values of a circuit with the deviations of its parts.
 
-    Attributes
-    ----------
-    deviations : mapping of parameter name to (N,) array
-        Relative errors of resistors, capacitors and gains; offsets in volts.
+    Deviations (N,) by parameter name are relative for resistors, capacitors and gains, and in volts
+    for offsets.
     """
 
     circuit: Circuit

@@ -1,7 +1,4 @@
-"""Interface to ngspice: a deck is run and returns a table or an error.
-
-The package does not depend on networks.
-"""
+"""Interface to ngspice, independent of networks: a deck returns a table or an error."""
 
 import lazy_loader
 

@@ -50,14 +50,11 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 def value_of(text: str, known: Mapping[str, float]) -> float:
-    """Return the value of a number or expression on a card.
+    """Return the value of a number or an expression in braces on a card, in lower case.
 
-    The text is in lower case: a number with an optional suffix, or an expression in braces.
     ``known`` contains the parameters that an expression can name. Raises `FileFormatError` if the
     text is neither, or names an unknown parameter.
 
-    Examples
-    --------
     >>> value_of("{10k*(1+e)}", {"e": 0.5}), value_of("2.5meg", {})
     (15000.0, 2500000.0)
     """

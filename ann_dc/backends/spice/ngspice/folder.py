@@ -27,10 +27,7 @@ FULL = 2**16
 
 @contextlib.contextmanager
 def run_folder(keep: Path | None) -> Iterator[Path]:
-    """Yield a new folder, which is retained if the run fails.
-
-    The error message then contains its path and the cause.
-    """
+    """Yield a new folder; if the run fails, it is retained and the error names its path."""
     with writing(keep or "the folder of temporary files"):
         home = make_folder(keep).absolute() if keep else None
         folder = Path(tempfile.mkdtemp(prefix="ann_dc-ngspice-", dir=home))
@@ -84,10 +81,7 @@ def _evidence(folder: Path) -> str:
 
 
 def _last_lines(log: Path) -> list[str]:
-    """Return the end of a log as a terminal shows it.
-
-    Blank lines, accounting and currents are omitted.
-    """
+    """Return the end of a log as a terminal shows it."""
     try:
         with log.open("rb") as stream:
             stream.seek(max(0, stream.seek(0, os.SEEK_END) - LOG_BYTES))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -31,11 +30,6 @@ def find_ngspice() -> Path:
     """Return the ngspice executable from ``ANN_DC_NGSPICE``, or from the path.
 
     Raises `NgspiceMissing` if there is none; the message contains installation instructions.
-
-    Examples
-    --------
-    >>> find_ngspice()  # doctest: +SKIP
-    PosixPath('/usr/bin/ngspice')
     """
     named = os.environ.get(VARIABLE)
     found = shutil.which(named or "ngspice")
@@ -51,27 +45,6 @@ def find_ngspice() -> Path:
         "`brew install ngspice` on macOS, or the download page of ngspice.sourceforge.io"
         f"; or set {VARIABLE} to where it is"
     )
-
-
-def version() -> str:
-    """Return the version of ngspice (``39``), or ``unknown`` if it is not reported.
-
-    Raises `NgspiceMissing` if ngspice is not found.
-
-    Examples
-    --------
-    >>> version()  # doctest: +SKIP
-    '39'
-    """
-    command = [str(find_ngspice()), "--version"]
-    try:
-        answer = subprocess.run(
-            command, stdin=subprocess.DEVNULL, capture_output=True, timeout=10.0, check=False
-        )
-    except (OSError, subprocess.TimeoutExpired):
-        return "unknown"
-    found = re.search(rb"ngspice-([\w.+-]+)", answer.stdout)
-    return found[1].decode() if found else "unknown"
 
 
 class Processes:
@@ -101,10 +74,9 @@ class Processes:
     def run(self, folder: Path, timeout: float) -> int | None:
         """Run the deck of a folder and return the exit code, negative for a signal.
 
-        Returns None if the time limit of ``timeout`` seconds was exceeded. The raw file and the log
-        are written to the folder. Raises `CancelledError` if `end` was called before or during the
-        run, `SpiceCrashError` if the program cannot be started, and `OutputError` if the log cannot
-        be written.
+        Returns None after ``timeout`` seconds. The raw file and the log are written to the folder.
+        Raises `CancelledError` if `end` was called before or during the run, `SpiceCrashError` if
+        the program cannot be started, and `OutputError` if the log cannot be written.
         """
         process = self._start(folder)
         try:
@@ -175,10 +147,7 @@ def _tied_to_us() -> list[str]:
 
 
 def _environment() -> dict[str, str]:
-    """Return the user's environment without variables that change ngspice's files.
-
-    These make ngspice write text or read other start files.
-    """
+    """Return the user's environment without variables that change ngspice's files."""
     changed = ("SPICE_ASCIIRAWFILE", "SPICE_SCRIPTS")
     return {key: value for key, value in os.environ.items() if key not in changed}
 

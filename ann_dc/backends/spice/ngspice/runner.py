@@ -2,36 +2,49 @@
 
 A process cannot affect the next run, can be killed, and does not depend on the version. A run is
 judged only by its exit code and its raw file, which must exist and be complete, finite and long
-enough. The output of ngspice changes from version to version; its end is shown to the user
-unchanged.
+enough. The end of the output of ngspice, which changes between versions, is shown to the user.
 """
 
 from __future__ import annotations
 
 import contextlib
-import re
-from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sized
-from concurrent.futures import Future, ThreadPoolExecutor
+import signal
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
-from ann_dc.backends.spice.ngspice.folder import DECK, LOG, RAW, run_folder, writing
-from ann_dc.backends.spice.ngspice.outcome import check_end, check_finite, checked_outcome
+import numpy as np
+
+from ann_dc.backends.spice.ngspice.folder import DECK, RAW, run_folder, writing
 from ann_dc.backends.spice.ngspice.process import Processes, find_ngspice
-from ann_dc.backends.spice.ngspice.raw import Raw
-from ann_dc.errors import OutputError, SpiceError, SpiceInputError, such_as
+from ann_dc.backends.spice.ngspice.raw import MAX_BYTES, REMEDY, Raw, read_raw
+from ann_dc.errors import (
+    EndedEarlyError,
+    FileFormatError,
+    NotFiniteError,
+    OutputError,
+    RawFileError,
+    SpiceCrashError,
+    SpiceError,
+    SpiceInputError,
+    SpiceTimeoutError,
+    such_as,
+)
+from ann_dc.files import read_whole
 from ann_dc.progress import Progress, silent
 from ann_dc.resources import cores
 from ann_dc.timing import phase
 from ann_dc.validation import checked
 
-FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+-]{0,99}")
-NO_FILES: Mapping[str, str] = MappingProxyType({})
+END_SHARE = 1e-6
+"""Fraction of its end time by which a transient may miss it."""
 
-AHEAD = 8
-"""Number of decks by which a worker may be ahead of a slow one."""
+UNSTABLE = (
+    "often the circuit is unstable, or a step became too small: look at the eigenvalues first, "
+    "keep voltages near 1 V and times below 1 ms"
+)
+
 
 Result = Raw | SpiceError | OutputError
 """Result of one deck of many."""
@@ -80,90 +93,67 @@ class Ngspice:
 
     @checked
     @phase("ngspice")
-    def run(
-        self, deck: str, *, end_time: float | None = None, files: Mapping[str, str] = NO_FILES
-    ) -> Raw:
+    def run(self, deck: str, *, end_time: float | None = None) -> Raw:
         """Run a deck of one analysis.
 
         The deck is the complete netlist; its first line is the title. The transient must reach
-        ``end_time`` in seconds, if given. ``files`` maps the names of included files to their text.
-        Raises `NgspiceMissing` if ngspice is not found, and a subclass of `SpiceError` if the run
-        fails or takes too long. Raises `OutputError` if the deck cannot be written or the disk is
-        full.
+        ``end_time`` in seconds, if given. Raises `NgspiceMissing` if ngspice is not found, and a
+        subclass of `SpiceError` if the run fails or takes too long. Raises `OutputError` if the
+        deck cannot be written or the disk is full.
         """
-        return _only(self.plots(deck, end_time=end_time, files=files))
+        return _only(self.plots(deck, end_time=end_time))
 
-    def plots(
-        self, deck: str, *, end_time: float | None = None, files: Mapping[str, str] = NO_FILES
-    ) -> list[Raw]:
+    def plots(self, deck: str, *, end_time: float | None = None) -> list[Raw]:
         """Run a deck of several analyses and return one `Raw` for each.
 
-        ``.noise`` counts as two analyses. Everything else is as for `run`.
+        ``.noise`` counts as two analyses.
         """
         with Processes(find_ngspice()) as processes:
-            return self._plots(processes, deck, end_time, files)
+            return self._plots(processes, deck, end_time)
 
     @phase("ngspice")
-    def run_many(
-        self,
-        decks: Iterable[str],
-        *,
-        end_time: float | None = None,
-        files: Mapping[str, str] = NO_FILES,
-    ) -> list[Result]:
+    def run_many(self, decks: Iterable[str], *, end_time: float | None = None) -> list[Result]:
         """Run decks in parallel and return their results in the order of the decks.
 
-        A failing deck gives its error without affecting the others. ``end_time`` and ``files`` are
-        those of `run` for all decks. Raises `NgspiceMissing` if ngspice is not found.
-        """
-        known = decks if isinstance(decks, Sized) else [*decks]
-        return [*self.stream(known, end_time=end_time, files=files)]
-
-    def stream(
-        self,
-        decks: Iterable[str],
-        *,
-        end_time: float | None = None,
-        files: Mapping[str, str] = NO_FILES,
-    ) -> Iterator[Result]:
-        """Yield the results of `run_many` one by one, for more decks than fit into memory.
-
-        Results are in the order of the decks. Nothing starts before the first result is requested,
-        decks are consumed on demand, and running processes are terminated when the iterator is
-        closed. Raises `SpiceInputError` if ``decks`` is a single text, and `NgspiceMissing` if
-        ngspice is not found.
+        A failing deck gives its error without affecting the others. Raises `NgspiceMissing` if
+        ngspice is not found, and `SpiceInputError` if ``decks`` is a single text.
         """
         if isinstance(decks, str):
             raise SpiceInputError("decks: expected several, got one text; call `run` for one deck")
-        total = f" of {len(decks)}" if isinstance(decks, Sized) else ""
-        workers = self.workers or cores()
-        with Processes(find_ngspice()) as processes, _pool(workers, processes) as pool:
+        texts, results = [*decks], []
+        with Processes(find_ngspice()) as processes, self._pool(processes) as pool:
+            for result in pool.map(lambda deck: self._result(processes, deck, end_time), texts):
+                results.append(result)
+                self.progress(f"{len(results)} of {len(texts)} decks")
+        return results
 
-            def submit(deck: str) -> Future[Result]:
-                return pool.submit(self._result, processes, deck, end_time, files)
-
-            results = _in_order(map(submit, decks), ahead=AHEAD * workers)
-            for count, result in enumerate(results, start=1):
-                self.progress(f"{count}{total} decks")
-                yield result
-
-    def _result(self, processes: Processes, deck, end_time, files) -> Result:
+    @contextlib.contextmanager
+    def _pool(self, processes: Processes) -> Iterator[ThreadPoolExecutor]:
+        """Yield a pool of threads that wait for processes, and release all on any error."""
+        pool = ThreadPoolExecutor(self.workers or cores(), thread_name_prefix="ngspice")
         try:
-            return _only(self._plots(processes, deck, end_time, files))
+            yield pool
+        finally:
+            processes.end()
+            pool.shutdown(cancel_futures=True)
+
+    def _result(self, processes: Processes, deck: str, end_time: float | None) -> Result:
+        try:
+            return _only(self._plots(processes, deck, end_time))
         except (SpiceError, OutputError) as error:
             return error
 
-    def _plots(
-        self, processes: Processes, deck: str, end_time: float | None, files: Mapping[str, str]
-    ) -> list[Raw]:
-        contents = _contents(deck, files)
+    def _plots(self, processes: Processes, deck: str, end_time: float | None) -> list[Raw]:
+        try:
+            content = deck.encode()
+        except UnicodeEncodeError as error:
+            raise SpiceInputError(f"the deck is no text: {error}") from error
         with run_folder(self.keep) as folder:
             with writing(folder):
-                for name, content in contents.items():
-                    (folder / name).write_bytes(content)
-            plots = checked_outcome(folder, processes.run(folder, self.timeout), self.timeout)
-            check_end(plots, end_time)
-            check_finite(plots)
+                (folder / DECK).write_bytes(content)
+            plots = _checked_outcome(folder, processes.run(folder, self.timeout), self.timeout)
+            _check_end(plots, end_time)
+            _check_finite(plots)
         return plots
 
 
@@ -177,37 +167,82 @@ def _only(plots: list[Raw]) -> Raw:
     return plots[0]
 
 
-def _contents(deck: str, files: Mapping[str, str]) -> dict[str, bytes]:
-    """Return names and bytes of the files of a run, all inside its folder."""
-    for name in files:
-        if not FILE_NAME.fullmatch(name) or name.lower() in (DECK, RAW, LOG):
-            raise SpiceInputError(
-                f"files: {name!r} cannot lie beside a deck; give a plain name of letters, digits, "
-                f"'_', '.', '+' and '-' that is not {DECK}, {RAW} or {LOG}"
+def _checked_outcome(folder: Path, code: int | None, timeout: float) -> list[Raw]:
+    """Return the plots of a run that ended by itself with exit code 0.
+
+    The code is negative for a signal, and None after the time limit of ``timeout`` seconds. Raises
+    `SpiceTimeoutError` in the latter case, `SpiceCrashError` for any code but 0, `EndedEarlyError`
+    if an analysis was aborted, and `RawFileError` if the answer is missing or not readable.
+    """
+    if code is None:
+        raise SpiceTimeoutError(
+            f"ngspice was ended after {timeout:g} s; {UNSTABLE}; or ask for a shorter transient, "
+            "or give a longer `timeout`"
+        )
+    if code < 0:
+        raise SpiceCrashError(_killed(-code))
+    try:
+        plots = _answer(folder / RAW)
+    except EndedEarlyError as error:
+        raise EndedEarlyError(f"{error}; {UNSTABLE}") from None
+    except RawFileError:
+        if code == 0:
+            raise
+        plots = []
+    if code > 0:
+        raise SpiceCrashError(
+            f"ngspice ended with exit code {code}; what it printed last often names the line "
+            "of the deck or the analysis that is wrong"
+        )
+    return plots
+
+
+def _answer(file: Path) -> list[Raw]:
+    if not file.exists():
+        raise RawFileError(
+            "ngspice wrote no raw file; check that the deck has an analysis (.op, .tran)"
+        )
+    try:
+        return read_raw(read_whole(file, MAX_BYTES, REMEDY))
+    except FileFormatError as error:
+        raise RawFileError(f"ngspice gave no answer that can be read: {error}") from None
+
+
+def _killed(number: int) -> str:
+    if number == signal.SIGXFSZ:
+        return f"ngspice wrote more than {MAX_BYTES} bytes; {REMEDY}"
+    names = {known.value: f" ({known.name})" for known in signal.Signals}
+    return (
+        f"ngspice was killed by signal {number}{names.get(number, '')}; if the memory was short, "
+        "give fewer `workers` or save fewer nodes; if it crashed, run its deck alone"
+    )
+
+
+def _check_end(plots: list[Raw], end_time: float | None) -> None:
+    """Raise `EndedEarlyError` if a transient did not reach its end (s), or is missing."""
+    if end_time is None:
+        return
+    transients = [raw for raw in plots if raw.names[0] == "time"]
+    if not transients:
+        raise EndedEarlyError(
+            f"the deck has no transient, and one until {end_time:g} s is expected; add a .tran"
+        )
+    for raw in transients:
+        if not raw.time[-1] >= end_time * (1.0 - END_SHARE):
+            raise EndedEarlyError(
+                f"the transient ended at {raw.time[-1]:g} s, and {end_time:g} s is expected; "
+                f"{UNSTABLE}"
             )
-    try:
-        return {name: text.encode() for name, text in {**files, DECK: deck}.items()}
-    except UnicodeEncodeError as error:
-        raise SpiceInputError(f"the deck or a file beside it is no text: {error}") from error
 
 
-@contextlib.contextmanager
-def _pool(workers: int, processes: Processes) -> Iterator[ThreadPoolExecutor]:
-    """Yield a pool of threads that wait for processes, and release all on any error."""
-    pool = ThreadPoolExecutor(workers, thread_name_prefix="ngspice")
-    try:
-        yield pool
-    finally:
-        processes.end()
-        pool.shutdown(cancel_futures=True)
-
-
-def _in_order(futures: Iterable[Future[Result]], ahead: int) -> Iterator[Result]:
-    """Yield results in the order of their futures, with a limited number ahead."""
-    waiting: deque[Future[Result]] = deque()
-    for future in futures:
-        waiting.append(future)
-        if len(waiting) > ahead:
-            yield waiting.popleft().result()
-    while waiting:
-        yield waiting.popleft().result()
+def _check_finite(plots: list[Raw]) -> None:
+    """Raise `NotFiniteError` if a value is infinite or not a number."""
+    for raw in plots:
+        wrong = ~np.isfinite(raw.values)
+        if wrong.any():
+            point, column = (int(i) for i in np.argwhere(wrong)[0])
+            raise NotFiniteError(
+                f"{raw.names[column]} is {raw.values[point, column]} at point {point} of "
+                f"{raw.plot!r} ({raw.names[0]} {raw.values[point, 0]:g}); keep divisors and the "
+                "arguments of functions inside their domains"
+            )

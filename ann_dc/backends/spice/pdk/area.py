@@ -51,16 +51,9 @@ DEFAULT = re.compile(r"(\w+)=(\S+)")
 PASSIVE = re.compile(r"^([RC])\S* +\S+ +\S+ +(\{.*\}|\S+) *$", re.MULTILINE | re.IGNORECASE)
 
 
-@checked
 @dataclass(frozen=True, kw_only=True)
 class Area:
-    """Areas of a chip by component type, in square micrometres.
-
-    Examples
-    --------
-    >>> Area(transistors=1e6, resistors=5e5, capacitors=5e5).total
-    2000000.0
-    """
+    """Areas of a chip by component type, in square micrometres."""
 
     transistors: float
     resistors: float
@@ -97,10 +90,7 @@ def area_of(circuit: Circuit, parts: Mapping[str, int], library: Mapping[str, st
 
 
 def _inside(name: str, declared: str, body: str) -> np.ndarray:
-    """Return transistor area, ohms and farads of a subcircuit with its defaults.
-
-    The area is in square micrometres.
-    """
+    """Return transistor area (square micrometres), ohms and farads of a subcircuit."""
     defaults = {key: value_of(value, {}) for key, value in DEFAULT.findall(declared.lower())}
     values = {"r": 0.0, "c": 0.0}
     for kind, value in PASSIVE.findall(body):

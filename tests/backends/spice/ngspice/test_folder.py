@@ -30,13 +30,13 @@ def test_nothing_is_left_of_a_run(ngspice, tmp_path, monkeypatch):
 def test_a_syntax_error(ngspice, tmp_path):
     deck = "wrong\nX1 a b nosuch\n.op\n.end\n"
     with pytest.raises(SpiceCrashError, match="exit code 1; what it printed") as caught:
-        runner.Ngspice(keep=tmp_path / "made" / "kept").run(deck, files={"a.lib": "*"})
+        runner.Ngspice(keep=tmp_path / "made" / "kept").run(deck)
     message = str(caught.value)
     assert re.search(r"\n  \| .*unknown subckt: x1 a b nosuch", message)
     kept = Path(re.search(r"kept as '(.*)'; ngspice printed last:\n", message)[1])
     assert kept.read_text() == deck
     assert kept.is_relative_to(tmp_path / "made" / "kept")
-    assert {file.name for file in kept.parent.iterdir()} == {"deck.cir", "ngspice.log", "a.lib"}
+    assert {file.name for file in kept.parent.iterdir()} == {"deck.cir", "ngspice.log"}
 
 
 def test_a_failed_run_is_kept_among_temporary_files(ngspice, tmp_path, monkeypatch):

@@ -1,7 +1,6 @@
 """Processes of ngspice: found, started, and ended with their children, whatever happens."""
 
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -12,8 +11,8 @@ import time
 import pytest
 from ngspice_runs import ENDLESS, on_linux, wait_for, working_in
 
-from ann_dc.backends.spice.ngspice import outcome as verdict, process as processes
-from ann_dc.backends.spice.ngspice.process import find_ngspice, version
+from ann_dc.backends.spice.ngspice import process as processes, runner as verdict
+from ann_dc.backends.spice.ngspice.process import find_ngspice
 from ann_dc.backends.spice.ngspice.runner import Ngspice
 from ann_dc.errors import (
     NgspiceMissing,
@@ -22,19 +21,10 @@ from ann_dc.errors import (
 )
 
 
-def test_version(ngspice, stand_in):
-    assert re.fullmatch(r"\d+[\w.+-]*", version())
-    stand_in("echo '** ngspice-46+ : a later one'")
-    assert version() == "46+"
-    for strange in ("echo 'SPICE 3f5'", "exit 2"):
-        stand_in(strange)
-        assert version() == "unknown"
-
-
 def test_no_ngspice(monkeypatch, tmp_path):
     monkeypatch.delenv(processes.VARIABLE, raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
-    for call in (find_ngspice, version, lambda: Ngspice().run(""), lambda: Ngspice().run_many([])):
+    for call in (find_ngspice, lambda: Ngspice().run(""), lambda: Ngspice().run_many([])):
         with pytest.raises(NgspiceMissing, match=r"`apt-get install ngspice`.*`brew install.*page"):
             call()
     (tmp_path / "plain").write_text("")

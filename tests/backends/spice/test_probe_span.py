@@ -8,7 +8,7 @@ import pytest
 
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.backends.spice.span import span_of
+from ann_dc.backends.spice.probe import span_of
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.emulation.building import emulate
@@ -66,7 +66,7 @@ def test_span_of_circuit_with_small_error_leaves_a_fiftieth_of_it(a0):
 
 def test_beyond_twenty_times_the_network_it_is_cut_and_the_deck_says_so(monkeypatch):
     circuit, short = prepared()
-    monkeypatch.setattr("ann_dc.backends.spice.span._slowest", lambda *_: 10 * short.time[-1])
+    monkeypatch.setattr("ann_dc.backends.spice.probe._slowest", lambda *_: 10 * short.time[-1])
     span = span_of(circuit, macro(), short)
     assert span.duration == pytest.approx(20 * short.time[-1])
     assert "its slowest pole asks for a run" in span.cut

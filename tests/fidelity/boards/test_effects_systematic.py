@@ -5,8 +5,7 @@ import pytest
 from wired import neighbour_wired
 
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.fidelity.boards.effects import with_parasitics
-from ann_dc.fidelity.boards.systematic import systematic
+from ann_dc.fidelity.boards.effects import systematic, with_parasitics
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.hardware.parts.levels import macro
 

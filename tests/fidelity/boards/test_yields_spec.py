@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import ArgumentError, NetworkError
-from ann_dc.fidelity.boards.spec import Spec, spec_of
+from ann_dc.fidelity.boards.yields import Spec, spec_of
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import pytest
 from small_pdk import fet, put, transistor, written
 
 from ann_dc.backends.spice.pdk.devices import Device
-from ann_dc.backends.spice.pdk.excerpt import excerpt
+from ann_dc.backends.spice.pdk.place import excerpt
 from ann_dc.errors import FileFormatError, NetworkError
 from ann_dc.hardware.parts.conditions import CORNERS, Conditions
 

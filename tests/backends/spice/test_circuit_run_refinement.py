@@ -11,9 +11,8 @@ from simulator import needs_ngspice
 
 from ann_dc import Study
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.backends.spice.circuit_run import CircuitRun
+from ann_dc.backends.spice.circuit_run import CircuitRun, refined
 from ann_dc.backends.spice.ngspice.runner import Ngspice
-from ann_dc.backends.spice.refinement import refined
 from ann_dc.errors import SpiceTimeoutError
 from ann_dc.fidelity.circuit_study import measured_runs
 from ann_dc.fidelity.prediction import predict
@@ -180,7 +179,7 @@ class Failing:
 @pytest.mark.parametrize("good", [0, 1])
 def test_finer_run_that_fails_is_told_with_an_unknown_settling_error(good, monkeypatch):
     coarse, _ = fine("double_integrator")
-    monkeypatch.setattr("ann_dc.backends.spice.refinement.ENOUGH", 0.0)
+    monkeypatch.setattr("ann_dc.backends.spice.circuit_run.ENOUGH", 0.0)
     with pytest.warns(UserWarning, match=r"took longer than 1 s; .* coarser steps"):
         run = unwrapped(refined)(coarse, Failing(good), BACKEND.level.datasheet)
     assert np.isnan(run.settling_error)
