@@ -23,7 +23,6 @@ from ann_dc.hardware.circuit.scaling import begins, to_ground
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 from ann_dc.hardware.schematic.elements import GridNode, Integrator, PICell
 from ann_dc.validation import checked
 
@@ -74,7 +73,7 @@ def check_level(level: Level) -> None:
 
     Only levels of op amps with resistors have one.
     """
-    if not isinstance(level.technology, (OpAmps, DifferentialPairs)):
+    if not level.technology.has_resistors:
         raise NetworkError(
             f"bill: level {level.name} is not built of op amps with resistors; take a macro level, "
             "parts by name or transistor"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -11,15 +12,16 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
-from ann_dc.hardware.emulation.assembly import Assembly
+from ann_dc.hardware.emulation.assembly import Piece, assembled
+from ann_dc.hardware.emulation.built_circuit import BuiltCircuit
 from ann_dc.hardware.emulation.capacitors import released
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.idle_clamps import rest_idle
-from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
+from ann_dc.hardware.emulation.multipliers import generator, multiplier
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
-from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_op_amp
+from ann_dc.hardware.emulation.op_amps import grid_node, inverter, op_amp
 from ann_dc.hardware.emulation.states import emulated_state
-from ann_dc.hardware.emulation.transconductors import add_transconductors
+from ann_dc.hardware.emulation.transconductors import transconductors
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
 from ann_dc.hardware.schematic.buildable import check_preconditioner
@@ -120,20 +122,7 @@ def emulate_clamps(
 def _emulated(circuit: Circuit, level: Level, deviations: Deviations, *, moving: bool) -> Emulation:
     _check(circuit, level)
     off = checked_deviations(circuit.parameters, deviations)
-    assembly = Assembly(circuit, level, off, moving)
-    for part in circuit.schematic.parts:
-        _add(assembly, part, level)
-        if part.name in circuit.schematic.inverted:
-            add_inverter(assembly, part.name)
-    for name, wire in circuit.schematic.plain.items():
-        assembly.sum(name)
-        assembly.connect(wire.source, name, wire.weight)
-    emulation = Emulation(
-        network=assembly.network(),
-        circuit=circuit,
-        origins=assembly.origins,
-        slopes={name: tuple(found) for name, found in assembly.slopes.items()},
-    )
+    emulation = assembled(circuit, _pieces(BuiltCircuit(circuit, level, off, moving)))
     network, parasitics = emulation.network, level.datasheet.parasitics
     held = emulated_state(emulation, circuit.schematic.network.start_state)
     if moving:
@@ -143,6 +132,27 @@ def _emulated(circuit: Circuit, level: Level, deviations: Deviations, *, moving:
     return replace(emulation, network=network.with_start(start))
 
 
+def _pieces(built: BuiltCircuit) -> Iterator[tuple[str, Iterator[Piece]]]:
+    """Yield every part with its pieces; an inverter belongs to the part before it."""
+    for part in built.schematic.parts:
+        yield part.name, _of_part(built, part)
+        if part.name in built.schematic.inverted:
+            yield part.name, inverter(built, part.name)
+
+
+def _of_part(built: BuiltCircuit, part: Part) -> Iterator[Piece]:
+    technology = built.level.technology
+    if isinstance(part, Multiplier):
+        return multiplier(built, part)
+    if isinstance(part, Generator):
+        return generator(built, part)
+    if isinstance(part, GridNode):
+        return grid_node(built, part)
+    if isinstance(technology, OtaC):
+        return transconductors(built, technology, part)
+    return op_amp(built, part)
+
+
 def _trail(network: Network, circuit: Circuit, x: np.ndarray) -> np.ndarray:
     """Return a state whose trailing currents equal those of their capacitors."""
     full, values = network.unpack(x).copy(), evaluator(network).values(x)[..., 1:-1]
@@ -150,19 +160,6 @@ def _trail(network: Network, circuit: Circuit, x: np.ndarray) -> np.ndarray:
         if nodes.trailing in network.neuron_index:
             full[network.neuron_index[nodes.trailing]] = values[network.node_index[nodes.summed]]
     return network.pack(full)
-
-
-def _add(assembly: Assembly, part: Part, level: Level) -> None:
-    if isinstance(part, Multiplier):
-        add_multiplier(assembly, part)
-    elif isinstance(part, Generator):
-        add_generator(assembly, part, level.functions)
-    elif isinstance(part, GridNode):
-        add_grid_node(assembly, part)
-    elif isinstance(level.technology, OtaC):
-        add_transconductors(assembly, level.technology, part)
-    else:
-        add_op_amp(assembly, part)
 
 
 def _check(circuit: Circuit, level: Level) -> None:

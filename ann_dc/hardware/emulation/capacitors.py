@@ -11,12 +11,20 @@ circuit both switches leave equal charges, which have no effect.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from ann_dc.hardware.circuit.circuit import Circuit, Quantity
-from ann_dc.hardware.emulation.assembly import Assembly
+from ann_dc.hardware.emulation.assembly import (
+    Coupling,
+    Piece,
+    State,
+    Weight,
+    couplings,
+    weighted_sum,
+)
+from ann_dc.hardware.emulation.built_circuit import BuiltCircuit
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.hardware.parts.parasitics import Parasitics
 from ann_dc.hardware.schematic.elements import UNLIMITED, Integrator, PICell
@@ -24,36 +32,33 @@ from ann_dc.network.cell import ONE, Limiter
 from ann_dc.network.network import Network
 
 
-def add_capacitor(
-    assembly: Assembly,
+def capacitor(
+    built: BuiltCircuit,
     part: Integrator | PICell,
-    weights: Mapping[str, float | np.ndarray],
+    weights: Mapping[str, Weight],
     tau: np.ndarray,
     limiter: Limiter = UNLIMITED,
-) -> None:
-    """Add tau h' = the sum of weighted nodes, within limits, minus leakage.
+) -> Iterator[Piece]:
+    """Yield tau h' = the sum of weighted nodes, within limits, minus leakage.
 
     ``tau`` (N,) is the time constant of the nominal capacitor alone.
     """
-    nodes, circuit = AmplifierNodes(part.name), assembly.circuit
-    parasitics, name = assembly.datasheet.parasitics, part.name
-    off = assembly.deviation(name, Quantity.CAPACITOR)
+    nodes, circuit = AmplifierNodes(part.name), built.circuit
+    parasitics, name = built.datasheet.parasitics, part.name
+    off = built.deviation(name, Quantity.CAPACITOR)
     origin = Origin(part.dual if isinstance(part, PICell) else name)
     farads = np.where(part.present, circuit.capacitors[name], np.inf)
     total = 1 + off + parasitics.switch_capacitance / farads
-    assembly.neuron(nodes.held, tau * total, origin, limiter=limiter)
-    for source, weight in weights.items():
-        assembly.connect(source, nodes.held, weight)
-    rate = assembly.scaling.time * tau  # of one per second
+    yield State(nodes.held, tau * total, origin, limiter)
+    yield from couplings(nodes.held, weights)
+    rate = built.scaling.time * tau  # of one per second
     insulator = rate * (1 + off) / parasitics.capacitor_leakage
     insulator = insulator * circuit.own_capacitors(name) / farads
     switch = rate / (farads * parasitics.switch_leakage)
     if (insulator + switch).any():
-        assembly.sum(nodes.leak)
-        assembly.connect(nodes.held, nodes.leak, -(insulator + switch))
-        assembly.connect(ONE, nodes.leak, switch * circuit.presets[name] * circuit.value_of(name))
-        assembly.connect(nodes.leak, nodes.held, 1.0)
-    assembly.leave_out(nodes.held, np.flatnonzero(~part.present).tolist())
+        preset = switch * circuit.presets[name] * circuit.value_of(name)
+        yield from weighted_sum(nodes.leak, {nodes.held: -(insulator + switch), ONE: preset})
+        yield Coupling(nodes.leak, nodes.held, 1.0)
 
 
 def released(

@@ -18,16 +18,18 @@ rest.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from ann_dc.hardware.circuit.circuit import JUNCTION, THERMAL
-from ann_dc.hardware.emulation.assembly import Assembly
+from ann_dc.hardware.emulation.assembly import Coupling, Piece, weighted_sum
+from ann_dc.hardware.emulation.built_circuit import BuiltCircuit
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.schematic.elements import PICell
-from ann_dc.network.cell import ONE
+from ann_dc.network.cell import ONE, Function, Product, Sum
 from ann_dc.network.network import Network
 
 AT_KNEE = 1.5
@@ -37,28 +39,22 @@ STEEP = 10.0
 """Factor on the distance from the knee while the diode is off; the pace quickly reaches 1."""
 
 
-def add_pace(assembly: Assembly, op_amp: AmplifierNodes, neuron: str) -> str:
-    """Add the pace of the diode to the op amp before it; return the new target node.
+def pace(built: BuiltCircuit, op_amp: AmplifierNodes, neuron: str) -> Iterator[Piece]:
+    """Yield the pace of the diode behind an op amp, from its net inputs to its pole ``neuron``.
 
-    ``neuron`` is the pole of the op amp. The net inputs of the op amp go to the returned node.
+    The net inputs add up at the node ``drop_free``.
     """
-    thermal = THERMAL * abs(assembly.circuit.value_of(op_amp.part))
+    thermal = THERMAL * abs(built.circuit.value_of(op_amp.part))
     away, above, inverse = (f"{name}.{op_amp.pace}" for name in ("away", "above", "inverse"))
-    assembly.sum(away)
-    assembly.connect(op_amp.output, away, -1.0)
-    assembly.function(op_amp.beyond, "rectify", away)
-    assembly.sum(above)
+    yield from weighted_sum(away, {op_amp.output: -1.0})
+    yield Function(name=op_amp.beyond, function="rectify", x=away)
     weights = {op_amp.part: 1 / thermal, op_amp.beyond: STEEP / thermal, ONE: AT_KNEE}
-    for source, weight in weights.items():
-        assembly.connect(source, above, weight)
-    assembly.function(inverse, "reciprocal", above)
-    assembly.sum(op_amp.pace)
-    assembly.connect(ONE, op_amp.pace, 1.0)
-    assembly.connect(inverse, op_amp.pace, -1.0)
-    assembly.sum(op_amp.drop_free)
-    assembly.product(op_amp.paced, op_amp.drop_free, op_amp.pace)
-    assembly.connect(op_amp.paced, neuron, 1.0)
-    return op_amp.drop_free
+    yield from weighted_sum(above, weights)
+    yield Function(name=inverse, function="reciprocal", x=above)
+    yield from weighted_sum(op_amp.pace, {ONE: 1.0, inverse: -1.0})
+    yield Sum(name=op_amp.drop_free)
+    yield Product(name=op_amp.paced, a=op_amp.drop_free, b=op_amp.pace)
+    yield Coupling(op_amp.paced, neuron, 1.0)
 
 
 def paced_at(emulation: Emulation, x: np.ndarray) -> Network:
@@ -80,10 +76,10 @@ def paced_at(emulation: Emulation, x: np.ndarray) -> Network:
     return replace(network, cell=replace(network.cell, neurons=neurons)) if slower else network
 
 
-def slowed(assembly: Assembly, part: PICell, ohms: np.ndarray) -> np.ndarray:
+def slowed(built: BuiltCircuit, part: PICell, ohms: np.ndarray) -> np.ndarray:
     """Return the slowdown (N,) of a rectifying neuron by the junction: 1 on a chip.
 
     ``ohms`` (N,) is the parallel resistance of the feedback resistor and the inputs.
     """
-    farads = 0.0 if assembly.transistors else JUNCTION
-    return 1 + ohms * farads / assembly.scaling.time / assembly.outputs.lag(part.name)
+    farads = 0.0 if built.level.transistors else JUNCTION
+    return 1 + ohms * farads / built.scaling.time / built.outputs.lag(part.name)

@@ -104,7 +104,7 @@ def rest_idle(network: Network, circuit: Circuit, sheet: Datasheet, x: np.ndarra
             for clamp in clamps_of(circuit, sheet, part):
                 rest = clamp.idle(output)
                 beside += CLAMP_SHARE * (rest - output)
-                for name in (clamp.nodes.op_amp, clamp.nodes.share):
+                for name in (clamp.nodes.output, clamp.nodes.share):
                     full[network.neuron_index[name]] = rest
             full[network.neuron_index[AmplifierNodes(part.name).held]] = output + beside
     return network.pack(full)

@@ -111,7 +111,9 @@ def check_parasitics(
     the folder of op amps and multipliers, and ``name`` identifies the circuits in the message.
     """
     for attribute, _ in PASSIVES.values():
-        if not technology.resettable and getattr(parasitics, attribute) != getattr(NONE, attribute):
+        if not technology.has_resistors and getattr(parasitics, attribute) != getattr(
+            NONE, attribute
+        ):
             raise NetworkError(
                 f"parasitics, {attribute}: cells of {name} circuits have no such part; leave it out"
             )

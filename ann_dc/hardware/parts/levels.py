@@ -25,7 +25,6 @@ from ann_dc.hardware.parts.generator_curves import Curves, Polynomial
 from ann_dc.hardware.parts.technologies import (
     DIFFERENTIAL_PAIRS,
     OP_AMPS,
-    OpAmps,
     OtaC,
     SwitchedCapacitors,
     Technology,
@@ -164,7 +163,7 @@ class Level:
     def emulated(self) -> bool:
         """True if circuits can be emulated; those of ideal op amps equal the ODE."""
         built = self.technology
-        return not built.clocked and (self.models != "ideal" or not isinstance(built, OpAmps))
+        return not built.clocked and (self.models != "ideal" or built.differential)
 
     @property
     def preconditioners(self) -> tuple[contract.PreconditionerKind, ...]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 from ann_dc.network.preconditioners import base as contract
 from ann_dc.validation import checked
 
@@ -46,7 +45,7 @@ def check_series(series: Series, level: Level) -> None:
     Traceback (most recent call last):
     ann_dc.errors.NetworkError: series E96: ota-c circuits compute without resistors; take exact
     """
-    if series.mantissas and not isinstance(level.technology, (OpAmps, DifferentialPairs)):
+    if series.mantissas and not level.technology.has_resistors:
         raise NetworkError(
             f"series {series.name}: {level.name} circuits compute without resistors; take exact"
         )

@@ -10,7 +10,6 @@ import numpy as np
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import OpAmps
 from ann_dc.network.network import Network
 from ann_dc.network.selection import clamped_rows
 from ann_dc.validation import checked
@@ -47,7 +46,7 @@ def check_rails(network: Network, level: Level) -> None:
     names = ", ".join(_railed(network))
     if not names:
         return
-    if not isinstance(level.technology, OpAmps) or level.models in TRANSISTORS:
+    if level.technology.differential or level.models in TRANSISTORS:
         raise NetworkError(
             f"circuit: rails of {names} are not built at level {level.name}; take a level of "
             "single-ended op amps, ideal or macro models: 'behavioural' or 'macro'"

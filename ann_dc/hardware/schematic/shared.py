@@ -13,7 +13,6 @@ import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import OpAmps
 from ann_dc.network.cell import ONE, Block, Connection, Function, Product
 from ann_dc.network.network import Network
 from ann_dc.validation import checked
@@ -68,7 +67,7 @@ def check_shared(network: Network, level: Level) -> None:
     ann_dc.errors.NetworkError: circuit: x: a neuron shared ... is not built at level ota-c; ...
     """
     names = ", ".join(neuron.name for neuron in network.cell.neurons if neuron.shared)
-    if names and not isinstance(level.technology, OpAmps):
+    if names and level.technology.differential:
         raise NetworkError(
             f"circuit: {names}: a neuron shared by all cells is not built at level {level.name}; "
             "take behavioural, macro or transistor op amps"
