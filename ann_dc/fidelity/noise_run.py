@@ -1,7 +1,7 @@
 """Noise in a circuit's emulation: integration of noise samples, and covariances.
 
 The emulation is driven by the samples that ngspice receives. Noise is an input of the emulation's
-network (`ann_dc.hardware.emulation.noise_inputs`), piecewise linear in time. The classical
+network (`ann_dc.hardware.emulation.noise_currents`), piecewise linear in time. The classical
 Runge-Kutta method integrates between samples, so that a step does not contain a kink.
 """
 
@@ -31,9 +31,10 @@ from ann_dc.hardware.emulation.noise_currents import (
     Currents,
     Noise,
     Place,
+    noise_input,
+    noisy_network,
     sources_of,
 )
-from ann_dc.hardware.emulation.noise_inputs import noise_input, noisy_network
 from ann_dc.network.network import Network
 from ann_dc.validation import checked
 

@@ -84,13 +84,7 @@ class Quantity(enum.Enum):
         return self.value[1]
 
     def named(self, alias: str, wire: int | None = None) -> str:
-        """Return the parameter name for a part, and for the wire of an input resistor.
-
-        Examples
-        --------
-        >>> Quantity.INPUT.named("m_phi", 2), Quantity.OFFSET.named("q_x")
-        ('r_m_phi_2', 'vos_q_x')
-        """
+        """Return the parameter name for a part, and for the wire of an input resistor."""
         plain = f"{self.letters}_{alias}"
         return plain if wire is None else f"{plain}_{wire}"
 
@@ -402,20 +396,6 @@ def circuit_of(
     The smallest resistor at a virtual ground or in a resistive grid is ``smallest`` ohms. ``lag``
     is the ratio of capacitance to conductance of a grid node, in units of network time. Raises
     `NetworkError` if a grid has no positive lag.
-
-    Examples
-    --------
-    A leaky integrator with a bias; the network's time constant is 1 / (2 pi 1 MHz):
-
-    >>> from ann_dc.hardware.circuit import ProbeRun, scale
-    >>> from ann_dc.hardware.schematic import schematic_of
-    >>> from ann_dc.network import Cell, Connection, Network, Neuron
-    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
-    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
-    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
-    >>> circuit = circuit_of(schematic_of(row), scale(row, probe))
-    >>> circuit.resistors["x"].round(3).ravel().tolist(), f"{circuit.capacitors['x'][0]:.3g} F"
-    ([10000.0, 12000.0], '1.59e-11 F')
     """
     values = {
         part.name: _values(part, schematic.network.stages, scaling, smallest)

@@ -65,20 +65,6 @@ def loads_of(circuit: Circuit) -> dict[tuple[str, bool], np.ndarray]:
 
     Keys are (part name, True for the inverter behind the part), values (N,) arrays in siemens. They
     include the resistors into readers of the output and the feedback that carries current at rest.
-
-    Examples
-    --------
-    An integrator drives only the resistor of its leak:
-
-    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
-    >>> from ann_dc.hardware.schematic import schematic_of
-    >>> from ann_dc.network import Cell, Connection, Network, Neuron
-    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
-    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
-    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
-    >>> circuit = circuit_of(schematic_of(row), scale(row, probe))
-    >>> {name: float(1 / siemens[0]) for name, siemens in loads_of(circuit).items()}
-    {('x', False): 10000.0}
     """
     schematic = circuit.schematic
     stages = schematic.network.stages
@@ -129,22 +115,6 @@ def load_power(circuit: Circuit, level: Level, x: State) -> float:
     The output swings are taken as supply voltages, and ``x`` (n,) is the settled state of the ideal
     network. The power is zero for transistor op amps, which supply their loads from their quiescent
     current, and for parts without output swing.
-
-    Examples
-    --------
-    A node of 0.83 V drives 10 kohm from 13 V:
-
-    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
-    >>> from ann_dc.hardware.parts import macro
-    >>> from ann_dc.hardware.schematic import schematic_of
-    >>> from ann_dc.network import Cell, Connection, Network, Neuron
-    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
-    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
-    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
-    >>> circuit = circuit_of(schematic_of(row), scale(row, probe))
-    >>> volts = float(circuit.scaling.volts("x", 0.5))
-    >>> f"{volts:.2f} V, {load_power(circuit, macro(rails=13.0), np.array([0.5])):.3e} W"
-    '0.83 V, 1.083e-03 W'
     """
     if level.transistors or not np.isfinite(level.datasheet.rails):
         return 0.0

@@ -213,16 +213,6 @@ def scale(network: Network, probe: ProbeRun, rules: ScalingRules | None = None) 
 
     Raises `NetworkError` if an interval is empty or narrower than the range of the probe run, and
     `UnknownNameError` if an interval belongs to an unknown node.
-
-    Examples
-    --------
-    >>> from ann_dc.network import Cell, Connection, Network, Neuron
-    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
-    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
-    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
-    >>> scaling = scale(row, probe, ScalingRules(full_scale=2.0, headroom=1.25))
-    >>> round(scaling.volts("x", 0.5), 6), f"{scaling.time:.3g} s"
-    (1.6, '1.59e-07 s')
     """
     rules = rules or ScalingRules()
     states, times = probe.states, probe.times
@@ -247,11 +237,6 @@ def time_unit(radius: float, gbw: float, margin: float = MARGIN) -> float:
     """Return T = k radius / (2 pi GBW), the seconds per unit of network time.
 
     A fastest time constant of 1 has a ``radius`` of 1. The margin is k, and GBW is in Hz.
-
-    Examples
-    --------
-    >>> f"{time_unit(1.0, 10e6):.3g} s"
-    '1.59e-07 s'
     """
     return margin * radius / (2 * math.pi * gbw)
 

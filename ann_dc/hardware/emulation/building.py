@@ -98,23 +98,6 @@ def emulate_clamps(
     Currents of capacitors also drop a voltage across output resistances. The emulation has more
     neurons than that of `emulate` and an identical settled point, which `emulate` computes more
     easily. Raises `NetworkError` and `UnknownNameError` under the conditions of `emulate`.
-
-    Examples
-    --------
-    A neuron that rests 10 mV below its limit settles later than with an ideal limiter:
-
-    >>> import ann_dc
-    >>> from ann_dc.hardware.emulation import emulate, emulate_clamps
-    >>> from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
-    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
-    >>> held = Neuron(name="x", limiter=Limiter(high=0.51))
-    >>> cell = Cell(neurons=(held,), connections=tuple(wires))
-    >>> level = ann_dc.levels.macro()
-    >>> circuit, _ = ann_dc.SpiceBackend(level=level).prepare(Network(stages=1, cell=cell))
-    >>> moving, wall = (how(circuit, level).network for how in (emulate_clamps, emulate))
-    >>> run, plain = (ann_dc.OdeBackend(verify=False).run(n) for n in (moving, wall))
-    >>> bool(run.trajectory.time[-1] > 1.2 * plain.trajectory.time[-1])
-    True
     """
     return _emulated(circuit, level, deviations or {}, moving=True)
 

@@ -44,8 +44,17 @@ from ann_dc.hardware.emulation.assembly import (
 )
 from ann_dc.hardware.emulation.built_circuit import BuiltCircuit
 from ann_dc.hardware.emulation.nodes import Origin
-from ann_dc.hardware.parts.generator_cascade import CENTRE, INPUT, OUTPUT, Cascade, Step, cascade_of
-from ann_dc.hardware.parts.generator_curves import LOAD, FittedPolynomial, FittedQuotient
+from ann_dc.hardware.parts.generator_curves import (
+    CENTRE,
+    INPUT,
+    LOAD,
+    OUTPUT,
+    Cascade,
+    FittedPolynomial,
+    FittedQuotient,
+    Step,
+    cascade_of,
+)
 from ann_dc.hardware.parts.parasitics import PRODUCT, MultiplierLaw
 from ann_dc.hardware.schematic.elements import Generator, Multiplier
 from ann_dc.network.cell import ONE, Function, Limiter, Product, Sum

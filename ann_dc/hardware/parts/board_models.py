@@ -84,13 +84,7 @@ def model_parameters(parasitics: Parasitics, models: str) -> dict[str, float]:
 
 
 def macro_parameters(datasheet: Datasheet, full_scale: float) -> dict[str, float]:
-    """Return the global parameters of macro models; ``full_scale`` is in volts.
-
-    Examples
-    --------
-    >>> macro_parameters(Datasheet(gbw=1e6), 1.0)["opamp_vsat"]
-    15.0
-    """
+    """Return the global parameters of macro models; ``full_scale`` is in volts."""
     ideal = IDEAL | dict.fromkeys(("opamp_vsat", "mul_vsat"), 15.0 * full_scale)
     given = {n: float(getattr(datasheet, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
     return {n: ideal[n] if v in (0.0, math.inf) else v for n, v in given.items()}

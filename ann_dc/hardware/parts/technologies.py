@@ -160,11 +160,6 @@ def paired(
     The common part of two weights of opposite sign goes to one pair, positive source first. The
     remainder of the larger weight is a separate transconductor. The weight of one source is signed;
     that of two sources is not. ``weights`` lists name, source and weight of every wire.
-
-    Examples
-    --------
-    >>> list(paired([("w0", "x", 2.0), ("w1", "y", -2.0), ("w2", "z", 0.5)]))
-    [('w1', ('x', 'y'), 2.0), ('w2', ('z',), 0.5)]
     """
     waiting: list[tuple[str, Node, float]] = []
     for name, node, gm in sorted(weights, key=lambda weight: -abs(weight[2])):

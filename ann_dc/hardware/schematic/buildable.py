@@ -14,15 +14,6 @@ def check_preconditioner(kind: contract.PreconditionerKind, level: Level) -> Non
     """Raise `NetworkError` if a level cannot build a preconditioner kind.
 
     The message lists the kinds that it can build.
-
-    Examples
-    --------
-    >>> from ann_dc import levels
-    >>> tree = contract.PreconditionerKind.CYCLIC_REDUCTION
-    >>> check_preconditioner(tree, levels.macro())
-    >>> check_preconditioner(tree, levels.ota_c())  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    ann_dc.errors.NetworkError: preconditioner: ota-c circuits cannot build a cyclic reduction; ...
     """
     if kind not in level.preconditioners:
         known = ", ".join(known.value for known in level.preconditioners)
@@ -34,17 +25,7 @@ def check_preconditioner(kind: contract.PreconditionerKind, level: Level) -> Non
 
 @checked
 def check_series(series: Series, level: Level) -> None:
-    """Raise `NetworkError` for resistors of a series at a level without resistors.
-
-    Examples
-    --------
-    >>> from ann_dc import levels
-    >>> from ann_dc.hardware.parts import E96
-    >>> check_series(E96, levels.macro())
-    >>> check_series(E96, levels.ota_c())
-    Traceback (most recent call last):
-    ann_dc.errors.NetworkError: series E96: ota-c circuits compute without resistors; take exact
-    """
+    """Raise `NetworkError` for resistors of a series at a level without resistors."""
     if series.mantissas and not level.technology.has_resistors:
         raise NetworkError(
             f"series {series.name}: {level.name} circuits compute without resistors; take exact"

@@ -32,16 +32,6 @@ def check_rails(network: Network, level: Level) -> None:
 
     Limits need a level of single-ended op amps, ideal or as macro models, with a full scale of at
     most `HIGHEST`.
-
-    Examples
-    --------
-    >>> from ann_dc import levels
-    >>> from ann_dc.network import Cell, Limiter, Neuron
-    >>> cell = Cell(neurons=(Neuron(name="x", limiter=Limiter(high=1.0)),))
-    >>> check_rails(Network(cell=cell, stages=1), levels.macro())
-    >>> check_rails(Network(cell=cell, stages=1), levels.ota_c())  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    ann_dc.errors.NetworkError: circuit: rails of x are not built at level ota-c; ...
     """
     names = ", ".join(_railed(network))
     if not names:
@@ -62,19 +52,7 @@ def check_rails(network: Network, level: Level) -> None:
 
 @checked
 def with_rails(network: Network, level: Level) -> Level:
-    """Return the level with a full scale of at most `HIGHEST` if neurons have limits.
-
-    Examples
-    --------
-    >>> from ann_dc.hardware.parts import presets
-    >>> from ann_dc.network import Cell, Limiter, Network, Neuron
-    >>> level = presets.get("opa192_ad734")
-    >>> for high in (1.0, float("inf")):
-    ...     cell = Cell(neurons=(Neuron(name="x", limiter=Limiter(high=high)),))
-    ...     with_rails(Network(cell=cell, stages=1), level).full_scale
-    1.0
-    10.0
-    """
+    """Return the level with a full scale of at most `HIGHEST` if neurons have limits."""
     fits = level.full_scale <= HIGHEST or not _railed(network)
     return level if fits else replace(level, full_scale=HIGHEST)
 

@@ -232,16 +232,6 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     Outputs have both signs if ``differential`` is true. Raises `NetworkError` if a neuron has
     limits that its part cannot realise, see `check_parts`: only separate integrators have limits,
     and none in a differential circuit.
-
-    Examples
-    --------
-    Constraints become PI cells, states and controls integrators:
-
-    >>> from ann_dc import plants, synthesize
-    >>> from ann_dc.hardware.schematic import PICell
-    >>> schematic = schematic_of(synthesize(plants.double_integrator(N=5)))
-    >>> schematic.count(PICell), schematic.count(Integrator), schematic.count(Multiplier)
-    (20, 25, 0)
     """
     wires = wires_of(network)
     cells, inside = fused_cells(network, wires, differential=differential)

@@ -19,18 +19,7 @@ from ann_dc.validation import checked
 
 
 def shared_nodes(network: Network) -> frozenset[str]:
-    """Return the nodes that exist once: shared neurons and blocks of shared nodes.
-
-    Examples
-    --------
-    >>> from ann_dc.network import Cell, Connection, Neuron, Product, Sum
-    >>> wires = (Connection(source="x", target="twice", weight=2.0),)
-    >>> blocks = (Sum(name="twice"), Product(name="own", a="y", b="twice"))
-    >>> neurons = Neuron(name="x", shared=True), Neuron(name="y")
-    >>> row = Network(stages=3, cell=Cell(neurons=neurons, blocks=blocks, connections=wires))
-    >>> sorted(shared_nodes(row))
-    ['twice', 'x']
-    """
+    """Return the nodes that exist once: shared neurons and blocks of shared nodes."""
     arriving: dict[str, list[Connection]] = {}
     for connection in network.cell.connections:
         arriving.setdefault(connection.target, []).append(connection)
@@ -55,16 +44,6 @@ def check_shared(network: Network, level: Level) -> None:
     """Raise `NetworkError` if a level has no lines for the network's shared neurons.
 
     Only levels of single-ended op amps have such lines.
-
-    Examples
-    --------
-    >>> from ann_dc import levels
-    >>> from ann_dc.network import Cell, Neuron
-    >>> row = Network(cell=Cell(neurons=(Neuron(name="x", shared=True),)), stages=3)
-    >>> check_shared(row, levels.macro())
-    >>> check_shared(row, levels.ota_c())  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    ann_dc.errors.NetworkError: circuit: x: a neuron shared ... is not built at level ota-c; ...
     """
     names = ", ".join(neuron.name for neuron in network.cell.neurons if neuron.shared)
     if names and level.technology.differential:

@@ -58,21 +58,6 @@ def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
     the network in units of 1 / network time. Limits beyond full scale are omitted, as for other
     neurons. The result starts with the currents of the projection at the start of the given
     network.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from ann_dc.hardware.circuit import ProbeRun, scale
-    >>> from ann_dc.network import Cell, Network
-    >>> from ann_dc.network.preconditioners import ResistiveGrid
-    >>> held = Neuron(name="x", role=Role.PRIMAL, limiter=Limiter(high=0.5))
-    >>> ties = ResistiveGrid(own=np.full((2, 1, 1), 1.0), following=np.full((1, 1, 1), -0.5))
-    >>> pushed = Cell(neurons=(held,), connections=(wire(ONE, "x"), wire("x", "x", -1.0)))
-    >>> row = Network(stages=2, cell=pushed, preconditioner=ties)
-    >>> probe = ProbeRun(states=np.array([[0.0] * 2, [0.5] * 2]), times=np.arange(2.0), radius=1.0)
-    >>> found = with_rail_rows(row, scale(row, probe), 1.0)
-    >>> [diode.multiplier for diode in found.cell.inequality_duals], len(clamped_rows(found))
-    (['zeta_high.x'], 0)
     """
     coupled = {network.cell.neurons[row].name: row for row in clamped_rows(network)}
     neurons = [

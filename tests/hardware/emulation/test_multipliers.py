@@ -22,8 +22,7 @@ from ann_dc.hardware.circuit.loads import loads_of
 from ann_dc.hardware.circuit.scaling import ProbeRun, scale
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.parts.datasheet import Datasheet
-from ann_dc.hardware.parts.generator_cascade import cascade_of
-from ann_dc.hardware.parts.generator_curves import FittedQuotient, Polynomial
+from ann_dc.hardware.parts.generator_curves import FittedQuotient, Polynomial, cascade_of
 from ann_dc.hardware.parts.levels import TRANSISTOR, Level, macro
 from ann_dc.hardware.parts.parasitics import MultiplierLaw, Parasitics
 from ann_dc.hardware.schematic.elements import Generator

@@ -11,8 +11,13 @@ from ann_dc.errors import NetworkError
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.error_budget import sensitivity
 from ann_dc.hardware.circuit.circuit import Quantity
-from ann_dc.hardware.emulation.noise_currents import Noise, Place, draw_noise, noise_sources
-from ann_dc.hardware.emulation.noise_inputs import noisy_network
+from ann_dc.hardware.emulation.noise_currents import (
+    Noise,
+    Place,
+    draw_noise,
+    noise_sources,
+    noisy_network,
+)
 from ann_dc.hardware.emulation.states import emulated_state
 from ann_dc.hardware.schematic.elements import Adder, Generator, Integrator
 from ann_dc.hardware.schematic.shared import check_shared, shared_nodes
