@@ -15,7 +15,7 @@ import numpy as np
 
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import CLAMP_REFERENCE, HOLD, Circuit
-from ann_dc.hardware.circuit.generators import built_range
+from ann_dc.hardware.circuit.scaling import built_range
 from ann_dc.hardware.parts.generator_curves import Curves, Polynomial
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import (

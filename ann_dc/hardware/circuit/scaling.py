@@ -20,6 +20,8 @@ into node i add up to zero with resistors of conductance
 
 and the remainder of :math:`\kappa S_i^2 G_{ii}` to ground. The remainder is negative if the other
 conductances exceed this sum, and then requires a negative resistance.
+
+Ranges and units of the function generators of a circuit.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.schematic.elements import GridNode, Wire
+from ann_dc.hardware.schematic.elements import Generator, GridNode, Wire
 from ann_dc.hardware.schematic.pass_through_sums import plain_sums
 from ann_dc.hardware.schematic.preconditioner_wiring import (
     OWN,
@@ -40,7 +42,9 @@ from ann_dc.hardware.schematic.preconditioner_wiring import (
     preconditioner_values,
     wiring_of,
 )
+from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.network.cell import ONE, Product
+from ann_dc.network.functions import function_block
 from ann_dc.network.network import Network
 from ann_dc.scale import Scale
 from ann_dc.validation import checked
@@ -329,24 +333,14 @@ def _preconditioner_units(
     return found
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GridValues:
-    """Resistances and conductances of a resistive grid.
+def values_of_grid(
+    nodes: Sequence[GridNode], scaling: Scaling, smallest: float
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return the resistors (wires, N) in ohms and conductances (N,) in siemens of a grid by node.
 
-    Attributes
-    ----------
-    resistors : dict of part name to (wires, N) array
-        Ohms in the order of the part's wires. A resistor between two nodes is listed with both.
-    conductances : dict of part name to (N,) array
-        Total conductance at the node, in siemens.
+    The smallest resistor has ``smallest`` ohms. Resistors are in the order of the part's wires; one
+    between two nodes is listed with both.
     """
-
-    resistors: dict[str, np.ndarray]
-    conductances: dict[str, np.ndarray]
-
-
-def values_of_grid(nodes: Sequence[GridNode], scaling: Scaling, smallest: float) -> GridValues:
-    """Return the values of grid nodes with the smallest resistor in ohms."""
     units = scaling.unit
     totals, shares = {}, {}
     for node in nodes:
@@ -359,10 +353,7 @@ def values_of_grid(nodes: Sequence[GridNode], scaling: Scaling, smallest: float)
     per_share = 1.0 / (smallest * largest)
     with np.errstate(divide="ignore"):
         resistors = {name: 1.0 / (per_share * share) for name, share in shares.items()}
-    return GridValues(
-        resistors=resistors,
-        conductances={name: per_share * total for name, total in totals.items()},
-    )
+    return resistors, {name: per_share * total for name, total in totals.items()}
 
 
 def to_ground(conductance: np.ndarray, resistors: np.ndarray) -> np.ndarray:
@@ -381,3 +372,26 @@ def begins(part: GridNode, wire: Wire, order: Sequence[str]) -> bool:
     if wire.source.startswith(OWN) or wire.offset:
         return wire.offset >= 0
     return order.index(part.name) < order.index(wire.source)
+
+
+def slopes_of(schematic: Schematic, scaling: Scaling, part: Generator) -> tuple[float, float]:
+    """Return the signed values of one volt at the input and output of a generator."""
+    return (
+        schematic.sign(part.x) * scaling.unit[part.x] / scaling.full_scale,
+        schematic.sign(part.name) * scaling.unit[part.name] / scaling.full_scale,
+    )
+
+
+def built_range(part: Generator, scaling: Scaling) -> tuple[float, float]:
+    """Return the range of a function generator: probed range plus a quarter per side.
+
+    The range stays in the domain and covers at most half of the remaining distance to an end of the
+    domain.
+    """
+    peak = scaling.peaks[part.x]
+    spare = 0.25 * max(peak.high - peak.low, 0.1 * peak.value, 1e-9)
+    low, high = function_block(part.function).domain
+    return (
+        max(peak.low - spare, 0.5 * (peak.low + low)),
+        min(peak.high + spare, 0.5 * (peak.high + high)),
+    )

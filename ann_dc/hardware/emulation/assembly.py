@@ -16,7 +16,7 @@ import numpy as np
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.nodes import Origin
-from ann_dc.hardware.schematic.elements import UNLIMITED
+from ann_dc.hardware.schematic.elements import UNLIMITED, arguments
 from ann_dc.network.cell import (
     ONE,
     Block,
@@ -25,7 +25,6 @@ from ann_dc.network.cell import (
     Function,
     Limiter,
     Neuron,
-    Product,
     Sum,
 )
 from ann_dc.network.ends import Omitted
@@ -186,9 +185,9 @@ class _Assembly:
 
     def _ordered(self) -> tuple[Block, ...]:
         """Return the blocks in topological order."""
-        arriving: dict[str, list[str]] = {}
+        sources: dict[str, list[str]] = {}
         for connection in self._connections:
-            arriving.setdefault(connection.target, []).append(connection.source)
+            sources.setdefault(connection.target, []).append(connection.source)
         by_name = {block.name: block for block in self.blocks}
         placed: dict[str, Block] = {}
 
@@ -196,17 +195,10 @@ class _Assembly:
             block = by_name.get(name)
             if block is None or name in placed:
                 return
-            for source in _read_by(block, arriving):
+            for source in arguments(block) or sources.get(name, ()):
                 place(source)
             placed[name] = block
 
         for name in by_name:
             place(name)
         return tuple(placed.values())
-
-
-def _read_by(block: Block, arriving: Mapping[str, list[str]]) -> list[str]:
-    """Return the input nodes of a block."""
-    if isinstance(block, Product):
-        return [block.a, block.b]
-    return [block.x] if isinstance(block, Function) else arriving.get(block.name, [])

@@ -32,7 +32,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from ann_dc.hardware.circuit.circuit import Quantity
-from ann_dc.hardware.circuit.generators import built_range, slopes_of
+from ann_dc.hardware.circuit.scaling import built_range, slopes_of
 from ann_dc.hardware.emulation.assembly import (
     Coupling,
     Piece,

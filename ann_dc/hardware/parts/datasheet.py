@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 
 from ann_dc.errors import NetworkError, such_as
@@ -24,16 +24,6 @@ FOLLOWING = ("rails", "multiplier_rails", "amplifier_power", "multiplier_power")
 
 SMALLEST_RESISTOR = 10e3
 """Smallest resistor in ohms that an op amp can drive."""
-
-POSITIVE = (
-    "a0",
-    "slew",
-    "rails",
-    "multiplier_rails",
-    "multiplier_bandwidth",
-    "function_bandwidth",
-)
-"""Quantities of a datasheet that are positive and may be infinite."""
 
 
 class Kind(enum.Enum):
@@ -225,6 +215,31 @@ TYPICAL = Tolerances(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
 """Default tolerances for unknown parts: one per cent and one millivolt."""
 
 
+RANGES: Mapping[str, tuple[str, Callable[[float], bool]]] = {
+    **dict.fromkeys(
+        (
+            *("a0", "slew", "rails", "multiplier_rails"),
+            *("multiplier_bandwidth", "function_bandwidth"),
+        ),
+        ("a positive number", lambda value: value > 0),
+    ),
+    "gbw": ("a positive number of Hz", lambda value: 0 < value < math.inf),
+    **dict.fromkeys(
+        ("rout", "stage_resistance"),
+        ("a number not below 0 of ohms", lambda value: 0 <= value < math.inf),
+    ),
+    **dict.fromkeys(
+        ("amplifier_power", "multiplier_power"),
+        (
+            "a number of watts not below 0, or nan",
+            lambda value: math.isnan(value) or 0 <= value < math.inf,
+        ),
+    ),
+    "systematic_offset": ("a number of volts", math.isfinite),
+}
+"""Valid numbers of a datasheet, in words and as a condition."""
+
+
 @checked
 @such_as("ann_dc.hardware.parts.Datasheet()")
 @dataclass(frozen=True, kw_only=True)
@@ -284,23 +299,9 @@ class Datasheet:
     parasitics: Parasitics = NONE
 
     def __post_init__(self) -> None:
-        for name in POSITIVE:
-            if not getattr(self, name) > 0:
-                raise _out_of_range(name, "a positive number", getattr(self, name))
-        if not 0 < self.gbw < math.inf:
-            raise _out_of_range("gbw", "a positive number of Hz", self.gbw)
-        for name in ("rout", "stage_resistance"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise _out_of_range(name, "a number not below 0 of ohms", getattr(self, name))
-        self._check_powers()
-        if not math.isfinite(self.systematic_offset):
-            raise _out_of_range("systematic_offset", "a number of volts", self.systematic_offset)
-
-    def _check_powers(self) -> None:
-        for name in ("amplifier_power", "multiplier_power"):
-            power = getattr(self, name)
-            if not (math.isnan(power) or 0 <= power < math.inf):
-                raise _out_of_range(name, "a number of watts not below 0, or nan", power)
+        for name, (expected, is_valid) in RANGES.items():
+            if not is_valid(value := getattr(self, name)):
+                raise NetworkError(f"{name}: expected {expected}, got {value!r}")
 
     def __str__(self) -> str:
         known = {
@@ -337,7 +338,3 @@ class Datasheet:
             **{name: value * share for name, value in follow.items() if math.isfinite(value)},
             parasitics=self.parasitics.hotter(now.temperature - before.temperature),
         )
-
-
-def _out_of_range(name: str, expected: str, given: float) -> NetworkError:
-    return NetworkError(f"{name}: expected {expected}, got {given!r}")

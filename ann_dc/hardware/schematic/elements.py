@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.network.cell import Limiter
+from ann_dc.network.cell import Block, Cell, Connection, Function, Limiter, Product
 
 UNLIMITED = Limiter()
 """Limiter of integrators without limits."""
@@ -189,3 +189,18 @@ class GridNode:
 Part = Integrator | PICell | Adder | GridNode | Multiplier | Generator
 Amplifier = Integrator | PICell | Adder
 """Parts with wires into a virtual ground."""
+
+
+def connections_by_target(cell: Cell) -> dict[str, list[Connection]]:
+    """Return the incoming connections of every node that has some."""
+    arriving: dict[str, list[Connection]] = {}
+    for connection in cell.connections:
+        arriving.setdefault(connection.target, []).append(connection)
+    return arriving
+
+
+def arguments(block: Block) -> tuple[str, ...]:
+    """Return the nodes that a product or a function reads; none for a sum."""
+    if isinstance(block, Product):
+        return block.a, block.b
+    return (block.x,) if isinstance(block, Function) else ()

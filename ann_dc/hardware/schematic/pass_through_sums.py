@@ -7,12 +7,10 @@ with a resistor as a reader needs an amplifier.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
-from ann_dc.hardware.schematic.elements import Wire
-from ann_dc.network.cell import ONE, Cell, Connection, Function, Product, Sum
+from ann_dc.hardware.schematic.elements import Wire, arguments, connections_by_target
+from ann_dc.network.cell import ONE, Cell, Sum
 
 
 def plain_sums(cell: Cell) -> dict[str, Wire]:
@@ -29,10 +27,9 @@ def plain_sums(cell: Cell) -> dict[str, Wire]:
     >>> found["twice"].source, float(found["twice"].weight)
     ('x', 2.0)
     """
-    arriving: dict[str, list[Connection]] = {}
-    for connection in cell.connections:
-        arriving.setdefault(connection.target, []).append(connection)
-    read = set(_read_without_current(cell)) - {connection.source for connection in cell.connections}
+    arriving = connections_by_target(cell)
+    without_current = {node for block in cell.blocks for node in arguments(block)}
+    read = without_current - {connection.source for connection in cell.connections}
     plain: dict[str, Wire] = {}
     for block in cell.blocks:
         wires = arriving.get(block.name, [])
@@ -42,12 +39,3 @@ def plain_sums(cell: Cell) -> dict[str, Wire]:
             if wire.template == 0 and wire.source != ONE and weight.ndim == 0 and weight > 0:
                 plain[block.name] = Wire(source=wire.source, offset=0, weight=weight)
     return plain
-
-
-def _read_without_current(cell: Cell) -> Iterator[str]:
-    """Yield the inputs of multipliers and function generators."""
-    for block in cell.blocks:
-        if isinstance(block, Product):
-            yield from (block.a, block.b)
-        elif isinstance(block, Function):
-            yield block.x

@@ -13,30 +13,23 @@ import numpy as np
 
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.network.cell import ONE, Block, Connection, Function, Product
+from ann_dc.hardware.schematic.elements import arguments, connections_by_target
+from ann_dc.network.cell import ONE
 from ann_dc.network.network import Network
 from ann_dc.validation import checked
 
 
 def shared_nodes(network: Network) -> frozenset[str]:
     """Return the nodes that exist once: shared neurons and blocks of shared nodes."""
-    arriving: dict[str, list[Connection]] = {}
-    for connection in network.cell.connections:
-        arriving.setdefault(connection.target, []).append(connection)
+    arriving = connections_by_target(network.cell)
     found = {neuron.name for neuron in network.cell.neurons if neuron.shared}
     for block in network.cell.blocks if found else ():
         wires = arriving.get(block.name, [])
         same = all(np.ptp(np.asarray(wire.weight, float)) == 0 for wire in wires)
-        read = _read_by(block, wires)
+        read = set(arguments(block)) or {wire.source for wire in wires}
         if same and read & found and read <= found | {ONE}:
             found.add(block.name)
     return frozenset(found)
-
-
-def _read_by(block: Block, wires: list[Connection]) -> set[str]:
-    if isinstance(block, Product):
-        return {block.a, block.b}
-    return {block.x} if isinstance(block, Function) else {wire.source for wire in wires}
 
 
 @checked

@@ -20,7 +20,7 @@ from ann_dc.backends.spice.netlist.op_amps import (
 from ann_dc.backends.spice.netlist.values import Nodes, Values
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit, Quantity
-from ann_dc.hardware.circuit.generators import built_range, slopes_of
+from ann_dc.hardware.circuit.scaling import built_range, slopes_of
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps, OtaC, SwitchedCapacitors
 from ann_dc.hardware.schematic.elements import (

@@ -29,7 +29,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import parts_of
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
-from ann_dc.hardware.circuit.generators import built_range, slopes_of
+from ann_dc.hardware.circuit.scaling import built_range, slopes_of
 from ann_dc.hardware.parts.board_models import on_board
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import (
