@@ -92,18 +92,9 @@ class Quantity(enum.Enum):
 class Parameter:
     """Parameter of a cell.
 
-    Attributes
-    ----------
-    alias : str
-        Netlist name of the part.
-    wire : int or None
-        Index of the wire of an input resistor; None for other quantities.
-    present : (N,) array of bool
-        True for the cells that have the parameter.
-    owner : str
-        Description of the component, listed in the bill of materials for an offset or a gain.
-    meaning : str
-        Description of the parameter.
+    ``wire`` is the index of the wire of an input resistor, None for other quantities. ``present``
+    (N,) is True for the cells that have the parameter. The bill of materials lists the ``owner``, a
+    description of the component, for an offset or a gain.
     """
 
     part: str
@@ -238,8 +229,6 @@ class Circuit(Record):
 
     Attributes
     ----------
-    scaling : Scaling
-        Volts per value and seconds per network time.
     resistors : mapping of part name to (wires, N) array
         Ohms in the order of the part's wires.
     feedback : mapping of part name to float
@@ -251,7 +240,7 @@ class Circuit(Record):
     inverter : float
         Both resistors of every inverter in ohms.
     conductances : mapping of part name to (N,) array
-        Total conductance at the nodes of a resistive grid in siemens; zero for an absent node.
+        Siemens at the nodes of a resistive grid; zero for an absent node.
     lag : float
         Ratio of capacitance to conductance of a grid node, in units of network time.
     """

@@ -65,15 +65,9 @@ def parts_of(cards: Mapping[str, int], inner: int = 0) -> dict[str, int]:
 class Cost:
     """Cost of a circuit.
 
-    Attributes
-    ----------
-    parts : mapping of str to int
-        Number of parts by kind, see `parts_of`.
-    power : float
-        Power at rest in watts, of op amps with their loads and of multipliers; nan if the level has
-        no power data.
-    settling : float
-        Settling time in seconds per solve.
+    ``parts`` are numbers of parts by kind, see `parts_of`, and ``settling`` is in seconds per
+    solve. The ``power`` at rest in watts is that of op amps with their loads and of multipliers;
+    nan if the level has no power data.
     """
 
     parts: Mapping[str, int]

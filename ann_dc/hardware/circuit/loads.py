@@ -1,8 +1,7 @@
 """Loads of the op amps of a circuit: resistors from outputs to virtual grounds.
 
-Op amps of clamps drive the resistors in series with the references of their limits.
-
-Effect of loads on outputs: op-amp gain and pole, multiplier output.
+Op amps of clamps drive the resistors in series with the references of their limits. Loads reduce
+the gain and the bandwidth of op amps, and the output of multipliers.
 """
 
 from __future__ import annotations
@@ -34,19 +33,10 @@ from ann_dc.validation import State, checked
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """Heaviest load of a circuit.
+    """Heaviest load of a circuit: that of a part in a cell, or of the inverter behind the part.
 
-    Attributes
-    ----------
-    part : str
-        Part of the loaded op amp.
-    inverter : bool
-        True if the op amp is that of the inverter behind the part.
-    stage : int
-        Cell of the part, from 0.
-    amperes : float
-        Current at the largest voltage of the probe run, with all virtual grounds at zero. For
-        moving op amps, capacitors are discharged.
+    ``amperes`` is the current at the largest voltage of the probe run, with all virtual grounds at
+    zero. For moving op amps, capacitors are discharged.
     """
 
     part: str
@@ -205,12 +195,8 @@ def _ends(
 class Outputs:
     """Outputs of the parts of a circuit under load.
 
-    If ``inverter`` is true, methods refer to the inverter behind a part.
-
-    Attributes
-    ----------
-    omega : float
-        Gain-bandwidth product of the op amps, in radians per unit of network time.
+    If ``inverter`` is true, methods refer to the inverter behind a part. ``omega`` is the
+    gain-bandwidth product of the op amps, in radians per unit of network time.
     """
 
     def __init__(self, circuit: Circuit, level: Level) -> None:

@@ -67,16 +67,9 @@ MARGIN = 10.0
 class ProbeRun:
     """Run that determines the ranges of all nodes and the fastest rate of a network.
 
-    Raises `NetworkError` if the run is not finite or the radius not positive.
-
-    Attributes
-    ----------
-    states : (T, n) array
-        State vectors from the start to the settled point.
-    times : (T,) array
-        Network times of the states.
-    radius : float
-        Spectral radius of the flow at the settled point.
+    State vectors ``states`` (T, n) from the start to the settled point, network ``times`` (T,), and
+    the spectral ``radius`` of the flow at the settled point. Raises `NetworkError` if the run is
+    not finite or the radius not positive.
     """
 
     states: np.ndarray
@@ -94,21 +87,11 @@ class ProbeRun:
 class ScalingRules:
     """Rules for a scaling.
 
-    Raises `NetworkError` if a number is out of its range.
-
-    Attributes
-    ----------
-    gbw : float
-        Gain-bandwidth product of the op amps in Hz.
-    margin : float
-        Bandwidth margin k: op-amp bandwidth over the fastest mode of the network.
-    full_scale : float
-        V in volts.
-    headroom : float
-        Ratio of full scale to the largest magnitude of the probe run, at least 1.
-    intervals : mapping of node name to (low, high)
-        Declared ranges of nodes in the user's units, for example ``{"u.nu": (-20, 20)}``. They
-        replace the ranges of the probe run.
+    ``gbw`` is the gain-bandwidth product of the op amps in Hz, ``margin`` the bandwidth margin k,
+    ``full_scale`` V in volts, and ``headroom`` (at least 1) the ratio of full scale to the largest
+    magnitude of the probe run. ``intervals`` are declared ranges of nodes in the user's units, for
+    example ``{"u.nu": (-20, 20)}``; they replace the ranges of the probe run. Raises `NetworkError`
+    if a number is out of its range.
     """
 
     gbw: float = 10e6
@@ -124,18 +107,9 @@ class ScalingRules:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Peak:
-    """Largest magnitude of a node, its stage and network time, and the node's range.
+    """Largest magnitude of a node in network units, its stage (0 to N - 1) and its network time.
 
-    Attributes
-    ----------
-    value : float
-        Largest magnitude in network units.
-    stage : int
-        Stage of the largest magnitude, from 0 to N - 1.
-    time : float
-        Network time of the largest magnitude.
-    low, high : float
-        Smallest and largest signed value over all stages and times.
+    ``low`` and ``high`` are the smallest and the largest signed value over all stages and times.
     """
 
     value: float
@@ -149,18 +123,9 @@ class Peak:
 class Scaling:
     """Volts per network value and seconds per unit of network time.
 
-    Attributes
-    ----------
-    full_scale : float
-        V in volts.
-    unit : mapping of node name to float
-        S: the value at full scale in network units.
-    time : float
-        Seconds per unit of network time.
-    margin : float
-        Resulting bandwidth margin k.
-    peaks : mapping of node name to Peak
-        Ranges of the probe run.
+    ``full_scale`` is V in volts, ``unit`` S by node: the value at full scale in network units.
+    ``time`` is in seconds per unit of network time, ``margin`` the resulting bandwidth margin k,
+    and ``peaks`` are the ranges of the probe run by node.
     """
 
     network: Network

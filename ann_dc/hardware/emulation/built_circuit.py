@@ -17,18 +17,10 @@ from ann_dc.scale import IDENTITY, Scale
 
 
 class BuiltCircuit:
-    """Circuit with the deviations of its parts.
+    """Circuit with valid deviations of its parts, relative or in volts, each (N,).
 
-    Clamps of limits move if ``moving`` is true.
-
-    Attributes
-    ----------
-    deviations : mapping of parameter name to (N,) array
-        Valid deviations, relative or in volts.
-    outputs : Outputs
-        Loaded outputs of the parts.
-    omega : float
-        Gain-bandwidth product of the op amps, in radians per unit of network time.
+    Clamps of limits move if ``moving`` is true. ``omega`` is the gain-bandwidth product of the op
+    amps, in radians per unit of network time.
     """
 
     def __init__(

@@ -157,18 +157,9 @@ def bias_current(
 class Clamps:
     """Contributions of the clamps of an integrator.
 
-    Attributes
-    ----------
-    pieces : tuple of Piece
-        States, sums and couplings of the clamps.
-    into : str
-        Node at which the inputs end.
-    limiter : Limiter
-        Limits of the capacitor.
-    followers : mapping of node name to float
-        Nodes that follow the output, and the fractions of the capacitor at them.
-    shifts : tuple of str
-        Differences between the output and the capacitor voltage.
+    The inputs of the integrator end at the node ``into``, and ``limiter`` has the limits of the
+    capacitor. ``followers`` are nodes that follow the output, with the fractions of the capacitor
+    at them, and ``shifts`` nodes of the differences between the output and the capacitor voltage.
     """
 
     pieces: tuple[Piece, ...]

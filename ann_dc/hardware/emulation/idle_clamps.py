@@ -43,16 +43,8 @@ The cause is the current of its inputs through a closed switch of one ohm.
 class Clamp:
     """Clamp of an integrator, in network units of its output.
 
-    Attributes
-    ----------
-    side : float
-        1 for the upper limit, -1 for the lower limit.
-    thermal : float
-        V_T.
-    idling : float
-        V_D of the diodes through which the inactive clamp follows.
-    seeping : float
-        R_1 I_s.
+    ``side`` is 1 for the upper limit, -1 for the lower limit. ``thermal`` is V_T, ``idling`` V_D of
+    the diodes through which the inactive clamp follows, and ``seeping`` R_1 I_s.
     """
 
     nodes: ClampNodes

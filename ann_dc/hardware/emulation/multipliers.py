@@ -65,18 +65,10 @@ FAST = 10.0
 
 @dataclass(frozen=True)
 class _Factor:
-    """Factor of a multiplier: a pair of inputs.
+    """Factor of a multiplier: a pair of inputs, driven by a node.
 
-    Attributes
-    ----------
-    node : str
-        Node of the emulation.
-    share : float
-        Difference of the two inputs relative to full scale, per unit of the node.
-    volts : float
-        Sum of the two inputs in volts per unit of the node.
-    centre : float
-        Sum of the two inputs at zero of the node.
+    ``share`` is the difference of the two inputs relative to full scale, and ``volts`` their sum,
+    each per unit of the node. ``centre`` is the sum at zero of the node.
     """
 
     node: str

@@ -17,17 +17,8 @@ class _Inner:
 
 @dataclass(frozen=True)
 class AmplifierNodes:
-    """Names of the nodes of an amplifier, or of the inverter behind a part.
+    """Names of the nodes of an amplifier, of its inverter, or of its op amp before diodes.
 
-    Attributes
-    ----------
-    inverter : bool
-        True for the inverter behind the part.
-    rectified : bool
-        True for the op amp before the diodes.
-
-    Examples
-    --------
     >>> AmplifierNodes("q.x").held, AmplifierNodes("q.x", inverter=True).output
     ('held.q.x', 'not.q.x')
     """

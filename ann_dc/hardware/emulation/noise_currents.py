@@ -134,16 +134,9 @@ class Place(enum.Enum):
 class Source:
     """Noise current in every cell, or noise voltage of a multiplier.
 
-    Attributes
-    ----------
-    part : str
-        Part with the op amp, or multiplier.
-    place : Place
-        Location of the source.
-    conductance : (N,) array
-        Total conductance of the resistors that cause the noise in siemens; zero for an absent
-        source. It is also the current per volt of op-amp noise. The value for a multiplier's
-        voltage is 1.
+    ``conductance`` (N,) is the total of the resistors that cause the noise in siemens; zero for an
+    absent source. It is also the current per volt of op-amp noise. The value for a multiplier's
+    voltage is 1.
     """
 
     part: str
@@ -165,14 +158,8 @@ class Source:
 class Currents:
     """Linearly interpolated samples of all noise since the reset switches opened.
 
-    Attributes
-    ----------
-    step : float
-        Seconds between samples.
-    sources : tuple of Source
-        Empty without noise.
-    samples : (sources, N, K + 1) array
-        Amperes, or volts for multipliers; the first samples are zero.
+    ``step`` is in seconds. ``samples`` (sources, N, K + 1) are in amperes, or in volts for
+    multipliers; the first ones are zero. Without noise there are no sources.
     """
 
     step: float
@@ -286,14 +273,6 @@ def white(density: float, step: float, count: int, seed: list[int]) -> np.ndarra
 
     The density is one-sided, and ``step`` is the number of seconds between samples. The square of
     the samples' unit per Hz is the unit of the density: for A, A^2/Hz.
-
-    Examples
-    --------
-    The variance of independent samples is density / (2 step):
-
-    >>> samples = white(density=2e-6, step=1e-3, count=10_000, seed=[0])
-    >>> bool(abs(samples.var() / 1e-3 - 1) < 0.1)
-    True
     """
     size = math.sqrt(density / (2 * step))
     return size * np.random.default_rng(seed).standard_normal(count)

@@ -30,6 +30,8 @@ def drawn_numbers(
 
     The numbers of seed s are those of ``mismatch(detuned(network, time_constants, seed=s), weights,
     seed=s)``, bit for bit. No network is built per sample, which takes a hundredth of the time.
+    Raises `NetworkError` if a standard deviation is not finite, or so large that a time constant is
+    not positive.
 
     Parameters
     ----------
@@ -39,16 +41,6 @@ def drawn_numbers(
         Seeds, one per sample.
     weights, time_constants : float
         Standard deviations of the relative errors; 0 by default.
-
-    Returns
-    -------
-    Numbers
-        Argument for ``OdeBackend().run_batch(network, {}, numbers=...)``.
-
-    Raises
-    ------
-    NetworkError
-        If a standard deviation is not finite, or so large that a time constant is not positive.
 
     Examples
     --------

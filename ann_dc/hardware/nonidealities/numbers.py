@@ -48,7 +48,8 @@ def leak(
     r"""Add the leak of finite DC gain: tau x' = sum w s - (sum \|w\|) x / gain.
 
     If nodes have full scales S (``unit`` of a `Scaling`), \|w\| is \|w_j\| S_j / S. A PI dual is
-    one op amp, whose resistors are the connections of its residual.
+    one op amp, whose resistors are the connections of its residual. Raises `NetworkError` or
+    `UnknownNameError` if ``gain`` is not positive or ``where`` contains an unknown name.
 
     Parameters
     ----------
@@ -58,11 +59,6 @@ def leak(
         Selected neurons and stages; all by default.
     unit : mapping of str to float, optional
         Full scales S by node; equal by default.
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
-        If ``gain`` is not positive or ``where`` contains an unknown name.
 
     Examples
     --------
@@ -91,6 +87,9 @@ def offset(
 ) -> Network:
     """Add a bias o at neurons and sums: tau x' = sum w s + o.
 
+    Raises `NetworkError` or `UnknownNameError` if ``size`` is not finite or ``where`` contains an
+    unknown name.
+
     Parameters
     ----------
     size : float
@@ -100,11 +99,6 @@ def offset(
         Selected neurons or sums and stages; all by default.
     seed : int, optional
         Seed of the draws.
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
-        If ``size`` is not finite or ``where`` contains an unknown name.
 
     Examples
     --------
@@ -126,6 +120,9 @@ def mismatch(
 ) -> Network:
     """Multiply weights w by 1 + relative e, with a normal draw e.
 
+    Raises `NetworkError` or `UnknownNameError` if ``relative`` is not finite or ``where`` contains
+    an unknown name.
+
     Parameters
     ----------
     relative : float
@@ -134,11 +131,6 @@ def mismatch(
         Selected connections and stages; all by default.
     seed : int
         Seed of the draws.
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
-        If ``relative`` is not finite or ``where`` contains an unknown name.
 
     Examples
     --------
@@ -160,7 +152,9 @@ def detuned(
 ) -> Network:
     """Multiply time constants tau by 1 + relative e, with a normal draw e.
 
-    The gains of coarse-level neurons do not change.
+    The gains of coarse-level neurons do not change. Raises `NetworkError` or `UnknownNameError` if
+    ``relative`` is not finite or so large that a time constant is not positive, or if ``where``
+    contains an unknown name.
 
     Parameters
     ----------
@@ -170,12 +164,6 @@ def detuned(
         Selected neurons and stages; all by default.
     seed : int
         Seed of the draws, which are independent of those of `mismatch` with an equal seed.
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
-        If ``relative`` is not finite or so large that a time constant is not positive, or if
-        ``where`` contains an unknown name.
 
     Examples
     --------
@@ -202,7 +190,8 @@ def quantised(
 
     A weight is 1 / R in units of one resistor. R is rounded to the nearest value of the series,
     then the weight to the given number of significant bits. Equal weights stay equal, so the errors
-    of stages do not average out.
+    of stages do not average out. Raises `NetworkError` or `UnknownNameError` if ``bits`` is below 1
+    or ``where`` contains an unknown name.
 
     Parameters
     ----------
@@ -212,11 +201,6 @@ def quantised(
         Significant bits, at least 1; unlimited by default.
     series : Series
         Available resistors; every value by default.
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
-        If ``bits`` is below 1 or ``where`` contains an unknown name.
 
     Examples
     --------
@@ -252,7 +236,8 @@ def gain_error(
     """Scale products to (1 + e) a b and functions to (1 + e) g(x).
 
     Connections that read a block are scaled. Blocks that read a block do so through a sum
-    ``gain.<block>``.
+    ``gain.<block>``. Raises `NetworkError` or `UnknownNameError` if ``relative`` is not finite or
+    ``where`` contains an unknown name.
 
     Parameters
     ----------
@@ -263,11 +248,6 @@ def gain_error(
         Selected blocks and stages; all by default.
     seed : int, optional
         Seed of the draws.
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
-        If ``relative`` is not finite or ``where`` contains an unknown name.
 
     Examples
     --------

@@ -73,7 +73,8 @@ class Tolerances:
     A resistor of tolerance t is rejected in manufacture if it deviates by more, so its error is
     uniform between -t and t, with standard deviation :math:`t / \sqrt 3`. Offsets and gains are
     normal [1]_. Each part has an individual temperature coefficient, independent of its error.
-    Drift at equal distances above and below room temperature has opposite signs.
+    Drift at equal distances above and below room temperature has opposite signs. Raises
+    `NetworkError` if a size is negative or not finite.
 
     Attributes
     ----------
@@ -93,11 +94,6 @@ class Tolerances:
         Standard deviation of the temperature coefficient of the op amps' offsets, in V/K.
     kelvin : float
         Signed difference to room temperature in kelvin; zero for no drift.
-
-    Raises
-    ------
-    NetworkError
-        If a size is negative or not finite.
 
     References
     ----------
@@ -141,71 +137,26 @@ class Tolerances:
         )
 
     def drift(self, kind: Kind) -> float:
-        """Return the signed drift of errors of a kind since room temperature.
-
-        Parameters
-        ----------
-        kind : Kind
-            Kind of the errors.
-
-        Returns
-        -------
-        float
-            Bound or standard deviation, as for the error size of the kind.
-        """
+        """Return the signed drift since room temperature, as a bound or a standard deviation."""
         return getattr(self, DRIFTS[kind]) * self.kelvin if kind in DRIFTS else 0.0
 
     def size(self, kind: Kind) -> float:
-        """Return the bound or standard deviation of the errors of a kind, including drift.
-
-        Parameters
-        ----------
-        kind : Kind
-            Kind of the errors.
-        """
+        """Return the bound or standard deviation of the errors of a kind, including drift."""
         own, drift = getattr(self, kind.value), abs(self.drift(kind))
         return own + drift if kind.bounded else math.hypot(own, drift)
 
     def deviation(self, kind: Kind) -> float:
-        """Return the standard deviation of the errors of a kind.
-
-        Parameters
-        ----------
-        kind : Kind
-            Kind of the errors.
-        """
+        """Return the standard deviation of the errors of a kind."""
         size = math.hypot(getattr(self, kind.value), self.drift(kind))
         return size / math.sqrt(3.0) if kind.bounded else size
 
     def at(self, conditions: Conditions) -> Tolerances:
-        """Return the tolerances of the parts at a temperature.
-
-        Parameters
-        ----------
-        conditions : Conditions
-            Conditions with the temperature.
-
-        Returns
-        -------
-        Tolerances
-            Tolerances including drift.
-        """
+        """Return the tolerances of the parts at the temperature of some conditions, with drift."""
         drifts = any(getattr(self, name) for name in DRIFTS.values())
         return replace(self, kelvin=conditions.temperature - ROOM if drifts else 0.0)
 
     def without(self, kinds: Iterable[Kind]) -> Tolerances:
-        """Return the tolerances without the errors of some kinds.
-
-        Parameters
-        ----------
-        kinds : iterable of Kind
-            Kinds to omit.
-
-        Returns
-        -------
-        Tolerances
-            Tolerances with zero size for the omitted kinds.
-        """
+        """Return the tolerances without the errors of some kinds."""
         kinds = tuple(kinds)
         none = [kind.value for kind in kinds] + [DRIFTS[kind] for kind in kinds if kind in DRIFTS]
         return replace(self, **dict.fromkeys(none, 0.0))

@@ -4,12 +4,9 @@ Multipliers compute a polynomial; rectifiers form a chain of chords. Both are fi
 range of u. A fitting method (`Polynomial`, `Breakpoints`) returns a fitted record, whose error is
 known before a circuit exists. The netlist selects the cells that realise the record.
 
-Target of a function generator: a function on a range.
-
-Fitted polynomial as a cascade of multipliers, with node voltages in volts.
-
-Every partial sum of Horner's rule is scaled so that its largest value equals the amplitude of the
-input. Inner nodes therefore use full scale and do not exceed it.
+A fitted polynomial is a `Cascade` of multipliers, with node voltages in volts. Every partial sum of
+Horner's rule is scaled so that its largest value equals the amplitude of the input. Inner nodes
+therefore use full scale and do not exceed it.
 """
 
 from __future__ import annotations
@@ -81,19 +78,9 @@ class FittedPolynomial:
     .. math:: \sum_k a_k U^k \;\text{(parity 0)}, \qquad \sum_k a_k W^k \;\text{(even)}, \qquad
               U \sum_k a_k W^k \;\text{(odd)}, \qquad W = 2 U^2 - 1 .
 
-    Attributes
-    ----------
-    stretch : Stretch
-        Fitted function and range.
-    parity : int
-        1 for even, -1 for odd, 0 otherwise.
-    centre, half : float
-        Centre and half-width of the range. The range is extended to a symmetric one for an even or
-        odd function.
-    powers : (k + 1,) array
-        Coefficients a, beginning with the lowest power.
-    error : float
-        Largest error relative to the largest |f|.
+    The ``parity`` is 1 for even, -1 for odd, 0 otherwise. The range of the centre and half-width is
+    extended to a symmetric one for an even or odd function. ``powers`` are the coefficients a,
+    beginning with the lowest power. The largest ``error`` is relative to the largest |f|.
     """
 
     stretch: Stretch
@@ -122,16 +109,8 @@ class FittedPolynomial:
 class FittedChords:
     """Chain of n chords.
 
-    Attributes
-    ----------
-    stretch : Stretch
-        Fitted function and range.
-    ends : (n + 1,) array
-        Ends of the chords, from the low end of the range to the high end.
-    values : (n + 1,) array
-        Values of the chain at the ends.
-    error : float
-        Largest error relative to the largest |f|.
+    ``ends`` (n + 1,) go from the low end of the range to the high end; ``values`` (n + 1,) are
+    those of the chain. The largest ``error`` is relative to the largest |f|.
     """
 
     stretch: Stretch
@@ -142,18 +121,10 @@ class FittedChords:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FittedQuotient:
-    """Reciprocal 1/u computed by a divider.
+    """Reciprocal 1/u computed by a divider, whose range excludes zero.
 
-    An op amp controls y so that a multiplier's product u y is constant. The fit is exact.
-
-    Attributes
-    ----------
-    stretch : Stretch
-        Range of the divisor, which excludes zero.
-    error : float
-        Largest error relative to the largest |f|: zero.
-    inputs : int
-        Number of multiplier inputs that are connected to u.
+    An op amp controls y so that a multiplier's product u y is constant. The fit is exact, and one
+    multiplier input is connected to u.
     """
 
     stretch: Stretch
@@ -342,18 +313,10 @@ INPUT, CENTRE, GROUND, OUTPUT = "x", "c", "0", "out"
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """Multiplier of a cascade: gain x y / V + constant.
+    """Multiplier of a cascade: gain x y / V + constant (in volts), with a gain of any sign.
 
-    Attributes
-    ----------
-    x, y : (str, str)
-        Pair of nodes of each input; the input is the voltage between them.
-    gain : float
-        Gain of any sign.
-    constant : float
-        Added voltage in volts.
-    node : str
-        Output node; `OUTPUT` for the last multiplier.
+    Each input is the voltage between a pair of nodes. The output ``node`` of the last multiplier is
+    `OUTPUT`.
     """
 
     x: tuple[str, str]
@@ -365,16 +328,9 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Cascade:
-    """Multipliers of full scale V in series.
+    """Multipliers of full scale V (``amplitude``, in volts) in series.
 
-    Attributes
-    ----------
-    amplitude : float
-        V in volts.
-    sources : dict of node to float
-        Voltages of the constant nodes, in volts.
-    steps : tuple of Step
-        Multipliers, beginning with the highest power.
+    ``sources`` are the voltages of the constant nodes. The steps begin with the highest power.
     """
 
     amplitude: float

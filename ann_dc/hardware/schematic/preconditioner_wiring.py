@@ -61,16 +61,10 @@ SMALLEST = 1e-9
 class PreconditionerWiring:
     """Nodes of a preconditioner, integrators first, and the wires between them.
 
-    Attributes
-    ----------
-    nodes : tuple of (name, stage)
-        ``own.<neuron>`` for the integrators; the neurons come last.
-    weights : (nodes, nodes) sparse array
-        W: weight into a node (row) from another node (column).
-    constants : (nodes,) array
-        c: weight into a node from the constant one.
-    passive : bool
-        True if the neurons are nodes of a resistor network, which settles by itself.
+    Nodes are (name, stage): ``own.<neuron>`` for the integrators; the neurons come last. The sparse
+    ``weights`` W (nodes, nodes) lead into a node (row) from another node (column), and
+    ``constants`` c (nodes,) from the constant one. If ``passive``, the neurons are nodes of a
+    resistor network, which settles by itself.
     """
 
     nodes: tuple[Node, ...]

@@ -11,20 +11,15 @@ the network's node list in three respects:
   every reached neuron integrates its net input, D' = d. The neuron z, z' = M d, is the weighted sum
   z = M D. The sum has as many layers of adders as the preconditioner kind
   (`preconditioner_wiring`).
-- Integrators and summing amplifiers invert. Each node has a polarity, chosen so that few sources
-  are needed with both signs; an inverter makes the other sign. Multipliers have differential
-  inputs, so products have no sign constraint.
+- Integrators and summing amplifiers invert. A source of polarity :math:`\sigma` and weight w
+  reaches a part at polarity p with the right sign if :math:`p\,\sigma\,w < 0`; an inverter makes
+  the other sign. Polarities are chosen so that few inverters are needed. Multipliers have
+  differential inputs, so products have no sign constraint, and a differential circuit has both
+  signs of every node. A rectifying multiplier neuron has the sign of its diodes, which is not
+  changed.
 
 A sum that only multiplies a node is not a part (`plain_sums`). Nodes shared by all cells are placed
 in the last cell, on lines along the cell array (`shared`).
-
-Polarity of every node's output, chosen so that few inverters are needed.
-
-Integrators and summing amplifiers invert. A source of weight w reaches a part at polarity p with
-the right sign if the source polarity :math:`\sigma` satisfies :math:`p\,\sigma\,w < 0`. A source
-gets an inverter if a reader needs the other sign. Multipliers have differential inputs, so products
-have no sign constraint, and a differential circuit has both signs of every node. A rectifying
-multiplier neuron has the sign of its diodes, which is not changed.
 """
 
 from __future__ import annotations
@@ -119,18 +114,10 @@ class _Readings:
 class Schematic:
     """Parts of a cell that occurs N times.
 
-    Attributes
-    ----------
-    network : Network
-        Source of the schematic.
-    parts : tuple of Part
-        Parts of one cell. All cells have equal parts, except for the ends and preconditioner nodes.
-    polarity : dict of node name to +1 or -1
-        Sign of a part's output relative to its node. Inputs come with both signs.
-    differential : bool
-        True if every output exists with both signs, so no inverter is needed.
-    plain : mapping of node name to Wire
-        Sums without a part, and the nodes whose voltages carry them.
+    All cells have equal parts, except for the ends and preconditioner nodes. The polarity (+1 or
+    -1) is the sign of a part's output relative to its node; inputs come with both signs. In a
+    differential schematic every output exists with both signs, so no inverter is needed. ``plain``
+    maps sums without a part to wires from the nodes whose voltages carry them.
     """
 
     network: Network

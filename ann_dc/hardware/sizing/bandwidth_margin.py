@@ -1,22 +1,9 @@
-r"""Bandwidth margins of stable circuits, from the eigenvalues of their emulations.
-
-For a resistive grid with rectifying multiplier neurons the eigenvalues are not sufficient. While a
-constraint is inactive, the op amp of its multiplier neuron still moves and passes a fraction of the
-constraint rate, smaller for faster op amps. The nodes of a grid divide by lambda, the smallest
-eigenvalue of their stiffness relative to its diagonal, so Omega lambda has to be at least
-`FOLLOWING`. In ngspice with macro models, long waves of the lander (N = 50, lambda = 2.8e-4) grow
-at 0.022 and settle as predicted at 0.09.
-
-Stability advice for a circuit that rings: a larger margin or smaller resistors.
-
-Selection of the smallest resistor and the bandwidth margin of a circuit.
+r"""Selection of the smallest resistor and the bandwidth margin of a circuit.
 
 Capacitances and currents determine both. Resistors are chosen first, see `resistors`. The margin
 then compensates for capacitors that are still too small and for clamps that could not hold their
 limits, at the expense of speed. If the emulation is unstable at a margin `SPARE` times smaller, the
 margin is increased until the emulation is stable.
-
-Bandwidth margins at which clamps hold saturated neurons at their limits.
 
 The clamp of a saturated neuron carries the current that would move the neuron. This current flows
 through a resistor of 50 / (2 pi GBW C), the output resistance r of the clamp's op amp and a diode.
@@ -26,6 +13,13 @@ The op amp has to supply the voltage drop
 
 where dv/dt is the suppressed slope. With a margin k all slopes are 1 / k as steep and capacitors k
 times as large. A neuron that is pushed harder against its limit therefore needs a slower circuit.
+
+For a resistive grid with rectifying multiplier neurons the eigenvalues are not sufficient. While a
+constraint is inactive, the op amp of its multiplier neuron still moves and passes a fraction of the
+constraint rate, smaller for faster op amps. The nodes of a grid divide by lambda, the smallest
+eigenvalue of their stiffness relative to its diagonal, so Omega lambda has to be at least
+`FOLLOWING`. In ngspice with macro models, long waves of the lander (N = 50, lambda = 2.8e-4) grow
+at 0.022 and settle as predicted at 0.09.
 """
 
 from __future__ import annotations
@@ -335,17 +329,9 @@ def _up(margin: float) -> str:
 class Sizing:
     """Input of the sizing.
 
-    Attributes
-    ----------
-    scaling : Scaling
-        Scaling for any margin.
-    x : (n,) array
-        State vector of the ideal network at its settled point.
-    margin : float or None
-        Prescribed bandwidth margin. If None, the margin is chosen and that of the scaling is the
-        minimum.
-    lag : float
-        Lag of the nodes of a resistive grid, in units of network time.
+    The scaling may have any margin, and ``x`` (n,) is the settled state of the ideal network. If
+    the bandwidth ``margin`` is None, it is chosen and that of the scaling is the minimum. ``lag``
+    is that of the nodes of a resistive grid, in units of network time.
     """
 
     schematic: Schematic

@@ -150,21 +150,8 @@ def intervals_of_inputs(
     the amplifier. With these intervals that signal is at most `GAIN` for a PI cell and `INTO` for a
     separate integrator. Op amps are sized for ``rate`` in units of 1 / network time, and
     ``headroom`` is the ratio of full scale to the ends of an interval. The result is an argument of
-    `ScalingRules` and contains only intervals that are wider than the probe run requires.
-
-    Examples
-    --------
-    PI cells of a large penalty have large gains and get larger units:
-
-    >>> from ann_dc import plants, synthesize
-    >>> from ann_dc.hardware.circuit import ProbeRun, scale
-    >>> from ann_dc.hardware.schematic import schematic_of
-    >>> network = synthesize(plants.double_integrator(N=5), rho=20.0)
-    >>> states = network.start_state[None].repeat(2, axis=0)
-    >>> scaling = scale(network, ProbeRun(states=states, times=np.arange(2.0), radius=1.0))
-    >>> found = intervals_of_inputs(schematic_of(network), scaling, 1.0, 1.2)
-    >>> sorted(found)
-    ['b.v', 'b.x', 'm.v', 'm.x']
+    `ScalingRules` and contains only intervals that are wider than the probe run requires. PI cells
+    of a large penalty have large gains and get larger units.
     """
     units, found = dict(scaling.unit), dict[str, tuple[float, float]]()
     for part in sorted(schematic.parts, key=lambda part: isinstance(part, Integrator)):
