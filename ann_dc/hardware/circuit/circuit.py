@@ -23,7 +23,8 @@ feedback resistor.
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -31,8 +32,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ann_dc.dataclass_pickling import Record
-from ann_dc.errors import require_positive, such_as
-from ann_dc.hardware.circuit.aliases import aliases
+from ann_dc.errors import NetworkError, require_positive, such_as
 from ann_dc.hardware.circuit.scaling import Scaling, values_of_grid
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR, Kind
 from ann_dc.hardware.schematic.elements import (
@@ -124,7 +124,7 @@ def _parameters(circuit: Circuit) -> Iterator[Parameter]:
     schematic = circuit.schematic
     for part in schematic.parts:
         alive, alias = schematic.alive_at(part.name), circuit.alias[part.name]
-        if isinstance(part, (Integrator, PICell, Adder)):
+        if isinstance(part, Amplifier):
             yield from _of_wires(circuit, part, alive | schematic.collects(part.name))
         for quantity, owner, meaning in _described(circuit, part) if alive.any() else ():
             yield Parameter(
@@ -357,7 +357,7 @@ def circuit_of(
     values = {
         part.name: _values(part, schematic.network.stages, scaling, smallest)
         for part in schematic.parts
-        if isinstance(part, (Integrator, PICell, Adder))
+        if isinstance(part, Amplifier)
     }
     nodes = [part for part in schematic.parts if isinstance(part, GridNode)]
     if nodes:
@@ -422,3 +422,33 @@ def _presets(schematic: Schematic, scaling: Scaling) -> dict[str, np.ndarray]:
             values = start[network.neuron_index[part.name]]
         presets[part.name] = schematic.polarity[part.name] * scaling.volts(part.name, values)
     return presets
+
+
+RESERVED = ("src", "gnd", "null", "rst", "p1", "p2", "s", "sp", "sn")
+"""Names that are reserved by the netlist."""
+
+LONGEST = 200
+"""Maximum length of a name in characters."""
+
+
+def aliases(names: Iterable[str]) -> dict[str, str]:
+    """Return netlist names of parts, neurons and inputs: lower case, unique, without "__".
+
+    Raises `NetworkError` if a name has unprintable characters or is too long.
+
+    >>> aliases(["q.x", "Q X", "a*b"])
+    {'q.x': 'q_x', 'Q X': 'q_x_v2', 'a*b': 'a_x_b'}
+    """
+    found: dict[str, str] = {}
+    taken = set(RESERVED)
+    for name in names:
+        if not name.isprintable() or len(name) > LONGEST:
+            raise NetworkError(f"circuit: {name!r} is no name that a netlist can carry")
+        plain = re.sub(r"[^a-z0-9]+", "_", name.lower().replace("*", "_x_")).strip("_") or "node"
+        plain = plain[:40].strip("_") if plain[0].isalpha() else f"n_{plain[:40]}".strip("_")
+        alias, number = plain, 2
+        while not taken.isdisjoint({alias, f"n_{alias}"}):  # vos_n_x is that of x's inverter
+            alias, number = f"{plain}_v{number}", number + 1
+        taken |= {alias, f"n_{alias}"}
+        found[name] = alias
+    return found

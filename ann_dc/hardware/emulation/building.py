@@ -24,10 +24,8 @@ from ann_dc.hardware.emulation.states import emulated_state
 from ann_dc.hardware.emulation.transconductors import transconductors
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
-from ann_dc.hardware.schematic.buildable import check_preconditioner
+from ann_dc.hardware.schematic.buildable import check_buildable
 from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier, Part
-from ann_dc.hardware.schematic.saturation import check_rails
-from ann_dc.hardware.schematic.shared import check_shared
 from ann_dc.network.network import Network
 from ann_dc.validation import checked
 
@@ -151,6 +149,4 @@ def _check(circuit: Circuit, level: Level) -> None:
             "emulation: a switched-capacitor circuit is no network in continuous time; run the "
             "recurrent layer with the same step"
         )
-    check_preconditioner(circuit.schematic.network.preconditioner.kind, level)
-    check_rails(circuit.schematic.network, level)
-    check_shared(circuit.schematic.network, level)
+    check_buildable(circuit.schematic.network, level)

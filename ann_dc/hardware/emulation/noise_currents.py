@@ -20,9 +20,7 @@ Not modelled are flicker noise, noise of function generators, errors of the nois
 resistors, and kT/C noise of the reset switches. The e_a that an integrator passes directly to its
 output is also omitted; it is visible only above sum(1/R)/(2 pi C).
 
-Noise inputs of the emulation's network: currents at virtual grounds, voltages.
-
-A current i into the virtual ground of a part adds to the contribution of the resistors there. With
+In the emulation's network every source is an input. A current i into the virtual ground of a part adds to the contribution of the resistors there. With
 V/S volts per unit of the part's node, p its polarity, and T seconds per unit of network time,
 
 .. math::
@@ -48,7 +46,7 @@ from ann_dc.hardware.circuit.deviations import Deviations
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.parts.parasitics import Parasitics
-from ann_dc.hardware.schematic.elements import Adder, Integrator, Multiplier, PICell
+from ann_dc.hardware.schematic.elements import Adder, Amplifier, Integrator, Multiplier, PICell
 from ann_dc.network.cell import Connection
 from ann_dc.network.network import Network
 from ann_dc.validation import checked
@@ -190,7 +188,7 @@ def noise_sources(circuit: Circuit) -> tuple[Source, ...]:
     found = []
     for part in schematic.parts:
         alive = schematic.alive_at(part.name)
-        if isinstance(part, (Integrator, PICell, Adder)):
+        if isinstance(part, Amplifier):
             conductances = {Place.GROUND: _conductance(circuit, part)}
             feedback = 1 / circuit.feedback[part.name] if part.name in circuit.feedback else 0.0
             if isinstance(part, Adder):
@@ -311,7 +309,11 @@ def _connection(emulation: Emulation, source: Source, off: Deviations) -> Connec
     own = isinstance(part, Integrator) and source.place is Place.GROUND
     target = nodes.held if own else nodes.summed
     if source.place is Place.FEEDBACK:
-        (wire,) = _between(emulation, nodes.summed, (nodes.ground, nodes.lagging))
+        (wire,) = (
+            wire
+            for wire in emulation.network.cell.connections
+            if wire.source == nodes.summed and wire.target in (nodes.ground, nodes.lagging)
+        )
         target, ohms = wire.target, ohms * np.asarray(wire.weight)
     volt = emulation.circuit.value_of(source.part)
     weight = np.where(source.conductance > 0, -ohms * volt, 0.0)
@@ -341,8 +343,3 @@ def _ohms(emulation: Emulation, source: Source, off: Deviations) -> np.ndarray:
 
 def _deviation(emulation: Emulation, off: Deviations, part: str, quantity: Quantity) -> np.ndarray:
     return np.asarray(off.get(emulation.circuit.parameter_name(part, quantity), 0.0))
-
-
-def _between(emulation: Emulation, source: str, targets: tuple[str, ...]) -> list[Connection]:
-    wires = emulation.network.cell.connections
-    return [wire for wire in wires if wire.source == source and wire.target in targets]

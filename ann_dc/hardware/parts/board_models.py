@@ -11,7 +11,7 @@ from pathlib import PurePosixPath
 
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts.datasheet import Datasheet
-from ann_dc.hardware.parts.parasitics import BOARD_PARAMETERS, NONE, Parasitics, board_parameters
+from ann_dc.hardware.parts.parasitics import NONE, Parasitics
 from ann_dc.hardware.parts.technologies import Technology
 
 MACRO_PARAMETERS = {
@@ -28,6 +28,14 @@ MACRO_PARAMETERS = {
 
 IDEAL = {"opamp_a0": 1e8, "opamp_sr": 1e9, "opamp_rout": 1e-3, "mul_bw": 1e9, "func_bw": 1e9}
 """Values that represent infinity, or none, without visible effect; limits are 15 full scales."""
+
+OP_AMPS = {
+    "opamp_cin": ("ground", 1e-18),
+    "opamp_ib": ("bias_current", 0.0),
+    "opamp_pole2": ("second_pole", 1e12),
+    "opamp_imax": ("output_current", 1e3),
+}
+"""Parameters of op amps on a board: attribute of `Parasitics`, value that denotes none."""
 
 PASSIVES = {
     "cap_leakage": ("capacitor_leakage", 1e9),
@@ -54,7 +62,7 @@ HOLDING = "integ.cir", "pi_cell.cir", "pi_diode.cir", "integ_fd.cir", "pi_cell_f
 """Cells with a capacitor."""
 
 FILES = {
-    **dict.fromkeys(("opamp.lib", "opamp_fd.lib"), tuple(BOARD_PARAMETERS)),
+    **dict.fromkeys(("opamp.lib", "opamp_fd.lib"), tuple(OP_AMPS)),
     **dict.fromkeys(("switch.lib", *HOLDING), tuple(PASSIVES)),
     **dict.fromkeys(("mul4q.lib", "mul4q_fd.cir"), tuple(MULTIPLIERS)),
 }
@@ -73,9 +81,8 @@ def model_parameters(parasitics: Parasitics, models: str) -> dict[str, float]:
     >>> model_parameters(Parasitics(), "macro")
     {}
     """
-    macro = models == "macro"
-    found = board_parameters(parasitics) if macro else {}
-    for table in (PASSIVES, MULTIPLIERS) if macro else (PASSIVES,):
+    found = {}
+    for table in (OP_AMPS, PASSIVES, MULTIPLIERS) if models == "macro" else (PASSIVES,):
         if any(getattr(parasitics, name) != getattr(NONE, name) for name, _ in table.values()):
             for parameter, (name, none) in table.items():
                 value = float(getattr(parasitics, name))

@@ -132,25 +132,6 @@ class Parasitics:
 NONE = Parasitics()
 """Parts without parasitics."""
 
-BOARD_PARAMETERS = {
-    "opamp_cin": ("ground", 1e-18),
-    "opamp_ib": ("bias_current", 0.0),
-    "opamp_pole2": ("second_pole", 1e12),
-    "opamp_imax": ("output_current", 1e3),
-}
-"""Parameters of the op amps of ``circuits/models/board``.
-
-Values are the attribute of `Parasitics` and the number that denotes none.
-"""
-
-
-def board_parameters(parts: Parasitics) -> dict[str, float]:
-    """Return the parameters of op amps on a board; empty without parasitics."""
-    given = {name: float(getattr(parts, a)) for name, (a, _) in BOARD_PARAMETERS.items()}
-    there = {name: value for name, value in given.items() if value not in (0.0, math.inf)}
-    ideal = {name: none for name, (_, none) in BOARD_PARAMETERS.items()}
-    return ideal | there if there else {}
-
 
 @checked
 @dataclass(frozen=True, kw_only=True)

@@ -309,7 +309,8 @@ def preconditioner_values(network: Network, states: np.ndarray) -> dict[str, np.
     wiring = wiring_of(network)
     if wiring is None:
         return {}
-    places = [(network.neuron_index[name], stage) for name, stage in _neurons(wiring)]
+    neurons = [wiring.nodes[i] for i in wiring.moved]  # in the order of their integrators
+    places = [(network.neuron_index[name], stage) for name, stage in neurons]
     component = network.state_index[tuple(np.transpose(places))]
     preconditioner = evaluator(network).preconditioner[component][:, component].toarray()
     moved = np.asarray(states, float)[:, component].T - wiring.start[:, None]
@@ -320,8 +321,3 @@ def preconditioner_values(network: Network, states: np.ndarray) -> dict[str, np.
             shape = len(states), network.stages
             found.setdefault(name, np.zeros(shape))[:, stage] = value
     return found
-
-
-def _neurons(wiring: PreconditionerWiring) -> list[tuple[str, int]]:
-    """Return neurons (name, stage) in the order of their integrators."""
-    return [wiring.nodes[i] for i in wiring.moved]

@@ -19,19 +19,25 @@ the network's node list in three respects:
   changed.
 
 A sum that only multiplies a node is not a part (`plain_sums`). Nodes shared by all cells are placed
-in the last cell, on lines along the cell array (`shared`).
+in the last cell. On one line along the cell array the currents of all cells add up at the virtual
+ground of the shared integrator; another carries its output, which every cell reads. Blocks that
+depend only on shared neurons, for an objective z + r (J - E) and its rectifier, are placed there
+once, each with a line.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.schematic.buildable import limited_neurons
 from ann_dc.hardware.schematic.elements import (
     Adder,
+    Amplifier,
     Generator,
     GridNode,
     Integrator,
@@ -39,14 +45,15 @@ from ann_dc.hardware.schematic.elements import (
     Part,
     PICell,
     Wire,
+    arguments,
+    connections_by_target,
 )
 from ann_dc.hardware.schematic.pass_through_sums import plain_sums
 from ann_dc.hardware.schematic.pi_cells import Wires, fused_cells, rates_of, wires_of
 from ann_dc.hardware.schematic.preconditioner_wiring import OWN, preconditioner_parts, wiring_of
-from ann_dc.hardware.schematic.saturation import check_parts
-from ann_dc.hardware.schematic.shared import shared_nodes
-from ann_dc.network.cell import Product, Sum
+from ann_dc.network.cell import ONE, Product, Sum
 from ann_dc.network.network import Network
+from ann_dc.network.selection import clamped_rows
 
 
 def polarities(parts: Sequence[Part]) -> dict[str, int]:
@@ -87,7 +94,7 @@ class _Readings:
         found = {
             (place[wire.source], place[part.name], sign)
             for part in parts
-            if isinstance(part, (Integrator, PICell, Adder))
+            if isinstance(part, Amplifier)
             for wire in part.wires
             if wire.source in place  # an input comes with both signs
             for sign in np.unique(np.sign(wire.weight)).astype(int).tolist()
@@ -143,7 +150,7 @@ class Schematic:
     @cached_property
     def shared(self) -> frozenset[str]:
         """Nodes that exist only in the last cell and are read by all cells."""
-        return shared_nodes(self.network)
+        return _shared_nodes(self.network)
 
     @cached_property
     def pins(self) -> dict[tuple[str, int], str]:
@@ -217,12 +224,12 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     """Read a network as parts.
 
     Outputs have both signs if ``differential`` is true. Raises `NetworkError` if a neuron has
-    limits that its part cannot realise, see `check_parts`: only separate integrators have limits,
+    limits that its part cannot realise, because only separate integrators have limits,
     and none in a differential circuit.
     """
     wires = wires_of(network)
     cells, inside = fused_cells(network, wires, differential=differential)
-    check_parts(network, inside, differential=differential)
+    _check_limits(network, inside, differential=differential)
     wiring, plain = wiring_of(network), plain_sums(network.cell)
     parts = (
         *cells,
@@ -238,6 +245,42 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
         differential=differential,
         plain=plain,
     )
+
+
+def _check_limits(network: Network, fused: Container[str], *, differential: bool) -> None:
+    """Raise `NetworkError` if a neuron has limits that its part cannot realise.
+
+    Only a separate integrator has limits. A neuron merged with other nodes (``fused``), any neuron
+    of a differential circuit, and a neuron that the preconditioner couples to others have none. The
+    message names the neurons.
+    """
+    coupled = [network.cell.neurons[row].name for row in clamped_rows(network)]
+    names = [n for n in limited_neurons(network) if differential or n in coupled or n in fused]
+    if names:
+        why = "only an integrator of its own has some, no dual"
+        if differential:
+            why = "differential parts have none"
+        elif coupled:
+            kind = network.preconditioner.kind.value
+            why = (
+                f"a clamp holds one integrator, and the {kind} couples "
+                f"{', '.join(coupled)} to others; take the circuit of SpiceBackend.prepare, whose "
+                "network has rows in the place of such rails"
+            )
+        raise NetworkError(f"circuit: rails of {', '.join(names)} cannot be built: {why}")
+
+
+def _shared_nodes(network: Network) -> frozenset[str]:
+    """Return the nodes that exist once: shared neurons and blocks of shared nodes."""
+    arriving = connections_by_target(network.cell)
+    found = {neuron.name for neuron in network.cell.neurons if neuron.shared}
+    for block in network.cell.blocks if found else ():
+        wires = arriving.get(block.name, [])
+        same = all(np.ptp(np.asarray(wire.weight, float)) == 0 for wire in wires)
+        read = set(arguments(block)) or {wire.source for wire in wires}
+        if same and read & found and read <= found | {ONE}:
+            found.add(block.name)
+    return frozenset(found)
 
 
 def _integrators(network: Network, wires: Wires, inside: set[str]) -> Iterator[Integrator]:

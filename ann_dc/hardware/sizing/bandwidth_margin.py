@@ -38,7 +38,7 @@ from ann_dc.hardware.circuit.circuit import CLAMP_DROP, CLAMP_LAG, Circuit, circ
 from ann_dc.hardware.circuit.loads import heaviest
 from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.emulation.building import emulate
-from ann_dc.hardware.emulation.clamps import FAST
+from ann_dc.hardware.emulation.clamps import has_second_pole
 from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.board_models import op_amp_rails
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
@@ -370,11 +370,7 @@ def sized_circuit(sizing: Sizing, *, progress: Progress = silent) -> Circuit:
 def _matters(level: Level) -> bool:
     parts = level.datasheet.parasitics
     asked = level.smallest_capacitor or parts.ground or math.isfinite(parts.output_current)
-    return bool(asked) or _second_pole(level)
-
-
-def _second_pole(level: Level) -> bool:
-    return level.datasheet.parasitics.second_pole < FAST * level.datasheet.gbw
+    return bool(asked) or has_second_pole(level.datasheet)
 
 
 def _built(sizing: Sizing, ohms: float) -> Circuit:
@@ -396,7 +392,7 @@ def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circui
     wanted = max(wanted, following_margin(circuit, level))
     if level.smallest_resistor is None and level.smallest_capacitor:
         wanted = max(wanted, begun * level.smallest_capacitor / circuit.ranges[1][0])
-    rings = level.datasheet.parasitics.ground or _second_pole(level)
+    rings = level.datasheet.parasitics.ground or has_second_pole(level.datasheet)
     if level.emulated and rings:
         wanted = max(wanted, _spared(circuit, sizing, wanted, progress))
     if math.isinf(wanted):
