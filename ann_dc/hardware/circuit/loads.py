@@ -116,10 +116,9 @@ def load_power(circuit: Circuit, level: Level, x: State) -> float:
             volts = np.abs(scaling.volts(name, values[network.node_index[name]]))
             amperes += float((siemens * volts)[circuit.schematic.alive_at(name)].sum())
     siemens = level.datasheet.gbw / CLAMP_REFERENCE
-    for part in circuit.schematic.parts:
-        if isinstance(part, Integrator) and part.railed:
-            own = values[network.node_index[part.name]]
-            amperes += siemens * _volts_to_rails(circuit, part, own)
+    for part in circuit.schematic.limited:
+        own = values[network.node_index[part.name]]
+        amperes += siemens * _volts_to_rails(circuit, part, own)
     return amperes * level.datasheet.rails
 
 

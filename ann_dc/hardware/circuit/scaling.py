@@ -10,18 +10,15 @@ T s seconds, with
 so that op amps of gain-bandwidth product GBW are k times as fast as the fastest mode of the
 network. Both scalings are invertible, and results are in the user's units.
 
-Resistors of a resistive grid, which settles at z with G z = D, node by node.
-
-With S the units of the nodes, :math:`v_i = z_i V / S_i` volts and any :math:`\kappa`, the currents
-into node i add up to zero with resistors of conductance
+A resistive grid settles at z with G z = D, node by node. With S the units of the nodes, :math:`v_i
+= z_i V / S_i` volts and any :math:`\kappa`, the currents into node i add up to zero with resistors
+of conductance
 
 .. math:: g_{ij} = \kappa\, S_i |G_{ij}| S_j \quad\text{between two nodes}, \qquad
     g_i^{in} = \kappa\, S_i S_{D_i} \quad\text{from the integrator},
 
 and the remainder of :math:`\kappa S_i^2 G_{ii}` to ground. The remainder is negative if the other
 conductances exceed this sum, and then requires a negative resistance.
-
-Ranges and units of the function generators of a circuit.
 """
 
 from __future__ import annotations

@@ -19,14 +19,13 @@ rest.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from ann_dc.hardware.circuit.circuit import JUNCTION, THERMAL
 from ann_dc.hardware.emulation.assembly import Coupling, Piece, weighted_sum
 from ann_dc.hardware.emulation.built_circuit import BuiltCircuit
-from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.emulation import Emulation, slower_network
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.schematic.elements import PICell
 from ann_dc.network.cell import ONE, Function, Product, Sum
@@ -64,16 +63,15 @@ def paced_at(emulation: Emulation, x: np.ndarray) -> Network:
     """
     circuit, network = emulation.circuit, emulation.network
     values, slower = network.unpack(x), dict[str, np.ndarray]()
-    for part in circuit.schematic.parts:
+    for part in circuit.schematic.rectified:
         op_amp = AmplifierNodes(part.name, rectified=True)
-        if op_amp.output in network.neuron_index and op_amp.pace not in network.node_index:
+        if op_amp.pace not in network.node_index:
             thermal = THERMAL * abs(circuit.value_of(part.name))
             y = values[network.neuron_index[op_amp.output]] / thermal
             pace = 1 - 1 / (AT_KNEE + np.where(y > 0, y, -STEEP * y))
             pole = op_amp.first if op_amp.first in network.neuron_index else op_amp.output
             slower[pole] = 1 / pace
-    neurons = tuple(replace(n, tau=n.tau * slower.get(n.name, 1.0)) for n in network.cell.neurons)
-    return replace(network, cell=replace(network.cell, neurons=neurons)) if slower else network
+    return slower_network(network, slower) if slower else network
 
 
 def slowed(built: BuiltCircuit, part: PICell, ohms: np.ndarray) -> np.ndarray:

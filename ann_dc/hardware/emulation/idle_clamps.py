@@ -26,7 +26,7 @@ from ann_dc.hardware.circuit.circuit import (
     THERMAL,
     Circuit,
 )
-from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.emulation import Emulation, slower_network
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, ClampNodes
 from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.schematic.elements import Integrator
@@ -89,16 +89,15 @@ def rest_idle(network: Network, circuit: Circuit, sheet: Datasheet, x: np.ndarra
     The given state ``x`` (n,) has outputs inside their limits.
     """
     full = network.unpack(x).copy()
-    for part in circuit.schematic.parts:
-        if isinstance(part, Integrator) and part.railed:
-            output = full[network.neuron_index[part.name]]
-            beside = np.zeros_like(output)
-            for clamp in clamps_of(circuit, sheet, part):
-                rest = clamp.idle(output)
-                beside += CLAMP_SHARE * (rest - output)
-                for name in (clamp.nodes.output, clamp.nodes.share):
-                    full[network.neuron_index[name]] = rest
-            full[network.neuron_index[AmplifierNodes(part.name).held]] = output + beside
+    for part in circuit.schematic.limited:
+        output = full[network.neuron_index[part.name]]
+        beside = np.zeros_like(output)
+        for clamp in clamps_of(circuit, sheet, part):
+            rest = clamp.idle(output)
+            beside += CLAMP_SHARE * (rest - output)
+            for name in (clamp.nodes.output, clamp.nodes.share):
+                full[network.neuron_index[name]] = rest
+        full[network.neuron_index[AmplifierNodes(part.name).held]] = output + beside
     return network.pack(full)
 
 
@@ -111,14 +110,8 @@ def beside_rails(emulation: Emulation, sheet: Datasheet, x: np.ndarray) -> Emula
     circuit, network = emulation.circuit, emulation.network
     ideal, larger = circuit.schematic.network, dict[str, np.ndarray]()
     values = ideal.unpack(x)
-    for part in circuit.schematic.parts:
-        if isinstance(part, Integrator) and part.railed:
-            output = values[ideal.neuron_index[part.name]]
-            clamps = clamps_of(circuit, sheet, part)
-            added = np.sum([clamp.added(output) for clamp in clamps], axis=0)
-            larger[AmplifierNodes(part.name).held] = 1 + added
-    if not larger:
-        return emulation
-    neurons = tuple(replace(n, tau=n.tau * larger.get(n.name, 1.0)) for n in network.cell.neurons)
-    cell = replace(network.cell, neurons=neurons)
-    return replace(emulation, network=replace(network, cell=cell))
+    for part in circuit.schematic.limited:
+        output = values[ideal.neuron_index[part.name]]
+        added = [clamp.added(output) for clamp in clamps_of(circuit, sheet, part)]
+        larger[AmplifierNodes(part.name).held] = 1 + np.sum(added, axis=0)
+    return replace(emulation, network=slower_network(network, larger)) if larger else emulation

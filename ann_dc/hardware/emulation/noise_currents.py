@@ -20,8 +20,9 @@ Not modelled are flicker noise, noise of function generators, errors of the nois
 resistors, and kT/C noise of the reset switches. The e_a that an integrator passes directly to its
 output is also omitted; it is visible only above sum(1/R)/(2 pi C).
 
-In the emulation's network every source is an input. A current i into the virtual ground of a part adds to the contribution of the resistors there. With
-V/S volts per unit of the part's node, p its polarity, and T seconds per unit of network time,
+In the emulation's network every source is an input. A current i into the virtual ground of a part
+adds to the contribution of the resistors there. With V/S volts per unit of the part's node, p its
+polarity, and T seconds per unit of network time,
 
 .. math::
     A \to A - \frac{p S}{V} \frac{T}{rate\, C}\, i \;\text{(integrator)}, \qquad

@@ -158,14 +158,19 @@ class Schematic:
         return {(pin.neuron, pin.stage): pin.input for pin in self.network.fixed}
 
     @cached_property
-    def railed(self) -> bool:
-        """True if an integrator has saturation limits, realised by clamps."""
-        return any(isinstance(part, Integrator) and part.railed for part in self.parts)
+    def limited(self) -> tuple[Integrator, ...]:
+        """Integrators with saturation limits, realised by clamps."""
+        return tuple(p for p in self.parts if isinstance(p, Integrator) and p.railed)
+
+    @cached_property
+    def rectified(self) -> tuple[PICell, ...]:
+        """Rectifying multiplier neurons, whose outputs are not driven while inactive."""
+        return tuple(p for p in self.parts if isinstance(p, PICell) and p.rectified)
 
     @cached_property
     def diode_neurons(self) -> frozenset[str]:
-        """Rectifying multiplier neurons, whose outputs are not driven while inactive."""
-        return frozenset(p.name for p in self.parts if isinstance(p, PICell) and p.rectified)
+        """Names of the rectifying multiplier neurons."""
+        return frozenset(part.name for part in self.rectified)
 
     @cached_property
     def inverted(self) -> set[str]:

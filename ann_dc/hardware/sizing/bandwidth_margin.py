@@ -43,7 +43,6 @@ from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.board_models import op_amp_rails
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.schematic.elements import Integrator
 from ann_dc.hardware.schematic.preconditioner_wiring import wiring_of
 from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.hardware.sizing.resistors import SHARE, fitting_resistor, two_digits
@@ -65,13 +64,13 @@ def holding_margin(circuit: Circuit, level: Level, x: State) -> float:
     margin is sufficient.
     """
     sheet, scaling = level.datasheet, circuit.scaling
-    railed = [p for p in circuit.schematic.parts if isinstance(p, Integrator) and p.railed]
-    if not (railed and level.emulated):
+    limited = circuit.schematic.limited
+    if not (limited and level.emulated):
         return 0.0
     network, rails = circuit.schematic.network, op_amp_rails(sheet, level.full_scale)
     drives, least = evaluator(_unlimited(network)).drives(x), 0.0
     values = network.unpack(x)
-    for part in railed:
+    for part in limited:
         row, built = network.neuron_index[part.name], circuit.limiter(part)
         held = (values[row] <= built.low) | (values[row] >= built.high)
         slope = scaling.volts(part.name, np.abs(drives[row] / part.tau)) / scaling.time

@@ -247,7 +247,7 @@ def _library(level: Level, schematic: Schematic) -> dict[str, str]:
     parts = schematic.parts
     diodes = ["pi_diode"] if schematic.diode_neurons else []
     models = [m for m in MODELS[built] if not (m == "func" and extra)]
-    models += ["clamp"] if schematic.railed else []
+    models += ["clamp"] if schematic.limited else []
     multiplied = any(isinstance(part, (Multiplier, Generator)) for part in parts)
     models += ["mul4q_base"] if diodes and multiplied and level.transistors else []
     more = CURVE_CELLS[type(extra)] if extra else ()
