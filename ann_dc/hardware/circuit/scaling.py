@@ -31,8 +31,7 @@ import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.schematic.elements import Generator, GridNode, Wire
-from ann_dc.hardware.schematic.pass_through_sums import plain_sums
+from ann_dc.hardware.schematic.elements import Generator, GridNode, Wire, plain_sums
 from ann_dc.hardware.schematic.preconditioner_wiring import (
     OWN,
     preconditioner_parts,

@@ -14,12 +14,11 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
 from ann_dc.hardware.emulation.assembly import Piece, assembled
 from ann_dc.hardware.emulation.built_circuit import BuiltCircuit
-from ann_dc.hardware.emulation.capacitors import released
+from ann_dc.hardware.emulation.clamps import rest_idle
 from ann_dc.hardware.emulation.emulation import Emulation
-from ann_dc.hardware.emulation.idle_clamps import rest_idle
 from ann_dc.hardware.emulation.multipliers import generator, multiplier
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
-from ann_dc.hardware.emulation.op_amps import grid_node, inverter, op_amp
+from ann_dc.hardware.emulation.op_amps import amplifier, grid_node, inverter, released
 from ann_dc.hardware.emulation.states import emulated_state
 from ann_dc.hardware.emulation.transconductors import transconductors
 from ann_dc.hardware.parts.levels import Level
@@ -131,7 +130,7 @@ def _of_part(built: BuiltCircuit, part: Part) -> Iterator[Piece]:
         return grid_node(built, part)
     if isinstance(technology, OtaC):
         return transconductors(built, technology, part)
-    return op_amp(built, part)
+    return amplifier(built, part)
 
 
 def _trail(network: Network, circuit: Circuit, x: np.ndarray) -> np.ndarray:

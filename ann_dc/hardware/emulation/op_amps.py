@@ -13,10 +13,11 @@ and gain-bandwidth product Omega (per unit of network time) is
     e &= \frac{x - A}{1 + \Gamma} &&\text{(adder, inverter)} .
 
 Here h is the voltage across the capacitor. With saturation limits, h is the output at which the op
-amp is at rest, which stops at the limits: e = x - h + o - x / A0. `grounds` adds capacitance and
-bias current of a virtual ground, `clamps` the clamps of limits. A second pole is y' = omega_2 (x -
-y), with y the output. Behind an output resistance r with load conductance G, A0 and Omega are 1 + r
-G times smaller. In a PI cell the resistor R_f drives the capacitor, whose voltage moves:
+amp is at rest, which stops at the limits: e = x - h + o - x / A0. The module `clamps` adds the
+clamps of limits, and capacitance and bias current of a virtual ground. A second pole is y' =
+omega_2 (x - y), with y the output. Behind an output resistance r with load conductance G, A0 and
+Omega are 1 + r G times smaller. In a PI cell the resistor R_f drives the capacitor, whose voltage
+moves:
 
 .. math:: \Big(1 + r G + \frac{r}{R_f}\Big) \dot x
           = \Omega\,(o - e - x / A_0) + \frac{r}{R_f} \dot h .
@@ -44,6 +45,31 @@ to theirs, is
 .. math:: \tau\, \dot v = \sum_j |w_j| s_j - v + \tfrac{\mu}{2} (v + v') ,
 
 with s_j the integrator or the node of the other pair that has the sign of the weight.
+
+An integrating capacitor C with insulation tau_l = R C is in parallel with an open reset switch of
+capacitance C_s and resistance R_s towards the preset h_0. With the charging current i, its voltage
+h obeys
+
+.. math:: (C + C_s)\, \dot h = i - \frac{C}{\tau_l} h - \frac{h - h_0}{R_s} ,
+
+and starts q / (C + C_s) above h_0 if the opening switch leaves a charge q. In a differential
+circuit both switches leave equal charges, which have no effect.
+
+The diode behind the op amp slows a rectifying multiplier neuron down, because its drop grows with
+its current. For a volt at the far end, x, the op amp moves by
+
+.. math:: 1 + \frac{V_T}{x} \approx 1 + \frac{V_T}{x + V_T / 2} ,
+
+so x follows at the pace p = (x + V_T / 2) / (x + 3 V_T / 2) of an op amp without a diode. On the
+other side of the knee no part has to follow, and p quickly reaches 1. Meanwhile the diode of the
+virtual ground is a junction of capacitance C_j, whose current R_f must also supply:
+
+.. math:: \Big(1 + \frac{R_f C_j\, \Omega}{T\, (1 + \Gamma)}\Big) \dot x
+          = p\, \Omega\, (o - e - x / A_0) .
+
+In a transient p is a node. At rest p moves no equilibrium, and Newton's method is more robust
+without p, with net inputs that are linear on either side of the knee. `paced_at` gives the modes at
+rest.
 """
 
 from __future__ import annotations
@@ -53,7 +79,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ann_dc.hardware.circuit.circuit import SEEPING, Quantity
+from ann_dc.hardware.circuit.circuit import JUNCTION, SEEPING, THERMAL, Circuit, Quantity
 from ann_dc.hardware.circuit.scaling import to_ground
 from ann_dc.hardware.emulation.assembly import (
     Coupling,
@@ -64,7 +90,6 @@ from ann_dc.hardware.emulation.assembly import (
     weighted_sum,
 )
 from ann_dc.hardware.emulation.built_circuit import BuiltCircuit
-from ann_dc.hardware.emulation.capacitors import capacitor
 from ann_dc.hardware.emulation.clamps import (
     bias_current,
     clamps_at,
@@ -73,9 +98,11 @@ from ann_dc.hardware.emulation.clamps import (
     has_second_pole,
     lag_of,
 )
-from ann_dc.hardware.emulation.diodes import pace, slowed
+from ann_dc.hardware.emulation.emulation import Emulation, slower_network
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
+from ann_dc.hardware.parts.parasitics import Parasitics
 from ann_dc.hardware.schematic.elements import (
+    UNLIMITED,
     Adder,
     Amplifier,
     GridNode,
@@ -84,10 +111,120 @@ from ann_dc.hardware.schematic.elements import (
     Wire,
 )
 from ann_dc.hardware.schematic.preconditioner_wiring import OWN
-from ann_dc.network.cell import ONE, Function, Limiter, Sum
+from ann_dc.network.cell import ONE, Function, Limiter, Product, Sum
+from ann_dc.network.network import Network
 
 
-def op_amp(built: BuiltCircuit, part: Amplifier) -> Iterator[Piece]:
+def _capacitor(
+    built: BuiltCircuit,
+    part: Integrator | PICell,
+    weights: Mapping[str, Weight],
+    tau: np.ndarray,
+    limiter: Limiter = UNLIMITED,
+) -> Iterator[Piece]:
+    """Yield tau h' = the sum of weighted nodes, within limits, minus leakage.
+
+    ``tau`` (N,) is the time constant of the nominal capacitor alone.
+    """
+    nodes, circuit = AmplifierNodes(part.name), built.circuit
+    parasitics, name = built.datasheet.parasitics, part.name
+    off = built.deviation(name, Quantity.CAPACITOR)
+    origin = Origin(part.dual if isinstance(part, PICell) else name)
+    farads = np.where(part.present, circuit.capacitors[name], np.inf)
+    total = 1 + off + parasitics.switch_capacitance / farads
+    yield State(nodes.held, tau * total, origin, limiter)
+    yield from couplings(nodes.held, weights)
+    rate = built.scaling.time * tau  # of one per second
+    insulator = rate * (1 + off) / parasitics.capacitor_leakage
+    insulator = insulator * circuit.own_capacitors(name) / farads
+    switch = rate / (farads * parasitics.switch_leakage)
+    if (insulator + switch).any():
+        preset = switch * circuit.presets[name] * circuit.value_of(name)
+        yield from weighted_sum(nodes.leak, {nodes.held: -(insulator + switch), ONE: preset})
+        yield Coupling(nodes.leak, nodes.held, 1.0)
+
+
+def released(
+    network: Network,
+    circuit: Circuit,
+    parasitics: Parasitics,
+    off: Mapping[str, np.ndarray],
+    x: np.ndarray,
+) -> np.ndarray:
+    """Return the state (n,) after the reset switches have opened.
+
+    It includes the switch charge.
+
+    ``network`` is that of the emulation, ``off`` maps parameter names to capacitor deviations (N,),
+    and ``x`` (n,) is the state with closed switches.
+    """
+    if parasitics.switch_charge == 0 or circuit.schematic.differential:
+        return x
+    values = network.unpack(x)
+    for name, farads in circuit.capacitors.items():
+        deviation = off.get(circuit.parameter_name(name, Quantity.CAPACITOR), 0.0)
+        total = farads * (1 + deviation) + parasitics.switch_capacitance
+        row = network.neuron_index[AmplifierNodes(name).held]
+        volts = np.divide(
+            parasitics.switch_charge, total, out=np.zeros_like(total), where=total > 0
+        )
+        values[row] += volts * circuit.value_of(name)
+    return network.pack(values)
+
+
+AT_KNEE = 1.5
+"""1 / (1 - p) at the knee."""
+
+STEEP = 10.0
+"""Factor on the distance from the knee while the diode is off; the pace quickly reaches 1."""
+
+
+def _pace(built: BuiltCircuit, op_amp: AmplifierNodes, neuron: str) -> Iterator[Piece]:
+    """Yield the pace of the diode behind an op amp, from its net inputs to its pole ``neuron``.
+
+    The net inputs add up at the node ``drop_free``.
+    """
+    thermal = THERMAL * abs(built.circuit.value_of(op_amp.part))
+    away, above, inverse = (f"{name}.{op_amp.pace}" for name in ("away", "above", "inverse"))
+    yield from weighted_sum(away, {op_amp.output: -1.0})
+    yield Function(name=op_amp.beyond, function="rectify", x=away)
+    weights = {op_amp.part: 1 / thermal, op_amp.beyond: STEEP / thermal, ONE: AT_KNEE}
+    yield from weighted_sum(above, weights)
+    yield Function(name=inverse, function="reciprocal", x=above)
+    yield from weighted_sum(op_amp.pace, {ONE: 1.0, inverse: -1.0})
+    yield Sum(name=op_amp.drop_free)
+    yield Product(name=op_amp.paced, a=op_amp.drop_free, b=op_amp.pace)
+    yield Coupling(op_amp.paced, neuron, 1.0)
+
+
+def paced_at(emulation: Emulation, x: np.ndarray) -> Network:
+    """Return the emulation's network with the paces of a state in its time constants.
+
+    The emulation has no paces as nodes, and ``x`` (n,) is its state at rest.
+    """
+    circuit, network = emulation.circuit, emulation.network
+    values, slower = network.unpack(x), dict[str, np.ndarray]()
+    for part in circuit.schematic.rectified:
+        op_amp = AmplifierNodes(part.name, rectified=True)
+        if op_amp.pace not in network.node_index:
+            thermal = THERMAL * abs(circuit.value_of(part.name))
+            y = values[network.neuron_index[op_amp.output]] / thermal
+            pace = 1 - 1 / (AT_KNEE + np.where(y > 0, y, -STEEP * y))
+            pole = op_amp.first if op_amp.first in network.neuron_index else op_amp.output
+            slower[pole] = 1 / pace
+    return slower_network(network, slower) if slower else network
+
+
+def _slowed(built: BuiltCircuit, part: PICell, ohms: np.ndarray) -> np.ndarray:
+    """Return the slowdown (N,) of a rectifying neuron by the junction: 1 on a chip.
+
+    ``ohms`` (N,) is the parallel resistance of the feedback resistor and the inputs.
+    """
+    farads = 0.0 if built.level.transistors else JUNCTION
+    return 1 + ohms * farads / built.scaling.time / built.outputs.lag(part.name)
+
+
+def amplifier(built: BuiltCircuit, part: Amplifier) -> Iterator[Piece]:
     """Return the pieces of an integrator, a PI cell or an adder."""
     if isinstance(part, Adder):
         return _adder(built, part)
@@ -131,7 +268,7 @@ def _integrator(built: BuiltCircuit, part: Integrator) -> Iterator[Piece]:
         drop = _drop(built, part, 1 - clamps.share)
         e = {nodes.ground: 1 + drop * gamma, nodes.summed: drop, nodes.trailing: -drop}
     yield from _amplifier(built, nodes, e)
-    yield from capacitor(built, part, {nodes.ground: gamma}, part.tau, clamps.limiter)
+    yield from _capacitor(built, part, {nodes.ground: gamma}, part.tau, clamps.limiter)
     yield from _inputs(built, part, ones, clamps.into)
     ohms = built.scaling.time * part.tau / built.circuit.capacitors[part.name]
     yield from bias_current(built, nodes, clamps.into, ohms)
@@ -159,7 +296,7 @@ def _pi_cell(built: BuiltCircuit, part: PICell) -> Iterator[Piece]:
     back = built.datasheet.rout / (ohms * built.omega * tau)  # of the capacitor's current
     yield from _amplifier(built, nodes, {nodes.ground: 1.0 - back * gamma, nodes.summed: -back})
     weights = {nodes.summed: 1.0, nodes.ground: gamma}
-    yield from capacitor(built, part, weights, part.tau * factor)
+    yield from _capacitor(built, part, weights, part.tau * factor)
 
 
 def _diode_cell(built: BuiltCircuit, part: PICell) -> Iterator[Piece]:
@@ -183,10 +320,10 @@ def _diode_cell(built: BuiltCircuit, part: PICell) -> Iterator[Piece]:
         yield from ground(built, nodes, nodes.lagging, whole, ohms)
         e |= {nodes.output: -SEEPING, nodes.lagging: 1.0}
     yield from couplings(nodes.ground, e)
-    slower = slowed(built, part, ohms / whole)
+    slower = _slowed(built, part, ohms / whole)
     yield from _amplifier(built, op_amp, {nodes.ground: 1.0}, slower)
     weights = {nodes.output: 1.0, nodes.held: -1.0, nodes.ground: -1.0, ONE: drop}
-    yield from capacitor(built, part, weights, part.tau * factor)
+    yield from _capacitor(built, part, weights, part.tau * factor)
 
 
 def _feedback(built: BuiltCircuit, part: PICell) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -255,7 +392,7 @@ def _amplifier(
     yield from _poles(built, nodes, slower)
     driven = name
     if nodes.rectified and built.moving:
-        yield from pace(built, nodes, name)
+        yield from _pace(built, nodes, name)
         driven = nodes.drop_free
     target, per_target, limits = built.slewing(nodes.drive, driven, abs(volt))
     yield from limits

@@ -10,7 +10,7 @@ import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.nonidealities.strengths import errors_of, require_strength
+from ann_dc.hardware.nonidealities.numbers import errors_of, require_strength
 from ann_dc.network.network import Network
 from ann_dc.network.rewiring import arrival, fresh, slewing, slowed, stopped, wire, with_wires
 from ann_dc.network.selection import EVERYWHERE, Selection, blocks_of, chosen, neurons_of

@@ -47,8 +47,8 @@ from ann_dc.hardware.schematic.elements import (
     Wire,
     arguments,
     connections_by_target,
+    plain_sums,
 )
-from ann_dc.hardware.schematic.pass_through_sums import plain_sums
 from ann_dc.hardware.schematic.pi_cells import Wires, fused_cells, rates_of, wires_of
 from ann_dc.hardware.schematic.preconditioner_wiring import OWN, preconditioner_parts, wiring_of
 from ann_dc.network.cell import ONE, Product, Sum
