@@ -279,8 +279,7 @@ def _preconditioner_units(
     if wiring is None:
         return {}
     found = {n: headroom * peak.value for n, peak in peaks.items() if n not in units}
-    response = np.zeros(network.live.shape)
-    response[tuple(network.places.T)] = evaluator(network).preconditioner.diagonal()
+    response = responses(network)
     for name in found:
         if name.startswith(OWN):
             neuron = name.removeprefix(OWN)
@@ -292,6 +291,13 @@ def _preconditioner_units(
             arriving = sum(np.abs(wire.weight) * known[wire.source] for wire in adder.wires)
             found[adder.name] = max(found[adder.name], float(np.max(arriving)) / NOISE_GAIN)
     return found
+
+
+def responses(network: Network) -> np.ndarray:
+    """Return M_ii of all neurons (P, N); zero where a neuron is fixed or omitted."""
+    response = np.zeros(network.live.shape)
+    response[tuple(network.places.T)] = evaluator(network).preconditioner.diagonal()
+    return response
 
 
 def values_of_grid(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -56,7 +56,7 @@ class BuiltCircuit:
         slopes = (self.slope(per_volt, part, quantity),)
         return Coupling(ONE, target, volts * per_volt, slopes=slopes)
 
-    def slewing(self, drive: str, name: str, unit: float) -> tuple[str, float, Iterator[Piece]]:
+    def slewing(self, drive: str, name: str, unit: float) -> tuple[str, float, Iterable[Piece]]:
         """Return node and weight of the net inputs of an op amp, and the pieces of its slew rate.
 
         The op amp is the node ``name``, of ``unit`` per volt. With a finite slew rate its net
@@ -64,8 +64,8 @@ class BuiltCircuit:
         """
         largest = self.datasheet.slew * self.scaling.time / self.omega * unit
         if math.isinf(largest):
-            return name, 1.0, iter(())
-        return drive, 1 / largest, _limited(drive, name, largest)
+            return name, 1.0, ()
+        return drive, 1 / largest, (Sum(name=drive), *clipped(drive, name, largest))
 
     def scale_of(self, name: str) -> Scale:
         """Return the scale from a node to the user's value."""
@@ -82,8 +82,3 @@ class BuiltCircuit:
             off = self.deviation(part.name, Quantity.INPUT, number)
             total += self.schematic.fed_at(wire) * share / (1 + off)
         return (total.sum() if self.schematic.collects(part.name) else total) * scale
-
-
-def _limited(drive: str, name: str, largest: float) -> Iterator[Piece]:
-    yield Sum(name=drive)
-    yield from clipped(drive, name, largest)

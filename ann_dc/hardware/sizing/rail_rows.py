@@ -24,7 +24,7 @@ from dataclasses import replace
 import numpy as np
 
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.circuit.scaling import Scaling
+from ann_dc.hardware.circuit.scaling import Scaling, responses
 from ann_dc.hardware.schematic.elements import Integrator, PICell
 from ann_dc.hardware.schematic.preconditioner_wiring import OWN
 from ann_dc.hardware.schematic.schematic import Schematic
@@ -64,7 +64,7 @@ def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
         replace(n, limiter=Limiter()) if n.name in coupled else n for n in network.cell.neurons
     ]
     free = replace(network, cell=replace(network.cell, neurons=tuple(neurons)))
-    response, pushed = _response(network), _currents(network, free)
+    response, pushed = responses(network), _currents(network, free)
     at = network.unpack(network.start_state)
     cell, start, absent = free.cell, dict(network.start), list(network.omitted)
     for name, row in coupled.items():
@@ -91,13 +91,6 @@ def _diode(place: str) -> InequalityDual:
     return InequalityDual(
         neuron=f"z_{place}", residual=f"g_{place}", sum=f"s_{place}", multiplier=f"zeta_{place}"
     )
-
-
-def _response(network: Network) -> np.ndarray:
-    """Return M_ii of all neurons (P, N)."""
-    response = np.zeros(network.live.shape)
-    response[tuple(network.places.T)] = evaluator(network).preconditioner.diagonal()
-    return response
 
 
 def _currents(network: Network, free: Network) -> np.ndarray:
