@@ -24,8 +24,12 @@ from ann_dc.fidelity.error_budget import sensitivity, total_error
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import PICell
-from ann_dc.hardware.sizing.bandwidth_margin import SPARE, following_margin, least_margin
-from ann_dc.hardware.sizing.clamps import holding_margin
+from ann_dc.hardware.sizing.bandwidth_margin import (
+    SPARE,
+    following_margin,
+    holding_margin,
+    least_margin,
+)
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 from ann_dc.scale import Scale

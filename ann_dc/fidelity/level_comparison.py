@@ -42,7 +42,7 @@ from ann_dc.hardware.parts.levels import (
     ota_c,
     switched_capacitor,
 )
-from ann_dc.hardware.schematic.saturation import with_rails
+from ann_dc.hardware.schematic.buildable import with_rails
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.optimality.reference_solvers import SolverTiming

@@ -11,8 +11,14 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.evaluation.rules import size_of
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.hardware.emulation.emulation import Emulation
-from ann_dc.hardware.emulation.noise_currents import Currents, Noise, Place, sources_of
-from ann_dc.hardware.emulation.noise_inputs import noise_input, noisy_network
+from ann_dc.hardware.emulation.noise_currents import (
+    Currents,
+    Noise,
+    Place,
+    noise_input,
+    noisy_network,
+    sources_of,
+)
 
 LARGEST = 1000
 """Largest number of emulation neurons whose noise is computed by default."""

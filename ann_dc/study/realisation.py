@@ -34,7 +34,7 @@ from ann_dc.hardware.circuit.deviations import Deviations, combined, draw
 from ann_dc.hardware.circuit.loads import load_power
 from ann_dc.hardware.parts.e_series import SERIES
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.schematic.saturation import with_rails
+from ann_dc.hardware.schematic.buildable import with_rails
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind

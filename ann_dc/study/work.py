@@ -25,7 +25,7 @@ from ann_dc.backends.spice.backend import simulate
 from ann_dc.backends.step_rules import FixedStep
 from ann_dc.errors import AnnDcError, StudyError
 from ann_dc.evaluation.variant_numbers import Numbers, numbers_of, require_one_wiring
-from ann_dc.hardware.nonidealities.drawing import drawn_numbers
+from ann_dc.hardware.nonidealities.numbers import drawn_numbers
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
 from ann_dc.resources import one_thread

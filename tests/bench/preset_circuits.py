@@ -26,7 +26,7 @@ from ann_dc.fidelity.circuit_study import instances, settled_error
 from ann_dc.fidelity.prediction import Prediction, predict
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.parts import presets
-from ann_dc.hardware.schematic.saturation import with_rails
+from ann_dc.hardware.schematic.buildable import with_rails
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.problem.declaration import OptimalControlProblem

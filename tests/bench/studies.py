@@ -29,8 +29,7 @@ from ann_dc.backends.decay import decay_rate
 from ann_dc.fidelity.circuit_study import predicted_errors
 from ann_dc.gain_design.gain_rule import GainRule, closed_form
 from ann_dc.gain_design.gains import apply_gains
-from ann_dc.hardware.nonidealities.drawing import drawn_numbers
-from ann_dc.hardware.nonidealities.numbers import mismatch
+from ann_dc.hardware.nonidealities.numbers import drawn_numbers, mismatch
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.network.inputs import input_batch, moved_starts
 

@@ -23,8 +23,14 @@ from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
-from ann_dc.hardware.emulation.noise_currents import Noise, draw_noise, noise_sources, white
-from ann_dc.hardware.emulation.noise_inputs import noise_input, noisy_network
+from ann_dc.hardware.emulation.noise_currents import (
+    Noise,
+    draw_noise,
+    noise_input,
+    noise_sources,
+    noisy_network,
+    white,
+)
 from ann_dc.hardware.emulation.states import emulated_state
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.hardware.parts.parasitics import Parasitics

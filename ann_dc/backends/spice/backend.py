@@ -39,10 +39,8 @@ from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.hardware.parts.foundry import passive
 from ann_dc.hardware.parts.levels import BEHAVIOURAL, Level
-from ann_dc.hardware.schematic.buildable import check_preconditioner, check_series
-from ann_dc.hardware.schematic.saturation import check_rails
+from ann_dc.hardware.schematic.buildable import check_buildable
 from ann_dc.hardware.schematic.schematic import schematic_of
-from ann_dc.hardware.schematic.shared import check_shared
 from ann_dc.hardware.sizing.bandwidth_margin import Sizing, cure, sized_circuit
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
@@ -149,10 +147,7 @@ class SpiceBackend:
         """
         level = self.level
         check_full_scale(level)
-        check_preconditioner(network.preconditioner.kind, level)
-        check_series(self.series, level)
-        check_rails(network, level)
-        check_shared(network, level)
+        check_buildable(network, level, self.series)
         rules = ScalingRules(
             gbw=level.datasheet.usable_bandwidth,
             margin=self.margin or MARGIN,

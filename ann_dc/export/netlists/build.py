@@ -27,7 +27,7 @@ from ann_dc.hardware.circuit.deviations import snapped
 from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.e_series import E96_PAIRS, SERIES, Series
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.schematic.saturation import with_rails
+from ann_dc.hardware.schematic.buildable import with_rails
 from ann_dc.hardware.sizing.bandwidth_margin import cure
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind

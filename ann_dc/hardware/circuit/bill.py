@@ -23,7 +23,6 @@ from ann_dc.hardware.circuit.scaling import begins, to_ground
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
 from ann_dc.hardware.schematic.elements import GridNode, Integrator, PICell
 from ann_dc.validation import checked
 
@@ -38,20 +37,6 @@ def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
     series has pairs. Capacitors are ordered from E24, or from the series if it is coarser. Op amps,
     multipliers and function generators are listed without a value. Raises `NetworkError` if the
     level is not one of op amps with resistors.
-
-    Examples
-    --------
-    >>> from ann_dc import levels
-    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
-    >>> from ann_dc.hardware.schematic import schematic_of
-    >>> from ann_dc.hardware.parts import E24
-    >>> from ann_dc.network import Cell, Connection, Network, Neuron
-    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
-    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
-    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
-    >>> circuit = circuit_of(schematic_of(row), scale(row, probe))
-    >>> [line.split(",")[1] for line in bill_of(circuit, levels.macro(), E24).splitlines()[1:]]
-    ['r_x_0', 'r_x_1', 'c_x', 'x_x']
     """
     check_level(level)
     stream = io.StringIO()
@@ -74,7 +59,7 @@ def check_level(level: Level) -> None:
 
     Only levels of op amps with resistors have one.
     """
-    if not isinstance(level.technology, (OpAmps, DifferentialPairs)):
+    if not level.technology.has_resistors:
         raise NetworkError(
             f"bill: level {level.name} is not built of op amps with resistors; take a macro level, "
             "parts by name or transistor"

@@ -23,17 +23,16 @@ feedback resistor.
 from __future__ import annotations
 
 import enum
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 
 from ann_dc.dataclass_pickling import Record
-from ann_dc.errors import require_positive, such_as
-from ann_dc.hardware.circuit.aliases import aliases
+from ann_dc.errors import NetworkError, require_positive, such_as
 from ann_dc.hardware.circuit.scaling import Scaling, values_of_grid
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR, Kind
 from ann_dc.hardware.schematic.elements import (
@@ -84,13 +83,7 @@ class Quantity(enum.Enum):
         return self.value[1]
 
     def named(self, alias: str, wire: int | None = None) -> str:
-        """Return the parameter name for a part, and for the wire of an input resistor.
-
-        Examples
-        --------
-        >>> Quantity.INPUT.named("m_phi", 2), Quantity.OFFSET.named("q_x")
-        ('r_m_phi_2', 'vos_q_x')
-        """
+        """Return the parameter name for a part, and for the wire of an input resistor."""
         plain = f"{self.letters}_{alias}"
         return plain if wire is None else f"{plain}_{wire}"
 
@@ -99,18 +92,9 @@ class Quantity(enum.Enum):
 class Parameter:
     """Parameter of a cell.
 
-    Attributes
-    ----------
-    alias : str
-        Netlist name of the part.
-    wire : int or None
-        Index of the wire of an input resistor; None for other quantities.
-    present : (N,) array of bool
-        True for the cells that have the parameter.
-    owner : str
-        Description of the component, listed in the bill of materials for an offset or a gain.
-    meaning : str
-        Description of the parameter.
+    ``wire`` is the index of the wire of an input resistor, None for other quantities. ``present``
+    (N,) is True for the cells that have the parameter. The bill of materials lists the ``owner``, a
+    description of the component, for an offset or a gain.
     """
 
     part: str
@@ -132,100 +116,71 @@ class Parameter:
         return self.quantity.kind
 
 
-@dataclass(frozen=True)
-class _Entry:
-    """Quantity of a part before the cells of the part are known."""
-
-    quantity: Quantity
-    meaning: str
-    owner: str = ""
-    wire: int | None = None
-    present: np.ndarray | bool = True
-
-
-def parameters_of(
-    schematic: Schematic,
-    alias: Mapping[str, str],
-    resistors: Mapping[str, np.ndarray],
-    rails: Mapping[str, tuple[float, float]],
-) -> tuple[Parameter, ...]:
-    """Return all parameters of a schematic, in the order of its parts.
+def _parameters(circuit: Circuit) -> Iterator[Parameter]:
+    """Yield all parameters in the order of the parts.
 
     Resistors of a resistive grid are excluded, because each belongs to two nodes.
-
-    Parameters
-    ----------
-    alias : mapping of part name to str
-        Netlist name of each part.
-    resistors : mapping of part name to (wires, N) array
-        Ohms, infinite for absent resistors.
-    rails : mapping of part name to (float, float)
-        Low and high limit of limited integrators in volts, infinite if absent.
     """
-    found: list[Parameter] = []
+    schematic = circuit.schematic
     for part in schematic.parts:
-        alive = schematic.alive_at(part.name)
-        wired = alive | schematic.collects(part.name)
-        entries = _entries(schematic, part, resistors), _of_clamps(part, rails.get(part.name, ()))
-        for entry in chain(*entries):
-            present = entry.present & (alive if entry.wire is None else wired)
-            if present.any():
-                given: dict[str, Any] = vars(entry) | {"present": present}
-                found.append(Parameter(part=part.name, alias=alias[part.name], **given))
-    return tuple(found)
+        alive, alias = schematic.alive_at(part.name), circuit.alias[part.name]
+        if isinstance(part, Amplifier):
+            yield from _of_wires(circuit, part, alive | schematic.collects(part.name))
+        for quantity, owner, meaning in _described(circuit, part) if alive.any() else ():
+            yield Parameter(
+                part=part.name,
+                alias=alias,
+                quantity=quantity,
+                present=alive,
+                owner=owner,
+                meaning=meaning,
+            )
 
 
-def _entries(
-    schematic: Schematic, part: Part, resistors: Mapping[str, np.ndarray]
-) -> Iterator[_Entry]:
+def _of_wires(circuit: Circuit, part: Amplifier, wired: np.ndarray) -> Iterator[Parameter]:
+    for number, wire in enumerate(part.wires):
+        resistors = circuit.resistors[part.name][number]
+        present = np.isfinite(resistors) & circuit.schematic.fed_at(wire) & wired
+        if present.any():
+            yield Parameter(
+                part=part.name,
+                alias=circuit.alias[part.name],
+                quantity=Quantity.INPUT,
+                wire=number,
+                present=present,
+                owner=f"{part.name}'s op amp",
+                meaning=f"resistor from {wire.source} to {part.name}",
+            )
+
+
+def _described(circuit: Circuit, part: Part) -> Iterator[tuple[Quantity, str, str]]:
+    """Yield the quantities of a part without its wires, each with its owner and its meaning."""
     name = part.name
     if isinstance(part, Multiplier):
-        yield from _of_multiplier(part)
+        owner = f"multiplier {name}"
+        yield Quantity.GAIN, owner, f"gain of the {owner}"
+        yield Quantity.OFFSET_X, owner, f"offset of {name} at {part.a}"
+        yield Quantity.OFFSET_Y, owner, f"offset of {name} at {part.b}"
+        yield Quantity.OFFSET_Z, owner, f"offset of {name} at its output"
     elif isinstance(part, Generator):
-        yield from _of_generator(part)
-    elif isinstance(part, GridNode):
-        owner = f"{name}'s follower"
-        yield _Entry(Quantity.OFFSET, f"offset of {owner}", owner)
+        owner = f"function generator {name}"
+        yield Quantity.GAIN, owner, f"gain of the {owner}"
+        yield Quantity.OFFSET_Y, owner, f"offset of {name} at its output"
     else:
-        yield from _of_amplifier(schematic, part, resistors[name])
-    if name in schematic.inverted:
+        owner = f"{name}'s follower" if isinstance(part, GridNode) else f"{name}'s op amp"
+        if isinstance(part, (PICell, Adder)):
+            yield Quantity.FEEDBACK, owner, f"feedback resistor of {name}"
+        if isinstance(part, (PICell, Integrator)):
+            yield Quantity.CAPACITOR, owner, f"capacitor of {name}"
+        yield Quantity.OFFSET, owner, f"offset of {owner}"
+    if name in circuit.schematic.inverted:
         inverter = f"{name}'s inverter"
-        yield _Entry(Quantity.INVERTER, f"resistors of {inverter}", inverter)
-        yield _Entry(Quantity.INVERTER_OFFSET, f"offset of {inverter}", inverter)
-
-
-def _of_multiplier(part: Multiplier) -> Iterator[_Entry]:
-    name, owner = part.name, f"multiplier {part.name}"
-    yield _Entry(Quantity.GAIN, f"gain of the {owner}", owner)
-    yield _Entry(Quantity.OFFSET_X, f"offset of {name} at {part.a}", owner)
-    yield _Entry(Quantity.OFFSET_Y, f"offset of {name} at {part.b}", owner)
-    yield _Entry(Quantity.OFFSET_Z, f"offset of {name} at its output", owner)
-
-
-def _of_generator(part: Generator) -> Iterator[_Entry]:
-    name, owner = part.name, f"function generator {part.name}"
-    yield _Entry(Quantity.GAIN, f"gain of the {owner}", owner)
-    yield _Entry(Quantity.OFFSET_Y, f"offset of {name} at its output", owner)
-
-
-def _of_amplifier(schematic: Schematic, part: Amplifier, resistors: np.ndarray) -> Iterator[_Entry]:
-    name, owner = part.name, f"{part.name}'s op amp"
-    for number, wire in enumerate(part.wires):
-        meaning = f"resistor from {wire.source} to {name}"
-        present = np.isfinite(resistors[number]) & schematic.fed_at(wire)
-        yield _Entry(Quantity.INPUT, meaning, owner, number, present)
-    if isinstance(part, (PICell, Adder)):
-        yield _Entry(Quantity.FEEDBACK, f"feedback resistor of {name}", owner)
-    if not isinstance(part, Adder):
-        yield _Entry(Quantity.CAPACITOR, f"capacitor of {name}", owner)
-    yield _Entry(Quantity.OFFSET, f"offset of {owner}", owner)
-
-
-def _of_clamps(part: Part, rails: Iterable[float]) -> Iterator[_Entry]:
+        yield Quantity.INVERTER, inverter, f"resistors of {inverter}"
+        yield Quantity.INVERTER_OFFSET, inverter, f"offset of {inverter}"
+    rails = circuit.rails(part) if isinstance(part, Integrator) and part.railed else ()
     for quantity, word, volts in zip(CLAMP_OFFSETS, ("lower", "upper"), rails):
         if np.isfinite(volts):
-            owner = f"{part.name}'s {word} clamp"
-            yield _Entry(quantity, f"offset of {owner}", owner)
+            yield quantity, f"{name}'s {word} clamp", f"offset of {name}'s {word} clamp"
 
 
 CLAMP_OFFSETS = Quantity.LOW_OFFSET, Quantity.HIGH_OFFSET
@@ -274,8 +229,6 @@ class Circuit(Record):
 
     Attributes
     ----------
-    scaling : Scaling
-        Volts per value and seconds per network time.
     resistors : mapping of part name to (wires, N) array
         Ohms in the order of the part's wires.
     feedback : mapping of part name to float
@@ -287,7 +240,7 @@ class Circuit(Record):
     inverter : float
         Both resistors of every inverter in ohms.
     conductances : mapping of part name to (N,) array
-        Total conductance at the nodes of a resistive grid in siemens; zero for an absent node.
+        Siemens at the nodes of a resistive grid; zero for an absent node.
     lag : float
         Ratio of capacitance to conductance of a grid node, in units of network time.
     """
@@ -313,9 +266,7 @@ class Circuit(Record):
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Parameters that can deviate, in the order of the parts."""
-        parts = (p for p in self.schematic.parts if isinstance(p, Integrator) and p.railed)
-        rails = {part.name: self.rails(part) for part in parts}
-        return parameters_of(self.schematic, self.alias, self.resistors, rails)
+        return tuple(_parameters(self))
 
     def parameter_name(self, part: str, quantity: Quantity, wire: int | None = None) -> str:
         """Return the parameter name of a quantity of a part.
@@ -402,53 +353,34 @@ def circuit_of(
     The smallest resistor at a virtual ground or in a resistive grid is ``smallest`` ohms. ``lag``
     is the ratio of capacitance to conductance of a grid node, in units of network time. Raises
     `NetworkError` if a grid has no positive lag.
-
-    Examples
-    --------
-    A leaky integrator with a bias; the network's time constant is 1 / (2 pi 1 MHz):
-
-    >>> from ann_dc.hardware.circuit import ProbeRun, scale
-    >>> from ann_dc.hardware.schematic import schematic_of
-    >>> from ann_dc.network import Cell, Connection, Network, Neuron
-    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
-    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
-    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
-    >>> circuit = circuit_of(schematic_of(row), scale(row, probe))
-    >>> circuit.resistors["x"].round(3).ravel().tolist(), f"{circuit.capacitors['x'][0]:.3g} F"
-    ([10000.0, 12000.0], '1.59e-11 F')
     """
     values = {
         part.name: _values(part, schematic.network.stages, scaling, smallest)
         for part in schematic.parts
-        if isinstance(part, (Integrator, PICell, Adder))
+        if isinstance(part, Amplifier)
     }
     nodes = [part for part in schematic.parts if isinstance(part, GridNode)]
     if nodes:
         require_positive(lag=lag)
-    grid = values_of_grid(nodes, scaling, smallest)
+    grid_resistors, conductances = values_of_grid(nodes, scaling, smallest)
     return Circuit(
         schematic=schematic,
         scaling=scaling,
-        resistors={name: found.resistors for name, found in values.items()} | grid.resistors,
-        feedback={n: v.feedback for n, v in values.items() if v.feedback is not None},
-        capacitors={n: v.capacitors for n, v in values.items() if v.capacitors is not None},
+        resistors={name: ohms for name, (ohms, _, _) in values.items()} | grid_resistors,
+        feedback={name: ohms for name, (_, ohms, _) in values.items() if ohms is not None},
+        capacitors={name: farads for name, (*_, farads) in values.items() if farads is not None},
         presets=_presets(schematic, scaling),
         inverter=smallest,
-        conductances=grid.conductances,
+        conductances=conductances,
         lag=lag,
     )
 
 
-@dataclass(frozen=True)
-class _Values:
-    """Values of one amplifier: ohms (wires, N), feedback ohms, farads (N,)."""
-
-    resistors: np.ndarray
-    feedback: float | None
-    capacitors: np.ndarray | None
+Values: TypeAlias = tuple[np.ndarray, float | None, np.ndarray | None]
+"""Ohms (wires, N), feedback ohms and farads (N,) of an amplifier."""
 
 
-def _values(part: Amplifier, stages: int, scaling: Scaling, smallest: float) -> _Values:
+def _values(part: Amplifier, stages: int, scaling: Scaling, smallest: float) -> Values:
     units, T = scaling.unit, scaling.time
     gain = np.array(
         [np.abs(w.weight) * units[w.source] / units[part.name] for w in part.wires]
@@ -456,14 +388,14 @@ def _values(part: Amplifier, stages: int, scaling: Scaling, smallest: float) -> 
     if isinstance(part, Integrator):
         slope = gain * (part.rate.max() if part.shared else part.rate) / T  # per second
         farads = 1.0 / (_largest(slope) * smallest)
-        return _Values(_over(1.0, slope * farads), None, np.full(stages, farads))
+        return _over(1.0, slope * farads), None, np.full(stages, farads)
     if isinstance(part, Adder):
         feedback = smallest * _largest(gain)
-        return _Values(_over(feedback, gain), feedback, None)
+        return _over(feedback, gain), feedback, None
     gain = gain * part.rho * (part.rate > 0)
     feedback = smallest * max(_largest(gain), float(part.rectified))
     rate = np.where(part.rate > 0, part.rate, np.inf)
-    return _Values(_over(feedback, gain), feedback, part.rho * T / (rate * feedback))
+    return _over(feedback, gain), feedback, part.rho * T / (rate * feedback)
 
 
 def _largest(values: np.ndarray) -> float:
@@ -490,3 +422,33 @@ def _presets(schematic: Schematic, scaling: Scaling) -> dict[str, np.ndarray]:
             values = start[network.neuron_index[part.name]]
         presets[part.name] = schematic.polarity[part.name] * scaling.volts(part.name, values)
     return presets
+
+
+RESERVED = ("src", "gnd", "null", "rst", "p1", "p2", "s", "sp", "sn")
+"""Names that are reserved by the netlist."""
+
+LONGEST = 200
+"""Maximum length of a name in characters."""
+
+
+def aliases(names: Iterable[str]) -> dict[str, str]:
+    """Return netlist names of parts, neurons and inputs: lower case, unique, without "__".
+
+    Raises `NetworkError` if a name has unprintable characters or is too long.
+
+    >>> aliases(["q.x", "Q X", "a*b"])
+    {'q.x': 'q_x', 'Q X': 'q_x_v2', 'a*b': 'a_x_b'}
+    """
+    found: dict[str, str] = {}
+    taken = set(RESERVED)
+    for name in names:
+        if not name.isprintable() or len(name) > LONGEST:
+            raise NetworkError(f"circuit: {name!r} is no name that a netlist can carry")
+        plain = re.sub(r"[^a-z0-9]+", "_", name.lower().replace("*", "_x_")).strip("_") or "node"
+        plain = plain[:40].strip("_") if plain[0].isalpha() else f"n_{plain[:40]}".strip("_")
+        alias, number = plain, 2
+        while not taken.isdisjoint({alias, f"n_{alias}"}):  # vos_n_x is that of x's inverter
+            alias, number = f"{plain}_v{number}", number + 1
+        taken |= {alias, f"n_{alias}"}
+        found[name] = alias
+    return found

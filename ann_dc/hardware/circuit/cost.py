@@ -52,11 +52,6 @@ def parts_of(cards: Mapping[str, int], inner: int = 0) -> dict[str, int]:
 
     ``cards`` maps the cells of ``circuits/cells`` to their number in the netlist. ``inner`` is the
     number of multipliers inside function generators.
-
-    Examples
-    --------
-    >>> parts_of({"integ": 2, "inv": 1, "resistor": 5})
-    {'op amps': 3, 'resistors': 7, 'capacitors': 2}
     """
     total: Counter[str] = Counter({INNER: inner})
     for kind, count in cards.items():
@@ -70,15 +65,9 @@ def parts_of(cards: Mapping[str, int], inner: int = 0) -> dict[str, int]:
 class Cost:
     """Cost of a circuit.
 
-    Attributes
-    ----------
-    parts : mapping of str to int
-        Number of parts by kind, see `parts_of`.
-    power : float
-        Power at rest in watts, of op amps with their loads and of multipliers; nan if the level has
-        no power data.
-    settling : float
-        Settling time in seconds per solve.
+    ``parts`` are numbers of parts by kind, see `parts_of`, and ``settling`` is in seconds per
+    solve. The ``power`` at rest in watts is that of op amps with their loads and of multipliers;
+    nan if the level has no power data.
     """
 
     parts: Mapping[str, int]
@@ -100,13 +89,6 @@ def cost_of(
     A function generator counts as its multipliers, or as `GENERATOR_MULTIPLIERS` if the level does
     not specify them. ``settling`` is in seconds per solve. ``loads`` is the power of the op-amp
     loads in watts, see `load_power`.
-
-    Examples
-    --------
-    >>> from ann_dc.hardware.parts import Datasheet
-    >>> sheet = Datasheet(amplifier_power=1e-3, multiplier_power=5e-3)
-    >>> f"{cost_of({OP_AMP: 10, MULTIPLIER: 2}, sheet, 1e-3).energy:.1e} J"
-    '2.0e-05 J'
     """
     inner = parts.get(INNER, GENERATOR_MULTIPLIERS * parts.get(GENERATOR, 0))
     multipliers = parts.get(MULTIPLIER, 0) + inner

@@ -31,15 +31,6 @@ def draw(known: Iterable[Parameter], tolerances: Tolerances, seed: int) -> dict[
     streams. The errors of one kind therefore do not depend on the tolerance of another kind, and
     parts are identical at every temperature. The result maps names to (N,) arrays, relative or in
     volts, without kinds of zero size.
-
-    Examples
-    --------
-    >>> from ann_dc.hardware.circuit import Parameter, Quantity
-    >>> part = dict(part="x", alias="x", present=np.array([True]), owner="x", meaning="x")
-    >>> known = [Parameter(quantity=Quantity.OFFSET, **part)]
-    >>> drawn = draw(known, Tolerances(offset=1e-3), seed=0)
-    >>> list(drawn), bool(abs(drawn["vos_x"][0]) < 0.01)
-    (['vos_x'], True)
     """
     streams = {kind: np.random.default_rng([seed, n]) for n, kind in enumerate(Kind)}
     drifts = {kind: np.random.default_rng([seed, len(Kind) + n]) for n, kind in enumerate(Kind)}
@@ -109,12 +100,6 @@ def snapped(circuit: Circuit, series: Series) -> dict[str, np.ndarray]:
 
     Capacitors follow the capacitor series that belongs to ``series``. The result is empty for a
     series with every value.
-
-    Examples
-    --------
-    >>> from ann_dc.hardware.parts import E24, E24_PAIRS
-    >>> float(E24.nearest(10_400.0)), float(E24_PAIRS.nearest(10_400.0))
-    (10000.0, 10400.0)
     """
     if not series.mantissas:
         return {}

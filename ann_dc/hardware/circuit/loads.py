@@ -1,8 +1,7 @@
 """Loads of the op amps of a circuit: resistors from outputs to virtual grounds.
 
-Op amps of clamps drive the resistors in series with the references of their limits.
-
-Effect of loads on outputs: op-amp gain and pole, multiplier output.
+Op amps of clamps drive the resistors in series with the references of their limits. Loads reduce
+the gain and the bandwidth of op amps, and the output of multipliers.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import numpy as np
 
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import CLAMP_REFERENCE, HOLD, Circuit
-from ann_dc.hardware.circuit.generators import built_range
+from ann_dc.hardware.circuit.scaling import built_range
 from ann_dc.hardware.parts.generator_curves import Curves, Polynomial
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.elements import (
@@ -34,19 +33,10 @@ from ann_dc.validation import State, checked
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """Heaviest load of a circuit.
+    """Heaviest load of a circuit: that of a part in a cell, or of the inverter behind the part.
 
-    Attributes
-    ----------
-    part : str
-        Part of the loaded op amp.
-    inverter : bool
-        True if the op amp is that of the inverter behind the part.
-    stage : int
-        Cell of the part, from 0.
-    amperes : float
-        Current at the largest voltage of the probe run, with all virtual grounds at zero. For
-        moving op amps, capacitors are discharged.
+    ``amperes`` is the current at the largest voltage of the probe run, with all virtual grounds at
+    zero. For moving op amps, capacitors are discharged.
     """
 
     part: str
@@ -65,20 +55,6 @@ def loads_of(circuit: Circuit) -> dict[tuple[str, bool], np.ndarray]:
 
     Keys are (part name, True for the inverter behind the part), values (N,) arrays in siemens. They
     include the resistors into readers of the output and the feedback that carries current at rest.
-
-    Examples
-    --------
-    An integrator drives only the resistor of its leak:
-
-    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
-    >>> from ann_dc.hardware.schematic import schematic_of
-    >>> from ann_dc.network import Cell, Connection, Network, Neuron
-    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
-    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
-    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
-    >>> circuit = circuit_of(schematic_of(row), scale(row, probe))
-    >>> {name: float(1 / siemens[0]) for name, siemens in loads_of(circuit).items()}
-    {('x', False): 10000.0}
     """
     schematic = circuit.schematic
     stages = schematic.network.stages
@@ -129,22 +105,6 @@ def load_power(circuit: Circuit, level: Level, x: State) -> float:
     The output swings are taken as supply voltages, and ``x`` (n,) is the settled state of the ideal
     network. The power is zero for transistor op amps, which supply their loads from their quiescent
     current, and for parts without output swing.
-
-    Examples
-    --------
-    A node of 0.83 V drives 10 kohm from 13 V:
-
-    >>> from ann_dc.hardware.circuit import ProbeRun, circuit_of, scale
-    >>> from ann_dc.hardware.parts import macro
-    >>> from ann_dc.hardware.schematic import schematic_of
-    >>> from ann_dc.network import Cell, Connection, Network, Neuron
-    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
-    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
-    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
-    >>> circuit = circuit_of(schematic_of(row), scale(row, probe))
-    >>> volts = float(circuit.scaling.volts("x", 0.5))
-    >>> f"{volts:.2f} V, {load_power(circuit, macro(rails=13.0), np.array([0.5])):.3e} W"
-    '0.83 V, 1.083e-03 W'
     """
     if level.transistors or not np.isfinite(level.datasheet.rails):
         return 0.0
@@ -156,10 +116,9 @@ def load_power(circuit: Circuit, level: Level, x: State) -> float:
             volts = np.abs(scaling.volts(name, values[network.node_index[name]]))
             amperes += float((siemens * volts)[circuit.schematic.alive_at(name)].sum())
     siemens = level.datasheet.gbw / CLAMP_REFERENCE
-    for part in circuit.schematic.parts:
-        if isinstance(part, Integrator) and part.railed:
-            own = values[network.node_index[part.name]]
-            amperes += siemens * _volts_to_rails(circuit, part, own)
+    for part in circuit.schematic.limited:
+        own = values[network.node_index[part.name]]
+        amperes += siemens * _volts_to_rails(circuit, part, own)
     return amperes * level.datasheet.rails
 
 
@@ -235,12 +194,8 @@ def _ends(
 class Outputs:
     """Outputs of the parts of a circuit under load.
 
-    If ``inverter`` is true, methods refer to the inverter behind a part.
-
-    Attributes
-    ----------
-    omega : float
-        Gain-bandwidth product of the op amps, in radians per unit of network time.
+    If ``inverter`` is true, methods refer to the inverter behind a part. ``omega`` is the
+    gain-bandwidth product of the op amps, in radians per unit of network time.
     """
 
     def __init__(self, circuit: Circuit, level: Level) -> None:

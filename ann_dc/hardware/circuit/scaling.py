@@ -10,10 +10,9 @@ T s seconds, with
 so that op amps of gain-bandwidth product GBW are k times as fast as the fastest mode of the
 network. Both scalings are invertible, and results are in the user's units.
 
-Resistors of a resistive grid, which settles at z with G z = D, node by node.
-
-With S the units of the nodes, :math:`v_i = z_i V / S_i` volts and any :math:`\kappa`, the currents
-into node i add up to zero with resistors of conductance
+A resistive grid settles at z with G z = D, node by node. With S the units of the nodes, :math:`v_i
+= z_i V / S_i` volts and any :math:`\kappa`, the currents into node i add up to zero with resistors
+of conductance
 
 .. math:: g_{ij} = \kappa\, S_i |G_{ij}| S_j \quad\text{between two nodes}, \qquad
     g_i^{in} = \kappa\, S_i S_{D_i} \quad\text{from the integrator},
@@ -32,15 +31,16 @@ import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.schematic.elements import GridNode, Wire
-from ann_dc.hardware.schematic.pass_through_sums import plain_sums
+from ann_dc.hardware.schematic.elements import Generator, GridNode, Wire, plain_sums
 from ann_dc.hardware.schematic.preconditioner_wiring import (
     OWN,
     preconditioner_parts,
     preconditioner_values,
     wiring_of,
 )
+from ann_dc.hardware.schematic.schematic import Schematic
 from ann_dc.network.cell import ONE, Product
+from ann_dc.network.functions import function_block
 from ann_dc.network.network import Network
 from ann_dc.scale import Scale
 from ann_dc.validation import checked
@@ -63,16 +63,9 @@ MARGIN = 10.0
 class ProbeRun:
     """Run that determines the ranges of all nodes and the fastest rate of a network.
 
-    Raises `NetworkError` if the run is not finite or the radius not positive.
-
-    Attributes
-    ----------
-    states : (T, n) array
-        State vectors from the start to the settled point.
-    times : (T,) array
-        Network times of the states.
-    radius : float
-        Spectral radius of the flow at the settled point.
+    State vectors ``states`` (T, n) from the start to the settled point, network ``times`` (T,), and
+    the spectral ``radius`` of the flow at the settled point. Raises `NetworkError` if the run is
+    not finite or the radius not positive.
     """
 
     states: np.ndarray
@@ -90,21 +83,11 @@ class ProbeRun:
 class ScalingRules:
     """Rules for a scaling.
 
-    Raises `NetworkError` if a number is out of its range.
-
-    Attributes
-    ----------
-    gbw : float
-        Gain-bandwidth product of the op amps in Hz.
-    margin : float
-        Bandwidth margin k: op-amp bandwidth over the fastest mode of the network.
-    full_scale : float
-        V in volts.
-    headroom : float
-        Ratio of full scale to the largest magnitude of the probe run, at least 1.
-    intervals : mapping of node name to (low, high)
-        Declared ranges of nodes in the user's units, for example ``{"u.nu": (-20, 20)}``. They
-        replace the ranges of the probe run.
+    ``gbw`` is the gain-bandwidth product of the op amps in Hz, ``margin`` the bandwidth margin k,
+    ``full_scale`` V in volts, and ``headroom`` (at least 1) the ratio of full scale to the largest
+    magnitude of the probe run. ``intervals`` are declared ranges of nodes in the user's units, for
+    example ``{"u.nu": (-20, 20)}``; they replace the ranges of the probe run. Raises `NetworkError`
+    if a number is out of its range.
     """
 
     gbw: float = 10e6
@@ -120,18 +103,9 @@ class ScalingRules:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Peak:
-    """Largest magnitude of a node, its stage and network time, and the node's range.
+    """Largest magnitude of a node in network units, its stage (0 to N - 1) and its network time.
 
-    Attributes
-    ----------
-    value : float
-        Largest magnitude in network units.
-    stage : int
-        Stage of the largest magnitude, from 0 to N - 1.
-    time : float
-        Network time of the largest magnitude.
-    low, high : float
-        Smallest and largest signed value over all stages and times.
+    ``low`` and ``high`` are the smallest and the largest signed value over all stages and times.
     """
 
     value: float
@@ -145,18 +119,9 @@ class Peak:
 class Scaling:
     """Volts per network value and seconds per unit of network time.
 
-    Attributes
-    ----------
-    full_scale : float
-        V in volts.
-    unit : mapping of node name to float
-        S: the value at full scale in network units.
-    time : float
-        Seconds per unit of network time.
-    margin : float
-        Resulting bandwidth margin k.
-    peaks : mapping of node name to Peak
-        Ranges of the probe run.
+    ``full_scale`` is V in volts, ``unit`` S by node: the value at full scale in network units.
+    ``time`` is in seconds per unit of network time, ``margin`` the resulting bandwidth margin k,
+    and ``peaks`` are the ranges of the probe run by node.
     """
 
     network: Network
@@ -213,16 +178,6 @@ def scale(network: Network, probe: ProbeRun, rules: ScalingRules | None = None) 
 
     Raises `NetworkError` if an interval is empty or narrower than the range of the probe run, and
     `UnknownNameError` if an interval belongs to an unknown node.
-
-    Examples
-    --------
-    >>> from ann_dc.network import Cell, Connection, Network, Neuron
-    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
-    >>> row = Network(stages=1, cell=Cell(neurons=(Neuron(name="x"),), connections=tuple(wires)))
-    >>> probe = ProbeRun(states=np.array([[0.0], [0.5]]), times=np.array([0.0, 10.0]), radius=1.0)
-    >>> scaling = scale(row, probe, ScalingRules(full_scale=2.0, headroom=1.25))
-    >>> round(scaling.volts("x", 0.5), 6), f"{scaling.time:.3g} s"
-    (1.6, '1.59e-07 s')
     """
     rules = rules or ScalingRules()
     states, times = probe.states, probe.times
@@ -247,11 +202,6 @@ def time_unit(radius: float, gbw: float, margin: float = MARGIN) -> float:
     """Return T = k radius / (2 pi GBW), the seconds per unit of network time.
 
     A fastest time constant of 1 has a ``radius`` of 1. The margin is k, and GBW is in Hz.
-
-    Examples
-    --------
-    >>> f"{time_unit(1.0, 10e6):.3g} s"
-    '1.59e-07 s'
     """
     return margin * radius / (2 * math.pi * gbw)
 
@@ -329,8 +279,7 @@ def _preconditioner_units(
     if wiring is None:
         return {}
     found = {n: headroom * peak.value for n, peak in peaks.items() if n not in units}
-    response = np.zeros(network.live.shape)
-    response[tuple(network.places.T)] = evaluator(network).preconditioner.diagonal()
+    response = responses(network)
     for name in found:
         if name.startswith(OWN):
             neuron = name.removeprefix(OWN)
@@ -344,24 +293,21 @@ def _preconditioner_units(
     return found
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GridValues:
-    """Resistances and conductances of a resistive grid.
+def responses(network: Network) -> np.ndarray:
+    """Return M_ii of all neurons (P, N); zero where a neuron is fixed or omitted."""
+    response = np.zeros(network.live.shape)
+    response[tuple(network.places.T)] = evaluator(network).preconditioner.diagonal()
+    return response
 
-    Attributes
-    ----------
-    resistors : dict of part name to (wires, N) array
-        Ohms in the order of the part's wires. A resistor between two nodes is listed with both.
-    conductances : dict of part name to (N,) array
-        Total conductance at the node, in siemens.
+
+def values_of_grid(
+    nodes: Sequence[GridNode], scaling: Scaling, smallest: float
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return the resistors (wires, N) in ohms and conductances (N,) in siemens of a grid by node.
+
+    The smallest resistor has ``smallest`` ohms. Resistors are in the order of the part's wires; one
+    between two nodes is listed with both.
     """
-
-    resistors: dict[str, np.ndarray]
-    conductances: dict[str, np.ndarray]
-
-
-def values_of_grid(nodes: Sequence[GridNode], scaling: Scaling, smallest: float) -> GridValues:
-    """Return the values of grid nodes with the smallest resistor in ohms."""
     units = scaling.unit
     totals, shares = {}, {}
     for node in nodes:
@@ -374,10 +320,7 @@ def values_of_grid(nodes: Sequence[GridNode], scaling: Scaling, smallest: float)
     per_share = 1.0 / (smallest * largest)
     with np.errstate(divide="ignore"):
         resistors = {name: 1.0 / (per_share * share) for name, share in shares.items()}
-    return GridValues(
-        resistors=resistors,
-        conductances={name: per_share * total for name, total in totals.items()},
-    )
+    return resistors, {name: per_share * total for name, total in totals.items()}
 
 
 def to_ground(conductance: np.ndarray, resistors: np.ndarray) -> np.ndarray:
@@ -396,3 +339,26 @@ def begins(part: GridNode, wire: Wire, order: Sequence[str]) -> bool:
     if wire.source.startswith(OWN) or wire.offset:
         return wire.offset >= 0
     return order.index(part.name) < order.index(wire.source)
+
+
+def slopes_of(schematic: Schematic, scaling: Scaling, part: Generator) -> tuple[float, float]:
+    """Return the signed values of one volt at the input and output of a generator."""
+    return (
+        schematic.sign(part.x) * scaling.unit[part.x] / scaling.full_scale,
+        schematic.sign(part.name) * scaling.unit[part.name] / scaling.full_scale,
+    )
+
+
+def built_range(part: Generator, scaling: Scaling) -> tuple[float, float]:
+    """Return the range of a function generator: probed range plus a quarter per side.
+
+    The range stays in the domain and covers at most half of the remaining distance to an end of the
+    domain.
+    """
+    peak = scaling.peaks[part.x]
+    spare = 0.25 * max(peak.high - peak.low, 0.1 * peak.value, 1e-9)
+    low, high = function_block(part.function).domain
+    return (
+        max(peak.low - spare, 0.5 * (peak.low + low)),
+        min(peak.high + spare, 0.5 * (peak.high + high)),
+    )

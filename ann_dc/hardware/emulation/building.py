@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -11,21 +12,19 @@ from ann_dc.errors import NetworkError
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
-from ann_dc.hardware.emulation.assembly import Assembly
-from ann_dc.hardware.emulation.capacitors import released
+from ann_dc.hardware.emulation.assembly import Piece, assembled
+from ann_dc.hardware.emulation.built_circuit import BuiltCircuit
+from ann_dc.hardware.emulation.clamps import rest_idle
 from ann_dc.hardware.emulation.emulation import Emulation
-from ann_dc.hardware.emulation.idle_clamps import rest_idle
-from ann_dc.hardware.emulation.multipliers import add_generator, add_multiplier
+from ann_dc.hardware.emulation.multipliers import generator, multiplier
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
-from ann_dc.hardware.emulation.op_amps import add_grid_node, add_inverter, add_op_amp
+from ann_dc.hardware.emulation.op_amps import amplifier, grid_node, inverter, released
 from ann_dc.hardware.emulation.states import emulated_state
-from ann_dc.hardware.emulation.transconductors import add_transconductors
+from ann_dc.hardware.emulation.transconductors import transconductors
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import OtaC
-from ann_dc.hardware.schematic.buildable import check_preconditioner
+from ann_dc.hardware.schematic.buildable import check_buildable
 from ann_dc.hardware.schematic.elements import Generator, GridNode, Multiplier, Part
-from ann_dc.hardware.schematic.saturation import check_rails
-from ann_dc.hardware.schematic.shared import check_shared
 from ann_dc.network.network import Network
 from ann_dc.validation import checked
 
@@ -96,23 +95,6 @@ def emulate_clamps(
     Currents of capacitors also drop a voltage across output resistances. The emulation has more
     neurons than that of `emulate` and an identical settled point, which `emulate` computes more
     easily. Raises `NetworkError` and `UnknownNameError` under the conditions of `emulate`.
-
-    Examples
-    --------
-    A neuron that rests 10 mV below its limit settles later than with an ideal limiter:
-
-    >>> import ann_dc
-    >>> from ann_dc.hardware.emulation import emulate, emulate_clamps
-    >>> from ann_dc.network import Cell, Connection, Limiter, Network, Neuron
-    >>> wires = [Connection(source=s, target="x", weight=w) for s, w in (("x", -1.0), ("one", 0.5))]
-    >>> held = Neuron(name="x", limiter=Limiter(high=0.51))
-    >>> cell = Cell(neurons=(held,), connections=tuple(wires))
-    >>> level = ann_dc.levels.macro()
-    >>> circuit, _ = ann_dc.SpiceBackend(level=level).prepare(Network(stages=1, cell=cell))
-    >>> moving, wall = (how(circuit, level).network for how in (emulate_clamps, emulate))
-    >>> run, plain = (ann_dc.OdeBackend(verify=False).run(n) for n in (moving, wall))
-    >>> bool(run.trajectory.time[-1] > 1.2 * plain.trajectory.time[-1])
-    True
     """
     return _emulated(circuit, level, deviations or {}, moving=True)
 
@@ -120,20 +102,7 @@ def emulate_clamps(
 def _emulated(circuit: Circuit, level: Level, deviations: Deviations, *, moving: bool) -> Emulation:
     _check(circuit, level)
     off = checked_deviations(circuit.parameters, deviations)
-    assembly = Assembly(circuit, level, off, moving)
-    for part in circuit.schematic.parts:
-        _add(assembly, part, level)
-        if part.name in circuit.schematic.inverted:
-            add_inverter(assembly, part.name)
-    for name, wire in circuit.schematic.plain.items():
-        assembly.sum(name)
-        assembly.connect(wire.source, name, wire.weight)
-    emulation = Emulation(
-        network=assembly.network(),
-        circuit=circuit,
-        origins=assembly.origins,
-        slopes={name: tuple(found) for name, found in assembly.slopes.items()},
-    )
+    emulation = assembled(circuit, _pieces(BuiltCircuit(circuit, level, off, moving)))
     network, parasitics = emulation.network, level.datasheet.parasitics
     held = emulated_state(emulation, circuit.schematic.network.start_state)
     if moving:
@@ -141,6 +110,27 @@ def _emulated(circuit: Circuit, level: Level, deviations: Deviations, *, moving:
         held = _trail(network, circuit, held)
     start = released(network, circuit, parasitics, off, held)
     return replace(emulation, network=network.with_start(start))
+
+
+def _pieces(built: BuiltCircuit) -> Iterator[tuple[str, Iterator[Piece]]]:
+    """Yield every part with its pieces; an inverter belongs to the part before it."""
+    for part in built.schematic.parts:
+        yield part.name, _of_part(built, part)
+        if part.name in built.schematic.inverted:
+            yield part.name, inverter(built, part.name)
+
+
+def _of_part(built: BuiltCircuit, part: Part) -> Iterator[Piece]:
+    technology = built.level.technology
+    if isinstance(part, Multiplier):
+        return multiplier(built, part)
+    if isinstance(part, Generator):
+        return generator(built, part)
+    if isinstance(part, GridNode):
+        return grid_node(built, part)
+    if isinstance(technology, OtaC):
+        return transconductors(built, technology, part)
+    return amplifier(built, part)
 
 
 def _trail(network: Network, circuit: Circuit, x: np.ndarray) -> np.ndarray:
@@ -152,25 +142,10 @@ def _trail(network: Network, circuit: Circuit, x: np.ndarray) -> np.ndarray:
     return network.pack(full)
 
 
-def _add(assembly: Assembly, part: Part, level: Level) -> None:
-    if isinstance(part, Multiplier):
-        add_multiplier(assembly, part)
-    elif isinstance(part, Generator):
-        add_generator(assembly, part, level.functions)
-    elif isinstance(part, GridNode):
-        add_grid_node(assembly, part)
-    elif isinstance(level.technology, OtaC):
-        add_transconductors(assembly, level.technology, part)
-    else:
-        add_op_amp(assembly, part)
-
-
 def _check(circuit: Circuit, level: Level) -> None:
     if level.technology.clocked:
         raise NetworkError(
             "emulation: a switched-capacitor circuit is no network in continuous time; run the "
             "recurrent layer with the same step"
         )
-    check_preconditioner(circuit.schematic.network.preconditioner.kind, level)
-    check_rails(circuit.schematic.network, level)
-    check_shared(circuit.schematic.network, level)
+    check_buildable(circuit.schematic.network, level)

@@ -2,7 +2,7 @@ r"""Clamps of saturation limits: ideal at rest, op amps and diodes in transients
 
 A fraction n s of C of an integrator with n limits is located in clamps, C_1 = s C in each. At rest,
 inactive clamps are followers, loaded by R_1, behind a resistor of r + 1 / (2 pi GBW C_1), with r
-the output resistance of op amps. They supply f, which lags. With the symbols of `grounds`:
+the output resistance of op amps. They supply f, which lags. With the symbols of virtual grounds:
 
 .. math::
     (1 + \kappa)\, e = x + n s\, (f - x) - h, \qquad
@@ -39,11 +39,9 @@ their currents. A clamp that cannot supply the required current lets x exceed it
 compute one step of Newton's method for omega from ln(1 + e^z), accurate to 1.5 %. V_T is that of 27
 degrees.
 
-Capacitance and bias current at a virtual ground, in addition to resistors.
-
-Let x be the output of a part, h the charge of its capacitor over C, and A the contribution of its
-inputs. The virtual ground has the voltage e and the capacitance C_in to ground, with kappa = C_in /
-C. Then
+A virtual ground also has a capacitance and a bias current. Let x be the output of a part, h the
+charge of its capacitor over C, and A the contribution of its inputs. The virtual ground has the
+voltage e and the capacitance C_in to ground, with kappa = C_in / C. Then
 
 .. math::
     h &= x - (1 + \kappa)\, e &&\text{(integrator: a capacitive divider, and no more states)} \\
@@ -53,13 +51,23 @@ C. Then
 where h counts the charge from the inputs, part of which is in C_in. A bias current I out of the
 ground adds R I to A, with R being R_f or the resistor of an integrator's input of weight one. It
 moves the two grounds of a differential op amp equally, and no output.
+
+The op amp of an idle clamp at an upper limit u follows the output x, two diode drops below. One
+drop is not sufficient, because near the limit idle diodes carry little current and the clamping
+diode leaks:
+
+.. math:: o = x - V_D \ln\Big(1 + \frac{u - x}{R_1 I_s}\Big) , \qquad
+    \frac{do}{dx} = 1 + \frac{V_D}{u - x + R_1 I_s} , \quad V_D = 2 V_T .
+
+A fraction s of the integrator's capacitor is charged with o, so near a limit this part is larger by
+the factor do/dx.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -68,97 +76,189 @@ from ann_dc.hardware.circuit.circuit import (
     CLAMP_LAG,
     CLAMP_OFFSETS,
     CLAMP_REFERENCE,
+    CLAMP_RESTING,
     CLAMP_SATURATION,
     CLAMP_SHARE,
     THERMAL,
+    Circuit,
     Quantity,
 )
-from ann_dc.hardware.emulation.assembly import Assembly
+from ann_dc.hardware.emulation.assembly import (
+    Coupling,
+    Piece,
+    State,
+    Weight,
+    couplings,
+    weighted_sum,
+)
+from ann_dc.hardware.emulation.built_circuit import BuiltCircuit
 from ann_dc.hardware.emulation.diode_knee import bent_rectifier
-from ann_dc.hardware.emulation.idle_clamps import Clamp, clamps_of
-from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
+from ann_dc.hardware.emulation.emulation import Emulation, slower_network
+from ann_dc.hardware.emulation.nodes import AmplifierNodes, ClampNodes, Origin
 from ann_dc.hardware.parts.board_models import op_amp_rails
+from ann_dc.hardware.parts.datasheet import Datasheet
 from ann_dc.hardware.schematic.elements import UNLIMITED, Integrator, PICell
-from ann_dc.network.cell import ONE, Function, Limiter
+from ann_dc.network.cell import ONE, Function, Limiter, Product, Sum
+from ann_dc.network.network import Network
+
+BESIDE = 1e-4
+"""Distance in volts from a limit at which reset leaves an output that starts at the limit.
+
+The cause is the current of its inputs through a closed switch of one ohm.
+"""
+
+
+@dataclass(frozen=True)
+class Clamp:
+    """Clamp of an integrator, in network units of its output.
+
+    ``side`` is 1 for the upper limit, -1 for the lower limit. ``thermal`` is V_T, ``idling`` V_D of
+    the diodes through which the inactive clamp follows, and ``seeping`` R_1 I_s.
+    """
+
+    nodes: ClampNodes
+    side: float
+    rail: float
+    thermal: float
+    idling: float
+    seeping: float
+
+    def idle(self, x: np.ndarray) -> np.ndarray:
+        """Return the op amp's equilibrium output while the integrator is within limits."""
+        apart = np.maximum(self.side * (self.rail - x), self.thermal * BESIDE / THERMAL)
+        return x - self.side * self.idling * np.log1p(apart / self.seeping)
+
+    def added(self, x: np.ndarray) -> np.ndarray:
+        """Return the added relative capacitance; 0 if the clamp conducts."""
+        apart = self.side * (self.rail - x)
+        off = apart > self.thermal * BESIDE / THERMAL
+        return CLAMP_SHARE * self.idling / (np.where(off, apart, np.inf) + self.seeping)
+
+
+def clamps_of(circuit: Circuit, sheet: Datasheet, part: Integrator) -> tuple[Clamp, ...]:
+    """Return the moving clamps of an integrator, one per limit, the lower limit first."""
+    built, value = circuit.limiter(part), circuit.value_of(part.name)
+    return tuple(
+        Clamp(
+            nodes=ClampNodes(part.name, upper=side * value > 0),
+            side=side,
+            rail=rail,
+            thermal=THERMAL * abs(value),
+            idling=CLAMP_RESTING * THERMAL * abs(value),
+            seeping=CLAMP_REFERENCE / sheet.gbw * CLAMP_SATURATION * abs(value),
+        )
+        for side, rail in ((-1.0, built.low), (1.0, built.high))
+        if math.isfinite(rail)
+    )
+
+
+def rest_idle(network: Network, circuit: Circuit, sheet: Datasheet, x: np.ndarray) -> np.ndarray:
+    """Return an emulation state in which all moving clamps are off.
+
+    The given state ``x`` (n,) has outputs inside their limits.
+    """
+    full = network.unpack(x).copy()
+    for part in circuit.schematic.limited:
+        output = full[network.neuron_index[part.name]]
+        beside = np.zeros_like(output)
+        for clamp in clamps_of(circuit, sheet, part):
+            rest = clamp.idle(output)
+            beside += CLAMP_SHARE * (rest - output)
+            for name in (clamp.nodes.output, clamp.nodes.share):
+                full[network.neuron_index[name]] = rest
+        full[network.neuron_index[AmplifierNodes(part.name).held]] = output + beside
+    return network.pack(full)
+
+
+def beside_rails(emulation: Emulation, sheet: Datasheet, x: np.ndarray) -> Emulation:
+    """Return an emulation with the capacitors enlarged by idle clamps at a state.
+
+    The given emulation treats clamps as ideal limiters, and ``x`` (n,) is a state of the ideal
+    network. The emulation is returned unchanged if the circuit has no clamps.
+    """
+    circuit, network = emulation.circuit, emulation.network
+    ideal, larger = circuit.schematic.network, dict[str, np.ndarray]()
+    values = ideal.unpack(x)
+    for part in circuit.schematic.limited:
+        output = values[ideal.neuron_index[part.name]]
+        added = [clamp.added(output) for clamp in clamps_of(circuit, sheet, part)]
+        larger[AmplifierNodes(part.name).held] = 1 + np.sum(added, axis=0)
+    return replace(emulation, network=slower_network(network, larger)) if larger else emulation
+
 
 FAST = 30.0
 """Ratio of a pole in an op amp's loop to its bandwidth above which the pole is omitted."""
 
 
-def farads_over(assembly: Assembly, part: Integrator | PICell) -> np.ndarray:
+def has_second_pole(sheet: Datasheet) -> bool:
+    """Return True if the second pole of the op amps is not negligible."""
+    return sheet.parasitics.second_pole < FAST * sheet.gbw
+
+
+def farads_over(built: BuiltCircuit, part: Integrator | PICell) -> np.ndarray:
     """Return kappa (N,): ground capacitance over the capacitor plus its open switch."""
-    off, parasitics = (
-        assembly.deviation(part.name, Quantity.CAPACITOR),
-        assembly.datasheet.parasitics,
-    )
-    own = np.where(part.present, assembly.circuit.capacitors[part.name], np.inf) * (1 + off)
+    off, parasitics = built.deviation(part.name, Quantity.CAPACITOR), built.datasheet.parasitics
+    own = np.where(part.present, built.circuit.capacitors[part.name], np.inf) * (1 + off)
     return parasitics.ground / (own + parasitics.switch_capacitance)
 
 
-def lag_of(assembly: Assembly, ohms: np.ndarray, conductance: np.ndarray) -> np.ndarray | None:
+def lag_of(built: BuiltCircuit, ohms: np.ndarray, conductance: np.ndarray) -> np.ndarray | None:
     """Return R_f C_in / T (N,) of a ground, or None if its capacitance is negligible.
 
     ``ohms`` (N,) is the feedback resistor, and ``conductance`` (N,) is the weight of the ground in
     conductances of that resistor.
     """
-    lag = ohms * assembly.datasheet.parasitics.ground / assembly.scaling.time
-    return lag if (assembly.omega * lag / conductance).max() * FAST > 1 else None
+    lag = ohms * built.datasheet.parasitics.ground / built.scaling.time
+    return lag if (built.omega * lag / conductance).max() * FAST > 1 else None
 
 
-def add_ground(
-    assembly: Assembly,
+def ground(
+    built: BuiltCircuit,
     nodes: AmplifierNodes,
     name: str,
     conductance: np.ndarray,
     ohms: np.ndarray,
-) -> None:
-    """Add a virtual ground of output, capacitor and inputs: a sum or a lagging neuron.
+) -> Iterator[Piece]:
+    """Yield a virtual ground of output, capacitor and inputs: a sum or a lagging neuron.
 
     The ground is called ``name``; ``conductance`` and ``ohms`` (N,) are those of `lag_of`.
     """
-    lag = lag_of(assembly, ohms, conductance)
-    part = assembly.schematic.by_name[nodes.part]
+    lag = lag_of(built, ohms, conductance)
+    part = built.schematic.by_name[nodes.part]
     holds = isinstance(part, PICell) and not nodes.inverter
     sources = {nodes.output: 1.0, **({nodes.held: -1.0} if holds else {}), nodes.summed: -1.0}
     if lag is None:
-        assembly.sum(name)
+        shares = {source: weight / conductance for source, weight in sources.items()}
+        yield from weighted_sum(name, shares)
     else:
-        assembly.neuron(name, lag, Origin(nodes.part, 0.0))
-        assembly.connect(name, name, -conductance)
-    for source, weight in sources.items():
-        assembly.connect(source, name, weight / conductance if lag is None else weight)
+        yield State(name, lag, Origin(nodes.part, 0.0))
+        yield from couplings(name, {name: -conductance, **sources})
 
 
-def add_bias(
-    assembly: Assembly, nodes: AmplifierNodes, target: str, ohms: float | np.ndarray
-) -> None:
-    """Add the effect of a bias current at the node ``target`` of a part's inputs.
+def bias_current(
+    built: BuiltCircuit, nodes: AmplifierNodes, target: str, ohms: Weight
+) -> Iterator[Piece]:
+    """Yield the effect of a bias current at the node ``target`` of a part's inputs.
 
     ``ohms`` is R: volts at the output per ampere, or for an integrator its rate.
     """
-    amperes = assembly.datasheet.parasitics.bias_current
-    if amperes and not assembly.schematic.differential:
-        assembly.sum(nodes.bias)  # a wire of its own: an input may be constant, too
-        assembly.connect(ONE, nodes.bias, amperes * assembly.circuit.value_of(nodes.part))
-        assembly.connect(nodes.bias, target, ohms)
+    amperes = built.datasheet.parasitics.bias_current
+    if amperes and not built.schematic.differential:  # a node of its own: inputs may be constant
+        value = amperes * built.circuit.value_of(nodes.part)
+        yield from weighted_sum(nodes.bias, {ONE: value})
+        yield Coupling(nodes.bias, target, ohms)
 
 
 @dataclass(frozen=True)
 class Clamps:
     """Contributions of the clamps of an integrator.
 
-    Attributes
-    ----------
-    into : str
-        Node at which the inputs end.
-    limiter : Limiter
-        Limits of the capacitor.
-    followers : mapping of node name to float
-        Nodes that follow the output, and the fractions of the capacitor at them.
-    shifts : tuple of str
-        Differences between the output and the capacitor voltage.
+    The inputs of the integrator end at the node ``into``, and ``limiter`` has the limits of the
+    capacitor. ``followers`` are nodes that follow the output, with the fractions of the capacitor
+    at them, and ``shifts`` nodes of the differences between the output and the capacitor voltage.
     """
 
+    pieces: tuple[Piece, ...]
     into: str
     limiter: Limiter = UNLIMITED
     followers: Mapping[str, float] = field(default_factory=dict)
@@ -170,159 +270,148 @@ class Clamps:
         return sum(self.followers.values())
 
 
-def add_clamps(assembly: Assembly, part: Integrator) -> Clamps:
-    """Add the clamps of an integrator's limits, if any."""
-    nodes, rails = AmplifierNodes(part.name), np.isfinite(assembly.circuit.rails(part))
-    into = nodes.held
+def clamps_at(built: BuiltCircuit, part: Integrator) -> Clamps:
+    """Return the clamps of an integrator's limits, if any."""
+    nodes, circuit = AmplifierNodes(part.name), built.circuit
+    volts = circuit.rails(part)
+    count = int(np.isfinite(volts).sum())
+    into, pieces = nodes.held, list[Piece]()
     # a shared neuron reads others of its kind in the last cell only, which a sum would do in all
-    if (rails.any() or assembly.moving) and not assembly.schematic.collects(part.name):
+    if (count or built.moving) and not built.schematic.collects(part.name):
         into = nodes.summed
-        assembly.sum(into)
-        assembly.connect(into, nodes.held, 1.0)
-    if assembly.moving:
-        clamps = clamps_of(assembly.circuit, assembly.datasheet, part)
-        shares = {_add_clamp(assembly, part, clamp, into): CLAMP_SHARE for clamp in clamps}
-        return Clamps(into=into, followers=shares)
-    if not rails.any():
-        return Clamps(into=into)
-    _add_follower(assembly, part)
+        pieces += [Sum(name=into), Coupling(into, nodes.held, 1.0)]
+    if built.moving:
+        clamps = clamps_of(circuit, built.datasheet, part)
+        for clamp in clamps:
+            pieces += _moving_clamp(built, part, clamp, into)
+        shares = {clamp.nodes.share: CLAMP_SHARE for clamp in clamps}
+        return Clamps(tuple(pieces), into, followers=shares)
+    if not count:
+        return Clamps(tuple(pieces), into)
+    pieces += _follower(built, part)
+    if into == nodes.summed:
+        way = _carrying(built, part) / part.tau / built.datasheet.a0
+        pieces.append(Coupling(into, nodes.ground, -way / (1 + farads_over(built, part))))
+    drop = abs(circuit.value_of(part.name)) * CLAMP_DROP / built.datasheet.a0
+    limiter = circuit.limiter(part)
+    limited = [q for q, rail in zip(CLAMP_OFFSETS, volts) if np.isfinite(rail)]
+    for quantity in limited:
+        pieces += _shift(built, part, quantity)
     return Clamps(
-        into=into,
-        limiter=_given_way(assembly, part, into),
-        followers={nodes.clamps: CLAMP_SHARE * int(rails.sum())},
-        shifts=tuple(_shifts(assembly, part)),
+        tuple(pieces),
+        into,
+        limiter=Limiter(low=limiter.low - drop, high=limiter.high + drop),
+        followers={nodes.clamps: CLAMP_SHARE * count},
+        shifts=tuple(_shift_node(part, quantity) for quantity in limited),
     )
 
 
-def _add_follower(assembly: Assembly, part: Integrator) -> None:
-    """Add the common follower of all clamps, as if none conducted."""
-    nodes, sheet = AmplifierNodes(part.name), assembly.datasheet
-    lag = (2 + sheet.rout * sheet.gbw / CLAMP_REFERENCE) / assembly.omega
-    assembly.neuron(nodes.clamps, lag + _share_lag(assembly, part), Origin(part.name))
-    assembly.connect(nodes.output, nodes.clamps, 1.0)
-    assembly.connect(nodes.clamps, nodes.clamps, -1.0)
-    assembly.leave_out(nodes.clamps, np.flatnonzero(~part.present).tolist())
+def _follower(built: BuiltCircuit, part: Integrator) -> Iterator[Piece]:
+    """Yield the common follower of all clamps, as if none conducted."""
+    nodes, sheet = AmplifierNodes(part.name), built.datasheet
+    lag = (2 + sheet.rout * sheet.gbw / CLAMP_REFERENCE) / built.omega
+    yield State(nodes.clamps, lag + _share_lag(built, part), Origin(part.name))
+    yield from couplings(nodes.clamps, {nodes.output: 1.0, nodes.clamps: -1.0})
 
 
-def _share_lag(assembly: Assembly, part: Integrator) -> np.ndarray:
+def _share_lag(built: BuiltCircuit, part: Integrator) -> np.ndarray:
     """Return r C_1 (N,) in network time."""
-    return assembly.datasheet.rout * CLAMP_SHARE * _farads(assembly, part) / assembly.scaling.time
+    return built.datasheet.rout * CLAMP_SHARE * _farads(built, part) / built.scaling.time
 
 
-def _farads(assembly: Assembly, part: Integrator) -> np.ndarray:
-    return np.where(part.present, assembly.circuit.capacitors[part.name], 0.0)
+def _farads(built: BuiltCircuit, part: Integrator) -> np.ndarray:
+    return np.where(part.present, built.circuit.capacitors[part.name], 0.0)
 
 
-def _carrying(assembly: Assembly, part: Integrator) -> np.ndarray:
+def _carrying(built: BuiltCircuit, part: Integrator) -> np.ndarray:
     """Return C (R_2 + r) (N,) in network time."""
-    farads = assembly.datasheet.rout * _farads(assembly, part) / assembly.scaling.time
-    return CLAMP_LAG / assembly.omega + farads
+    farads = built.datasheet.rout * _farads(built, part) / built.scaling.time
+    return CLAMP_LAG / built.omega + farads
 
 
-def _given_way(assembly: Assembly, part: Integrator, into: str) -> Limiter:
-    """Add the displacement of conducting clamps; return the widened capacitor limits."""
-    nodes, circuit, a0 = AmplifierNodes(part.name), assembly.circuit, assembly.datasheet.a0
-    if into == nodes.summed:
-        way = _carrying(assembly, part) / part.tau / a0
-        assembly.connect(into, nodes.ground, -way / (1 + farads_over(assembly, part)))
-    drop, limiter = abs(circuit.value_of(part.name)) * CLAMP_DROP / a0, circuit.limiter(part)
-    return Limiter(low=limiter.low - drop, high=limiter.high + drop)
+def _shift_node(part: Integrator, quantity: Quantity) -> str:
+    return f"{quantity.letters}.{part.name}"
 
 
-def _shifts(assembly: Assembly, part: Integrator) -> Iterator[str]:
-    """Add the displacements from an integrator's limits by clamp offsets; yield nodes."""
-    nodes, circuit = AmplifierNodes(part.name), assembly.circuit
-    rails, volt = circuit.rails(part), circuit.value_of(part.name)
-    reference = _reference(assembly)
-    for quantity, volts, other in zip(CLAMP_OFFSETS, rails, rails[::-1]):
-        if np.isfinite(volts):
-            name = f"{quantity.letters}.{part.name}"
-            span = volts - other  # infinite where there is no other rail
-            at_zero = 1.0 if np.isinf(other) else -other / span
-            assembly.sum(name)
-            assembly.bias(name, -volt * at_zero, part.name, quantity, reference)
-            off = assembly.deviation(part.name, quantity) + reference
-            connection = assembly.connect(nodes.held, name, -off / span)
-            assembly.slope(connection, -1 / span, part.name, quantity)
-            yield name
+def _shift(built: BuiltCircuit, part: Integrator, quantity: Quantity) -> Iterator[Piece]:
+    """Yield the displacement from one limit of an integrator by the offset of its clamp."""
+    name, circuit = _shift_node(part, quantity), built.circuit
+    low, high = circuit.rails(part)
+    volts, other = (low, high) if quantity is Quantity.LOW_OFFSET else (high, low)
+    span = volts - other  # infinite where there is no other rail
+    at_zero = 1.0 if np.isinf(other) else -other / span
+    reference = _reference(built)
+    off = built.deviation(part.name, quantity) + reference
+    yield Sum(name=name)
+    per_volt = -circuit.value_of(part.name) * at_zero
+    yield built.bias(name, per_volt, part.name, quantity, reference)
+    slopes = (built.slope(-1 / span, part.name, quantity),)
+    yield Coupling(AmplifierNodes(part.name).held, name, -off / span, slopes=slopes)
 
 
-def _reference(assembly: Assembly) -> float:
+def _reference(built: BuiltCircuit) -> float:
     """Return the volts that a bias current drops before the reference of a clamp."""
-    sheet = assembly.datasheet
+    sheet = built.datasheet
     return sheet.parasitics.bias_current * CLAMP_REFERENCE / sheet.gbw
 
 
-def _add_clamp(assembly: Assembly, part: Integrator, clamp: Clamp, into: str) -> str:
-    """Add a moving clamp and return the name of the node of its part of the capacitor.
+def _moving_clamp(
+    built: BuiltCircuit, part: Integrator, clamp: Clamp, into: str
+) -> Iterator[Piece]:
+    """Yield a moving clamp: op amp, diodes and its part of the capacitor.
 
-    A clamp consists of an op amp, diodes and its part of the capacitor, which ends at the virtual
-    ground and at that node.
+    That part of the capacitor is between the virtual ground and the node ``clamp.nodes.share``.
     """
     nodes = clamp.nodes
-    _add_comparator(assembly, part, clamp)
-    _add_current(assembly, part, clamp, into)
-    lag = 1 / assembly.omega + _share_lag(assembly, part)
-    assembly.neuron(nodes.share, lag, Origin(part.name))
-    assembly.connect(nodes.op_amp, nodes.share, 1.0)
-    assembly.connect(nodes.share, nodes.share, -1.0)
-    for name in (nodes.op_amp, nodes.share):
-        assembly.leave_out(name, np.flatnonzero(~part.present).tolist())
-    return nodes.share
+    yield from _comparator(built, part, clamp)
+    yield from _current(built, part, clamp, into)
+    lag = 1 / built.omega + _share_lag(built, part)
+    yield State(nodes.share, lag, Origin(part.name))
+    yield from couplings(nodes.share, {nodes.output: 1.0, nodes.share: -1.0})
 
 
-def _add_comparator(assembly: Assembly, part: Integrator, clamp: Clamp) -> None:
-    """Add the op amp of a clamp, and the diode through which it follows while idle."""
-    nodes, sheet, thermal = clamp.nodes, assembly.datasheet, clamp.idling
-    value = assembly.circuit.value_of(part.name)
-    rails = op_amp_rails(sheet, assembly.scaling.full_scale) * abs(value)
-    lag = (1 + sheet.rout * sheet.gbw / CLAMP_REFERENCE) / assembly.omega
-    limiter = Limiter(low=-rails, high=rails)
-    assembly.neuron(nodes.op_amp, lag, Origin(part.name), limiter=limiter)
-    target, per_target = nodes.op_amp, 1.0
-    if math.isfinite(sheet.slew):
-        target = nodes.drive
-        per_target = assembly.slewing(target, nodes.op_amp, abs(value))
-    drives = {part.name: 1.0, nodes.op_amp: -1 / sheet.a0, nodes.short: clamp.side * thermal}
-    for source, weight in drives.items():
-        assembly.connect(source, target, weight * per_target)
-    known = _reference(assembly) - clamp.rail / value
-    assembly.bias(target, value * per_target, part.name, CLAMP_OFFSETS[nodes.upper], known)
+def _comparator(built: BuiltCircuit, part: Integrator, clamp: Clamp) -> Iterator[Piece]:
+    """Yield the op amp of a clamp, and the diode through which it follows while idle."""
+    nodes, sheet, thermal = clamp.nodes, built.datasheet, clamp.idling
+    value = built.circuit.value_of(part.name)
+    rails = op_amp_rails(sheet, built.scaling.full_scale) * abs(value)
+    lag = (1 + sheet.rout * sheet.gbw / CLAMP_REFERENCE) / built.omega
+    yield State(nodes.output, lag, Origin(part.name), Limiter(low=-rails, high=rails))
+    target, per_target, limits = built.slewing(nodes.drive, nodes.output, abs(value))
+    yield from limits
+    drives = {part.name: 1.0, nodes.output: -1 / sheet.a0, nodes.short: clamp.side * thermal}
+    yield from couplings(target, {node: weight * per_target for node, weight in drives.items()})
+    known = _reference(built) - clamp.rail / value
+    yield built.bias(target, value * per_target, part.name, CLAMP_OFFSETS[nodes.upper], known)
     begins = math.log(clamp.seeping / thermal) + clamp.side * clamp.rail / thermal
-    _add_omega(assembly, nodes.short, nodes.op_amp, -clamp.side / thermal, begins)
+    yield from _omega(nodes.short, nodes.output, -clamp.side / thermal, begins)
 
 
-def _add_current(assembly: Assembly, part: Integrator, clamp: Clamp, into: str) -> None:
-    """Add the current of a clamp's other diode into the virtual ground."""
+def _current(built: BuiltCircuit, part: Integrator, clamp: Clamp, into: str) -> Iterator[Piece]:
+    """Yield the current of a clamp's other diode into the virtual ground."""
     nodes, out = clamp.nodes, clamp.side * clamp.thermal
-    carrying = _carrying(assembly, part)
-    ohms = assembly.scaling.time * carrying / np.where(part.present, _farads(assembly, part), 1.0)
+    carrying = _carrying(built, part)
+    ohms = built.scaling.time * carrying / np.where(part.present, _farads(built, part), 1.0)
     begins = np.log(ohms * CLAMP_SATURATION / THERMAL)
-    _add_omega(assembly, nodes.current, nodes.op_amp, 1 / out, begins)
+    yield from _omega(nodes.current, nodes.output, 1 / out, begins)
     pull = np.where(part.present, part.tau, 0.0) / carrying
-    assembly.connect(nodes.current, into, -out * pull)
+    yield Coupling(nodes.current, into, -out * pull)
 
 
-def _add_omega(
-    assembly: Assembly, name: str, source: str, weight: float, at_zero: float | np.ndarray
-) -> None:
-    """Add omega + ln omega = z, with z = weight source + at_zero.
+def _omega(name: str, source: str, weight: float, at_zero: Weight) -> Iterator[Piece]:
+    """Yield omega + ln omega = z, with z = weight source + at_zero.
 
     The blocks compute near (1 + z - ln near) / (1 + near).
     """
     z, near, log, above, below = (f"{n}.{name}" for n in ("z", "near", "log", "above", "below"))
     inverse, times = f"inverse.{name}", f"times.{name}"
-    assembly.sum(z)
-    assembly.connect(source, z, weight)
-    assembly.connect(ONE, z, at_zero)
-    assembly.add(*bent_rectifier(Function(name=near, function="rectify", x=z), 1.0))
-    assembly.function(log, "log", near)
-    assembly.sum(above)
-    assembly.sum(below)
-    for node, sign in ((ONE, 1.0), (z, 1.0), (log, -1.0)):
-        assembly.connect(node, above, sign)
-    assembly.connect(ONE, below, 1.0)
-    assembly.connect(near, below, 1.0)
-    assembly.function(inverse, "reciprocal", below)
-    assembly.product(times, near, above)
-    assembly.product(name, times, inverse)
+    yield from weighted_sum(z, {source: weight, ONE: at_zero})
+    blocks, wires = bent_rectifier(Function(name=near, function="rectify", x=z), 1.0)
+    yield from blocks
+    yield from (Coupling(wire.source, wire.target, wire.weight) for wire in wires)
+    yield Function(name=log, function="log", x=near)
+    yield from weighted_sum(above, {ONE: 1.0, z: 1.0, log: -1.0})
+    yield from weighted_sum(below, {ONE: 1.0, near: 1.0})
+    yield Function(name=inverse, function="reciprocal", x=below)
+    yield Product(name=times, a=near, b=above)
+    yield Product(name=name, a=times, b=inverse)

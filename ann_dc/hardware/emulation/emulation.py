@@ -8,7 +8,7 @@ the weight of a connection. `op_amps`, `transconductors` and `multipliers` conta
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -81,3 +81,12 @@ class Emulation(Record):
         The controls of all stages are in the order of ``outputs``.
         """
         return np.asarray(x)[..., self.outputs]
+
+
+def slower_network(network: Network, factors: Mapping[str, np.ndarray]) -> Network:
+    """Return the network with the time constants of some neurons multiplied by factors (N,)."""
+    neurons = tuple(
+        replace(neuron, tau=neuron.tau * factors.get(neuron.name, 1.0))
+        for neuron in network.cell.neurons
+    )
+    return replace(network, cell=replace(network.cell, neurons=neurons))

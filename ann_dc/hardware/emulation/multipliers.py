@@ -28,17 +28,36 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from ann_dc.hardware.circuit.circuit import Quantity
-from ann_dc.hardware.circuit.generators import built_range, slopes_of
-from ann_dc.hardware.emulation.assembly import Assembly
+from ann_dc.hardware.circuit.scaling import built_range, slopes_of
+from ann_dc.hardware.emulation.assembly import (
+    Coupling,
+    Piece,
+    State,
+    Weight,
+    clipped,
+    couplings,
+    weighted_sum,
+)
+from ann_dc.hardware.emulation.built_circuit import BuiltCircuit
 from ann_dc.hardware.emulation.nodes import Origin
-from ann_dc.hardware.parts.generator_cascade import CENTRE, INPUT, OUTPUT, Cascade, Step, cascade_of
-from ann_dc.hardware.parts.generator_curves import LOAD, Curves, FittedPolynomial, FittedQuotient
+from ann_dc.hardware.parts.generator_curves import (
+    CENTRE,
+    INPUT,
+    LOAD,
+    OUTPUT,
+    Cascade,
+    FittedPolynomial,
+    FittedQuotient,
+    Step,
+    cascade_of,
+)
 from ann_dc.hardware.parts.parasitics import PRODUCT, MultiplierLaw
 from ann_dc.hardware.schematic.elements import Generator, Multiplier
-from ann_dc.network.cell import ONE, Limiter
+from ann_dc.network.cell import ONE, Function, Limiter, Product, Sum
 
 FAST = 10.0
 """Ratio of a pole to the op-amp bandwidth above which the pole is omitted."""
@@ -46,18 +65,10 @@ FAST = 10.0
 
 @dataclass(frozen=True)
 class _Factor:
-    """Factor of a multiplier: a pair of inputs.
+    """Factor of a multiplier: a pair of inputs, driven by a node.
 
-    Attributes
-    ----------
-    node : str
-        Node of the assembly.
-    share : float
-        Difference of the two inputs relative to full scale, per unit of the node.
-    volts : float
-        Sum of the two inputs in volts per unit of the node.
-    centre : float
-        Sum of the two inputs at zero of the node.
+    ``share`` is the difference of the two inputs relative to full scale, and ``volts`` their sum,
+    each per unit of the node. ``centre`` is the sum at zero of the node.
     """
 
     node: str
@@ -66,9 +77,9 @@ class _Factor:
     centre: float = 0.0
 
 
-def add_multiplier(assembly: Assembly, part: Multiplier) -> None:
-    """Add the product of two factors, each with an offset, to an assembly."""
-    sign_of, scaling = assembly.schematic.sign, assembly.scaling
+def multiplier(built: BuiltCircuit, part: Multiplier) -> Iterator[Piece]:
+    """Yield the product of two factors, each with an offset."""
+    sign_of, scaling, sheet = built.schematic.sign, built.scaling, built.datasheet
     swapped = sign_of(part.a) * sign_of(part.b) * sign_of(part.name) < 0
     factors = []
     for factor, offset, sign in (
@@ -76,147 +87,137 @@ def add_multiplier(assembly: Assembly, part: Multiplier) -> None:
         (part.b, Quantity.OFFSET_Y, 1.0),
     ):
         node, unit = f"{offset.letters}.{part.name}", scaling.unit[factor]
-        assembly.sum(node)
-        assembly.connect(factor, node, 1.0)
         volt = sign_of(factor) * unit / scaling.full_scale
-        assembly.bias(node, sign * volt, part.name, offset)
+        yield from weighted_sum(node, {factor: 1.0})
+        yield built.bias(node, sign * volt, part.name, offset)
         share = sign * sign_of(factor) / unit
         factors.append(_Factor(node=node, share=share, volts=1 / volt))
     x, y = factors
-    datasheet = assembly.datasheet
-    law = datasheet.multiplier_law.at(scaling.full_scale)
-    product = _product(assembly, part.name, _bent(assembly, part, x), y, scaling.full_scale, law)
-    target, per_unit = _output(
-        assembly,
-        part.name,
-        product,
-        Quantity.OFFSET_Z,
-        datasheet.multiplier_bandwidth,
-        law.offset[0],
-    )
-    through = datasheet.parasitics.multiplier_feedthrough * per_unit
+    law, bent = sheet.multiplier_law.at(scaling.full_scale), x
+    if sheet.parasitics.multiplier_nonlinearity:
+        bent = replace(x, node=f"bent.{part.name}")
+        yield from _bent(built, part, x.node)
+    product, pieces = _product(part.name, bent, y, scaling.full_scale, law)
+    yield from pieces
+    target, per_unit, pieces = _output(built, part.name, sheet.multiplier_bandwidth)
+    yield from pieces
+    share, sag = built.outputs.passed(part.name)
+    yield _gained(built, part.name, product, target, (share, per_unit))
+    volt = built.circuit.value_of(part.name)
+    yield built.bias(target, volt * per_unit, part.name, Quantity.OFFSET_Z, law.offset[0] + sag)
+    through = sheet.parasitics.multiplier_feedthrough * per_unit
     if through:
-        out = scaling.unit[part.name] * sign_of(part.name)
-        assembly.connect(x.node, target, through * out * x.share)
-        assembly.connect(y.node, target, through * out * y.share)
+        out = through * scaling.unit[part.name] * sign_of(part.name)
+        yield from couplings(target, {x.node: out * x.share, y.node: out * y.share})
+
+
+def _bent(built: BuiltCircuit, part: Multiplier, x: str) -> Iterator[Piece]:
+    """Yield the bent first input x (1 + d (4 x^2 - 3)) of a multiplier."""
+    d, unit = built.datasheet.parasitics.multiplier_nonlinearity, built.scaling.unit[part.a]
+    square, cube, bent = (f"{word}.{part.name}" for word in ("square", "cube", "bent"))
+    yield Product(name=square, a=x, b=x)
+    yield Product(name=cube, a=square, b=x)
+    yield from weighted_sum(bent, {x: 1 - 3 * d, cube: 4 * d / unit**2})
 
 
 def _product(
-    assembly: Assembly,
-    name: str,
-    x: _Factor,
-    y: _Factor,
-    volts: float,
-    law: MultiplierLaw,
-    z: float = 0.0,
-) -> str:
+    name: str, x: _Factor, y: _Factor, volts: float, law: MultiplierLaw, z: float = 0.0
+) -> tuple[str, list[Piece]]:
     """Return the node of a law's product of two factors plus z; ``volts``: full scale."""
     product, slope, lawful = (f"{word}.{name}" for word in ("product", "slope", "lawful"))
-    assembly.product(product, x.node, y.node)
+    pieces: list[Piece] = [Product(name=product, a=x.node, b=y.node)]
     if law == PRODUCT:
-        return product
+        return product, pieces
     centred = 1 + law.gain[0] + law.gain_y[0] + law.gain_o[0] + 2 * law.bow[0] * z
     centred += law.tilt_x * x.centre + law.tilt_y * y.centre
     weights = defaultdict(float, {ONE: centred, product: law.bow[0] * volts * x.share * y.share})
     for factor, bend, tilt in ((x, law.bend_x[0], law.tilt_x), (y, law.bend_y[0], law.tilt_y)):
         square = f"square.{factor.node}.{name}"
         if square not in weights:
-            assembly.product(square, factor.node, factor.node)
+            pieces.append(Product(name=square, a=factor.node, b=factor.node))
         weights[square] += bend * factor.share**2
         weights[factor.node] += tilt * factor.volts
-    assembly.sum(slope)
-    for source, weight in weights.items():
-        assembly.connect(source, slope, weight)
-    assembly.product(lawful, product, slope)
-    return lawful
+    pieces += weighted_sum(slope, weights)
+    return lawful, [*pieces, Product(name=lawful, a=product, b=slope)]
 
 
-def _bent(assembly: Assembly, part: Multiplier, x: _Factor) -> _Factor:
-    """Return the bent first input of a multiplier: x (1 + d (4 x^2 - 3))."""
-    d = assembly.datasheet.parasitics.multiplier_nonlinearity
-    if d == 0:
-        return x
-    square, cube, bent = (f"{word}.{part.name}" for word in ("square", "cube", "bent"))
-    assembly.product(square, x.node, x.node)
-    assembly.product(cube, square, x.node)
-    assembly.sum(bent)
-    assembly.connect(x.node, bent, 1 - 3 * d)
-    assembly.connect(cube, bent, 4 * d / assembly.scaling.unit[part.a] ** 2)
-    return replace(x, node=bent)
-
-
-def add_generator(assembly: Assembly, part: Generator, gain_rule: Curves | None) -> None:
-    """Add a function of a node, made of parts by a fitting method if one exists."""
-    curve, scaling = f"curve.{part.name}", assembly.scaling
+def generator(built: BuiltCircuit, part: Generator) -> Iterator[Piece]:
+    """Yield a function of a node, made of parts by the level's fitting method if there is one."""
+    curve, scaling, gain_rule = f"curve.{part.name}", built.scaling, built.level.functions
     fitted = gain_rule.fit(part.function, *built_range(part, scaling)) if gain_rule else None
-    slopes, loaded = slopes_of(assembly.schematic, scaling, part), None
+    slopes = slopes_of(built.schematic, scaling, part)
     if isinstance(fitted, FittedPolynomial):
-        _add_cascade(assembly, part, cascade_of(fitted, *slopes), 1 / slopes[0])
+        yield from _cascade(built, part, cascade_of(fitted, *slopes), 1 / slopes[0])
     elif isinstance(fitted, FittedQuotient):
-        _add_divider(assembly, part, fitted, slopes)
-        loaded = 1.0, 0.0  # its op amp holds the output
+        yield from _divider(built, part, fitted, slopes)
     else:
-        assembly.function(curve, part.function, part.x)
-    bandwidth = assembly.datasheet.function_bandwidth
-    _output(assembly, part.name, curve, Quantity.OFFSET_Y, bandwidth, loaded=loaded)
+        yield Function(name=curve, function=part.function, x=part.x)
+    target, per_unit, pieces = _output(built, part.name, built.datasheet.function_bandwidth)
+    yield from pieces
+    held = isinstance(fitted, FittedQuotient)  # by the divider's op amp, under any load
+    share, sag = (1.0, 0.0) if held else built.outputs.passed(part.name)
+    yield _gained(built, part.name, curve, target, (share, per_unit))
+    volt = built.circuit.value_of(part.name)
+    yield built.bias(target, volt * per_unit, part.name, Quantity.OFFSET_Y, sag)
 
 
-def _add_divider(
-    assembly: Assembly, part: Generator, fitted: FittedQuotient, slopes: tuple[float, float]
-) -> None:
-    """Add 1/u by an op amp and a multiplier; its input is in units of full scale."""
-    name, (sx, sy), value = part.name, slopes, assembly.circuit.value_of(part.name)
+def _divider(
+    built: BuiltCircuit, part: Generator, fitted: FittedQuotient, slopes: tuple[float, float]
+) -> Iterator[Piece]:
+    """Yield 1/u of an op amp and a multiplier; its input is in units of full scale."""
+    name, (sx, sy), value = part.name, slopes, built.circuit.value_of(part.name)
     low, high = fitted.stretch.low, fitted.stretch.high
     V = max(abs(low), abs(high)) / abs(sx)
     K = math.copysign(1 / (abs(sx * sy) * V), low * sy)
     size, ideal, inverse = f"{INPUT}.{name}", f"ideal.{name}", f"inverse.{name}"
-    assembly.sum(size)
-    assembly.connect(part.x, size, 1 / (sx * V))
-    assembly.function(ideal, part.function, part.x)
-    law = assembly.datasheet.multiplier_law.at(V)
+    yield from weighted_sum(size, {part.x: 1 / (sx * V)})
+    yield Function(name=ideal, function=part.function, x=part.x)
+    law = built.datasheet.multiplier_law.at(V)
     x = _Factor(node=size, share=math.copysign(1.0, low * sx), volts=V)
     y = _Factor(node=ideal, share=1 / (value * V), volts=1 / value)
-    made = _product(assembly, name, x, y, V, law)
-    assembly.sum(inverse)
-    held, gain = assembly.outputs.offset(name), assembly.outputs.gain(name)
-    assembly.connect(ONE, inverse, 2 - law.offset[0] / K + 1.5 * held / K)
+    made, pieces = _product(name, x, y, V, law)
+    yield from pieces
+    held, gain = built.outputs.offset(name), built.outputs.gain(name)
     left = 1 / (1 + law.output_resistance / (LOAD / 2))
-    assembly.connect(made, inverse, -left * V * x.share * y.share / K)
-    assembly.connect(ideal, inverse, -1.5 / (K * value * gain))
-    assembly.product(f"curve.{name}", ideal, inverse)
+    weights = {
+        ONE: 2 - law.offset[0] / K + 1.5 * held / K,
+        made: -left * V * x.share * y.share / K,
+        ideal: -1.5 / (K * value * gain),
+    }
+    yield from weighted_sum(inverse, weights)
+    yield Product(name=f"curve.{name}", a=ideal, b=inverse)
 
 
-def _add_cascade(assembly: Assembly, part: Generator, cascade: Cascade, volts: float) -> None:
-    """Add multipliers in series; inner nodes are in units of their full scale."""
+def _cascade(
+    built: BuiltCircuit, part: Generator, cascade: Cascade, volts: float
+) -> Iterator[Piece]:
+    """Yield multipliers in series; inner nodes are in units of their full scale."""
     V, name = cascade.amplitude, part.name
-    assembly.sum(f"{INPUT}.{name}")
-    assembly.connect(part.x, f"{INPUT}.{name}", volts / V)
     centre = cascade.sources.get(CENTRE, 0.0)
-    if centre:
-        assembly.connect(ONE, f"{INPUT}.{name}", -centre / V)
+    centred = {ONE: -centre / V} if centre else {}
+    yield from weighted_sum(f"{INPUT}.{name}", {part.x: volts / V, **centred})
     for node, constant in cascade.sources.items():
         if node != CENTRE:
-            assembly.sum(f"{node}.{name}")
-            assembly.connect(ONE, f"{node}.{name}", constant / V)
+            yield from weighted_sum(f"{node}.{name}", {ONE: constant / V})
     for step in cascade.steps:
-        _add_step(assembly, part, cascade, step)
+        yield from _step(built, part, cascade, step)
 
 
-def _add_step(assembly: Assembly, part: Generator, cascade: Cascade, step: Step) -> None:
+def _step(built: BuiltCircuit, part: Generator, cascade: Cascade, step: Step) -> Iterator[Piece]:
     V, gain = cascade.amplitude, abs(step.gain)
-    law = assembly.datasheet.multiplier_law.at(V, gain)
+    law = built.datasheet.multiplier_law.at(V, gain)
     x, y = (_pair(part.name, cascade, pins) for pins in (step.x, step.y))
     x = replace(x, share=math.copysign(1.0, step.gain) * x.share)
-    product = _product(assembly, f"{step.node}.{part.name}", x, y, V, law, step.constant)
+    product, pieces = _product(f"{step.node}.{part.name}", x, y, V, law, step.constant)
+    yield from pieces
     is_last = step.node == OUTPUT
     node = f"curve.{part.name}" if is_last else f"{step.node}.{part.name}"
-    unit = V * assembly.circuit.value_of(part.name) if is_last else 1.0
+    unit = V * built.circuit.value_of(part.name) if is_last else 1.0
     constant = (1 + law.follow[0]) * step.constant + law.offset[0]
     readers = sum(step.node in (*other.x, *other.y) for other in cascade.steps)
     constant -= readers * law.output_resistance * law.input_current
-    assembly.sum(node)
-    assembly.connect(product, node, gain * x.share * y.share * unit)
-    assembly.connect(ONE, node, constant / V * unit)
+    weights = {product: gain * x.share * y.share * unit, ONE: constant / V * unit}
+    yield from weighted_sum(node, weights)
 
 
 def _pair(name: str, cascade: Cascade, pins: tuple[str, str]) -> _Factor:
@@ -229,33 +230,25 @@ def _pair(name: str, cascade: Cascade, pins: tuple[str, str]) -> _Factor:
     return _Factor(node=f"{INPUT}.{name}", share=share, volts=V, centre=centre)
 
 
-def _output(
-    assembly: Assembly,
-    name: str,
-    ideal: str,
-    offset: Quantity,
-    bandwidth: float,
-    known: float = 0.0,
-    loaded: tuple[float, float] | None = None,
-) -> tuple[str, float]:
-    """Add gain error, offset, limits and pole; return the target node and its weight."""
-    share, sag = loaded or assembly.outputs.passed(name)
-    gain = share * (1 + assembly.deviation(name, Quantity.GAIN))
-    volt = assembly.circuit.value_of(name)
-    rails = assembly.datasheet.multiplier_rails * abs(volt)
-    target, per_unit = name, 1.0
-    if bandwidth < FAST * assembly.datasheet.gbw:
-        tau = 1 / (2 * math.pi * bandwidth * assembly.scaling.time)
-        assembly.neuron(name, tau, Origin(name), limiter=Limiter(low=-rails, high=rails))
-        assembly.connect(name, name, -1.0)
-    elif math.isinf(rails):
-        assembly.sum(name)
-    else:
-        target, per_unit = f"free.{name}", 1 / rails
-        assembly.sum(target)
-        assembly.sum(name)
-        assembly.clip(target, name, rails)
-    connection = assembly.connect(ideal, target, gain * per_unit)
-    assembly.slope(connection, share * per_unit, name, Quantity.GAIN)
-    assembly.bias(target, volt * per_unit, name, offset, known + sag)
-    return target, per_unit
+def _output(built: BuiltCircuit, name: str, bandwidth: float) -> tuple[str, float, Iterable[Piece]]:
+    """Return node and weight of the contributions to an output, and its pole or limits."""
+    sheet, rails = built.datasheet, built.datasheet.multiplier_rails
+    rails *= abs(built.circuit.value_of(name))
+    if bandwidth < FAST * sheet.gbw:
+        tau = 1 / (2 * math.pi * bandwidth * built.scaling.time)
+        pole = State(name, tau, Origin(name), Limiter(low=-rails, high=rails))
+        return name, 1.0, (pole, Coupling(name, name, -1.0))
+    if math.isinf(rails):
+        return name, 1.0, (Sum(name=name),)
+    free = f"free.{name}"
+    return free, 1 / rails, (Sum(name=free), Sum(name=name), *clipped(free, name, rails))
+
+
+def _gained(
+    built: BuiltCircuit, name: str, ideal: str, target: str, factors: tuple[Weight, float]
+) -> Coupling:
+    """Return the coupling of an ideal value with its gain error, load factor and unit."""
+    share, per_unit = factors
+    gain = share * (1 + built.deviation(name, Quantity.GAIN))
+    slopes = (built.slope(share * per_unit, name, Quantity.GAIN),)
+    return Coupling(ideal, target, gain * per_unit, slopes=slopes)

@@ -19,21 +19,37 @@ begins when the reset switches open. Netlist and emulation use identical samples
 Not modelled are flicker noise, noise of function generators, errors of the noise-generating
 resistors, and kT/C noise of the reset switches. The e_a that an integrator passes directly to its
 output is also omitted; it is visible only above sum(1/R)/(2 pi C).
+
+In the emulation's network every source is an input. A current i into the virtual ground of a part
+adds to the contribution of the resistors there. With V/S volts per unit of the part's node, p its
+polarity, and T seconds per unit of network time,
+
+.. math::
+    A \to A - \frac{p S}{V} \frac{T}{rate\, C}\, i \;\text{(integrator)}, \qquad
+    A \to A - \frac{p S}{V} R_f\, i \;\text{(PI cell, adder, inverter)} .
+
+A current across the feedback resistor of a PI cell moves its virtual ground and not its capacitor:
+e -> e + (p S / V) R_f i / (1 + Gamma). The voltage of a multiplier acts as its output offset.
 """
 
 from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.constants import Boltzmann
 
 from ann_dc.errors import NetworkError, require_positive
-from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.circuit import Circuit, Quantity
+from ann_dc.hardware.circuit.deviations import Deviations
+from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.nodes import AmplifierNodes
 from ann_dc.hardware.parts.parasitics import Parasitics
-from ann_dc.hardware.schematic.elements import Adder, Integrator, Multiplier, PICell
+from ann_dc.hardware.schematic.elements import Adder, Amplifier, Integrator, Multiplier, PICell
+from ann_dc.network.cell import Connection
+from ann_dc.network.network import Network
 from ann_dc.validation import checked
 
 
@@ -56,13 +72,6 @@ class Noise:
         White output voltage noise of multipliers in V/sqrt(Hz).
     seed : int
         Equal seeds give equal samples.
-
-    Examples
-    --------
-    A megaohm at room temperature, in A/sqrt(Hz):
-
-    >>> f"{Noise(step=1e-9).thermal(1e-6) ** 0.5:.3g}"
-    '1.29e-13'
     """
 
     step: float
@@ -89,11 +98,6 @@ class Noise:
         """Return the noise of resistors, and of parts according to their datasheet.
 
         ``step``, ``temperature`` and ``seed`` are fields of `Noise`.
-
-        Examples
-        --------
-        >>> Noise.of_parts(Parasitics(amplifier_noise=5e-9), step=1e-9).amplifier
-        5e-09
         """
         return cls(
             step=step,
@@ -129,16 +133,9 @@ class Place(enum.Enum):
 class Source:
     """Noise current in every cell, or noise voltage of a multiplier.
 
-    Attributes
-    ----------
-    part : str
-        Part with the op amp, or multiplier.
-    place : Place
-        Location of the source.
-    conductance : (N,) array
-        Total conductance of the resistors that cause the noise in siemens; zero for an absent
-        source. It is also the current per volt of op-amp noise. The value for a multiplier's
-        voltage is 1.
+    ``conductance`` (N,) is the total of the resistors that cause the noise in siemens; zero for an
+    absent source. It is also the current per volt of op-amp noise. The value for a multiplier's
+    voltage is 1.
     """
 
     part: str
@@ -160,14 +157,8 @@ class Source:
 class Currents:
     """Linearly interpolated samples of all noise since the reset switches opened.
 
-    Attributes
-    ----------
-    step : float
-        Seconds between samples.
-    sources : tuple of Source
-        Empty without noise.
-    samples : (sources, N, K + 1) array
-        Amperes, or volts for multipliers; the first samples are zero.
+    ``step`` is in seconds. ``samples`` (sources, N, K + 1) are in amperes, or in volts for
+    multipliers; the first ones are zero. Without noise there are no sources.
     """
 
     step: float
@@ -198,7 +189,7 @@ def noise_sources(circuit: Circuit) -> tuple[Source, ...]:
     found = []
     for part in schematic.parts:
         alive = schematic.alive_at(part.name)
-        if isinstance(part, (Integrator, PICell, Adder)):
+        if isinstance(part, Amplifier):
             conductances = {Place.GROUND: _conductance(circuit, part)}
             feedback = 1 / circuit.feedback[part.name] if part.name in circuit.feedback else 0.0
             if isinstance(part, Adder):
@@ -281,14 +272,75 @@ def white(density: float, step: float, count: int, seed: list[int]) -> np.ndarra
 
     The density is one-sided, and ``step`` is the number of seconds between samples. The square of
     the samples' unit per Hz is the unit of the density: for A, A^2/Hz.
-
-    Examples
-    --------
-    The variance of independent samples is density / (2 step):
-
-    >>> samples = white(density=2e-6, step=1e-3, count=10_000, seed=[0])
-    >>> bool(abs(samples.var() / 1e-3 - 1) < 0.1)
-    True
     """
     size = math.sqrt(density / (2 * step))
     return size * np.random.default_rng(seed).standard_normal(count)
+
+
+def noise_input(source: Source) -> str:
+    """Return the input name of a source, which carries amperes, or volts."""
+    return f"noise.{source.name}"
+
+
+@checked
+def noisy_network(
+    emulation: Emulation, currents: Currents, deviations: Deviations | None = None
+) -> Network:
+    """Return the emulation's network with an input per noise source, initially zero.
+
+    Inputs are in amperes or volts. The samples of ``currents`` are not used. ``deviations`` are
+    those with which the emulation was made.
+    """
+    network, cell = emulation.network, emulation.network.cell
+    off = deviations or {}
+    inputs = {noise_input(source): 0.0 for source in currents.sources}
+    wires = tuple(_connection(emulation, source, off) for source in currents.sources)
+    return replace(
+        network,
+        cell=replace(cell, inputs=(*cell.inputs, *inputs), connections=(*cell.connections, *wires)),
+        inputs={**network.inputs, **inputs},
+    )
+
+
+def _connection(emulation: Emulation, source: Source, off: Deviations) -> Connection:
+    if source.place is Place.PRODUCT:
+        return _as_offset(emulation, source)
+    nodes = AmplifierNodes(source.part, inverter=source.place is Place.INVERTER)
+    part, ohms = emulation.circuit.schematic.by_name[source.part], _ohms(emulation, source, off)
+    own = isinstance(part, Integrator) and source.place is Place.GROUND
+    target = nodes.held if own else nodes.summed
+    if source.place is Place.FEEDBACK:
+        (wire,) = (
+            wire
+            for wire in emulation.network.cell.connections
+            if wire.source == nodes.summed and wire.target in (nodes.ground, nodes.lagging)
+        )
+        target, ohms = wire.target, ohms * np.asarray(wire.weight)
+    volt = emulation.circuit.value_of(source.part)
+    weight = np.where(source.conductance > 0, -ohms * volt, 0.0)
+    return Connection(source=noise_input(source), target=target, weight=weight)
+
+
+def _as_offset(emulation: Emulation, source: Source) -> Connection:
+    """Return the connection of one volt at a multiplier's output, like its offset."""
+    name = emulation.circuit.parameter_name(source.part, Quantity.OFFSET_Z)
+    ((offset, slope),) = emulation.slopes[name]
+    target = next(wire.target for wire in emulation.network.cell.connections if wire.name == offset)
+    weight = np.where(source.conductance > 0, slope, 0.0)
+    return Connection(source=noise_input(source), target=target, weight=weight)
+
+
+def _ohms(emulation: Emulation, source: Source, off: Deviations) -> np.ndarray:
+    """Return volts at the output per ampere (integrator: per unit of network time)."""
+    circuit, name = emulation.circuit, source.part
+    part = circuit.schematic.by_name[name]
+    if source.place is Place.INVERTER:
+        return circuit.inverter * (1 + _deviation(emulation, off, name, Quantity.INVERTER))
+    if isinstance(part, Integrator):
+        rate = np.where(part.rate > 0, part.rate, np.inf)
+        return circuit.scaling.time / (rate * circuit.capacitors[name])
+    return circuit.feedback[name] * (1 + _deviation(emulation, off, name, Quantity.FEEDBACK))
+
+
+def _deviation(emulation: Emulation, off: Deviations, part: str, quantity: Quantity) -> np.ndarray:
+    return np.asarray(off.get(emulation.circuit.parameter_name(part, quantity), 0.0))

@@ -9,10 +9,9 @@ from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.dataclass_pickling import cached_on
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import SEEPING
-from ann_dc.hardware.emulation.diodes import paced_at
 from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
-from ann_dc.hardware.schematic.elements import PICell
+from ann_dc.hardware.emulation.op_amps import paced_at
 from ann_dc.hardware.schematic.preconditioner_wiring import preconditioner_values
 from ann_dc.validation import checked
 
@@ -83,14 +82,13 @@ def _switch_off(emulation: Emulation, full: np.ndarray) -> None:
     """Move op amps of inactive rectifying neurons, in place, to hold their grounds."""
     network, circuit = emulation.network, emulation.circuit
     nodes = evaluator(network).values(network.pack(full))[..., 1:-1]
-    for part in circuit.schematic.parts:
-        if isinstance(part, PICell) and part.rectified:
-            op_amp = network.neuron_index[AmplifierNodes(part.name, rectified=True).output]
-            ground = nodes[network.node_index[AmplifierNodes(part.name).ground]]
-            ground = ground + _caught_up(emulation, part.name, nodes, full)
-            beyond = (SEEPING - 1.0) * circuit.crossing(part) - ground
-            off = np.minimum(np.maximum(-ground / SEEPING, beyond), 0.0)
-            full[op_amp] = np.where(full[op_amp] > 0, full[op_amp], off)
+    for part in circuit.schematic.rectified:
+        op_amp = network.neuron_index[AmplifierNodes(part.name, rectified=True).output]
+        ground = nodes[network.node_index[AmplifierNodes(part.name).ground]]
+        ground = ground + _caught_up(emulation, part.name, nodes, full)
+        beyond = (SEEPING - 1.0) * circuit.crossing(part) - ground
+        off = np.minimum(np.maximum(-ground / SEEPING, beyond), 0.0)
+        full[op_amp] = np.where(full[op_amp] > 0, full[op_amp], off)
 
 
 def _caught_up(

@@ -17,98 +17,91 @@ from collections.abc import Iterator
 import numpy as np
 
 from ann_dc.hardware.circuit.circuit import Quantity
-from ann_dc.hardware.emulation.assembly import Assembly
+from ann_dc.hardware.emulation.assembly import Coupling, Piece, State, couplings, weighted_sum
+from ann_dc.hardware.emulation.built_circuit import BuiltCircuit
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.hardware.parts.technologies import OtaC, paired
 from ann_dc.hardware.schematic.elements import Adder, Amplifier, Integrator, PICell
+from ann_dc.network.cell import Function, Sum
 
 Source = tuple[str, int]
 """Node and offset of its cell."""
 
 
-def add_transconductors(assembly: Assembly, built: OtaC, part: Amplifier) -> None:
-    """Add an integrator, a PI cell or an adder of transconductors to an assembly."""
+def transconductors(built: BuiltCircuit, technology: OtaC, part: Amplifier) -> Iterator[Piece]:
+    """Yield the pieces of an integrator, a PI cell or an adder of transconductors."""
+    factor = np.ones(built.stages)
+    if not isinstance(part, Integrator):
+        factor = factor + built.deviation(part.name, Quantity.FEEDBACK)
+    rho = np.where(part.present, part.rho, 0.0) if isinstance(part, PICell) else 1.0
+    gamma, sources = _sources(built, part, rho * factor)
+    yield Sum(name=AmplifierNodes(part.name).summed)
+    for number, (nodes, g) in enumerate(sources.items()):
+        yield from _transconductor(built, technology, f"{part.name}.{number}", nodes)
+        weight = g * technology.linear_range
+        yield Coupling(f"tanh.{part.name}.{number}", AmplifierNodes(part.name).summed, weight)
+    leak = gamma / built.datasheet.a0
     if isinstance(part, Adder):
-        _adder(assembly, built, part)
+        nodes = AmplifierNodes(part.name)
+        yield from weighted_sum(nodes.output, {nodes.summed: 1 / (1 + leak)})
     elif isinstance(part, PICell):
-        _pi_cell(assembly, built, part)
+        yield from _pi_cell(built, part, factor, leak)
     else:
-        _integrator(assembly, built, part)
+        yield from _integrator(built, part, leak)
 
 
-def _integrator(assembly: Assembly, built: OtaC, part: Integrator) -> None:
+def _integrator(built: BuiltCircuit, part: Integrator, leak: np.ndarray) -> Iterator[Piece]:
     name = part.name
-    gamma = _arriving(assembly, built, part, np.ones(assembly.stages))
-    off = assembly.deviation(name, Quantity.CAPACITOR)
-    assembly.neuron(name, part.tau * (1 + off), Origin(name), scale=assembly.scale_of(name))
-    assembly.connect(AmplifierNodes(name).summed, name, 1.0)
-    assembly.connect(name, name, -gamma / assembly.datasheet.a0)
-    assembly.leave_out_unpinned(name, part.present)
+    tau = part.tau * (1 + built.deviation(name, Quantity.CAPACITOR))
+    yield State(name, tau, Origin(name), scale=built.scale_of(name))
+    yield from couplings(name, {AmplifierNodes(name).summed: 1.0, name: -leak})
 
 
-def _pi_cell(assembly: Assembly, built: OtaC, part: PICell) -> None:
-    nodes, present = AmplifierNodes(part.name), part.present
-    factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
-    rho = np.where(present, part.rho, 0.0) * factor
-    leak = _arriving(assembly, built, part, rho) / assembly.datasheet.a0
-    tau = part.tau * factor * (1 + assembly.deviation(part.name, Quantity.CAPACITOR))
-    assembly.neuron(nodes.held, tau, Origin(part.dual))
-    assembly.sum(nodes.output)
-    assembly.connect(nodes.held, nodes.output, present / (1 + leak))
-    assembly.connect(nodes.summed, nodes.output, present / (1 + leak))
-    assembly.connect(nodes.summed, nodes.held, 1.0)
-    assembly.connect(nodes.output, nodes.held, -leak)
-    assembly.leave_out(nodes.held, np.flatnonzero(~present).tolist())
-
-
-def _adder(assembly: Assembly, built: OtaC, part: Adder) -> None:
+def _pi_cell(
+    built: BuiltCircuit, part: PICell, factor: np.ndarray, leak: np.ndarray
+) -> Iterator[Piece]:
     nodes = AmplifierNodes(part.name)
-    factor = 1 + assembly.deviation(part.name, Quantity.FEEDBACK)
-    leak = _arriving(assembly, built, part, factor) / assembly.datasheet.a0
-    assembly.sum(nodes.output)
-    assembly.connect(nodes.summed, nodes.output, 1 / (1 + leak))
+    tau = part.tau * factor * (1 + built.deviation(part.name, Quantity.CAPACITOR))
+    yield State(nodes.held, tau, Origin(part.dual))
+    through = part.present / (1 + leak)
+    yield from weighted_sum(nodes.output, {nodes.held: through, nodes.summed: through})
+    yield from couplings(nodes.held, {nodes.summed: 1.0, nodes.output: -leak})
 
 
-def _arriving(assembly: Assembly, built: OtaC, part: Amplifier, scale: np.ndarray) -> np.ndarray:
-    """Connect the transconductors of a part to its sum and return their Gamma (N,)."""
+def _sources(
+    built: BuiltCircuit, part: Amplifier, scale: np.ndarray
+) -> tuple[np.ndarray, dict[tuple[Source, ...], np.ndarray]]:
+    """Return Gamma (N,), and the conductance (N,) by the sources of every transconductor."""
     found: dict[tuple[Source, ...], np.ndarray] = {}
-    gamma = np.zeros(assembly.stages)
-    for stage in range(assembly.stages):
-        weights = list(_weights(assembly, part, stage, scale))
+    gamma = np.zeros(built.stages)
+    for stage in range(built.stages):
+        weights = list(_weights(built, part, stage, scale))
         for _, _, g in weights:
-            gamma[stage] += abs(g) / assembly.scaling.unit[part.name]
+            gamma[stage] += abs(g) / built.scaling.unit[part.name]
         for _, sources, g in paired(weights):
-            found.setdefault(sources, np.zeros(assembly.stages))[stage] += g
-    assembly.sum(AmplifierNodes(part.name).summed)
-    for number, (sources, g) in enumerate(found.items()):
-        _transconductor(assembly, built, part.name, number, sources, g)
-    return gamma
+            found.setdefault(sources, np.zeros(built.stages))[stage] += g
+    return gamma, found
 
 
 def _weights(
-    assembly: Assembly, part: Amplifier, stage: int, scale: np.ndarray
+    built: BuiltCircuit, part: Amplifier, stage: int, scale: np.ndarray
 ) -> Iterator[tuple[str, Source, float]]:
     """Yield name, source and conductance of every wire present at a stage."""
     for number, wire in enumerate(part.wires):
-        if wire.weight[stage] != 0 and assembly.schematic.fed(wire, stage):
-            g = wire.weight[stage] * assembly.scaling.unit[wire.source] * scale[stage]
-            g = g / (1 + assembly.deviation(part.name, Quantity.INPUT, number)[stage])
-            name = assembly.circuit.parameter_name(part.name, Quantity.INPUT, number)
+        if wire.weight[stage] != 0 and built.schematic.fed(wire, stage):
+            g = wire.weight[stage] * built.scaling.unit[wire.source] * scale[stage]
+            g = g / (1 + built.deviation(part.name, Quantity.INPUT, number)[stage])
+            name = built.circuit.parameter_name(part.name, Quantity.INPUT, number)
             yield name, (wire.source, wire.offset), g
 
 
 def _transconductor(
-    assembly: Assembly,
-    built: OtaC,
-    part: str,
-    number: int,
-    sources: tuple[Source, ...],
-    g: np.ndarray,
-) -> None:
-    seen, curve = f"seen.{part}.{number}", f"tanh.{part}.{number}"
-    assembly.sum(seen)
-    assembly.function(curve, "tanh", seen)
+    built: BuiltCircuit, technology: OtaC, name: str, sources: tuple[Source, ...]
+) -> Iterator[Piece]:
+    """Yield tanh of one source or of the difference of two, relative to the linear range."""
+    seen = f"seen.{name}"
+    yield Sum(name=seen)
+    yield Function(name=f"tanh.{name}", function="tanh", x=seen)
     for (source, offset), sign in zip(sources, (1.0, -1.0)):
-        per_share = sign / (assembly.scaling.unit[source] * built.linear_range)
-        assembly.connect(source, seen, per_share, offset)
-    assembly.connect(curve, AmplifierNodes(part).summed, g * built.linear_range)
+        per_share = sign / (built.scaling.unit[source] * technology.linear_range)
+        yield Coupling(source, seen, per_share, offset)

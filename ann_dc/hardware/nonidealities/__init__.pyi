@@ -1,6 +1,6 @@
-from .drawing import drawn_numbers as drawn_numbers
 from .numbers import (
     detuned as detuned,
+    drawn_numbers as drawn_numbers,
     gain_error as gain_error,
     leak as leak,
     mismatch as mismatch,

@@ -10,7 +10,7 @@ import numpy as np
 
 from ann_dc.errors import NetworkError, UnknownNameError
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.nonidealities.strengths import errors_of, require_strength
+from ann_dc.hardware.nonidealities.numbers import errors_of, require_strength
 from ann_dc.network.network import Network
 from ann_dc.network.rewiring import arrival, fresh, slewing, slowed, stopped, wire, with_wires
 from ann_dc.network.selection import EVERYWHERE, Selection, blocks_of, chosen, neurons_of
@@ -23,7 +23,8 @@ def extra_pole(network: Network, bandwidth: FloatOrNan, where: Selection = EVERY
 
     Readers of s read a new neuron y, named ``slow.<node>``. If ``where`` selects stages, they read
     it through a sum ``seen.<node>``. The neuron y is fixed or omitted in the cells in which s is,
-    and starts at the initial value of s.
+    and starts at the initial value of s. Raises `NetworkError` or `UnknownNameError` if
+    ``bandwidth`` is not positive or ``where`` contains an unknown name.
 
     Parameters
     ----------
@@ -32,11 +33,6 @@ def extra_pole(network: Network, bandwidth: FloatOrNan, where: Selection = EVERY
         unchanged.
     where : Selection
         Selected neurons or blocks and stages; all by default.
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
-        If ``bandwidth`` is not positive or ``where`` contains an unknown name.
 
     Examples
     --------
@@ -63,7 +59,8 @@ def rails(
     """Limit neurons to |x| <= limit unless a tighter limit exists.
 
     An initial value beyond the limit is moved to the limit. For a PI dual, mu is limited and the
-    output m is not.
+    output m is not. Raises `NetworkError` or `UnknownNameError` if a limit is not positive, or if
+    ``where`` contains an unknown name or selects stages.
 
     Parameters
     ----------
@@ -71,11 +68,6 @@ def rails(
         Limit in network units, one for all or one by name. An infinite value adds no limit.
     where : Selection
         Selected neurons; all by default. Stages cannot be selected.
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
-        If a limit is not positive, or if ``where`` contains an unknown name or selects stages.
 
     Examples
     --------
@@ -107,7 +99,8 @@ def slew(network: Network, rate: FloatOrNan, where: Selection = EVERYWHERE) -> N
     """Limit the slope of neurons: tau x' = rate tau clip(d), d = sum w s / (rate tau).
 
     The clip is clip(d) = rectify(d + 1) - rectify(d - 1) - 1. The connections arrive at a sum
-    ``drive.<neuron>``.
+    ``drive.<neuron>``. Raises `NetworkError` or `UnknownNameError` if ``rate`` is not positive or
+    ``where`` contains an unknown name.
 
     Parameters
     ----------
@@ -116,11 +109,6 @@ def slew(network: Network, rate: FloatOrNan, where: Selection = EVERYWHERE) -> N
         network unchanged.
     where : Selection
         Selected neurons and stages; all by default.
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
-        If ``rate`` is not positive or ``where`` contains an unknown name.
 
     Examples
     --------
@@ -140,7 +128,8 @@ def slew(network: Network, rate: FloatOrNan, where: Selection = EVERYWHERE) -> N
 def noise(network: Network, density: FloatOrNan, where: Selection = EVERYWHERE) -> Network:
     """Add noise inputs ``noise.<neuron>``: tau x' = sum w s + density xi.
 
-    The inputs xi are zero until the caller sets them.
+    The inputs xi are zero until the caller sets them. Raises `NetworkError` or `UnknownNameError`
+    if ``density`` is not finite or ``where`` contains an unknown name.
 
     Parameters
     ----------
@@ -148,11 +137,6 @@ def noise(network: Network, density: FloatOrNan, where: Selection = EVERYWHERE) 
         Factor on xi.
     where : Selection
         Selected neurons and stages; all by default.
-
-    Raises
-    ------
-    NetworkError, UnknownNameError
-        If ``density`` is not finite or ``where`` contains an unknown name.
 
     Examples
     --------

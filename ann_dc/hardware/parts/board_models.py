@@ -11,7 +11,7 @@ from pathlib import PurePosixPath
 
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts.datasheet import Datasheet
-from ann_dc.hardware.parts.parasitics import BOARD_PARAMETERS, NONE, Parasitics, board_parameters
+from ann_dc.hardware.parts.parasitics import NONE, Parasitics
 from ann_dc.hardware.parts.technologies import Technology
 
 MACRO_PARAMETERS = {
@@ -28,6 +28,14 @@ MACRO_PARAMETERS = {
 
 IDEAL = {"opamp_a0": 1e8, "opamp_sr": 1e9, "opamp_rout": 1e-3, "mul_bw": 1e9, "func_bw": 1e9}
 """Values that represent infinity, or none, without visible effect; limits are 15 full scales."""
+
+OP_AMPS = {
+    "opamp_cin": ("ground", 1e-18),
+    "opamp_ib": ("bias_current", 0.0),
+    "opamp_pole2": ("second_pole", 1e12),
+    "opamp_imax": ("output_current", 1e3),
+}
+"""Parameters of op amps on a board: attribute of `Parasitics`, value that denotes none."""
 
 PASSIVES = {
     "cap_leakage": ("capacitor_leakage", 1e9),
@@ -54,7 +62,7 @@ HOLDING = "integ.cir", "pi_cell.cir", "pi_diode.cir", "integ_fd.cir", "pi_cell_f
 """Cells with a capacitor."""
 
 FILES = {
-    **dict.fromkeys(("opamp.lib", "opamp_fd.lib"), tuple(BOARD_PARAMETERS)),
+    **dict.fromkeys(("opamp.lib", "opamp_fd.lib"), tuple(OP_AMPS)),
     **dict.fromkeys(("switch.lib", *HOLDING), tuple(PASSIVES)),
     **dict.fromkeys(("mul4q.lib", "mul4q_fd.cir"), tuple(MULTIPLIERS)),
 }
@@ -73,9 +81,8 @@ def model_parameters(parasitics: Parasitics, models: str) -> dict[str, float]:
     >>> model_parameters(Parasitics(), "macro")
     {}
     """
-    macro = models == "macro"
-    found = board_parameters(parasitics) if macro else {}
-    for table in (PASSIVES, MULTIPLIERS) if macro else (PASSIVES,):
+    found = {}
+    for table in (OP_AMPS, PASSIVES, MULTIPLIERS) if models == "macro" else (PASSIVES,):
         if any(getattr(parasitics, name) != getattr(NONE, name) for name, _ in table.values()):
             for parameter, (name, none) in table.items():
                 value = float(getattr(parasitics, name))
@@ -84,13 +91,7 @@ def model_parameters(parasitics: Parasitics, models: str) -> dict[str, float]:
 
 
 def macro_parameters(datasheet: Datasheet, full_scale: float) -> dict[str, float]:
-    """Return the global parameters of macro models; ``full_scale`` is in volts.
-
-    Examples
-    --------
-    >>> macro_parameters(Datasheet(gbw=1e6), 1.0)["opamp_vsat"]
-    15.0
-    """
+    """Return the global parameters of macro models; ``full_scale`` is in volts."""
     ideal = IDEAL | dict.fromkeys(("opamp_vsat", "mul_vsat"), 15.0 * full_scale)
     given = {n: float(getattr(datasheet, a)) for n, (a, *_) in MACRO_PARAMETERS.items()}
     return {n: ideal[n] if v in (0.0, math.inf) else v for n, v in given.items()}
@@ -111,7 +112,9 @@ def check_parasitics(
     the folder of op amps and multipliers, and ``name`` identifies the circuits in the message.
     """
     for attribute, _ in PASSIVES.values():
-        if not technology.resettable and getattr(parasitics, attribute) != getattr(NONE, attribute):
+        if not technology.has_resistors and getattr(parasitics, attribute) != getattr(
+            NONE, attribute
+        ):
             raise NetworkError(
                 f"parasitics, {attribute}: cells of {name} circuits have no such part; leave it out"
             )

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 
 from ann_dc.errors import NetworkError, such_as
@@ -24,16 +24,6 @@ FOLLOWING = ("rails", "multiplier_rails", "amplifier_power", "multiplier_power")
 
 SMALLEST_RESISTOR = 10e3
 """Smallest resistor in ohms that an op amp can drive."""
-
-POSITIVE = (
-    "a0",
-    "slew",
-    "rails",
-    "multiplier_rails",
-    "multiplier_bandwidth",
-    "function_bandwidth",
-)
-"""Quantities of a datasheet that are positive and may be infinite."""
 
 
 class Kind(enum.Enum):
@@ -83,7 +73,8 @@ class Tolerances:
     A resistor of tolerance t is rejected in manufacture if it deviates by more, so its error is
     uniform between -t and t, with standard deviation :math:`t / \sqrt 3`. Offsets and gains are
     normal [1]_. Each part has an individual temperature coefficient, independent of its error.
-    Drift at equal distances above and below room temperature has opposite signs.
+    Drift at equal distances above and below room temperature has opposite signs. Raises
+    `NetworkError` if a size is negative or not finite.
 
     Attributes
     ----------
@@ -103,11 +94,6 @@ class Tolerances:
         Standard deviation of the temperature coefficient of the op amps' offsets, in V/K.
     kelvin : float
         Signed difference to room temperature in kelvin; zero for no drift.
-
-    Raises
-    ------
-    NetworkError
-        If a size is negative or not finite.
 
     References
     ----------
@@ -151,71 +137,26 @@ class Tolerances:
         )
 
     def drift(self, kind: Kind) -> float:
-        """Return the signed drift of errors of a kind since room temperature.
-
-        Parameters
-        ----------
-        kind : Kind
-            Kind of the errors.
-
-        Returns
-        -------
-        float
-            Bound or standard deviation, as for the error size of the kind.
-        """
+        """Return the signed drift since room temperature, as a bound or a standard deviation."""
         return getattr(self, DRIFTS[kind]) * self.kelvin if kind in DRIFTS else 0.0
 
     def size(self, kind: Kind) -> float:
-        """Return the bound or standard deviation of the errors of a kind, including drift.
-
-        Parameters
-        ----------
-        kind : Kind
-            Kind of the errors.
-        """
+        """Return the bound or standard deviation of the errors of a kind, including drift."""
         own, drift = getattr(self, kind.value), abs(self.drift(kind))
         return own + drift if kind.bounded else math.hypot(own, drift)
 
     def deviation(self, kind: Kind) -> float:
-        """Return the standard deviation of the errors of a kind.
-
-        Parameters
-        ----------
-        kind : Kind
-            Kind of the errors.
-        """
+        """Return the standard deviation of the errors of a kind."""
         size = math.hypot(getattr(self, kind.value), self.drift(kind))
         return size / math.sqrt(3.0) if kind.bounded else size
 
     def at(self, conditions: Conditions) -> Tolerances:
-        """Return the tolerances of the parts at a temperature.
-
-        Parameters
-        ----------
-        conditions : Conditions
-            Conditions with the temperature.
-
-        Returns
-        -------
-        Tolerances
-            Tolerances including drift.
-        """
+        """Return the tolerances of the parts at the temperature of some conditions, with drift."""
         drifts = any(getattr(self, name) for name in DRIFTS.values())
         return replace(self, kelvin=conditions.temperature - ROOM if drifts else 0.0)
 
     def without(self, kinds: Iterable[Kind]) -> Tolerances:
-        """Return the tolerances without the errors of some kinds.
-
-        Parameters
-        ----------
-        kinds : iterable of Kind
-            Kinds to omit.
-
-        Returns
-        -------
-        Tolerances
-            Tolerances with zero size for the omitted kinds.
-        """
+        """Return the tolerances without the errors of some kinds."""
         kinds = tuple(kinds)
         none = [kind.value for kind in kinds] + [DRIFTS[kind] for kind in kinds if kind in DRIFTS]
         return replace(self, **dict.fromkeys(none, 0.0))
@@ -223,6 +164,31 @@ class Tolerances:
 
 TYPICAL = Tolerances(resistor=1e-2, offset=1e-3, gain=1e-2, product_offset=1e-3)
 """Default tolerances for unknown parts: one per cent and one millivolt."""
+
+
+RANGES: Mapping[str, tuple[str, Callable[[float], bool]]] = {
+    **dict.fromkeys(
+        (
+            *("a0", "slew", "rails", "multiplier_rails"),
+            *("multiplier_bandwidth", "function_bandwidth"),
+        ),
+        ("a positive number", lambda value: value > 0),
+    ),
+    "gbw": ("a positive number of Hz", lambda value: 0 < value < math.inf),
+    **dict.fromkeys(
+        ("rout", "stage_resistance"),
+        ("a number not below 0 of ohms", lambda value: 0 <= value < math.inf),
+    ),
+    **dict.fromkeys(
+        ("amplifier_power", "multiplier_power"),
+        (
+            "a number of watts not below 0, or nan",
+            lambda value: math.isnan(value) or 0 <= value < math.inf,
+        ),
+    ),
+    "systematic_offset": ("a number of volts", math.isfinite),
+}
+"""Valid numbers of a datasheet, in words and as a condition."""
 
 
 @checked
@@ -284,23 +250,9 @@ class Datasheet:
     parasitics: Parasitics = NONE
 
     def __post_init__(self) -> None:
-        for name in POSITIVE:
-            if not getattr(self, name) > 0:
-                raise _out_of_range(name, "a positive number", getattr(self, name))
-        if not 0 < self.gbw < math.inf:
-            raise _out_of_range("gbw", "a positive number of Hz", self.gbw)
-        for name in ("rout", "stage_resistance"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise _out_of_range(name, "a number not below 0 of ohms", getattr(self, name))
-        self._check_powers()
-        if not math.isfinite(self.systematic_offset):
-            raise _out_of_range("systematic_offset", "a number of volts", self.systematic_offset)
-
-    def _check_powers(self) -> None:
-        for name in ("amplifier_power", "multiplier_power"):
-            power = getattr(self, name)
-            if not (math.isnan(power) or 0 <= power < math.inf):
-                raise _out_of_range(name, "a number of watts not below 0, or nan", power)
+        for name, (expected, is_valid) in RANGES.items():
+            if not is_valid(value := getattr(self, name)):
+                raise NetworkError(f"{name}: expected {expected}, got {value!r}")
 
     def __str__(self) -> str:
         known = {
@@ -337,7 +289,3 @@ class Datasheet:
             **{name: value * share for name, value in follow.items() if math.isfinite(value)},
             parasitics=self.parasitics.hotter(now.temperature - before.temperature),
         )
-
-
-def _out_of_range(name: str, expected: str, given: float) -> NetworkError:
-    return NetworkError(f"{name}: expected {expected}, got {given!r}")

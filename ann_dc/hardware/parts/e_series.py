@@ -23,14 +23,9 @@ _E24 = (
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Series:
-    """Series of preferred numbers.
+    """Series of preferred numbers [1]_, from 1 to below 10; if empty, every value is available.
 
-    Attributes
-    ----------
-    mantissas : tuple of float
-        Numbers from 1 to below 10; if empty, every value is available.
-    pairs : bool
-        True if two resistors in series form a value.
+    With ``pairs``, two resistors in series form a value.
 
     References
     ----------

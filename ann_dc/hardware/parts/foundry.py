@@ -68,10 +68,5 @@ def passive(tolerances: Tolerances) -> Tolerances:
     """Return the tolerances of resistors and capacitors only.
 
     They are drawn in addition to the errors of transistors, which the device models contain.
-
-    Examples
-    --------
-    >>> passive(SKY130.tolerances).offset
-    0.0
     """
     return tolerances.without((Kind.OFFSET, Kind.GAIN, Kind.PRODUCT_OFFSET))

@@ -3,21 +3,66 @@
 Multipliers compute a polynomial; rectifiers form a chain of chords. Both are fitted to a declared
 range of u. A fitting method (`Polynomial`, `Breakpoints`) returns a fitted record, whose error is
 known before a circuit exists. The netlist selects the cells that realise the record.
+
+A fitted polynomial is a `Cascade` of multipliers, with node voltages in volts. Every partial sum of
+Horner's rule is scaled so that its largest value equals the amplitude of the input. Inner nodes
+therefore use full scale and do not exceed it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import lru_cache
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import TypeAlias
 
 import numpy as np
-from numpy.polynomial import chebyshev
+from numpy.polynomial import chebyshev, polynomial
 from scipy.optimize import linprog
 
 from ann_dc.errors import NetworkError, require_positive
-from ann_dc.hardware.parts.generator_stretch import GRID, Stretch
+from ann_dc.network.functions import function_block
 from ann_dc.validation import checked
+
+GRID = 400
+"""Number of intervals in which a function is sampled and fitted."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stretch:
+    """Function `function` of a function block on the range from `low` to `high`.
+
+    Raises `UnknownNameError` if the function block does not exist, and `NetworkError` if f is not
+    finite on the range or zero throughout.
+    """
+
+    function: str
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        least, most = function_block(self.function).domain
+        if not (least <= self.low < self.high <= most and math.isfinite(self.high - self.low)):
+            raise NetworkError(f"{self}: expected a range within {least:g} .. {most:g}")
+        at = np.linspace(self.low, self.high, GRID + 1)
+        top = at[max(int(np.abs(self.value(at)).argmax()) - 1, 0) :][:3]
+        closer = np.abs(self.value(np.linspace(top[0], top[-1], GRID))).max()
+        if not (0 < self.peak < math.inf and closer <= 2 * self.peak):
+            raise NetworkError(f"{self}: zero throughout, or at a pole; choose another range")
+
+    def __str__(self) -> str:
+        return f"{self.function} over {self.low:g} .. {self.high:g}"
+
+    def value(self, u: np.ndarray) -> np.ndarray:
+        """Return f(u), of the shape of u; nan or infinite outside the domain."""
+        with np.errstate(all="ignore"):
+            return function_block(self.function).value(u)
+
+    @cached_property
+    def peak(self) -> float:
+        """Largest |f| on the range."""
+        return float(np.abs(self.value(np.linspace(self.low, self.high, GRID + 1))).max())
+
 
 FINE = 10
 """Subdivision of each sampling interval when the error of a fit is evaluated."""
@@ -33,19 +78,9 @@ class FittedPolynomial:
     .. math:: \sum_k a_k U^k \;\text{(parity 0)}, \qquad \sum_k a_k W^k \;\text{(even)}, \qquad
               U \sum_k a_k W^k \;\text{(odd)}, \qquad W = 2 U^2 - 1 .
 
-    Attributes
-    ----------
-    stretch : Stretch
-        Fitted function and range.
-    parity : int
-        1 for even, -1 for odd, 0 otherwise.
-    centre, half : float
-        Centre and half-width of the range. The range is extended to a symmetric one for an even or
-        odd function.
-    powers : (k + 1,) array
-        Coefficients a, beginning with the lowest power.
-    error : float
-        Largest error relative to the largest |f|.
+    The ``parity`` is 1 for even, -1 for odd, 0 otherwise. The range of the centre and half-width is
+    extended to a symmetric one for an even or odd function. ``powers`` are the coefficients a,
+    beginning with the lowest power. The largest ``error`` is relative to the largest |f|.
     """
 
     stretch: Stretch
@@ -74,16 +109,8 @@ class FittedPolynomial:
 class FittedChords:
     """Chain of n chords.
 
-    Attributes
-    ----------
-    stretch : Stretch
-        Fitted function and range.
-    ends : (n + 1,) array
-        Ends of the chords, from the low end of the range to the high end.
-    values : (n + 1,) array
-        Values of the chain at the ends.
-    error : float
-        Largest error relative to the largest |f|.
+    ``ends`` (n + 1,) go from the low end of the range to the high end; ``values`` (n + 1,) are
+    those of the chain. The largest ``error`` is relative to the largest |f|.
     """
 
     stretch: Stretch
@@ -94,18 +121,10 @@ class FittedChords:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FittedQuotient:
-    """Reciprocal 1/u computed by a divider.
+    """Reciprocal 1/u computed by a divider, whose range excludes zero.
 
-    An op amp controls y so that a multiplier's product u y is constant. The fit is exact.
-
-    Attributes
-    ----------
-    stretch : Stretch
-        Range of the divisor, which excludes zero.
-    error : float
-        Largest error relative to the largest |f|: zero.
-    inputs : int
-        Number of multiplier inputs that are connected to u.
+    An op amp controls y so that a multiplier's product u y is constant. The fit is exact, and one
+    multiplier input is connected to u.
     """
 
     stretch: Stretch
@@ -286,3 +305,81 @@ def _minimax(basis: np.ndarray, f: np.ndarray) -> np.ndarray:
     b = np.concatenate([rest, -rest]) / size
     found = linprog(np.eye(A.shape[1])[-1], A_ub=A, b_ub=b, bounds=(None, None))
     return series + size * found.x[:-1]
+
+
+INPUT, CENTRE, GROUND, OUTPUT = "x", "c", "0", "out"
+"""Nodes of a cascade: input, centre of the input range, ground and output."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """Multiplier of a cascade: gain x y / V + constant (in volts), with a gain of any sign.
+
+    Each input is the voltage between a pair of nodes. The output ``node`` of the last multiplier is
+    `OUTPUT`.
+    """
+
+    x: tuple[str, str]
+    y: tuple[str, str]
+    gain: float
+    constant: float
+    node: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cascade:
+    """Multipliers of full scale V (``amplitude``, in volts) in series.
+
+    ``sources`` are the voltages of the constant nodes. The steps begin with the highest power.
+    """
+
+    amplitude: float
+    sources: dict[str, float]
+    steps: tuple[Step, ...]
+
+
+def cascade_of(curve: FittedPolynomial, sx: float, sy: float) -> Cascade:
+    """Return the multipliers of a generator, v(out) = f(u) / sy with u = sx v(x).
+
+    The scales ``sx`` (units of u per volt of the input) and ``sy`` (units of f(u) per volt of the
+    output) have any sign.
+    """
+    V, k = curve.half / abs(sx), len(curve.powers) - 1
+    sources = {CENTRE: curve.centre / sx} if curve.centre else {}
+    if not (curve.parity and k):
+        sources[_partial(k)] = math.copysign(V, curve.powers[k])
+    return Cascade(amplitude=V, sources=sources, steps=tuple(_steps(curve, sx, sy, V)))
+
+
+def _partial(j: int) -> str:
+    """Return the node of partial sum j of Horner's rule."""
+    return f"p{j}"
+
+
+def _steps(curve: FittedPolynomial, sx: float, sy: float, V: float) -> list[Step]:
+    """Return the multipliers, with p_j scaled to amplitude V and U a node difference."""
+    a, k, at = curve.powers, len(curve.powers) - 1, np.linspace(-1.0, 1.0, GRID + 1)
+    scale = [V / np.abs(polynomial.polyval(at, a[j:])).max() for j in range(k + 1)]
+    if curve.parity >= 0:
+        scale[0] = 1 / sy
+    c = CENTRE if curve.centre else GROUND
+    U = (INPUT, c) if sx > 0 else (c, INPUT)
+    by = ("w", GROUND) if curve.parity else U
+    steps = [
+        Step(
+            x=by,
+            y=(_partial(j + 1), GROUND),
+            gain=scale[j] / scale[j + 1],
+            constant=scale[j] * a[j],
+            node=_partial(j),
+        )
+        for j in reversed(range(k))
+    ]
+    if curve.parity and k:  # a_{k-1} + a_k W is a square of U and a constant, too
+        gain, constant = 2 * a[k] * scale[k - 1] / V, scale[k - 1] * (a[k - 1] - a[k])
+        steps[0] = Step(x=U, y=U, gain=gain, constant=constant, node=_partial(k - 1))
+        steps[:0] = [Step(x=U, y=U, gain=2.0, constant=-V, node="w")] if k > 1 else []
+    if curve.parity < 0:
+        gain = 1 / (sy * scale[0])
+        steps.append(Step(x=U, y=(_partial(0), GROUND), gain=gain, constant=0.0, node=OUTPUT))
+    return [*steps[:-1], replace(steps[-1], node=OUTPUT)]

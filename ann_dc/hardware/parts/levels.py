@@ -25,7 +25,6 @@ from ann_dc.hardware.parts.generator_curves import Curves, Polynomial
 from ann_dc.hardware.parts.technologies import (
     DIFFERENTIAL_PAIRS,
     OP_AMPS,
-    OpAmps,
     OtaC,
     SwitchedCapacitors,
     Technology,
@@ -134,22 +133,8 @@ class Level:
         """Return the level at other operating conditions.
 
         Output swing and power follow the supplies, tolerances grow with drift, and bias currents
-        grow with temperature.
-
-        Parameters
-        ----------
-        conditions : Conditions
-            New operating conditions.
-
-        Returns
-        -------
-        Level
-            Level with changed datasheet and conditions.
-
-        Raises
-        ------
-        NetworkError
-            If a process corner is given for parts without transistors.
+        grow with temperature. Raises `NetworkError` if a process corner is given for parts without
+        transistors.
 
         Examples
         --------
@@ -164,7 +149,7 @@ class Level:
     def emulated(self) -> bool:
         """True if circuits can be emulated; those of ideal op amps equal the ODE."""
         built = self.technology
-        return not built.clocked and (self.models != "ideal" or not isinstance(built, OpAmps))
+        return not built.clocked and (self.models != "ideal" or built.differential)
 
     @property
     def preconditioners(self) -> tuple[contract.PreconditionerKind, ...]:
@@ -194,6 +179,8 @@ BEHAVIOURAL = Level(name="behavioural", models="ideal")
 def macro(datasheet: Datasheet | None = None, *, differential: bool = False, **given: Any) -> Level:
     """Return a level of op-amp macro models.
 
+    Raises `NetworkError` if a number is out of its range or not supported by the macro models.
+
     Parameters
     ----------
     datasheet : Datasheet, optional
@@ -203,16 +190,6 @@ def macro(datasheet: Datasheet | None = None, *, differential: bool = False, **g
         False by default.
     **given : float
         Attributes of `Datasheet`, instead of ``datasheet``. The default of a0 is 1e6.
-
-    Returns
-    -------
-    Level
-        Level of macro models.
-
-    Raises
-    ------
-    NetworkError
-        If a number is out of its range or not supported by the macro models.
 
     Examples
     --------
@@ -234,6 +211,8 @@ def ota_c(
 ) -> Level:
     """Return an OTA-C level: a node per neuron, a tanh transconductor per weight [1]_.
 
+    Raises `NetworkError` if a number is not positive.
+
     Parameters
     ----------
     a0 : float
@@ -242,16 +221,6 @@ def ota_c(
         Voltage scale of the tanh relative to full scale; 30 by default.
     gbw : float
         Bandwidth in Hz that scales network time, as for op amps; 10 MHz by default.
-
-    Returns
-    -------
-    Level
-        Level of transconductors.
-
-    Raises
-    ------
-    NetworkError
-        If a number is not positive.
 
     References
     ----------
@@ -284,7 +253,8 @@ def switched_capacitor(
 ) -> Level:
     """Return a level of switched capacitors, one step per clock period [1]_.
 
-    The circuit realises the recurrent layer with a fixed step.
+    The circuit realises the recurrent layer with a fixed step. Raises `NetworkError` if a number is
+    out of its range.
 
     Parameters
     ----------
@@ -297,16 +267,6 @@ def switched_capacitor(
         Clock frequency in Hz; 1 MHz by default.
     **given : float
         Further attributes of `SwitchedCapacitors`.
-
-    Returns
-    -------
-    Level
-        Level of switched capacitors.
-
-    Raises
-    ------
-    NetworkError
-        If a number is out of its range.
 
     References
     ----------
@@ -333,23 +293,14 @@ def switched_capacitor(
 def transistor(*, area: PositiveFinite = 1.0) -> Level:
     """Return a level of CMOS op amps and Gilbert multipliers.
 
-    Functions are polynomials, and the circuits contain no behavioural source.
+    Functions are polynomials, and the circuits contain no behavioural source. Raises `NetworkError`
+    if the area is out of its range.
 
     Parameters
     ----------
     area : float
         Area of the op amps' matched gates relative to the smallest gates, 1 to 64, see
         `transistor_sheet`; 1 by default.
-
-    Returns
-    -------
-    Level
-        Level of transistors.
-
-    Raises
-    ------
-    NetworkError
-        If the area is out of its range.
 
     Examples
     --------

@@ -118,12 +118,6 @@ class Parasitics:
 
         Bias currents double every `bias_doubling` kelvins. Raises `NetworkError` if a bias current
         exceeds one ampere.
-
-        Examples
-        --------
-        >>> warm = Parasitics(bias_current=20e-12, bias_doubling=10.0).hotter(20.0)
-        >>> f"{warm.bias_current:.2g} A"
-        '8e-11 A'
         """
         grown = self.bias_current * 2.0 ** min(kelvins / self.bias_doubling, MOST_DOUBLINGS)
         if grown > LARGEST:
@@ -137,31 +131,6 @@ class Parasitics:
 
 NONE = Parasitics()
 """Parts without parasitics."""
-
-BOARD_PARAMETERS = {
-    "opamp_cin": ("ground", 1e-18),
-    "opamp_ib": ("bias_current", 0.0),
-    "opamp_pole2": ("second_pole", 1e12),
-    "opamp_imax": ("output_current", 1e3),
-}
-"""Parameters of the op amps of ``circuits/models/board``.
-
-Values are the attribute of `Parasitics` and the number that denotes none.
-"""
-
-
-def board_parameters(parts: Parasitics) -> dict[str, float]:
-    """Return the parameters of op amps on a board; empty without parasitics.
-
-    Examples
-    --------
-    >>> board_parameters(Parasitics(bias_current=1e-9))["opamp_pole2"], board_parameters(NONE)
-    (1000000000000.0, {})
-    """
-    given = {name: float(getattr(parts, a)) for name, (a, _) in BOARD_PARAMETERS.items()}
-    there = {name: value for name, value in given.items() if value not in (0.0, math.inf)}
-    ideal = {name: none for name, (_, none) in BOARD_PARAMETERS.items()}
-    return ideal | there if there else {}
 
 
 @checked

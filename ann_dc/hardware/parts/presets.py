@@ -54,11 +54,6 @@ PARAM = re.compile(r"^\.param (\w+)=(\S+)$", re.MULTILINE)
 def names() -> tuple[str, ...]:
     """Return the sorted names of all part sets.
 
-    Returns
-    -------
-    tuple of str
-        Names for `get`.
-
     Examples
     --------
     >>> "tl072_ad633" in names()
@@ -71,20 +66,12 @@ def names() -> tuple[str, ...]:
 def get(name: str) -> Level:
     """Return a macro level with the data of real parts.
 
+    Raises `UnknownNameError` if the name is unknown; the message lists the valid names.
+
     Parameters
     ----------
     name : str
         Name of a part set, see `names`.
-
-    Returns
-    -------
-    Level
-        Macro level with the part data.
-
-    Raises
-    ------
-    UnknownNameError
-        If the name is unknown; the message lists the valid names.
 
     Examples
     --------

@@ -25,10 +25,11 @@ FEED_FORWARD = tuple(
 )
 """Preconditioners that are sums without a loop."""
 
+DIAGONAL = (contract.PreconditionerKind.DIAGONAL,)
 
-@dataclass(frozen=True, kw_only=True)
-class OpAmps:
-    """Op amps with resistors at a virtual ground, and inverters for the opposite sign.
+
+class _Technology:
+    """Properties of a technology, those of op amps by default.
 
     Attributes
     ----------
@@ -36,8 +37,10 @@ class OpAmps:
         True if every signal exists with both signs.
     clocked : bool
         True if the circuit operates in clock periods.
-    resettable : bool
-        True if capacitors and reset switches of the cells may be those of a board.
+    has_resistors : bool
+        True if cells are op amps with resistors, and capacitors and reset switches of a board.
+    op_amp_outputs : int
+        Outputs of an op amp, over which its offset is divided.
     without : tuple of Kind
         Part errors that the cells do not have.
     preconditioners : tuple of PreconditionerKind
@@ -46,7 +49,8 @@ class OpAmps:
 
     differential: ClassVar[bool] = False
     clocked: ClassVar[bool] = False
-    resettable: ClassVar[bool] = True
+    has_resistors: ClassVar[bool] = True
+    op_amp_outputs: ClassVar[int] = 1
     without: ClassVar[tuple[Kind, ...]] = ()
     preconditioners: ClassVar[tuple[contract.PreconditionerKind, ...]] = tuple(
         contract.PreconditionerKind
@@ -54,26 +58,28 @@ class OpAmps:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DifferentialPairs:
+class OpAmps(_Technology):
+    """Op amps with resistors at a virtual ground, and inverters for the opposite sign."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DifferentialPairs(_Technology):
     """Fully differential op amps: two summing nodes and outputs, no inverters.
 
-    Every R and C exists twice. Attributes are those of `OpAmps`; resistive grids are not supported.
+    Every R and C exists twice. Resistive grids are not supported.
     """
 
     differential: ClassVar[bool] = True
-    clocked: ClassVar[bool] = False
-    resettable: ClassVar[bool] = True
-    without: ClassVar[tuple[Kind, ...]] = ()
+    op_amp_outputs: ClassVar[int] = 2
     preconditioners: ClassVar[tuple[contract.PreconditionerKind, ...]] = FEED_FORWARD
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
-class OtaC:
+class OtaC(_Technology):
     """Transconductors into one node per neuron; opposite equal weights use one pair.
 
-    Attributes are those of `OpAmps`. Transconductors have no offset, and no adders that could
-    realise a preconditioner.
+    Transconductors have no offset, and no adders that could realise a preconditioner.
 
     Attributes
     ----------
@@ -84,21 +90,18 @@ class OtaC:
     linear_range: float = 30.0
 
     differential: ClassVar[bool] = True
-    clocked: ClassVar[bool] = False
-    resettable: ClassVar[bool] = False
+    has_resistors: ClassVar[bool] = False
     without: ClassVar[tuple[Kind, ...]] = (Kind.OFFSET,)
-    preconditioners: ClassVar[tuple[contract.PreconditionerKind, ...]] = (
-        contract.PreconditionerKind.DIAGONAL,
-    )
+    preconditioners: ClassVar[tuple[contract.PreconditionerKind, ...]] = DIAGONAL
 
 
 @checked
 @dataclass(frozen=True, kw_only=True)
-class SwitchedCapacitors:
+class SwitchedCapacitors(_Technology):
     """Parasitic-insensitive switched capacitors: forward Euler, one step per period.
 
-    Attributes are those of `OpAmps`; only diagonal preconditioners are supported. Raises
-    `NetworkError` if a number is not positive or the overlap is negative.
+    Only diagonal preconditioners are supported. Raises `NetworkError` if a number is not positive
+    or the overlap is negative.
 
     Attributes
     ----------
@@ -123,11 +126,8 @@ class SwitchedCapacitors:
 
     differential: ClassVar[bool] = True
     clocked: ClassVar[bool] = True
-    resettable: ClassVar[bool] = False
-    without: ClassVar[tuple[Kind, ...]] = ()
-    preconditioners: ClassVar[tuple[contract.PreconditionerKind, ...]] = (
-        contract.PreconditionerKind.DIAGONAL,
-    )
+    has_resistors: ClassVar[bool] = False
+    preconditioners: ClassVar[tuple[contract.PreconditionerKind, ...]] = DIAGONAL
 
     def __post_init__(self) -> None:
         require_positive(
@@ -160,11 +160,6 @@ def paired(
     The common part of two weights of opposite sign goes to one pair, positive source first. The
     remainder of the larger weight is a separate transconductor. The weight of one source is signed;
     that of two sources is not. ``weights`` lists name, source and weight of every wire.
-
-    Examples
-    --------
-    >>> list(paired([("w0", "x", 2.0), ("w1", "y", -2.0), ("w2", "z", 0.5)]))
-    [('w1', ('x', 'y'), 2.0), ('w2', ('z',), 0.5)]
     """
     waiting: list[tuple[str, Node, float]] = []
     for name, node, gm in sorted(weights, key=lambda weight: -abs(weight[2])):

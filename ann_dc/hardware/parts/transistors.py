@@ -79,11 +79,6 @@ def transistor_sheet(area: float) -> Datasheet:
     (``mul4q_transistor_area.cir``). Offsets are those of the gates. The offset of a multiplier is
     that of its op amp. It is also used at the inputs of the multiplier, because mismatch data of
     the bipolar transistors and resistors there are not available.
-
-    Examples
-    --------
-    >>> f"{transistor_sheet(36.0).parasitics.input_capacitance:.3g}"
-    '1.55e-12'
     """
     if not 1.0 <= area <= LARGEST_AREA:
         raise NetworkError(f"area: expected 1 to {LARGEST_AREA:g} times the smallest, got {area!r}")

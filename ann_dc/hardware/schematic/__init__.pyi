@@ -1,4 +1,3 @@
-from .elements import PICell as PICell
-from .pass_through_sums import plain_sums as plain_sums
+from .elements import PICell as PICell, plain_sums as plain_sums
 from .preconditioner_wiring import preconditioner_parts as preconditioner_parts
 from .schematic import schematic_of as schematic_of

@@ -1,13 +1,47 @@
-"""Checks that a model level can build a preconditioner kind and a resistor series."""
+"""Networks that circuits of a model level can realise: preconditioner, limits, shared neurons."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.parts.e_series import Series
+from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.e_series import EXACT, Series
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.hardware.parts.technologies import DifferentialPairs, OpAmps
+from ann_dc.network.network import Network
 from ann_dc.network.preconditioners import base as contract
 from ann_dc.validation import checked
+
+HIGHEST = 1.0
+"""Largest full scale in volts for which limits are built.
+
+The op amp of a clamp rests one diode drop from the clamped node, where the diode must not conduct
+yet.
+"""
+
+
+@checked
+def check_buildable(network: Network, level: Level, series: Series = EXACT) -> None:
+    """Raise `NetworkError` if a level cannot build a network with resistors of a series.
+
+    Limits of neurons need a level of single-ended op amps, ideal or as macro models, with a full
+    scale of at most `HIGHEST`. Only single-ended op amps have lines for shared neurons, and only
+    levels of op amps have resistors.
+    """
+    check_preconditioner(network.preconditioner.kind, level)
+    if series.mantissas and not level.technology.has_resistors:
+        raise NetworkError(
+            f"series {series.name}: {level.name} circuits compute without resistors; take exact"
+        )
+    _check_rails(network, level)
+    names = ", ".join(neuron.name for neuron in network.cell.neurons if neuron.shared)
+    if names and level.technology.differential:
+        raise NetworkError(
+            f"circuit: {names}: a neuron shared by all cells is not built at level {level.name}; "
+            "take behavioural, macro or transistor op amps"
+        )
 
 
 @checked
@@ -15,15 +49,6 @@ def check_preconditioner(kind: contract.PreconditionerKind, level: Level) -> Non
     """Raise `NetworkError` if a level cannot build a preconditioner kind.
 
     The message lists the kinds that it can build.
-
-    Examples
-    --------
-    >>> from ann_dc import levels
-    >>> tree = contract.PreconditionerKind.CYCLIC_REDUCTION
-    >>> check_preconditioner(tree, levels.macro())
-    >>> check_preconditioner(tree, levels.ota_c())  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    ann_dc.errors.NetworkError: preconditioner: ota-c circuits cannot build a cyclic reduction; ...
     """
     if kind not in level.preconditioners:
         known = ", ".join(known.value for known in level.preconditioners)
@@ -33,20 +58,35 @@ def check_preconditioner(kind: contract.PreconditionerKind, level: Level) -> Non
         )
 
 
-@checked
-def check_series(series: Series, level: Level) -> None:
-    """Raise `NetworkError` for resistors of a series at a level without resistors.
-
-    Examples
-    --------
-    >>> from ann_dc import levels
-    >>> from ann_dc.hardware.parts import E96
-    >>> check_series(E96, levels.macro())
-    >>> check_series(E96, levels.ota_c())
-    Traceback (most recent call last):
-    ann_dc.errors.NetworkError: series E96: ota-c circuits compute without resistors; take exact
-    """
-    if series.mantissas and not isinstance(level.technology, (OpAmps, DifferentialPairs)):
+def _check_rails(network: Network, level: Level) -> None:
+    names = ", ".join(limited_neurons(network))
+    if not names:
+        return
+    if level.technology.differential or level.transistors:
         raise NetworkError(
-            f"series {series.name}: {level.name} circuits compute without resistors; take exact"
+            f"circuit: rails of {names} are not built at level {level.name}; take a level of "
+            "single-ended op amps, ideal or macro models: 'behavioural' or 'macro'"
         )
+    if level.full_scale > HIGHEST:
+        fit = [name for name in presets.names() if presets.get(name).full_scale <= HIGHEST]
+        raise NetworkError(
+            f"full_scale: rails of {names} are built up to {HIGHEST:g} V, level {level.name} has "
+            f"{level.full_scale:g} V; take a full scale of {HIGHEST:g} V (ann-dc circuit "
+            f"--full-scale {HIGHEST:g}), or parts that have it: macro, {', '.join(fit)}"
+        )
+
+
+@checked
+def with_rails(network: Network, level: Level) -> Level:
+    """Return the level with a full scale of at most `HIGHEST` if neurons have limits."""
+    fits = level.full_scale <= HIGHEST or not limited_neurons(network)
+    return level if fits else replace(level, full_scale=HIGHEST)
+
+
+def limited_neurons(network: Network) -> list[str]:
+    """Return the neurons that have a saturation limit."""
+    return [
+        neuron.name
+        for neuron in network.cell.neurons
+        if np.isfinite([neuron.limiter.low, neuron.limiter.high]).any()
+    ]

@@ -1,4 +1,9 @@
-"""Elements of a schematic: parts of one cell without voltages or resistances."""
+"""Elements of a schematic: parts of one cell without voltages or resistances.
+
+A sum of one node of its cell with a positive weight needs no part: it is the voltage of that node
+on another scale. Multipliers and function generators, whose inputs draw no current, read that
+voltage directly. A sum with a resistor as a reader needs an amplifier.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ann_dc.network.cell import Limiter
+from ann_dc.network.cell import ONE, Block, Cell, Connection, Function, Limiter, Product, Sum
 
 UNLIMITED = Limiter()
 """Limiter of integrators without limits."""
@@ -14,15 +19,10 @@ UNLIMITED = Limiter()
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wire:
-    """Weighted connection: weight times source.
+    """Weighted connection: weight (N,) times source.
 
-    Attributes
-    ----------
-    source : str
-        Name of a node.
-    offset : int
-        Cell of the source relative to that of the wire: -1, 0 or 1 for wires of the problem, any
-        number of cells for those of a preconditioner.
+    ``offset`` is the cell of the source relative to that of the wire: -1, 0 or 1 for wires of the
+    problem, any number of cells for those of a preconditioner.
     """
 
     source: str
@@ -34,18 +34,11 @@ class Wire:
 class Integrator:
     """Integrator x' = rate * sum of wires.
 
-    Attributes
-    ----------
-    name : str
-        Name of the neuron; ``own.<neuron>`` for the separate integrator of a neuron that a
-        preconditioner reaches.
-    rate : (N,) array
-        Rate in units of 1 / network time; zero for fixed or omitted cells.
-    limiter : Limiter
-        Saturation limits in network units; the output stops there and leaves without delay.
-    shared : bool
-        True if the integrator exists once, in the last cell, and receives from all cells. The
-        weight of a wire at a stage is that of the sending cell.
+    The name is that of the neuron, or ``own.<neuron>`` for the separate integrator of a neuron that
+    a preconditioner reaches. ``rate`` (N,) is in units of 1 / network time; zero for fixed or
+    omitted cells. At the limits, in network units, the output stops, and leaves without delay. A
+    ``shared`` integrator exists once, in the last cell, and receives from all cells. The weight of
+    a wire at a stage is that of the sending cell.
     """
 
     name: str
@@ -76,20 +69,8 @@ class PICell:
 
     A rectifying multiplier neuron has m = max(0, mu + rho c), and mu leaks while m is zero, mu' =
     -rate mu / rho. That of a compliant constraint has a wire from its output, -d m: a resistor
-    across the entire feedback.
-
-    Attributes
-    ----------
-    name : str
-        Name of m.
-    dual : str
-        Name of mu; if mu is omitted, so is m.
-    wires : tuple of Wire
-        Terms of c.
-    rate : (N,) array
-        Rate in units of 1 / network time; zero for omitted cells.
-    rectified : bool
-        True for a rectifying multiplier neuron.
+    across the entire feedback. The name is that of m, ``dual`` that of mu; if mu is omitted, so is
+    m. ``rate`` (N,) is in units of 1 / network time; zero for omitted cells.
     """
 
     name: str
@@ -118,13 +99,7 @@ class PICell:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Adder:
-    """Adder y = sum of wires.
-
-    Attributes
-    ----------
-    present : (N,) array of bool, optional
-        True for the cells that have the adder; all cells by default.
-    """
+    """Adder y = sum of wires, in the cells ``present`` (N,); all cells by default."""
 
     name: str
     wires: tuple[Wire, ...]
@@ -133,13 +108,7 @@ class Adder:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Multiplier:
-    """Multiplier y = a b with differential inputs.
-
-    Attributes
-    ----------
-    a, b : str
-        Names of the factors.
-    """
+    """Multiplier y = a b with differential inputs."""
 
     name: str
     a: str
@@ -148,15 +117,7 @@ class Multiplier:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Generator:
-    """Function generator y = g(x).
-
-    Attributes
-    ----------
-    function : str
-        Name of a function block g.
-    x : str
-        Name of the argument.
-    """
+    """Function generator y = g(x), with g the name of a function block."""
 
     name: str
     function: str
@@ -168,17 +129,9 @@ class GridNode:
     """Pair of grid nodes v and -v with a follower: lag v' = sum of wires - v.
 
     Every resistor occurs twice: between nodes of equal sign for a positive weight, and crosswise
-    for a negative weight. The network therefore needs no inverter.
-
-    Attributes
-    ----------
-    name : str
-        Name of the neuron that the follower carries.
-    wires : tuple of Wire
-        Wires from the integrators and from other nodes of the network, by the names of their
-        neurons.
-    present : (N,) array of bool
-        True for the cells that have the node.
+    for a negative weight. The network therefore needs no inverter. The follower carries the neuron
+    of that name. Wires come from the integrators and from other nodes of the network, by the names
+    of their neurons.
     """
 
     name: str
@@ -189,3 +142,46 @@ class GridNode:
 Part = Integrator | PICell | Adder | GridNode | Multiplier | Generator
 Amplifier = Integrator | PICell | Adder
 """Parts with wires into a virtual ground."""
+
+
+def connections_by_target(cell: Cell) -> dict[str, list[Connection]]:
+    """Return the incoming connections of every node that has some."""
+    arriving: dict[str, list[Connection]] = {}
+    for connection in cell.connections:
+        arriving.setdefault(connection.target, []).append(connection)
+    return arriving
+
+
+def arguments(block: Block) -> tuple[str, ...]:
+    """Return the nodes that a product or a function reads; none for a sum."""
+    if isinstance(block, Product):
+        return block.a, block.b
+    return (block.x,) if isinstance(block, Function) else ()
+
+
+def plain_sums(cell: Cell) -> dict[str, Wire]:
+    """Return the sums of a cell without a part, each with the wire from its carrier.
+
+    The order is that of the blocks. Weights are scalars, and no source is such a sum.
+
+    Examples
+    --------
+    >>> from ann_dc.network import Neuron
+    >>> wires = (Connection(source="x", target="twice", weight=2.0),)
+    >>> blocks = (Sum(name="twice"), Function(name="sine", function="sin", x="twice"))
+    >>> found = plain_sums(Cell(neurons=(Neuron(name="x"),), blocks=blocks, connections=wires))
+    >>> found["twice"].source, float(found["twice"].weight)
+    ('x', 2.0)
+    """
+    arriving = connections_by_target(cell)
+    without_current = {node for block in cell.blocks for node in arguments(block)}
+    read = without_current - {connection.source for connection in cell.connections}
+    plain: dict[str, Wire] = {}
+    for block in cell.blocks:
+        wires = arriving.get(block.name, [])
+        if isinstance(block, Sum) and block.name in read and len(wires) == 1:
+            (wire,) = wires
+            weight = np.asarray(wire.weight, float)
+            if wire.template == 0 and wire.source != ONE and weight.ndim == 0 and weight > 0:
+                plain[block.name] = Wire(source=wire.source, offset=0, weight=weight)
+    return plain

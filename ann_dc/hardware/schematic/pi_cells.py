@@ -14,8 +14,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.schematic.elements import PICell, Wire
-from ann_dc.network.cell import Function, Product
+from ann_dc.hardware.schematic.elements import PICell, Wire, arguments
 from ann_dc.network.duals import InequalityDual, ObjectiveDual, PIDual
 from ann_dc.network.network import Network
 
@@ -68,10 +67,7 @@ def _readers(network: Network, wires: Wires) -> Counter[str]:
     """Return the number of readers of every node."""
     readers: Counter[str] = Counter(w.source for found in wires.values() for w in found)
     for block in network.cell.blocks:
-        if isinstance(block, Product):
-            readers.update((block.a, block.b))
-        elif isinstance(block, Function):
-            readers.update((block.x,))
+        readers.update(arguments(block))
     return readers
 
 

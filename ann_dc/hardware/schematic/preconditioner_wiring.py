@@ -61,16 +61,10 @@ SMALLEST = 1e-9
 class PreconditionerWiring:
     """Nodes of a preconditioner, integrators first, and the wires between them.
 
-    Attributes
-    ----------
-    nodes : tuple of (name, stage)
-        ``own.<neuron>`` for the integrators; the neurons come last.
-    weights : (nodes, nodes) sparse array
-        W: weight into a node (row) from another node (column).
-    constants : (nodes,) array
-        c: weight into a node from the constant one.
-    passive : bool
-        True if the neurons are nodes of a resistor network, which settles by itself.
+    Nodes are (name, stage): ``own.<neuron>`` for the integrators; the neurons come last. The sparse
+    ``weights`` W (nodes, nodes) lead into a node (row) from another node (column), and
+    ``constants`` c (nodes,) from the constant one. If ``passive``, the neurons are nodes of a
+    resistor network, which settles by itself.
     """
 
     nodes: tuple[Node, ...]
@@ -315,7 +309,8 @@ def preconditioner_values(network: Network, states: np.ndarray) -> dict[str, np.
     wiring = wiring_of(network)
     if wiring is None:
         return {}
-    places = [(network.neuron_index[name], stage) for name, stage in _neurons(wiring)]
+    neurons = [wiring.nodes[i] for i in wiring.moved]  # in the order of their integrators
+    places = [(network.neuron_index[name], stage) for name, stage in neurons]
     component = network.state_index[tuple(np.transpose(places))]
     preconditioner = evaluator(network).preconditioner[component][:, component].toarray()
     moved = np.asarray(states, float)[:, component].T - wiring.start[:, None]
@@ -326,8 +321,3 @@ def preconditioner_values(network: Network, states: np.ndarray) -> dict[str, np.
             shape = len(states), network.stages
             found.setdefault(name, np.zeros(shape))[:, stage] = value
     return found
-
-
-def _neurons(wiring: PreconditionerWiring) -> list[tuple[str, int]]:
-    """Return neurons (name, stage) in the order of their integrators."""
-    return [wiring.nodes[i] for i in wiring.moved]

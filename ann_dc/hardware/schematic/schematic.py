@@ -11,32 +11,33 @@ the network's node list in three respects:
   every reached neuron integrates its net input, D' = d. The neuron z, z' = M d, is the weighted sum
   z = M D. The sum has as many layers of adders as the preconditioner kind
   (`preconditioner_wiring`).
-- Integrators and summing amplifiers invert. Each node has a polarity, chosen so that few sources
-  are needed with both signs; an inverter makes the other sign. Multipliers have differential
-  inputs, so products have no sign constraint.
+- Integrators and summing amplifiers invert. A source of polarity :math:`\sigma` and weight w
+  reaches a part at polarity p with the right sign if :math:`p\,\sigma\,w < 0`; an inverter makes
+  the other sign. Polarities are chosen so that few inverters are needed. Multipliers have
+  differential inputs, so products have no sign constraint, and a differential circuit has both
+  signs of every node. A rectifying multiplier neuron has the sign of its diodes, which is not
+  changed.
 
 A sum that only multiplies a node is not a part (`plain_sums`). Nodes shared by all cells are placed
-in the last cell, on lines along the cell array (`shared`).
-
-Polarity of every node's output, chosen so that few inverters are needed.
-
-Integrators and summing amplifiers invert. A source of weight w reaches a part at polarity p with
-the right sign if the source polarity :math:`\sigma` satisfies :math:`p\,\sigma\,w < 0`. A source
-gets an inverter if a reader needs the other sign. Multipliers have differential inputs, so products
-have no sign constraint, and a differential circuit has both signs of every node. A rectifying
-multiplier neuron has the sign of its diodes, which is not changed.
+in the last cell. On one line along the cell array the currents of all cells add up at the virtual
+ground of the shared integrator; another carries its output, which every cell reads. Blocks that
+depend only on shared neurons, for an objective z + r (J - E) and its rectifier, are placed there
+once, each with a line.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
+from ann_dc.errors import NetworkError
+from ann_dc.hardware.schematic.buildable import limited_neurons
 from ann_dc.hardware.schematic.elements import (
     Adder,
+    Amplifier,
     Generator,
     GridNode,
     Integrator,
@@ -44,14 +45,15 @@ from ann_dc.hardware.schematic.elements import (
     Part,
     PICell,
     Wire,
+    arguments,
+    connections_by_target,
+    plain_sums,
 )
-from ann_dc.hardware.schematic.pass_through_sums import plain_sums
 from ann_dc.hardware.schematic.pi_cells import Wires, fused_cells, rates_of, wires_of
 from ann_dc.hardware.schematic.preconditioner_wiring import OWN, preconditioner_parts, wiring_of
-from ann_dc.hardware.schematic.saturation import check_parts
-from ann_dc.hardware.schematic.shared import shared_nodes
-from ann_dc.network.cell import Product, Sum
+from ann_dc.network.cell import ONE, Product, Sum
 from ann_dc.network.network import Network
+from ann_dc.network.selection import clamped_rows
 
 
 def polarities(parts: Sequence[Part]) -> dict[str, int]:
@@ -92,7 +94,7 @@ class _Readings:
         found = {
             (place[wire.source], place[part.name], sign)
             for part in parts
-            if isinstance(part, (Integrator, PICell, Adder))
+            if isinstance(part, Amplifier)
             for wire in part.wires
             if wire.source in place  # an input comes with both signs
             for sign in np.unique(np.sign(wire.weight)).astype(int).tolist()
@@ -119,18 +121,10 @@ class _Readings:
 class Schematic:
     """Parts of a cell that occurs N times.
 
-    Attributes
-    ----------
-    network : Network
-        Source of the schematic.
-    parts : tuple of Part
-        Parts of one cell. All cells have equal parts, except for the ends and preconditioner nodes.
-    polarity : dict of node name to +1 or -1
-        Sign of a part's output relative to its node. Inputs come with both signs.
-    differential : bool
-        True if every output exists with both signs, so no inverter is needed.
-    plain : mapping of node name to Wire
-        Sums without a part, and the nodes whose voltages carry them.
+    All cells have equal parts, except for the ends and preconditioner nodes. The polarity (+1 or
+    -1) is the sign of a part's output relative to its node; inputs come with both signs. In a
+    differential schematic every output exists with both signs, so no inverter is needed. ``plain``
+    maps sums without a part to wires from the nodes whose voltages carry them.
     """
 
     network: Network
@@ -156,7 +150,7 @@ class Schematic:
     @cached_property
     def shared(self) -> frozenset[str]:
         """Nodes that exist only in the last cell and are read by all cells."""
-        return shared_nodes(self.network)
+        return _shared_nodes(self.network)
 
     @cached_property
     def pins(self) -> dict[tuple[str, int], str]:
@@ -164,14 +158,19 @@ class Schematic:
         return {(pin.neuron, pin.stage): pin.input for pin in self.network.fixed}
 
     @cached_property
-    def railed(self) -> bool:
-        """True if an integrator has saturation limits, realised by clamps."""
-        return any(isinstance(part, Integrator) and part.railed for part in self.parts)
+    def limited(self) -> tuple[Integrator, ...]:
+        """Integrators with saturation limits, realised by clamps."""
+        return tuple(p for p in self.parts if isinstance(p, Integrator) and p.railed)
+
+    @cached_property
+    def rectified(self) -> tuple[PICell, ...]:
+        """Rectifying multiplier neurons, whose outputs are not driven while inactive."""
+        return tuple(p for p in self.parts if isinstance(p, PICell) and p.rectified)
 
     @cached_property
     def diode_neurons(self) -> frozenset[str]:
-        """Rectifying multiplier neurons, whose outputs are not driven while inactive."""
-        return frozenset(p.name for p in self.parts if isinstance(p, PICell) and p.rectified)
+        """Names of the rectifying multiplier neurons."""
+        return frozenset(part.name for part in self.rectified)
 
     @cached_property
     def inverted(self) -> set[str]:
@@ -230,22 +229,12 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
     """Read a network as parts.
 
     Outputs have both signs if ``differential`` is true. Raises `NetworkError` if a neuron has
-    limits that its part cannot realise, see `check_parts`: only separate integrators have limits,
+    limits that its part cannot realise, because only separate integrators have limits,
     and none in a differential circuit.
-
-    Examples
-    --------
-    Constraints become PI cells, states and controls integrators:
-
-    >>> from ann_dc import plants, synthesize
-    >>> from ann_dc.hardware.schematic import PICell
-    >>> schematic = schematic_of(synthesize(plants.double_integrator(N=5)))
-    >>> schematic.count(PICell), schematic.count(Integrator), schematic.count(Multiplier)
-    (20, 25, 0)
     """
     wires = wires_of(network)
     cells, inside = fused_cells(network, wires, differential=differential)
-    check_parts(network, inside, differential=differential)
+    _check_limits(network, inside, differential=differential)
     wiring, plain = wiring_of(network), plain_sums(network.cell)
     parts = (
         *cells,
@@ -261,6 +250,42 @@ def schematic_of(network: Network, *, differential: bool = False) -> Schematic:
         differential=differential,
         plain=plain,
     )
+
+
+def _check_limits(network: Network, fused: Container[str], *, differential: bool) -> None:
+    """Raise `NetworkError` if a neuron has limits that its part cannot realise.
+
+    Only a separate integrator has limits. A neuron merged with other nodes (``fused``), any neuron
+    of a differential circuit, and a neuron that the preconditioner couples to others have none. The
+    message names the neurons.
+    """
+    coupled = [network.cell.neurons[row].name for row in clamped_rows(network)]
+    names = [n for n in limited_neurons(network) if differential or n in coupled or n in fused]
+    if names:
+        why = "only an integrator of its own has some, no dual"
+        if differential:
+            why = "differential parts have none"
+        elif coupled:
+            kind = network.preconditioner.kind.value
+            why = (
+                f"a clamp holds one integrator, and the {kind} couples "
+                f"{', '.join(coupled)} to others; take the circuit of SpiceBackend.prepare, whose "
+                "network has rows in the place of such rails"
+            )
+        raise NetworkError(f"circuit: rails of {', '.join(names)} cannot be built: {why}")
+
+
+def _shared_nodes(network: Network) -> frozenset[str]:
+    """Return the nodes that exist once: shared neurons and blocks of shared nodes."""
+    arriving = connections_by_target(network.cell)
+    found = {neuron.name for neuron in network.cell.neurons if neuron.shared}
+    for block in network.cell.blocks if found else ():
+        wires = arriving.get(block.name, [])
+        same = all(np.ptp(np.asarray(wire.weight, float)) == 0 for wire in wires)
+        read = set(arguments(block)) or {wire.source for wire in wires}
+        if same and read & found and read <= found | {ONE}:
+            found.add(block.name)
+    return frozenset(found)
 
 
 def _integrators(network: Network, wires: Wires, inside: set[str]) -> Iterator[Integrator]:

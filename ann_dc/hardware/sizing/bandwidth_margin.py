@@ -1,4 +1,18 @@
-"""Bandwidth margins of stable circuits, from the eigenvalues of their emulations.
+r"""Selection of the smallest resistor and the bandwidth margin of a circuit.
+
+Capacitances and currents determine both. Resistors are chosen first, see `resistors`. The margin
+then compensates for capacitors that are still too small and for clamps that could not hold their
+limits, at the expense of speed. If the emulation is unstable at a margin `SPARE` times smaller, the
+margin is increased until the emulation is stable.
+
+The clamp of a saturated neuron carries the current that would move the neuron. This current flows
+through a resistor of 50 / (2 pi GBW C), the output resistance r of the clamp's op amp and a diode.
+The op amp has to supply the voltage drop
+
+.. math:: \Big(\frac{50}{2 \pi\, GBW} + r C\Big) \Big|\frac{dv}{dt}\Big| + 0.6\,V ,
+
+where dv/dt is the suppressed slope. With a margin k all slopes are 1 / k as steep and capacitors k
+times as large. A neuron that is pushed harder against its limit therefore needs a slower circuit.
 
 For a resistive grid with rectifying multiplier neurons the eigenvalues are not sufficient. While a
 constraint is inactive, the op amp of its multiplier neuron still moves and passes a fraction of the
@@ -6,15 +20,6 @@ constraint rate, smaller for faster op amps. The nodes of a grid divide by lambd
 eigenvalue of their stiffness relative to its diagonal, so Omega lambda has to be at least
 `FOLLOWING`. In ngspice with macro models, long waves of the lander (N = 50, lambda = 2.8e-4) grow
 at 0.022 and settle as predicted at 0.09.
-
-Stability advice for a circuit that rings: a larger margin or smaller resistors.
-
-Selection of the smallest resistor and the bandwidth margin of a circuit.
-
-Capacitances and currents determine both. Resistors are chosen first, see `resistors`. The margin
-then compensates for capacitors that are still too small and for clamps that could not hold their
-limits, at the expense of speed. If the emulation is unstable at a margin `SPARE` times smaller, the
-margin is increased until the emulation is stable.
 """
 
 from __future__ import annotations
@@ -28,20 +33,81 @@ from scipy import sparse
 
 from ann_dc.analysis.spectra import spectrum
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
+from ann_dc.evaluation.reference import evaluator
+from ann_dc.hardware.circuit.circuit import CLAMP_DROP, CLAMP_LAG, Circuit, circuit_of
 from ann_dc.hardware.circuit.loads import heaviest
 from ann_dc.hardware.circuit.scaling import Scaling
 from ann_dc.hardware.emulation.building import emulate
-from ann_dc.hardware.emulation.clamps import FAST
+from ann_dc.hardware.emulation.clamps import has_second_pole
 from ann_dc.hardware.emulation.states import pole_spectrum
+from ann_dc.hardware.parts.board_models import op_amp_rails
 from ann_dc.hardware.parts.datasheet import SMALLEST_RESISTOR
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.preconditioner_wiring import wiring_of
 from ann_dc.hardware.schematic.schematic import Schematic
-from ann_dc.hardware.sizing.clamps import check_clamps, holding_margin
 from ann_dc.hardware.sizing.resistors import SHARE, fitting_resistor, two_digits
+from ann_dc.network.cell import Limiter
+from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 from ann_dc.validation import State, checked
+
+GIVEN = 0.7
+"""Largest used fraction of the output swing of a clamp's op amp; its gain drops beyond."""
+
+
+@checked
+def holding_margin(circuit: Circuit, level: Level, x: State) -> float:
+    """Return the smallest margin with which clamps hold at the ideal settled state.
+
+    The state ``x`` (n,) is the settled point of the ideal network. The circuit may have any margin;
+    its resistors are not changed. The result is zero if no neuron is saturated, and infinite if no
+    margin is sufficient.
+    """
+    sheet, scaling = level.datasheet, circuit.scaling
+    limited = circuit.schematic.limited
+    if not (limited and level.emulated):
+        return 0.0
+    network, rails = circuit.schematic.network, op_amp_rails(sheet, level.full_scale)
+    drives, least = evaluator(_unlimited(network)).drives(x), 0.0
+    values = network.unpack(x)
+    for part in limited:
+        row, built = network.neuron_index[part.name], circuit.limiter(part)
+        held = (values[row] <= built.low) | (values[row] >= built.high)
+        slope = scaling.volts(part.name, np.abs(drives[row] / part.tau)) / scaling.time
+        slope = float(slope[held & part.present].max(initial=0.0))
+        farads = float(circuit.capacitors[part.name][part.present].max(initial=0.0))
+        left = GIVEN * rails - CLAMP_DROP - sheet.rout * farads * slope
+        across = CLAMP_LAG / (2 * math.pi * sheet.gbw) * slope
+        if slope:
+            least = max(least, scaling.margin * across / left if left > 0 else math.inf)
+    return least
+
+
+@checked
+def check_clamps(circuit: Circuit, level: Level, x: State) -> None:
+    """Raise `NetworkError` if the clamps would not hold at the settled state ``x``.
+
+    The state (n,) is that of the ideal network. The message names a sufficient margin.
+    """
+    least, margin = holding_margin(circuit, level, x), circuit.scaling.margin
+    if least > margin * (1 + 1e-6):
+        cure = (
+            f"take a margin of {-two_digits(-least):.3g} or more (ann-dc circuit --margin)"
+            if math.isfinite(least)
+            else "take parts with more"
+        )
+        rails = op_amp_rails(level.datasheet, level.full_scale)
+        raise NetworkError(
+            f"margin: {margin:.3g} is too small: neurons are pressed against their bounds harder "
+            f"than the op amps of clamps, with rails of {rails:.3g} V, can hold; {cure}"
+        )
+
+
+def _unlimited(network: Network) -> Network:
+    """Return the network without limits, for the net inputs of saturated neurons."""
+    neurons = tuple(replace(n, limiter=Limiter()) for n in network.cell.neurons)
+    return replace(network, cell=replace(network.cell, neurons=neurons))
+
 
 HIGHEST = 1e4
 """Largest margin that is considered."""
@@ -262,17 +328,9 @@ def _up(margin: float) -> str:
 class Sizing:
     """Input of the sizing.
 
-    Attributes
-    ----------
-    scaling : Scaling
-        Scaling for any margin.
-    x : (n,) array
-        State vector of the ideal network at its settled point.
-    margin : float or None
-        Prescribed bandwidth margin. If None, the margin is chosen and that of the scaling is the
-        minimum.
-    lag : float
-        Lag of the nodes of a resistive grid, in units of network time.
+    The scaling may have any margin, and ``x`` (n,) is the settled state of the ideal network. If
+    the bandwidth ``margin`` is None, it is chosen and that of the scaling is the minimum. ``lag``
+    is that of the nodes of a resistive grid, in units of network time.
     """
 
     schematic: Schematic
@@ -311,11 +369,7 @@ def sized_circuit(sizing: Sizing, *, progress: Progress = silent) -> Circuit:
 def _matters(level: Level) -> bool:
     parts = level.datasheet.parasitics
     asked = level.smallest_capacitor or parts.ground or math.isfinite(parts.output_current)
-    return bool(asked) or _second_pole(level)
-
-
-def _second_pole(level: Level) -> bool:
-    return level.datasheet.parasitics.second_pole < FAST * level.datasheet.gbw
+    return bool(asked) or has_second_pole(level.datasheet)
 
 
 def _built(sizing: Sizing, ohms: float) -> Circuit:
@@ -337,7 +391,7 @@ def _with_margin(circuit: Circuit, sizing: Sizing, progress: Progress) -> Circui
     wanted = max(wanted, following_margin(circuit, level))
     if level.smallest_resistor is None and level.smallest_capacitor:
         wanted = max(wanted, begun * level.smallest_capacitor / circuit.ranges[1][0])
-    rings = level.datasheet.parasitics.ground or _second_pole(level)
+    rings = level.datasheet.parasitics.ground or has_second_pole(level.datasheet)
     if level.emulated and rings:
         wanted = max(wanted, _spared(circuit, sizing, wanted, progress))
     if math.isinf(wanted):

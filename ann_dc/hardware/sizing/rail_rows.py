@@ -24,7 +24,7 @@ from dataclasses import replace
 import numpy as np
 
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.hardware.circuit.scaling import Scaling
+from ann_dc.hardware.circuit.scaling import Scaling, responses
 from ann_dc.hardware.schematic.elements import Integrator, PICell
 from ann_dc.hardware.schematic.preconditioner_wiring import OWN
 from ann_dc.hardware.schematic.schematic import Schematic
@@ -58,28 +58,13 @@ def with_rail_rows(network: Network, scaling: Scaling, rate: float) -> Network:
     the network in units of 1 / network time. Limits beyond full scale are omitted, as for other
     neurons. The result starts with the currents of the projection at the start of the given
     network.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from ann_dc.hardware.circuit import ProbeRun, scale
-    >>> from ann_dc.network import Cell, Network
-    >>> from ann_dc.network.preconditioners import ResistiveGrid
-    >>> held = Neuron(name="x", role=Role.PRIMAL, limiter=Limiter(high=0.5))
-    >>> ties = ResistiveGrid(own=np.full((2, 1, 1), 1.0), following=np.full((1, 1, 1), -0.5))
-    >>> pushed = Cell(neurons=(held,), connections=(wire(ONE, "x"), wire("x", "x", -1.0)))
-    >>> row = Network(stages=2, cell=pushed, preconditioner=ties)
-    >>> probe = ProbeRun(states=np.array([[0.0] * 2, [0.5] * 2]), times=np.arange(2.0), radius=1.0)
-    >>> found = with_rail_rows(row, scale(row, probe), 1.0)
-    >>> [diode.multiplier for diode in found.cell.inequality_duals], len(clamped_rows(found))
-    (['zeta_high.x'], 0)
     """
     coupled = {network.cell.neurons[row].name: row for row in clamped_rows(network)}
     neurons = [
         replace(n, limiter=Limiter()) if n.name in coupled else n for n in network.cell.neurons
     ]
     free = replace(network, cell=replace(network.cell, neurons=tuple(neurons)))
-    response, pushed = _response(network), _currents(network, free)
+    response, pushed = responses(network), _currents(network, free)
     at = network.unpack(network.start_state)
     cell, start, absent = free.cell, dict(network.start), list(network.omitted)
     for name, row in coupled.items():
@@ -106,13 +91,6 @@ def _diode(place: str) -> InequalityDual:
     return InequalityDual(
         neuron=f"z_{place}", residual=f"g_{place}", sum=f"s_{place}", multiplier=f"zeta_{place}"
     )
-
-
-def _response(network: Network) -> np.ndarray:
-    """Return M_ii of all neurons (P, N)."""
-    response = np.zeros(network.live.shape)
-    response[tuple(network.places.T)] = evaluator(network).preconditioner.diagonal()
-    return response
 
 
 def _currents(network: Network, free: Network) -> np.ndarray:
@@ -165,21 +143,8 @@ def intervals_of_inputs(
     the amplifier. With these intervals that signal is at most `GAIN` for a PI cell and `INTO` for a
     separate integrator. Op amps are sized for ``rate`` in units of 1 / network time, and
     ``headroom`` is the ratio of full scale to the ends of an interval. The result is an argument of
-    `ScalingRules` and contains only intervals that are wider than the probe run requires.
-
-    Examples
-    --------
-    PI cells of a large penalty have large gains and get larger units:
-
-    >>> from ann_dc import plants, synthesize
-    >>> from ann_dc.hardware.circuit import ProbeRun, scale
-    >>> from ann_dc.hardware.schematic import schematic_of
-    >>> network = synthesize(plants.double_integrator(N=5), rho=20.0)
-    >>> states = network.start_state[None].repeat(2, axis=0)
-    >>> scaling = scale(network, ProbeRun(states=states, times=np.arange(2.0), radius=1.0))
-    >>> found = intervals_of_inputs(schematic_of(network), scaling, 1.0, 1.2)
-    >>> sorted(found)
-    ['b.v', 'b.x', 'm.v', 'm.x']
+    `ScalingRules` and contains only intervals that are wider than the probe run requires. PI cells
+    of a large penalty have large gains and get larger units.
     """
     units, found = dict(scaling.unit), dict[str, tuple[float, float]]()
     for part in sorted(schematic.parts, key=lambda part: isinstance(part, Integrator)):

@@ -23,8 +23,8 @@ from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.circuit.loads import heaviest
 from ann_dc.hardware.circuit.scaling import MARGIN
 from ann_dc.hardware.parts import presets
+from ann_dc.hardware.parts.board_models import OP_AMPS
 from ann_dc.hardware.parts.levels import macro
-from ann_dc.hardware.parts.parasitics import BOARD_PARAMETERS
 from ann_dc.hardware.sizing.bandwidth_margin import check_currents, is_stable
 from ann_dc.hardware.sizing.resistors import SHARE
 from ann_dc.network.network import Network
@@ -171,7 +171,7 @@ def test_parasitics_are_in_the_netlist_where_there_are_some_and_nowhere_else(dif
     op_amp = "opamp_fd" if differential else "opamp"
     bare = deck_of(circuit, plain, duration=1.0)
     assert f"models/macro/{op_amp}.lib" in bare.library
-    assert not [name for name in BOARD_PARAMETERS if name in bare.text]
+    assert not [name for name in OP_AMPS if name in bare.text]
     given = {"input_capacitance": 2e-12, "stray_capacitance": 1e-12}
     board = deck_of(circuit, with_parasitics(plain, **given), duration=1.0)
     assert f"models/board/{op_amp}.lib" in board.library

@@ -9,8 +9,7 @@ from ann_dc.backends.spice.backend import SpiceBackend
 from ann_dc.errors import NetworkError
 from ann_dc.gain_design.gain_rule import DIAGONAL_RULE
 from ann_dc.gain_design.procedure import design
-from ann_dc.hardware.circuit.aliases import RESERVED, aliases
-from ann_dc.hardware.circuit.circuit import Quantity
+from ann_dc.hardware.circuit.circuit import RESERVED, Quantity, aliases
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.levels import macro
 from ann_dc.network.cell import Cell, Connection, Neuron

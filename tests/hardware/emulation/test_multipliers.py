@@ -17,13 +17,11 @@ from ann_dc.evaluation.reference import evaluator
 from ann_dc.fidelity.prediction import predict
 from ann_dc.gain_design.procedure import design
 from ann_dc.hardware.circuit.circuit import Circuit, circuit_of
-from ann_dc.hardware.circuit.generators import built_range, slopes_of
 from ann_dc.hardware.circuit.loads import loads_of
-from ann_dc.hardware.circuit.scaling import ProbeRun, scale
+from ann_dc.hardware.circuit.scaling import ProbeRun, built_range, scale, slopes_of
 from ann_dc.hardware.emulation.building import emulate
 from ann_dc.hardware.parts.datasheet import Datasheet
-from ann_dc.hardware.parts.generator_cascade import cascade_of
-from ann_dc.hardware.parts.generator_curves import FittedQuotient, Polynomial
+from ann_dc.hardware.parts.generator_curves import FittedQuotient, Polynomial, cascade_of
 from ann_dc.hardware.parts.levels import TRANSISTOR, Level, macro
 from ann_dc.hardware.parts.parasitics import MultiplierLaw, Parasitics
 from ann_dc.hardware.schematic.elements import Generator

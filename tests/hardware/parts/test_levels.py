@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import NetworkError
+from ann_dc.hardware.parts.board_models import model_parameters
 from ann_dc.hardware.parts.conditions import Conditions
 from ann_dc.hardware.parts.datasheet import TYPICAL, Datasheet, Kind, Tolerances
 from ann_dc.hardware.parts.levels import (
@@ -16,7 +17,7 @@ from ann_dc.hardware.parts.levels import (
     switched_capacitor,
     transistor,
 )
-from ann_dc.hardware.parts.parasitics import Parasitics, board_parameters
+from ann_dc.hardware.parts.parasitics import Parasitics
 
 
 @pytest.mark.parametrize(
@@ -53,7 +54,7 @@ def test_every_parasitic_of_op_amps_is_a_parameter_of_their_models(parameter):
     level = macro(Datasheet(parasitics=parts))
     assert parameter in level.parameters
     assert level.parameters[parameter] == pytest.approx(3e-12)
-    others = board_parameters(Parasitics(bias_current=1e-30))
+    others = model_parameters(Parasitics(bias_current=1e-30), "macro")
     for name in others.keys() - {parameter, "opamp_ib"}:
         assert level.parameters[name] == others[name]
 

@@ -11,11 +11,16 @@ from ann_dc.errors import NetworkError
 from ann_dc.fidelity.circuit_instance import CircuitInstance
 from ann_dc.fidelity.error_budget import sensitivity
 from ann_dc.hardware.circuit.circuit import Quantity
-from ann_dc.hardware.emulation.noise_currents import Noise, Place, draw_noise, noise_sources
-from ann_dc.hardware.emulation.noise_inputs import noisy_network
+from ann_dc.hardware.emulation.noise_currents import (
+    Noise,
+    Place,
+    draw_noise,
+    noise_sources,
+    noisy_network,
+)
 from ann_dc.hardware.emulation.states import emulated_state
+from ann_dc.hardware.schematic.buildable import check_buildable
 from ann_dc.hardware.schematic.elements import Adder, Generator, Integrator
-from ann_dc.hardware.schematic.shared import check_shared, shared_nodes
 from ann_dc.network.cell import Cell, Connection, Function, Neuron, Sum
 from ann_dc.network.network import Network
 
@@ -77,9 +82,9 @@ def test_a_row_of_op_amps_settles_where_its_network_does(drive):
 
 def test_what_is_shared_stands_once():
     network = row([1.0, 2.0, 0.5, 0.7])
-    assert shared_nodes(network) == {"y", "half", "bent"}
     circuit, _ = SpiceBackend(level=LEVEL).prepare(network)
     schematic = circuit.schematic
+    assert schematic.shared == {"y", "half", "bent"}
     found = schematic.count(Integrator), schematic.count(Adder), schematic.count(Generator)
     assert found == (4 + 1, 1, 1)
     present = {p.name: p.present.tolist() for p in circuit.parameters if p.part == "y"}
@@ -174,6 +179,6 @@ def test_a_current_into_its_line_moves_it():
 )
 def test_levels_without_such_lines_refuse_by_name(level):
     with pytest.raises(NetworkError, match=f"y: a neuron shared .* level {level.name}"):
-        check_shared(row([1.0, 2.0]), level)
+        check_buildable(row([1.0, 2.0]), level)
     with pytest.raises(NetworkError, match="y: a neuron shared"):
         SpiceBackend(level=level).prepare(row([1.0, 2.0]))

@@ -20,8 +20,7 @@ from ann_dc.backends.spice.netlist.cell_text import CellText, number
 from ann_dc.backends.spice.netlist.values import NEGATIVE, Nodes, Values
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import CLAMP_OFFSETS, CLAMP_SHARE, HOLD, Circuit, Quantity
-from ann_dc.hardware.circuit.generators import built_range, slopes_of
-from ann_dc.hardware.circuit.scaling import begins, to_ground
+from ann_dc.hardware.circuit.scaling import begins, built_range, slopes_of, to_ground
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import (
     DifferentialPairs,

@@ -21,15 +21,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from ann_dc.errors import NetworkError
-from ann_dc.hardware.parts.generator_cascade import OUTPUT, Step, cascade_of
 from ann_dc.hardware.parts.generator_curves import (
     LOAD,
+    OUTPUT,
     Breakpoints,
     Curve,
     FittedChords,
     FittedPolynomial,
     FittedQuotient,
     Polynomial,
+    Step,
+    cascade_of,
 )
 from ann_dc.hardware.schematic.elements import Generator
 from ann_dc.hardware.schematic.schematic import Schematic

@@ -25,7 +25,7 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.cost import parts_of
 from ann_dc.hardware.circuit.deviations import Deviations, checked_deviations
-from ann_dc.hardware.circuit.generators import built_range, slopes_of
+from ann_dc.hardware.circuit.scaling import built_range, slopes_of
 from ann_dc.hardware.parts.board_models import on_board
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.parts.technologies import (
@@ -216,7 +216,7 @@ def _library(level: Level, schematic: Schematic) -> dict[str, str]:
     parts = schematic.parts
     diodes = ["pi_diode"] if schematic.diode_neurons else []
     models = [m for m in MODELS[built] if not (m == "func" and extra)]
-    models += ["clamp"] if schematic.railed else []
+    models += ["clamp"] if schematic.limited else []
     multiplied = any(isinstance(part, (Multiplier, Generator)) for part in parts)
     models += ["mul4q_base"] if diodes and multiplied and level.transistors else []
     more = CURVE_CELLS[type(extra)] if extra else ()

@@ -11,7 +11,7 @@ from ann_dc import PreconditionerKind, SpiceBackend, design
 from ann_dc.errors import NetworkError
 from ann_dc.fidelity.prediction import predict
 from ann_dc.hardware.parts.levels import macro
-from ann_dc.hardware.sizing.clamps import check_clamps, holding_margin
+from ann_dc.hardware.sizing.bandwidth_margin import check_clamps, holding_margin
 from ann_dc.network.cell import Cell, Connection, Limiter, Neuron
 from ann_dc.network.network import Network
 

@@ -7,8 +7,7 @@ from designs import coordinated, wired_with
 from ann_dc.backends.ode import BATCHES, OdeBackend
 from ann_dc.errors import NetworkError
 from ann_dc.evaluation.variant_numbers import numbers_of
-from ann_dc.hardware.nonidealities.drawing import drawn_numbers
-from ann_dc.hardware.nonidealities.numbers import detuned, mismatch
+from ann_dc.hardware.nonidealities.numbers import detuned, drawn_numbers, mismatch
 from ann_dc.network.preconditioners.base import PreconditionerKind
 
 SEEDS = (0, 7, 2**40)
