@@ -27,12 +27,11 @@ from ann_dc.export.netlists.pack import pack_files, stated_in_pack
 from ann_dc.export.netlists.verilog_a import verilog_a_files
 from ann_dc.export.onnx.check import onnx_check
 from ann_dc.export.onnx.files import onnx_files
-from ann_dc.export.plain_tables import csv_check, csv_files
 from ann_dc.export.reference.contents import stated
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.export.runtimes.nir_graph import nir_check, nir_files
 from ann_dc.export.runtimes.torch_program import torch_program_check, torch_program_files
-from ann_dc.export.weight_files import weights_check, weights_files
+from ann_dc.export.weight_files import csv_check, csv_files, weights_check, weights_files
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 from ann_dc.si_prefixes import counted

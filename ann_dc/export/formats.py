@@ -17,8 +17,6 @@ from ann_dc.errors import (
     UnknownNameError,
 )
 from ann_dc.export.reference.contents import check_contents, not_run
-from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.network.network import Network
 
 Files = Mapping[str, bytes]
 """File contents, by file name in the format's folder."""
@@ -61,10 +59,7 @@ class Format:
         return {p.name: p for p in given if p.kind is p.KEYWORD_ONLY}
 
     def setting_of(self, name: str, text: str) -> Any:
-        """Convert a setting's command-line text to its value.
-
-        Raises `ExportError` if the text is not a valid value.
-        """
+        """Convert a setting's command-line text to its value, or raise `ExportError`."""
         kind = typing.get_type_hints(inspect.unwrap(self.write))[name]
         named = typing.get_args(kind) if typing.get_origin(kind) is typing.Literal else ()
         for plain in _plain_types(kind):
@@ -78,11 +73,10 @@ class Format:
         raise ExportError(f"{name}: expected {expected}, got {text!r}")
 
     def check(self, files: Files) -> str:
-        """Check the names of files and the list of their hashes, and run them.
+        """Check the names of files and the list of their hashes, run them, and return the result.
 
-        Returns the result as a sentence. Raises `FileFormatError` if a file is missing, changed,
-        foreign or invalid, or does not take the steps of its test vector. Raises
-        `ExportPackageMissing` if a required package is not installed.
+        Raises `FileFormatError` if a file is missing, changed, foreign or invalid, or does not take
+        the steps of its test vector, and `ExportPackageMissing` if a package is not installed.
         """
         check_contents(files, self.contents)
         try:
@@ -90,10 +84,9 @@ class Format:
         except (FileFormatError, ExportPackageMissing):
             raise
         except Exception as error:  # of any package or function that an invalid file reaches
-            reason = (
-                str(error) if isinstance(error, AnnDcError) else f"{type(error).__name__}: {error}"
-            )
-            raise FileFormatError(f"cannot be run: {reason:.300}; export it again") from error
+            raise FileFormatError(
+                f"cannot be run: {reason_of(error):.300}; export it again"
+            ) from error
 
     def inspect(self, files: Files) -> str:
         """Check files of unknown origin: as `check`, without executing code in them."""
@@ -102,18 +95,10 @@ class Format:
             return "hashes alone; not run: reading a file may execute code in it"
         return self.check(files)
 
-    def files(
-        self, network: Network, vector: ReferenceVector, settings: Mapping[str, Any]
-    ) -> Files:
-        """Return the files of a network with its test vector.
 
-        Raises `UnknownNameError` if the format does not have a setting, `ExportError` if it cannot
-        represent the network, and `ExportPackageMissing` if a required package is not installed.
-        """
-        for name in settings:
-            if name not in self.settings:
-                raise unknown_setting(name, self.settings)
-        return self.write(network, vector, **settings)
+def reason_of(error: Exception) -> str:
+    """Return the message of an error, with its type if ann_dc does not raise it itself."""
+    return str(error) if isinstance(error, AnnDcError) else f"{type(error).__name__}: {error}"
 
 
 def _truth(text: str) -> bool:

@@ -25,36 +25,28 @@ RANDOM_STARTS = 4
 """Number of searches from random paths: a problem with several optima often has a cheaper one."""
 
 SAME = 1e-6
-"""Relative cost difference up to which the optimum found first is preferred; that of a random path
-may turn angles, or lie on another branch of a step length.
+"""Relative cost difference up to which the optimum found first is preferred.
+
+That of a random path may turn angles, or lie on another branch of a step length.
 """
 FURTHER = 6
 """Restorations of a search from a further path if an optimum is known."""
 
 
 class Optimum(NamedTuple):
-    """Certified optimum with its network state.
-
-    Attributes
-    ----------
-    state : (n,) array
-        Equilibrium of the problem's network.
-    """
+    """Certified optimum with its state (n,), an equilibrium of the problem's network."""
 
     certificate: Certificate
     state: np.ndarray
 
 
 def path_of(network: Network, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the states (n, N+1) with the terminal state, and the controls (m, N).
-
-    `x` (n,) is a state vector of the problem's network.
-    """
+    """Return the states (n, N+1) with the terminal state, and the controls (m, N)."""
     q, u, t, *_ = kkt_point(network, x)
     return np.column_stack([q, t[:, -1]]), u
 
 
-def state_of(problem: OptimalControlProblem, network: Network, found: Extremum) -> np.ndarray:
+def _state_of(problem: OptimalControlProblem, network: Network, found: Extremum) -> np.ndarray:
     """Return the network equilibrium (n,) at an optimum of the problem.
 
     Newton's method on the net inputs refines the state if it converges.
@@ -143,6 +135,6 @@ class Search:
     def _certified(self, extremum: Extremum) -> list[Optimum]:
         if not extremum.converged:
             return []
-        state = state_of(self.problem, self.network, extremum)
+        state = _state_of(self.problem, self.network, extremum)
         certificate = certify(self.problem, *kkt_point(self.network, state))
         return [Optimum(certificate, state)] if certificate.certified else []

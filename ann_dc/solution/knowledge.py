@@ -13,10 +13,7 @@ from ann_dc.solution.finding import Search, path_of
 
 
 def knowledge_of(prospect: Prospect, network: Network) -> Knowledge:
-    """Return the knowledge of the problem behind a network.
-
-    The network must be synthesized from the problem of `prospect`.
-    """
+    """Return the knowledge of a prospect's problem, from which the network was synthesized."""
     problem = prospect.problem
     search = Search(problem, network)
 

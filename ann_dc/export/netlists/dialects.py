@@ -13,21 +13,21 @@ from ann_dc.backends.spice.netlist.cell_text import number, wrapped
 from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.errors import ExportError
 from ann_dc.export.netlists.build import Build, build
-from ann_dc.export.netlists.deck_file import (
+from ann_dc.export.netlists.flat_reader import flattened
+from ann_dc.export.netlists.pack import (
     DECK,
+    PARTS,
+    accuracy_text,
     claims_of,
+    expected_text,
     models_of,
     plain,
+    scaling_text,
 )
-from ann_dc.export.netlists.flat_reader import flattened
-from ann_dc.export.netlists.pack import PARTS
 from ann_dc.export.netlists.parts import (
     Part,
-    accuracy_text,
-    expected_text,
     parts_of,
     parts_text,
-    scaling_text,
 )
 from ann_dc.export.reference.contents import README, with_sums
 from ann_dc.export.reference.sidecar import check_vector

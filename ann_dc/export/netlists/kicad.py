@@ -14,14 +14,20 @@ from typing import TypeAlias
 
 from ann_dc.errors import ExportError
 from ann_dc.export.netlists.build import Build, build
-from ann_dc.export.netlists.deck_file import claims_of, deck_text, library_of, plain
 from ann_dc.export.netlists.flat_reader import flattened
-from ann_dc.export.netlists.pack import PARTS
-from ann_dc.export.netlists.packages import FEEDBACK, GROUND
+from ann_dc.export.netlists.pack import (
+    PARTS,
+    accuracy_text,
+    claims_of,
+    deck_text,
+    library_of,
+    plain,
+)
 from ann_dc.export.netlists.parts import (
     CLASSES,
+    FEEDBACK,
+    GROUND,
     Part,
-    accuracy_text,
     engineering,
     package_of,
     parts_of,
@@ -62,16 +68,6 @@ def kicad_files(
 
     Raises `ExportError` if the network cannot be built at the level or the level has no purchasable
     parts, and `UnknownNameError` for an unknown level or series.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> from ann_dc.export.reference import reference_vector
-    >>> problem = ann_dc.plants.double_integrator(N=3)
-    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> files = kicad_files(network, reference_vector(network), level="tl072_ad633")
-    >>> files["circuit.net"][:21], files["circuit.net"].count(b"(comp (ref")
-    (b'(export (version "E")', 164)
     """
     check_vector(network, vector)
     made = build(network, level, series)
@@ -152,7 +148,7 @@ def _component(group: list[Part], level: str, tolerances: Mapping[str, str]) -> 
             "libsource",
             ["lib", package.library],
             ["part", package.part],
-            ["description", CLASSES[first.kind][1]],
+            ["description", CLASSES[first.kind].description],
         ],
         ["sheetpath", ["names", "/"], ["tstamps", "/"]],
         ["tstamps", mark],
@@ -236,11 +232,6 @@ def _text(tree: Tree, depth: int = 0) -> str:
 
     The first item of a list is a word and the following items are quoted. The indentation is
     ``depth`` levels.
-
-    Examples
-    --------
-    >>> _text(["comp", ["ref", "R1"], ["value", '1 "k"']])
-    '(comp (ref "R1") (value "1 \\"k\\""))'
     """
     if isinstance(tree, str):
         return '"' + tree.replace("\\", "\\\\").replace('"', '\\"') + '"'

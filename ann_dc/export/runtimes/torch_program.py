@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ann_dc.errors import ExportPackageMissing, FileFormatError
-from ann_dc.export.reference.rounding import TOLERANCES, Precision, compare
 from ann_dc.export.reference.sidecar import Beside, check_vector, notes_on, read_beside
-from ann_dc.export.reference.vector import VECTOR, ReferenceVector
+from ann_dc.export.reference.vector import TOLERANCES, VECTOR, Precision, ReferenceVector, compare
 from ann_dc.network.network import Network
 from ann_dc.validation import checked
 
@@ -39,19 +38,6 @@ def torch_program_files(
 
     The ``precision`` is ``float64`` or ``float32``. Raises `ExportError` if the vector belongs to
     another network, and `ExportPackageMissing` if torch is not installed.
-
-    Examples
-    --------
-    >>> import io, torch, ann_dc
-    >>> from ann_dc.export.reference import reference_vector
-    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
-    >>> files = torch_program_files(network, reference_vector(network))
-    >>> program = torch.export.load(io.BytesIO(files["torch_program.pt2"])).module()
-    >>> x = torch.as_tensor(network.start_state)[None]
-    >>> inputs = torch.as_tensor(np.array([list(network.input_values.values())]))
-    >>> after = program(x, inputs, torch.tensor(0.1, dtype=torch.float64))
-    >>> torch.equal(after["x"], ann_dc.CellLayer(network)(x, step=0.1))
-    True
     """
     check_vector(network, vector)
     torch = _torch()
