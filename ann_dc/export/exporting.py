@@ -150,11 +150,7 @@ def _asked(to: str | Sequence[str]) -> list[str]:
 
 
 def _exported(
-    name: str,
-    network: Network,
-    vector: ReferenceVector,
-    settings: Mapping[str, Any],
-    folder: Path,
+    name: str, network: Network, vector: ReferenceVector, settings: Mapping[str, Any], folder: Path
 ) -> Exported:
     """Create, check and write the files of one format."""
     form = FORMATS[name]

@@ -26,7 +26,7 @@ from ann_dc.optimality.existence import Hopeless, Prospect
 from ann_dc.optimality.infeasibility import Infeasible
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Stopped
-from ann_dc.solution.finding import path_of
+from ann_dc.solution.knowledge import path_of
 from ann_dc.solution.solution import Solution, certificate_of
 from ann_dc.timing import phase
 

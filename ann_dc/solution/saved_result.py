@@ -222,9 +222,7 @@ SUM = re.compile(r"([0-9a-f]{64})  ([a-z]{1,40}\.(?:npz|json))")
 
 
 def save_result(
-    folder: str | os.PathLike[str],
-    networks: Mapping[str, Network],
-    records: Mapping[str, object],
+    folder: str | os.PathLike[str], networks: Mapping[str, Network], records: Mapping[str, object]
 ) -> None:
     """Write networks and records into a new folder, completely or not at all."""
     writer = Writer()

@@ -24,11 +24,7 @@ from ann_dc.export.netlists.pack import (
     plain,
     scaling_text,
 )
-from ann_dc.export.netlists.parts import (
-    Part,
-    parts_of,
-    parts_text,
-)
+from ann_dc.export.netlists.parts import Part, parts_of, parts_text
 from ann_dc.export.reference.contents import README, with_sums
 from ann_dc.export.reference.sidecar import check_vector
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
@@ -73,11 +69,7 @@ XYCE = """\
 
 @checked
 def ltspice_files(
-    network: Network,
-    vector: ReferenceVector,
-    *,
-    level: str = "macro",
-    series: str = "exact",
+    network: Network, vector: ReferenceVector, *, level: str = "macro", series: str = "exact"
 ) -> dict[str, bytes]:
     """Export a deck in the LTspice dialect, tested only in ngspice's LTspice mode.
 
@@ -94,11 +86,7 @@ def ltspice_files(
 
 @checked
 def xyce_files(
-    network: Network,
-    vector: ReferenceVector,
-    *,
-    level: str = "macro",
-    series: str = "exact",
+    network: Network, vector: ReferenceVector, *, level: str = "macro", series: str = "exact"
 ) -> dict[str, bytes]:
     """Export a deck in the Xyce dialect, not tested in Xyce.
 

@@ -53,11 +53,7 @@ ENGINEERING = "rc"
 
 @checked
 def kicad_files(
-    network: Network,
-    vector: ReferenceVector,
-    *,
-    level: str = "macro",
-    series: str = "exact",
+    network: Network, vector: ReferenceVector, *, level: str = "macro", series: str = "exact"
 ) -> dict[str, bytes]:
     """Export a netlist for KiCad's board editor, with one entry per component.
 

@@ -202,12 +202,7 @@ def parts_of(elements: Iterable[Element], level: str) -> tuple[Part, ...]:
         nets = tuple(GROUND if node == "0" else node for node in element.nodes)
         found.append(
             Part(
-                reference=reference,
-                unit=unit,
-                kind=kind,
-                name=element.name,
-                value=value,
-                nets=nets,
+                reference=reference, unit=unit, kind=kind, name=element.name, value=value, nets=nets
             )
         )
     return tuple(found)

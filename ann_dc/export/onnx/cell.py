@@ -145,14 +145,7 @@ def _acos(graph: Graph, x: str) -> str:
     return _corrected(graph, y, graph.op("Sub", along, across), 1 / 6)
 
 
-_COMPOSED = {
-    "tan": _tan,
-    "cosh": _cosh,
-    "sinh": _sinh,
-    "atan": _atan,
-    "asin": _asin,
-    "acos": _acos,
-}
+_COMPOSED = {"tan": _tan, "cosh": _cosh, "sinh": _sinh, "atan": _atan, "asin": _asin, "acos": _acos}
 """Operations that onnxruntime supports only in float32."""
 
 

@@ -24,10 +24,7 @@ STEP, SETTLE = "step.onnx", "settle.onnx"
 
 @checked
 def onnx_files(
-    network: Network,
-    vector: ReferenceVector,
-    *,
-    precision: Precision = "float64",
+    network: Network, vector: ReferenceVector, *, precision: Precision = "float64"
 ) -> dict[str, bytes]:
     """Export a network as ONNX: one step, and the loop to settling.
 

@@ -79,11 +79,7 @@ def nir_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
         "states": [network.label(i) for i in range(network.size)],
         **notes_on(network, vector, content),
     }
-    return {
-        GRAPH: content,
-        NOTES: (json.dumps(notes) + "\n").encode(),
-        VECTOR: vector.as_json(),
-    }
+    return {GRAPH: content, NOTES: (json.dumps(notes) + "\n").encode(), VECTOR: vector.as_json()}
 
 
 @checked

@@ -57,11 +57,7 @@ def torch_program_files(
         **notes_on(network, vector, content),
         "tensors": _rows_of(network, program.state_dict),
     }
-    return {
-        PROGRAM: content,
-        NOTES: (json.dumps(notes) + "\n").encode(),
-        VECTOR: vector.as_json(),
-    }
+    return {PROGRAM: content, NOTES: (json.dumps(notes) + "\n").encode(), VECTOR: vector.as_json()}
 
 
 @checked
