@@ -200,16 +200,8 @@ SHOWN = 16
 class Inspection:
     """Result of the inspection of one file or folder.
 
-    Attributes
-    ----------
-    place : Path
-        Inspected file or folder.
-    kind : str
-        Kind of content.
-    facts : dict of str to str
-        Properties by name.
-    wrong : str
-        Description of the first error; empty if there is none.
+    ``kind`` is that of its content, ``facts`` are its properties, and ``wrong`` describes the first
+    error, if any.
     """
 
     place: Path
@@ -310,11 +302,8 @@ def _of_folder(folder: Path) -> Inspection:
 
 
 def _check_network(index: Index, files: Files) -> None:
-    """Check that the index and the test vector belong to the same network.
-
-    A vector that is missing is found with the names of the files.
-    """
-    if VECTOR not in files:
+    """Check that the index and the test vector belong to the same network."""
+    if VECTOR not in files:  # found with the names of the files
         return
     vector = ReferenceVector.from_json(files[VECTOR])
     if (index.wiring, index.content) != (vector.wiring, vector.content):

@@ -24,12 +24,10 @@ Files = Mapping[str, bytes]
 
 @dataclass(frozen=True, kw_only=True)
 class Format:
-    """Export format.
+    """Export format, with its purpose and its preserved and omitted data.
 
     Attributes
     ----------
-    title : str
-        Purpose and users of the format.
     write : callable
         Function ``(network, vector, **settings)`` that returns files.
     contents : str
@@ -40,8 +38,6 @@ class Format:
     executes : bool
         True if reading a file may execute code in it. Such files are run when they are written, and
         are not run if their origin is unknown.
-    carries, loses : str
-        Preserved and omitted data, for the table of formats.
     """
 
     title: str

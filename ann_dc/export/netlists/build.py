@@ -20,7 +20,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.dataclass_pickling import cached_on
 from ann_dc.errors import ExportError, NetworkError, UnknownNameError
 from ann_dc.fidelity.circuit_instance import CircuitInstance, transient_of
-from ann_dc.fidelity.circuit_study import NEAR
+from ann_dc.fidelity.circuit_study import NEAR, undrawn
 from ann_dc.fidelity.fitting import fitting_intervals, fitting_margin
 from ann_dc.fidelity.prediction import LARGEST, astray_of, clipped_at, clipping_of
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -124,7 +124,7 @@ def _built(network: Network, level: str, series: Series) -> Build:
     try:
         made = level_of(network, level)
         backend = SpiceBackend(level=made, series=series)
-        instance, doubts = _specimen(backend, network), []
+        instance, doubts = undrawn(backend, *backend.prepare(network)), []
         if made.emulated:
             instance = _without_ringing(backend, instance, network)
             doubts += _lost(instance)
@@ -148,12 +148,6 @@ def _built(network: Network, level: str, series: Series) -> Build:
     )
 
 
-def _specimen(backend: SpiceBackend, network: Network) -> CircuitInstance:
-    circuit, probe = backend.prepare(network)
-    off = backend.deviations(circuit)
-    return CircuitInstance(circuit=circuit, level=backend.level, probe=probe, deviations=off)
-
-
 def _without_ringing(
     backend: SpiceBackend, instance: CircuitInstance, network: Network
 ) -> CircuitInstance:
@@ -166,9 +160,10 @@ def _without_ringing(
         return instance
     if not usual:
         backend = replace(backend, intervals=fitting_intervals(backend, network))
-        instance = _specimen(backend, network)
+        instance = undrawn(backend, *backend.prepare(network))
     margin = _margin(instance.circuit, instance.level, instance.probe)
-    instance = _specimen(replace(backend, margin=margin), network)
+    backend = replace(backend, margin=margin)
+    instance = undrawn(backend, *backend.prepare(network))
     backend.check_stable(instance.emulation, instance.probe)
     return instance
 

@@ -69,16 +69,10 @@ def pack_files(
     ``SHA256SUMS``. Raises `ExportError` with the reason if the network cannot be built at the level
     or is not that of the vector, and `UnknownNameError` for an unknown level or series.
 
-    Parameters
-    ----------
-    level : str
-        ``behavioural``, ``macro``, ``differential``, ``ota-c``, ``switched-capacitor``,
-        ``transistor``, or a part set by name.
-    series : str
-        Series of the resistors in the deck: ``exact``, ``E12``, ``E24``, ``E96``, ``E24-pairs`` or
-        ``E96-pairs``.
-    zipped : bool
-        Return a single file 'pack.zip' with all files, with reproducible bytes.
+    The level is ``behavioural``, ``macro``, ``differential``, ``ota-c``, ``switched-capacitor``,
+    ``transistor``, or a part set by name. The series of the resistors is ``exact``, ``E12``,
+    ``E24``, ``E96``, ``E24-pairs`` or ``E96-pairs``. With ``zipped``, the result is a single file
+    'pack.zip' with all files, with reproducible bytes.
     """
     check_vector(network, vector)
     files = with_sums(_files(build(network, level, series), vector))
@@ -147,10 +141,7 @@ def expected_text(build: Build) -> str:
 
 
 def waveforms_text(build: Build) -> str:
-    """Return CSV text with the waveforms (V over s) of the ideal network's neurons.
-
-    The table contains all neurons that have a node.
-    """
+    """Return CSV text with the waveforms (V over s) of the ideal network's neurons with a node."""
     probe, timing, network = build.probe, build.deck.timing, build.network
     count = len(probe.time)
     at = np.unique(np.linspace(0, count - 1, min(count, ROWS)).round().astype(int))
@@ -165,11 +156,8 @@ def waveforms_text(build: Build) -> str:
     return csv_text(head, ([f"{value:.7g}" for value in row] for row in table + 0.0))
 
 
-def without_maker(parts: Iterable[Part], level: str) -> str:
-    """Return the parts without a purchasable type at a level, with their numbers.
-
-    The text has the form ``analog switch (2), preset (1)`` and is empty if every part has a type.
-    """
+def _without_maker(parts: Iterable[Part], level: str) -> str:
+    """Return parts without a purchasable type at a level: ``analog switch (2), preset (1)``."""
     count: Counter[str] = Counter()
     for part in parts:
         count[CLASSES[part.kind].description] += package_of(part.kind, level).library == "ann_dc"
@@ -184,13 +172,10 @@ E24. With `series=E96`, one for each, controls are often off by several percent.
 
 
 def accuracy_text(build: Build, parts: Iterable[Part] = ()) -> str:
-    """Return the first lines of a README: parts without a maker, predicted accuracy.
-
-    The parts to purchase are ``parts``.
-    """
-    unnamed = without_maker(parts, build.level.name)
+    """Return the first lines of a README: parts without a maker, predicted accuracy."""
+    unnamed = _without_maker(parts, build.level.name)
     lines = [f"No part to buy for: {unnamed}."] if unnamed else []
-    lines += [f"A circuit {accuracy_words(build.control_error, build.probe.size_in_words)}."]
+    lines += [f"A circuit {_accuracy_words(build.control_error, build.probe.size_in_words)}."]
     lines += [f"WARNING: {build.doubt}."] if build.doubt else []
     return "\n\n".join(lines)
 
@@ -338,11 +323,10 @@ def claims_of(build: Build) -> tuple[str, str]:
     return f"{CONTENT} {content_hash(build.given)}", f"{ACCURACY} {error}"
 
 
-def accuracy_words(error: float, size: str) -> str:
+def _accuracy_words(error: float, size: str) -> str:
     """Return the predicted control error of a circuit as text.
 
-    The error is relative to the size of the controls (nan: unknown), with ``size`` as in
-    `Trajectory.size_in_words`.
+    It is relative to the size of the controls, as in `Trajectory.size_in_words`; nan is unknown.
     """
     if math.isnan(error):
         return "whose control error was not predicted: the level has no emulation"
