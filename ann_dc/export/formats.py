@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import importlib
 import inspect
 import typing
 from collections.abc import Callable, Iterable, Mapping
@@ -90,6 +91,16 @@ class Format:
             check_contents(files, self.contents)
             return "hashes alone; not run: reading a file may execute code in it"
         return self.check(files)
+
+
+def package(name: str, extra: str) -> Any:
+    """Load an optional package, or raise `ExportPackageMissing` with the command to install it."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise ExportPackageMissing(
+            f"{error.name or name} is not installed; install it with: pip install 'ann-dc[{extra}]'"
+        ) from error
 
 
 def reason_of(error: Exception) -> str:

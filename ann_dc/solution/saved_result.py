@@ -53,7 +53,7 @@ from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
 from ann_dc.weights.entries import BROKEN, Entries, NpzEntries, packed_entries
-from ann_dc.weights.manifest import Table, read_manifest
+from ann_dc.weights.manifest import Table, read_manifest, typed
 from ann_dc.weights.network_file import MAX_BYTES, packed, unpacked
 
 SHAPES: dict[type, dict[str, str]] = {
@@ -102,10 +102,11 @@ class Reader:
         """Return a tuple of one type, or a mapping of names to one type."""
         if get_origin(hint) is tuple:
             kind = get_args(hint)[0]
-            parts = _checked(list, given, place)
-            return tuple(self.value(kind, part, f"{place}/{i}") for i, part in enumerate(parts))
+            if not isinstance(given, list):
+                raise FileFormatError(f"{place}: expected a list, got {given!r:.60}")
+            return tuple(self.value(kind, part, f"{place}/{i}") for i, part in enumerate(given))
         kind = get_args(hint)[1]
-        parts = _checked(dict, given, place)
+        parts = Table(place, given).given
         return {name: self.value(kind, part, f"{place}/{name}") for name, part in parts.items()}
 
     def record(self, kind: type, given: Any, place: str) -> Any:
@@ -113,24 +114,22 @@ class Reader:
 
         Raises `FileFormatError` if a field is missing, unknown, or of another type or shape.
         """
-        table, hints = _checked(dict, given, place), _hints(kind)
-        unknown = sorted(set(table) - set(hints))
-        if unknown:
-            raise FileFormatError(f"{place}: unknown key {', '.join(unknown)}")
+        table, hints = Table(place, given), _hints(kind)
+        table.only(" ".join(hints))
         values = {}
         for field in fields(kind):
             name, hint = field.name, hints[field.name]
             if hint is Network:
                 values[name] = self.network
-            elif name in table:
-                values[name] = self.value(hint, table[name], f"{place}/{name}")
+            elif table.has(name):
+                values[name] = self.value(hint, table.given[name], f"{place}/{name}")
             elif field.default is MISSING and field.default_factory is MISSING:
                 raise FileFormatError(f"{place}/{name}: missing")
         self._check_shapes(kind, values, place)
         return kind(**values)
 
     def _preconditioner(self, given: Any, place: str) -> Any:
-        table = dict(_checked(dict, given, place))
+        table = dict(Table(place, given).given)
         kind = _choice(PRECONDITIONERS, table.pop("type", None), f"{place}/type")
         preconditioner = self.record(kind, table, place)
         if self.network is not None:
@@ -188,16 +187,7 @@ def _plain(kind: type, given: Any, place: str) -> Any:
             return float(given)
         except OverflowError:
             given = "a whole number beyond any float"
-    if not isinstance(given, kind) or (kind is not bool and isinstance(given, bool)):
-        raise FileFormatError(f"{place}: expected {kind.__name__}, got {given!r:.60}")
-    return given
-
-
-def _checked(kind: type, given: Any, place: str) -> Any:
-    if not isinstance(given, kind):
-        word = "a table" if kind is dict else "a list"
-        raise FileFormatError(f"{place}: expected {word}, got {given!r:.60}")
-    return given
+    return typed(kind, given, place)
 
 
 def _choice(available: Mapping[str, Any], given: Any, place: str) -> Any:

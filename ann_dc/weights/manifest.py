@@ -92,6 +92,13 @@ def _no_number(text: str):
     raise ValueError(f"{text} is no JSON number")
 
 
+def typed(kind: type, value: Any, place: str) -> Any:
+    """Return a JSON value of a type, or raise `FileFormatError`; a bool is not a number."""
+    if not isinstance(value, kind) or (kind is not bool and isinstance(value, bool)):
+        raise FileFormatError(f"{place}: expected {kind.__name__}, got {value!r:.60}")
+    return value
+
+
 class Table:
     """JSON table, with its position in the manifest, with which messages begin.
 
@@ -117,12 +124,7 @@ class Table:
         """Return an entry of the requested type, or raise `FileFormatError`."""
         if key not in self.given:
             raise FileFormatError(f"{self.place}.{key}: missing")
-        value = self.given[key]
-        if not isinstance(value, kind) or isinstance(value, bool):
-            raise FileFormatError(
-                f"{self.place}.{key}: expected {kind.__name__}, got {value!r:.60}"
-            )
-        return value
+        return typed(kind, self.given[key], f"{self.place}.{key}")
 
     def inner(self, key: str) -> Table:
         """Return the table at a key."""

@@ -1,6 +1,6 @@
 """Network file: every number in a named array, every name in a manifest.
 
-The file is a ``.safetensors`` file (layout in `tensor_file`) or an ``.npz`` file (readable with
+The file is a ``.safetensors`` file (layout in `entries`) or an ``.npz`` file (readable with
 ``numpy.load(path, allow_pickle=False)``). Both forms have the same content: float64 arrays and the
 manifest, a JSON text. The manifest is stored in the header (``__metadata__``) of a ``.safetensors``
 file and in the uint8 entry ``manifest`` of an ``.npz`` file.

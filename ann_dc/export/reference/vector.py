@@ -21,6 +21,7 @@ from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import FileFormatError
 from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
+from ann_dc.export.reference.contents import text_of
 from ann_dc.network.network import Network
 from ann_dc.validation import PositiveFinite, checked
 from ann_dc.weights.hashes import content_hash, wiring_hash
@@ -102,10 +103,7 @@ class ReferenceVector:
     @classmethod
     def from_json(cls, text: bytes) -> ReferenceVector:
         """Parse the output of `as_json`, or raise `FileFormatError`."""
-        try:
-            table = read_manifest(text.decode("utf-8"), FORMAT, SCHEMA, place=VECTOR)
-        except UnicodeDecodeError as error:
-            raise FileFormatError(f"{VECTOR}: not UTF-8 text: {error}") from error
+        table = read_manifest(text_of({VECTOR: text}, VECTOR), FORMAT, SCHEMA, place=VECTOR)
         start = _numbers(table, "start", 2)
         early, inputs = table.inner("early"), table.inner("inputs")
         if early.given.keys() != set(map(str, EARLY)):

@@ -36,7 +36,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from scipy import sparse
 
-from ann_dc.errors import ExportError, ExportPackageMissing, FileFormatError
+from ann_dc.errors import ExportError, FileFormatError
+from ann_dc.export.formats import package
 from ann_dc.export.reference.sidecar import check_vector, notes_on, read_beside
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector, check_states, compare
 from ann_dc.lowering.program import ONE, UPDATE
@@ -70,7 +71,7 @@ def nir_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
             f"{network.title}: {network.size} neurons, and the matrices of NIR are dense; it takes "
             f"up to {MOST}: export fewer stages"
         )
-    nir, stream = _nir(), io.BytesIO()
+    nir, stream = package("nir", "export"), io.BytesIO()
     nir.write(stream, _graph(network, form))
     content = stream.getvalue()
     notes = {
@@ -92,8 +93,7 @@ def nir_check(files: Mapping[str, bytes]) -> str:
     """
     vector, _, places, inputs = read_beside(files, GRAPH, NOTES, FORMAT, SCHEMA)
     given = inputs.ravel() if inputs.size else np.zeros(1)
-    _check_file(GRAPH, files[GRAPH], len(places), len(given))
-    graph = _read(files[GRAPH])
+    graph = _read(files[GRAPH], len(places), len(given))
     _check_nodes(graph)
 
     def walk(start: np.ndarray, count: int) -> np.ndarray:
@@ -112,7 +112,7 @@ def nir_check(files: Mapping[str, bytes]) -> str:
 
 
 def _graph(network: Network, form) -> Any:
-    nir, row, n = _nir(), network.layout, network.size
+    nir, row, n = package("nir", "export"), network.layout, network.size
     linear = nir.Linear(weight=form.states.toarray())
     biased = nir.Affine(weight=linear.weight, bias=form.bias) if form.bias.any() else linear
     nodes: dict[str, Any] = {"synapses": biased}
@@ -175,24 +175,6 @@ def _check_nodes(graph: Any) -> None:
     fits = all(type(node).__name__ in TYPES.get(name, ()) for name, node in nodes.items())
     if not fits or not {"neurons", "synapses"} <= nodes.keys() or not {*graph.edges} <= allowed:
         raise FileFormatError(f"{GRAPH}: its nodes are not those of an exported network")
-
-
-def _read(content: bytes) -> Any:
-    nir = _nir()
-    try:
-        return nir.read(io.BytesIO(content))
-    except Exception as error:  # whatever h5py and nir make of another file
-        raise FileFormatError(f"{GRAPH}: no NIR graph: {error}") from error
-
-
-def _nir() -> Any:
-    try:
-        import nir
-    except ImportError as error:
-        raise ExportPackageMissing(
-            f"{error.name or 'nir'} is not installed; install it with: pip install 'ann-dc[export]'"
-        ) from error
-    return nir
 
 
 _Form: TypeAlias = dict[int, float]
@@ -265,33 +247,29 @@ def _table(rows: Sequence[_Form], width: int) -> sparse.csr_array:
     return sparse.csr_array(sparse.coo_array((value, at), shape=(len(rows), width)))
 
 
-NODES = ["input", "input_weights", "synapses", "preconditioner", "neurons", "output"]
-GROUPS = {"node", "node/nodes", *(f"node/nodes/{name}" for name in NODES)}
+GROUPS = {"node", "node/nodes", *(f"node/nodes/{name}" for name in TYPES)}
 EDGES = 8
 """Maximum number of edges of a graph; an exported graph has five to seven."""
 
 
-def _check_file(name: str, content: bytes, size: int, inputs: int) -> None:
-    """Check a NIR file before it is read: states have ``size`` components, all inputs ``inputs``.
+def _read(content: bytes, size: int, inputs: int) -> Any:
+    """Read a NIR file of ``size`` states and ``inputs`` inputs at all stages.
 
     A dataset of unexpected shape or type, in another file, behind a link, or larger than declared
-    when unpacked is invalid.
+    when unpacked is invalid, and nothing is read.
     """
-    try:
-        import h5py
-    except ImportError as error:
-        raise ExportPackageMissing(
-            "nir is not installed; install it with: pip install 'ann-dc[export]'"
-        ) from error
-    shapes = _shapes(size, inputs)
+    nir, shapes = package("nir", "export"), _shapes(size, inputs)
+    import h5py
+
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
-            for path, dataset in _datasets(name, file):
-                _check_dataset(f"{name}: {path}", dataset, shapes.get(path))
+            for path, dataset in _datasets(file):
+                _check_dataset(f"{GRAPH}: {path}", dataset, shapes.get(path))
+        return nir.read(io.BytesIO(content))
     except FileFormatError:
         raise
-    except Exception as error:  # whatever h5py makes of another file
-        raise FileFormatError(f"{name}: no NIR graph: {error}") from error
+    except Exception as error:  # whatever h5py and nir make of another file
+        raise FileFormatError(f"{GRAPH}: no NIR graph: {error}") from error
 
 
 def _shapes(size: int, inputs: int) -> Mapping[str, tuple[str, tuple[int, ...]]]:
@@ -308,24 +286,24 @@ def _shapes(size: int, inputs: int) -> Mapping[str, tuple[str, tuple[int, ...]]]
         "node/nodes/preconditioner/weight": ("f", (size, size)),
         "node/nodes/neurons/r": ("f", (size,)),
     }
-    return found | {f"node/nodes/{node}/type": ("O", ()) for node in NODES}
+    return found | {f"node/nodes/{node}/type": ("O", ()) for node in TYPES}
 
 
-def _datasets(name: str, group: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+def _datasets(group: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """Yield all datasets with their paths; links are rejected."""
     import h5py
 
     for key in group:
         place = f"{path}{key}"
         if not isinstance(group.get(key, getlink=True), h5py.HardLink):
-            raise FileFormatError(f"{name}: {place:.80} is a link")
+            raise FileFormatError(f"{GRAPH}: {place:.80} is a link")
         item = group[key]
         if isinstance(item, h5py.Dataset):
             yield place, item
         elif place in GROUPS:
-            yield from _datasets(name, item, f"{place}/")
+            yield from _datasets(item, f"{place}/")
         else:
-            raise FileFormatError(f"{name}: {place:.80} is in no exported network")
+            raise FileFormatError(f"{GRAPH}: {place:.80} is in no exported network")
 
 
 def _check_dataset(place: str, dataset: Any, wanted: tuple[str, tuple[int, ...]] | None) -> None:

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ann_dc.errors import ExportPackageMissing, FileFormatError
+from ann_dc.errors import FileFormatError
+from ann_dc.export.formats import package
 from ann_dc.export.reference.sidecar import Beside, check_vector, notes_on, read_beside
 from ann_dc.export.reference.vector import TOLERANCES, VECTOR, Precision, ReferenceVector, compare
 from ann_dc.network.network import Network
@@ -40,7 +41,7 @@ def torch_program_files(
     another network, and `ExportPackageMissing` if torch is not installed.
     """
     check_vector(network, vector)
-    torch = _torch()
+    torch = package("torch", "torch")
     from ann_dc.export.runtimes.torch_step import traced
 
     program, stream = traced(network, getattr(torch, precision)), io.BytesIO()
@@ -96,7 +97,8 @@ class _Walker:
 
     def __init__(self, program, precision: Precision, beside: Beside) -> None:
         self.program, self.places, self.vector = program, beside.places, beside.vector
-        self.dtype, self.inputs = getattr(_torch(), precision), beside.inputs
+        self.torch, self.inputs = package("torch", "torch"), beside.inputs
+        self.dtype = getattr(self.torch, precision)
 
     def of_batch(self, size: int):
         """Return the function that steps a batch of equal samples and returns the last."""
@@ -114,32 +116,20 @@ class _Walker:
         return float(self._step(self._tensor(self.places.pack(states), 1))["residual"][0])
 
     def _step(self, x: torch.Tensor) -> Mapping[str, torch.Tensor]:
-        torch = _torch()
-        step = torch.tensor(self.vector.step, dtype=self.dtype)
-        with torch.no_grad():
+        step = self.torch.tensor(self.vector.step, dtype=self.dtype)
+        with self.torch.no_grad():
             return self.program(x, self._tensor(self.inputs, len(x)), step)
 
     def _tensor(self, values: np.ndarray, size: int) -> torch.Tensor:
-        torch = _torch()
-        return torch.as_tensor(np.array([values] * size)).to(self.dtype)
+        return self.torch.as_tensor(np.array([values] * size)).to(self.dtype)
 
 
 def _loaded(content: bytes):
-    torch = _torch()
+    torch = package("torch", "torch")
     try:
         return torch.export.load(io.BytesIO(content)).module()
     except Exception as error:  # whatever a version of torch makes of another one's file
         raise FileFormatError(f"{PROGRAM}: torch {torch.__version__}: {error}") from error
-
-
-def _torch():
-    try:
-        import torch
-    except ImportError as error:
-        raise ExportPackageMissing(
-            "torch is not installed; install it with: pip install 'ann-dc[torch]'"
-        ) from error
-    return torch
 
 
 def _rows_of(network: Network, held: Mapping[str, object]) -> dict[str, list[str]]:
