@@ -9,9 +9,10 @@ no index names belong to the user and are not changed.
 from __future__ import annotations
 
 import contextlib
+import difflib
 import glob
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from ann_dc.errors import (
     UnknownNameError,
 )
 from ann_dc.export.catalogue import FORMATS
-from ann_dc.export.formats import Files, reason_of, unknown_setting
+from ann_dc.export.formats import Files, Format, reason_of
 from ann_dc.export.index import INDEX, Index, below, hashes_of, is_as_written, read_index
 from ann_dc.export.readme import ABOUT, readme
 from ann_dc.export.reference.contents import README
@@ -109,8 +110,7 @@ def export_network(
     """
     names = _asked(to)
     for name in settings:
-        if not any(name in FORMATS[asked].settings for asked in names):
-            raise unknown_setting(name, {key for f in names for key in FORMATS[f].settings})
+        _form_with(name, names)
     place = make_folder(out)
     progress("walking to the settled point")
     vector = reference_vector(network)
@@ -128,14 +128,21 @@ def export_network(
 
 def settings_from(to: str | Sequence[str], words: Mapping[str, str]) -> dict[str, Any]:
     """Convert setting texts to the types of the settings in the given formats."""
-    forms = [FORMATS[name] for name in _asked(to)]
-    found = {}
-    for name, word in words.items():
-        form = next((form for form in forms if name in form.settings), None)
-        if form is None:
-            raise unknown_setting(name, {key for form in forms for key in form.settings})
-        found[name] = form.setting_of(name, word)
-    return found
+    names = _asked(to)
+    return {key: _form_with(key, names).setting_of(key, word) for key, word in words.items()}
+
+
+def _form_with(setting: str, formats: Iterable[str]) -> Format:
+    """Return the first of the named formats that has a setting."""
+    forms = [FORMATS[name] for name in formats]
+    for form in forms:
+        if setting in form.settings:
+            return form
+    known = {key for form in forms for key in form.settings}
+    near = difflib.get_close_matches(setting, known, 1)
+    there = f"choose from: {', '.join(known)}" if known else "these formats have none"
+    what = f"did you mean {near[0]!r}?" if near else there
+    raise UnknownNameError(f"setting {setting!r} does not exist; {what}")
 
 
 def _asked(to: str | Sequence[str]) -> list[str]:

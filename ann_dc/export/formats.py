@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import inspect
 import typing
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +14,6 @@ from ann_dc.errors import (
     ExportError,
     ExportPackageMissing,
     FileFormatError,
-    UnknownNameError,
 )
 from ann_dc.export.reference.contents import check_contents, not_run
 
@@ -127,12 +125,3 @@ def _plain_types(kind: Any) -> list[type]:
 def _words(kind: Any) -> str:
     names = {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}
     return " or ".join(names[plain] for plain in _plain_types(kind))
-
-
-def unknown_setting(name: str, available: Iterable[str]) -> UnknownNameError:
-    """Return the error for an unknown setting, with the closest available name."""
-    names = list(available)
-    near = difflib.get_close_matches(name, names, 1)
-    there = f"choose from: {', '.join(names)}" if names else "these formats have none"
-    what = f"did you mean {near[0]!r}?" if near else there
-    return UnknownNameError(f"setting {name!r} does not exist; {what}")

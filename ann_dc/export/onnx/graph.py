@@ -6,7 +6,7 @@ body is placed before the loop.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -63,6 +63,11 @@ class Graph:
         self.nodes.append(helper.make_node(kind, inputs, outputs, name=outputs[0], **attributes))
         self._own.update(outputs)
         return outputs
+
+    def name_outputs(self, outputs: Mapping[str, str]) -> None:
+        """Name the outputs of the graph."""
+        for name, tensor in outputs.items():
+            self.named(name, "Identity", tensor)
 
     # ---- constants -----------------------------------------------------------------------------
 

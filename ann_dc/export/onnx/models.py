@@ -31,7 +31,7 @@ def step_model(network: Network, dtype: Any) -> Any:
     flow = _Flow(network, graph)
     state = flow.filled("states")
     following, residual, _ = flow.step(graph, state, {})
-    _handed_out(graph, {"next_states": flow.unfolded(graph, following), "residual": residual})
+    graph.name_outputs({"next_states": flow.unfolded(graph, following), "residual": residual})
     given = [*_given(network, graph), ("step", graph.dtype, [])]
     found = [_states(network, graph, "next_states"), ("residual", graph.dtype, [BATCH])]
     return graph.model("step", given, found)
@@ -76,11 +76,11 @@ def settle_model(network: Network, dtype: Any) -> Any:
     }
     going = body.op("ReduceMax", moved, keepdims=0)
     ends["going"] = body.op("Cast", going, to=TensorProto.BOOL)
-    _handed_out(body, ends)
+    body.name_outputs(ends)
     turns = graph.op("Add", "limit", graph.table("one more", 1, np.int64))
     state, distance, count = graph.loop(body, turns, carried, [*ends][:3], "going")
     outputs = {"settled_states": flow.unfolded(graph, state), "residual": distance, "steps": count}
-    _handed_out(graph, outputs)
+    graph.name_outputs(outputs)
     numbers = [("step", graph.dtype, []), ("tolerance", graph.dtype, []), ("limit", np.int64, [])]
     found = [
         _states(network, graph, "settled_states"),
@@ -88,11 +88,6 @@ def settle_model(network: Network, dtype: Any) -> Any:
         ("steps", np.int64, [BATCH]),
     ]
     return graph.model("settle", [*_given(network, graph), *numbers], found)
-
-
-def _handed_out(graph: Graph, outputs: dict[str, str]) -> None:
-    for name, tensor in outputs.items():
-        graph.named(name, "Identity", tensor)
 
 
 def _states(network: Network, graph: Graph, name: str) -> tuple[str, Any, list]:

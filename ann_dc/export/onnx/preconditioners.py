@@ -78,8 +78,7 @@ def clamped(
     body = Graph(graph.dtype, graph, own=["clamp turn", "clamp still", *carried])
     body.about("clamp")
     ends = _exchanged(body, count, given, *at_rails)
-    for name, tensor in ends.items():
-        body.named(name, "Identity", tensor)
+    body.name_outputs(ends)
     most = graph.table("clamp.turns", BLOCKS * count + PIVOTS, np.int64)
     found = graph.loop(body, most, carried, [*ends][:-1], [*ends][-1], "clamp ")
     currents = graph.op("Where", found[1], _last(graph, found[0], count), graph.number(0.0))
