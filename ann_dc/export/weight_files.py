@@ -32,6 +32,10 @@ FORMS = {"safetensors": "network.safetensors", "npz": "network.npz"}
 """Names of the weight file."""
 
 
+MATRIX, TENSORS = "weights.csv", "tensors.csv"
+HEAD = ["tensor", "shape", "index", "value"]
+
+
 @checked
 def weights_files(
     network: Network, vector: ReferenceVector, *, form: str = "safetensors"
@@ -69,10 +73,6 @@ def weights_check(files: Mapping[str, bytes]) -> str:
     arrays = arrays_of(network)
     check_hashes(read_manifest(text_of(files, MANIFEST)), arrays)
     return f"{there[0]}: {len(arrays)} arrays as hashed; {walked(network, files)}"
-
-
-MATRIX, TENSORS = "weights.csv", "tensors.csv"
-HEAD = ["tensor", "shape", "index", "value"]
 
 
 @checked

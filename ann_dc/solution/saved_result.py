@@ -65,11 +65,27 @@ SHAPES: dict[type, dict[str, str]] = {
     Candidate: {"stray": "n"},
     Design: {"state": "n"},
 }
-"""Shapes of the arrays of a record: n, P and N are those of the network, other letters agree within
-the record, a star is any size; no size is zero.
+"""Shapes of the arrays of a record; no size is zero.
+
+n, P and N are those of the network, other letters agree within the record, a star is any size.
 """
 
 NOT_FINITE = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
+
+FORMAT = "ann_dc solution"
+SCHEMA = 2
+MANIFEST, ARRAYS, SUMS = "manifest.json", "arrays.npz", "SHA256SUMS"
+REMEDY = "give the path of a folder that a solution was saved to"
+MAX_MANIFEST = 10_000_000
+"""Largest size of `MANIFEST` in bytes."""
+LONGEST_SUMS = 10_000
+"""Largest size of `SUMS` in bytes; one line per file."""
+SUM = re.compile(r"([0-9a-f]{64})  ([a-z]{1,40}\.(?:npz|json))")
+"""Pattern of a line of `SUMS`: a digest, and the name of a file directly in the folder."""
+PRECONDITIONERS: dict[str, type[Preconditioner]] = {
+    kind.__name__: kind for kind in (Diagonal, Multilevel, ResistiveGrid, CyclicReduction)
+}
+"""Preconditioner classes by their name in a table."""
 
 
 class Reader:
@@ -198,18 +214,6 @@ def _choice(available: Mapping[str, Any], given: Any, place: str) -> Any:
 
 # ---- A result as a folder, which is complete or refused
 
-FORMAT = "ann_dc solution"
-SCHEMA = 2
-
-MANIFEST, ARRAYS, SUMS = "manifest.json", "arrays.npz", "SHA256SUMS"
-REMEDY = "give the path of a folder that a solution was saved to"
-MAX_MANIFEST = 10_000_000
-"""Largest size of `MANIFEST` in bytes."""
-LONGEST_SUMS = 10_000
-"""Largest size of `SUMS` in bytes; one line per file."""
-SUM = re.compile(r"([0-9a-f]{64})  ([a-z]{1,40}\.(?:npz|json))")
-"""Pattern of a line of `SUMS`: a digest, and the name of a file directly in the folder."""
-
 
 def save_result(
     folder: str | os.PathLike[str], networks: Mapping[str, Network], records: Mapping[str, object]
@@ -310,12 +314,6 @@ def _taken(files: dict[str, bytes], name: str) -> bytes:
 
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
-
-
-PRECONDITIONERS: dict[str, type[Preconditioner]] = {
-    kind.__name__: kind for kind in (Diagonal, Multilevel, ResistiveGrid, CyclicReduction)
-}
-"""Preconditioner classes by their name in a table."""
 
 
 class Writer:

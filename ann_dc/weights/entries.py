@@ -42,6 +42,31 @@ NUMBER, BYTE = "float64", "uint8"
 LONGEST = 1_000_000
 """Largest axis length of an array without elements."""
 
+BROKEN = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    OSError,
+    EOFError,
+    OverflowError,
+    RuntimeError,
+    ValueError,
+)
+"""Exceptions that reading a damaged zip file may raise."""
+MAGIC = b"\x93NUMPY\x01\x00"
+SPELLING = re.compile(
+    rb"\{'descr': '([<>|][biufcOSUV][0-9]{0,2})', 'fortran_order': (False|True), "
+    rb"'shape': \(((?:[0-9]{1,18}, ?)*(?:[0-9]{1,18})?)\), \} *\n"
+)
+"""Pattern of an array header as written by NumPy."""
+METADATA = "__metadata__"
+PREFIX = 8
+"""Bytes of the header length; the header length is a multiple of this number."""
+MAX_HEADER = 4_000_000
+"""Largest header size in bytes."""
+KIND = "F64"
+"""Only array type in the package's files."""
+
 
 class Stored(NamedTuple):
     """Array as stored: NumPy's name of its type, and little-endian data in C order."""
@@ -119,26 +144,6 @@ def _fits(shape: tuple[int, ...], given: tuple[int | None, ...]) -> bool:
     return same and (0 not in shape or max(shape) <= LONGEST)
 
 
-BROKEN = (
-    zipfile.BadZipFile,
-    zlib.error,
-    struct.error,
-    OSError,
-    EOFError,
-    OverflowError,
-    RuntimeError,
-    ValueError,
-)
-"""Exceptions that reading a damaged zip file may raise."""
-
-MAGIC = b"\x93NUMPY\x01\x00"
-SPELLING = re.compile(
-    rb"\{'descr': '([<>|][biufcOSUV][0-9]{0,2})', 'fortran_order': (False|True), "
-    rb"'shape': \(((?:[0-9]{1,18}, ?)*(?:[0-9]{1,18})?)\), \} *\n"
-)
-"""Pattern of an array header as written by NumPy."""
-
-
 def packed_entries(text: Mapping[str, str], arrays: Mapping[str, object]) -> bytes:
     """Serialise texts and float arrays as one file; equal entries give equal bytes."""
     _check_printable(arrays)
@@ -206,15 +211,6 @@ def _word(kind: str) -> str:
     except TypeError:
         return kind
     return found.name if found.isnative else kind
-
-
-METADATA = "__metadata__"
-PREFIX = 8
-"""Bytes of the header length; the header length is a multiple of this number."""
-MAX_HEADER = 4_000_000
-"""Largest header size in bytes."""
-KIND = "F64"
-"""Only array type in the package's files."""
 
 
 def packed_tensors(manifest: str, arrays: Mapping[str, object]) -> bytes:

@@ -28,6 +28,18 @@ from ann_dc.si_prefixes import PREFIXES
 GROUND, POSITIVE, NEGATIVE = "GND", "V+", "V-"
 """Nets of every board."""
 
+FEEDBACK = {"AD734": "11"}
+"""Multiplier pad that is tied to the output: the input that is subtracted in its comparison."""
+PRESET_OHMS = 0.1
+"""Resistor in ohms across the current source of a preset."""
+BILL = (
+    *("reference", "value", "unit", "to buy", "series", "tolerance"),
+    *("part class", "part", "package", "quantity"),
+)
+"""Columns of the BOM."""
+LISTED = ("reference", "unit", "kind", "name in the deck", "value", "pins and nets")
+"""Columns of the list of parts."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Package:
@@ -106,9 +118,6 @@ AD835 = Package(
 )
 OPA192, OPA828, AD8065 = _single("OPA192"), _single("OPA828"), _single("AD8065")
 
-FEEDBACK = {"AD734": "11"}
-"""Multiplier pad that is tied to the output: the input that is subtracted in its comparison."""
-
 REAL = {
     "tl072_ad633": {"opamp": TL072, "mul4q": AD633},
     "opa192_ad734": {"opamp": OPA192, "mul4q": AD734},
@@ -116,10 +125,6 @@ REAL = {
     "ad8065_ad835": {"opamp": AD8065, "mul4q": AD835},
 }
 """Packages of the part sets that name real parts."""
-
-
-PRESET_OHMS = 0.1
-"""Resistor in ohms across the current source of a preset."""
 
 
 class PartClass(NamedTuple):
@@ -237,15 +242,6 @@ def _value(element: Element) -> str:
     if element.value is not None:
         return f"{element.value:.6g}"
     return " ".join(element.words) if element.kind in "vib" else ""
-
-
-BILL = (
-    *("reference", "value", "unit", "to buy", "series", "tolerance"),
-    *("part class", "part", "package", "quantity"),
-)
-"""Columns of the BOM."""
-LISTED = ("reference", "unit", "kind", "name in the deck", "value", "pins and nets")
-"""Columns of the list of parts."""
 
 
 def bill_text(build: Build, parts: Iterable[Part]) -> str:

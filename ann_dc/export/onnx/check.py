@@ -24,9 +24,7 @@ from ann_dc.export.reference.vector import VECTOR, Precision, ReferenceVector, c
 from ann_dc.validation import checked
 
 MOST_BYTES = 2**28
-"""Largest file size in bytes; a network of ten thousand stages with a resistive grid has about
-2**25.
-"""
+"""Largest file size in bytes; ten thousand stages with a resistive grid need about 2**25."""
 REACH = 8
 """Largest number in a shape or an index, relative to the number of neurons of the cell array."""
 GIVEN = {
@@ -42,6 +40,17 @@ OPERATIONS = {
     "Tanh", "Unsqueeze", "Where", "Xor",
 }  # fmt: skip
 """Operations that exported networks use; others are rejected."""
+
+SAMPLES = 2
+"""Maximum number of samples in one run of a check."""
+GROWTH = 8
+"""Maximum size of a tensor relative to the states, inputs and the largest table together."""
+END = {"float64": 1e-6, "float32": 1e-3}
+"""Tolerance of the settled states."""
+PRECISIONS: dict[str, Precision] = {"tensor(double)": "float64", "tensor(float)": "float32"}
+"""Precision, by onnxruntime's name of the type of the states."""
+PATIENCE = 3
+"""Maximum number of steps to settle, relative to the vector; rounding may cause a detour."""
 
 
 @contextmanager
@@ -143,15 +152,6 @@ def _check_tensors(name: str, graph: Any, vector: ReferenceVector) -> None:
             raise FileFormatError(f"{name}: {table.name!r:.40} reaches beyond the states")
 
 
-SAMPLES = 2
-"""Maximum number of samples in one run of a check."""
-GROWTH = 8
-"""Maximum size of a tensor relative to the states, inputs and the largest table; exported files
-need less.
-"""
-Shape = tuple[int, ...]
-
-
 def _check_sizes(name: str, graph: Any, vector: ReferenceVector) -> None:
     """Raise `FileFormatError` for a large or unknown tensor size, or an endless loop.
 
@@ -205,7 +205,7 @@ def _body(loop: Any) -> Any:
     return next(attribute.g for attribute in loop.attribute if attribute.HasField("g"))
 
 
-def _shapes(name: str, graph: Any, vector: ReferenceVector) -> dict[str, Shape | None]:
+def _shapes(name: str, graph: Any, vector: ReferenceVector) -> dict[str, tuple[int, ...] | None]:
     """Return the shape of every tensor, or None if it is unknown."""
     from onnx import helper, shape_inference
 
@@ -251,19 +251,11 @@ def _unrolled(graph: Any, flat: Any) -> Iterator[Any]:
             yield helper.make_node("Identity", [own.name], [ended])
 
 
-def _shape(tensor: Any) -> Shape | None:
+def _shape(tensor: Any) -> tuple[int, ...] | None:
     kind = tensor.type.tensor_type
     if not kind.HasField("shape") or not all(size.HasField("dim_value") for size in kind.shape.dim):
         return None
     return tuple(size.dim_value for size in kind.shape.dim)
-
-
-END = {"float64": 1e-6, "float32": 1e-3}
-"""Tolerance of the settled states."""
-PRECISIONS: dict[str, Precision] = {"tensor(double)": "float64", "tensor(float)": "float32"}
-"""Precision, by onnxruntime's name of the type of the states."""
-PATIENCE = 3
-"""Maximum number of steps to settle, relative to the vector; rounding may cause a detour."""
 
 
 @checked

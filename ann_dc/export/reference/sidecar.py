@@ -18,6 +18,13 @@ from ann_dc.weights.hashes import content_hash
 from ann_dc.weights.manifest import Table, read_manifest
 from ann_dc.weights.network_file import packed, unpacked
 
+MANIFEST = "manifest.json"
+NETWORK = "network.npz"
+NEAR = 1e-6
+"""Tolerance of another machine's end state, relative to the largest state or one."""
+SHARE = 0.01
+"""Permitted deviation of the number of steps, relative to the vector's steps."""
+
 
 class Places:
     """Pairs (neuron, stage) of every component: one, or all stages of a shared neuron."""
@@ -64,14 +71,6 @@ class Places:
 def _fits(pair: Any, shape: tuple[int, ...]) -> bool:
     whole = isinstance(pair, list) and len(pair) == 2 and all(type(k) is int for k in pair)
     return whole and all(0 <= k < size for k, size in zip(pair, shape))
-
-
-MANIFEST = "manifest.json"
-NETWORK = "network.npz"
-NEAR = 1e-6
-"""Tolerance of another machine's end state, relative to the largest state or one."""
-SHARE = 0.01
-"""Permitted deviation of the number of steps, relative to the vector's steps."""
 
 
 class Beside(NamedTuple):

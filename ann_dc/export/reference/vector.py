@@ -42,6 +42,18 @@ LIMIT = 20_000
 LOST = 1e100
 """Residual above which the iteration counts as diverged."""
 
+Precision: TypeAlias = Literal["float64", "float32"]
+"""Precision of an export's computations."""
+TOLERANCES: dict[Precision, float] = {"float64": 1e-9, "float32": 1e-3}
+"""Largest difference of two runs by precision, relative to the largest state or one."""
+Walk: TypeAlias = Callable[[np.ndarray, int], np.ndarray]
+"""Function that returns the states (P, N) after a number of steps from a start (P, N)."""
+ROUNDING: dict[Precision, float] = {"float64": 1e-15, "float32": 1e-7}
+"""Perturbation of the start, relative to its values or one."""
+MARGIN = 1000.0
+MOST = 0.5
+"""Largest permitted difference, for any growth of rounding errors."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReferenceVector:
@@ -264,20 +276,6 @@ def _numbers(table: Table, key: str, rank: int, shape: tuple[int, ...] | None = 
     if not np.isfinite(values).all():
         raise FileFormatError(f"{table.place}.{key}: a value is not finite")
     return values
-
-
-Precision: TypeAlias = Literal["float64", "float32"]
-"""Precision of an export's computations."""
-TOLERANCES: dict[Precision, float] = {"float64": 1e-9, "float32": 1e-3}
-"""Largest difference of two runs by precision, relative to the largest state or one."""
-
-Walk: TypeAlias = Callable[[np.ndarray, int], np.ndarray]
-"""Function that returns the states (P, N) after a number of steps from a start (P, N)."""
-ROUNDING: dict[Precision, float] = {"float64": 1e-15, "float32": 1e-7}
-"""Perturbation of the start, relative to its values or one."""
-MARGIN = 1000.0
-MOST = 0.5
-"""Largest permitted difference, for any growth of rounding errors."""
 
 
 def compare(vector: ReferenceVector, walk: Walk, precision: Precision = "float64") -> float:

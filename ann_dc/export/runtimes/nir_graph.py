@@ -56,6 +56,15 @@ NEAR = 1e-6
 MOST = 5000
 """Maximum number of components, because the matrices of NIR are dense."""
 
+TYPES = {"input_weights": {"Linear"}, "synapses": {"Affine", "Linear"},
+         "preconditioner": {"Linear"},
+         "neurons": {"I"}, "input": {"Input"}, "output": {"Output"}}  # fmt: skip
+_Form: TypeAlias = dict[int, float]
+"""Row of [A B b]: columns and values."""
+GROUPS = {"node", "node/nodes", *(f"node/nodes/{name}" for name in TYPES)}
+EDGES = 8
+"""Maximum number of edges of a graph; an exported graph has five to seven."""
+
 
 @checked
 def nir_files(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
@@ -158,11 +167,6 @@ def _moves(graph: Any, v: np.ndarray, given: np.ndarray) -> np.ndarray:
     return graph.nodes["neurons"].r * hears("neurons")
 
 
-TYPES = {"input_weights": {"Linear"}, "synapses": {"Affine", "Linear"},
-         "preconditioner": {"Linear"},
-         "neurons": {"I"}, "input": {"Input"}, "output": {"Output"}}  # fmt: skip
-
-
 def _check_nodes(graph: Any) -> None:
     """Check nodes and edges against those that `nir_files` writes."""
     allowed = {
@@ -175,10 +179,6 @@ def _check_nodes(graph: Any) -> None:
     fits = all(type(node).__name__ in TYPES.get(name, ()) for name, node in nodes.items())
     if not fits or not {"neurons", "synapses"} <= nodes.keys() or not {*graph.edges} <= allowed:
         raise FileFormatError(f"{GRAPH}: its nodes are not those of an exported network")
-
-
-_Form: TypeAlias = dict[int, float]
-"""Row of [A B b]: columns and values."""
 
 
 class _LinearForm(NamedTuple):
@@ -245,11 +245,6 @@ def _table(rows: Sequence[_Form], width: int) -> sparse.csr_array:
     k, column, value = np.array(entries, float).reshape(-1, 3).T
     at = k.astype(np.int64), column.astype(np.int64)
     return sparse.csr_array(sparse.coo_array((value, at), shape=(len(rows), width)))
-
-
-GROUPS = {"node", "node/nodes", *(f"node/nodes/{name}" for name in TYPES)}
-EDGES = 8
-"""Maximum number of edges of a graph; an exported graph has five to seven."""
 
 
 def _read(content: bytes, size: int, inputs: int) -> Any:
