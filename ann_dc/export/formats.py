@@ -64,7 +64,8 @@ class Format:
                 continue
             if not named or value in named:
                 return value
-        expected = " or ".join(map(str, named)) or _words(kind)
+        words = (_WORDS[plain] for plain in _plain_types(kind))
+        expected = " or ".join(map(str, named or words))
         raise ExportError(f"{name}: expected {expected}, got {text!r}")
 
     def check(self, files: Files) -> str:
@@ -113,6 +114,7 @@ def _truth(text: str) -> bool:
 
 
 _READERS: dict[type, Callable[[str], Any]] = {bool: _truth, int: int, float: float, str: str}
+_WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}
 
 
 def _plain_types(kind: Any) -> list[type]:
@@ -120,8 +122,3 @@ def _plain_types(kind: Any) -> list[type]:
     parts = typing.get_args(kind) or (kind,)
     types = {part if isinstance(part, type) else type(part) for part in parts}
     return [plain for plain in _READERS if plain in types]
-
-
-def _words(kind: Any) -> str:
-    names = {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}
-    return " or ".join(names[plain] for plain in _plain_types(kind))

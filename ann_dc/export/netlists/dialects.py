@@ -81,7 +81,7 @@ def ltspice_files(
     `UnknownNameError` for an unknown level or series.
     """
     made = _build(network, vector, level, series)
-    return _files(made, vector, _deck(made, _ltspice, _ltspice_end), "LTspice", LTSPICE)
+    return _files(made, vector, _deck(made, str, _ltspice_end), "LTspice", LTSPICE)
 
 
 @checked
@@ -148,10 +148,12 @@ def _deck(made: Build, dialect: Callable[[str], str], end: Callable[[Build], Ite
     """Return the deck of a dialect, converted card by card."""
     deck = made.deck
     lines = (*models_of(made), *deck.cells, *deck.row, *deck.inputs)
-    cards = [dialect(card) for card in _cards("\n".join(lines))]
-    lines = [card if card.startswith("*") else wrapped(card) for card in cards]
+    cards = (
+        card if card.startswith("*") else wrapped(dialect(EXPONENT.sub("ee", card)))
+        for card in _cards("\n".join(lines))
+    )
     head = (deck.head[0], *(f"* {words}" for words in claims_of(made)), *deck.head[2:])
-    return "\n".join([*head, *lines, *end(made), ".end", ""])
+    return "\n".join([*head, *cards, *end(made), ".end", ""])
 
 
 def _cards(text: str) -> Iterator[str]:
@@ -167,10 +169,6 @@ def _cards(text: str) -> Iterator[str]:
     yield card
 
 
-def _ltspice(card: str) -> str:
-    return card if card.startswith("*") else EXPONENT.sub("ee", card)
-
-
 def _measures(made: Build) -> Iterator[str]:
     at = number(MEASURED * made.deck.end)
     for reading in made.controls:
@@ -183,14 +181,12 @@ def _ltspice_end(made: Build) -> Iterator[str]:
 
 
 def _xyce(card: str) -> str:
-    if card.startswith("*"):
-        return card
-    card = EXPONENT.sub("ee", card)
     letter, words = card[:1].lower(), card.split()
     if letter == "b":
         *head, expression = words
         kind, _, body = expression.partition("=")
-        return " ".join([*head, f"{kind}={{{_parenthesised(body)}}}"])
+        body = BRACED.sub(r"(\1)", body)
+        return " ".join([*head, f"{kind}={{{body}}}"])
     if letter == "x":
         place = next((i for i, word in enumerate(words) if "=" in word), len(words))
         more = ["params:", *words[place:]] if words[place:] else []
@@ -204,10 +200,6 @@ def _xyce(card: str) -> str:
         card = SWITCH.sub(r"vswitch(von=2.6 voff=2.4 \1)", card)
         return card.replace(" d(", " d(level=2 ") if "nbv=" in card else card
     return card
-
-
-def _parenthesised(body: str) -> str:
-    return BRACED.sub(r"(\1)", body)
 
 
 def _xyce_end(made: Build) -> Iterator[str]:

@@ -78,7 +78,8 @@ def logical_lines(text: str, files: Mapping[str, str]) -> Iterator[str]:
         if controls or line == ".endc":
             continue
         if line.startswith(".include"):
-            yield from _included(line, left)
+            name = line.removeprefix(".include").strip().strip('"')
+            yield from logical_lines(left.pop(name), {})
         else:
             yield line
 
@@ -92,12 +93,6 @@ def _joined(text: str) -> list[str]:
         elif row and not row.startswith("*"):
             lines.append([row])
     return [" ".join(parts) for parts in lines]
-
-
-def _included(line: str, left: dict[str, str]) -> Iterator[str]:
-    """Yield the lines of a file, which may be included once."""
-    name = line.removeprefix(".include").strip().strip('"')
-    yield from logical_lines(left.pop(name), {})
 
 
 def _declared(text: str, files: Mapping[str, str]) -> _Deck:

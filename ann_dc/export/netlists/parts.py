@@ -224,14 +224,11 @@ def _soldered(elements: list[Element]) -> Iterator[tuple[str, Element, str]]:
         where = element.name.rpartition(".")[0], frozenset(element.nodes)
         source = across.get(where)
         if source is None:
-            yield _kind(element.kind), element, _value(element)
+            is_function = element.kind.startswith("func_")
+            yield "function" if is_function else element.kind, element, _value(element)
         elif element is source:
             preset = Element(name=element.name, kind="preset", nodes=element.nodes[::-1])
             yield "preset", preset, f"{PRESET_OHMS * (element.value or 0.0) + 0.0:.6g}"
-
-
-def _kind(kind: str) -> str:
-    return "function" if kind.startswith("func_") else kind
 
 
 def _value(element: Element) -> str:
