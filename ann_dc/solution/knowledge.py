@@ -1,6 +1,6 @@
 """Knowledge of a problem for its design: existence, place and cost of an optimum.
 
-Search for optima of a problem as network states, without running the network.
+Optima are found as network states, without running the network.
 """
 
 from __future__ import annotations
@@ -51,10 +51,7 @@ def path_of(network: Network, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _state_of(problem: OptimalControlProblem, network: Network, found: Extremum) -> np.ndarray:
-    """Return the network equilibrium (n,) at an optimum of the problem.
-
-    Newton's method on the net inputs refines the state if it converges.
-    """
+    """Return the network equilibrium (n,) at an optimum, by Newton's method if it converges."""
     beta = np.zeros_like(found.mu)
     beta[:, 1:] = -found.mu[:, :-1]
     start = InitialGuess(q=found.q, u=found.u, mu=found.mu, beta=beta)
@@ -85,7 +82,7 @@ class Search:
     def from_line(self, progress: Progress) -> list[Optimum]:
         """Return the optimum reached from the straight line, if any; the result is cached.
 
-        If the first search fails, it is repeated from the line with more caution.
+        If the first search fails, it is repeated with more caution.
         """
         if self._from_line is None:
             line = interpolated_guess(self.problem)

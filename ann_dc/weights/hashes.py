@@ -28,19 +28,13 @@ FRAME = ("limits", "scale_factor", "scale_offset", "input_scale", "stiffness")
 
 @checked
 def wiring_hash(network: Network) -> str:
-    """Compute the SHA-256 of names and connections, without numbers and title.
-
-    The result has 64 hexadecimal digits.
-    """
+    """Compute the SHA-256 of names and connections, without numbers and title, in hexadecimal."""
     return hashlib.sha256(_without(manifest_of(network), WORDS)).hexdigest()
 
 
 @checked
 def content_hash(network: Network) -> str:
-    """Compute the SHA-256 of names, connections and all numbers, without the title.
-
-    The result has 64 hexadecimal digits.
-    """
+    """Compute the SHA-256 of names, connections and all numbers, without the title."""
     return hash_of(manifest_of(network), arrays_of(network))
 
 
@@ -48,8 +42,7 @@ def content_hash(network: Network) -> str:
 def frame_hash(network: Network) -> str:
     """Compute the SHA-256 of connections, saturation limits, units and stiffness.
 
-    These are the parts of a network into which gains and weights are set. The result has 64
-    hexadecimal digits.
+    These are the parts of a network into which gains and weights are set.
     """
     frame = {n: v for n, v in arrays_of(network).items() if n.partition("/")[0] in FRAME}
     return hash_of(manifest_of(network), frame)

@@ -73,12 +73,9 @@ def ltspice_files(
 ) -> dict[str, bytes]:
     """Export a deck in the LTspice dialect, tested only in ngspice's LTspice mode.
 
-    Options are those of `pack_files`, except the level ``sky130``. The files are 'deck.cir',
-    'parts.csv', 'scaling.csv', 'expected_controls.csv', 'README.md', 'reference_vector.json' and
-    ``SHA256SUMS``.
-
-    Raises `ExportError` with the reason if the network cannot be built at the level, and
-    `UnknownNameError` for an unknown level or series.
+    Options and errors are those of `pack_files`, except the level ``sky130``. The files are
+    'deck.cir', 'parts.csv', 'scaling.csv', 'expected_controls.csv', 'README.md',
+    'reference_vector.json' and ``SHA256SUMS``.
     """
     made = _build(network, vector, level, series)
     return _files(made, vector, _deck(made, str, _ltspice_end), "LTspice", LTSPICE)
@@ -88,13 +85,9 @@ def ltspice_files(
 def xyce_files(
     network: Network, vector: ReferenceVector, *, level: str = "macro", series: str = "exact"
 ) -> dict[str, bytes]:
-    """Export a deck in the Xyce dialect, not tested in Xyce.
+    """Export a deck in the Xyce dialect, not tested in Xyce; the files are as in `ltspice_files`.
 
-    Options are those of `pack_files`, except the levels ``sky130`` and ``switched-capacitor``. The
-    files are those of `ltspice_files`.
-
-    Raises `ExportError` if the network cannot be built at the level, or the level uses switched
-    capacitors, and `UnknownNameError` for an unknown level or series.
+    Raises `ExportError` for the levels ``sky130`` and ``switched-capacitor``.
     """
     made = _build(network, vector, level, series)
     if made.level.technology.clocked:

@@ -266,10 +266,8 @@ def onnx_check(files: Mapping[str, bytes]) -> str:
     complete file. The package onnx then checks the files, and onnxruntime parses and runs them; its
     behaviour is outside the control of this package.
 
-    The files are ``step.onnx``, ``settle.onnx`` and ``reference_vector.json``; other files are
-    ignored. Returns the result as a sentence. Raises `FileFormatError` if a file is missing,
-    invalid, changed, or computes different values, and `ExportPackageMissing` if onnx or
-    onnxruntime is not installed.
+    Returns the result as a sentence. Raises `FileFormatError` if a file is missing, invalid,
+    changed, or computes different values.
     """
     require("onnx", "onnxruntime")
     vector = ReferenceVector.from_json(_content(files, VECTOR))

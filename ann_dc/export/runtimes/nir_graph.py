@@ -97,8 +97,7 @@ def nir_check(files: Mapping[str, bytes]) -> str:
     """Read a graph and repeat the steps of the test vector with its node equations.
 
     A graph whose hash differs from that in ``nir.json`` is not read. Returns the result as a
-    sentence. Raises `FileFormatError` if a file is missing or changed, or the graph takes different
-    steps, and `ExportPackageMissing` if nir is not installed.
+    sentence. Raises `FileFormatError` if the graph takes different steps.
     """
     vector, _, places, inputs = read_beside(files, GRAPH, NOTES, FORMAT, SCHEMA)
     given = inputs.ravel() if inputs.size else np.zeros(1)

@@ -70,7 +70,7 @@ def torch_program_check(files: Mapping[str, bytes]) -> str:
     pair of files, so check only files from trusted sources.
 
     Returns the result as a sentence. Raises `FileFormatError` if a file is missing or changed, or
-    the program takes different steps, and `ExportPackageMissing` if torch is not installed.
+    the program takes different steps.
     """
     beside = read_beside(files, PROGRAM, NOTES, FORMAT, SCHEMA)
     vector, precision = beside.vector, beside.notes.choice("precision", _PRECISIONS)
