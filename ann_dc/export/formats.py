@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
 import typing
 from collections.abc import Callable, Mapping
@@ -90,16 +89,6 @@ class Format:
             check_contents(files, self.contents)
             return "hashes alone; not run: reading a file may execute code in it"
         return self.check(files)
-
-
-def package(name: str, extra: str) -> Any:
-    """Load an optional package, or raise `ExportPackageMissing` with the command to install it."""
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise ExportPackageMissing(
-            f"{error.name or name} is not installed; install it with: pip install 'ann-dc[{extra}]'"
-        ) from error
 
 
 def reason_of(error: Exception) -> str:

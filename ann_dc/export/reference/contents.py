@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import importlib
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
+from typing import Any
 
-from ann_dc.errors import FileFormatError
+from ann_dc.errors import ExportPackageMissing, FileFormatError
 
 README = "README.md"
 SUMS = "SHA256SUMS"
@@ -92,6 +94,16 @@ def stated(files: Mapping[str, bytes]) -> str:
     paragraphs = text_of(files, README).split("\n\n")
     said = [part for part in paragraphs if part.startswith(STATEMENTS) and part.isprintable()]
     return " ".join([*said, "Not run."])
+
+
+def package(name: str, extra: str) -> Any:
+    """Load an optional package, or raise `ExportPackageMissing` with the command to install it."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise ExportPackageMissing(
+            f"{error.name or name} is not installed; install it with: pip install 'ann-dc[{extra}]'"
+        ) from error
 
 
 def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

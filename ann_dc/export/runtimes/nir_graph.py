@@ -37,7 +37,7 @@ import numpy as np
 from scipy import sparse
 
 from ann_dc.errors import ExportError, FileFormatError
-from ann_dc.export.formats import package
+from ann_dc.export.reference.contents import package
 from ann_dc.export.reference.sidecar import check_vector, notes_on, read_beside
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector, check_states, compare
 from ann_dc.lowering.program import ONE, UPDATE

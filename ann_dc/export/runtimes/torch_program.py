@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ann_dc.errors import FileFormatError
-from ann_dc.export.formats import package
+from ann_dc.export.reference.contents import package
 from ann_dc.export.reference.sidecar import Beside, check_vector, notes_on, read_beside
 from ann_dc.export.reference.vector import TOLERANCES, VECTOR, Precision, ReferenceVector, compare
 from ann_dc.network.network import Network
