@@ -20,8 +20,8 @@ from ann_dc.export.reference.vector import reference_vector
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 from ann_dc.problem import plants
+from ann_dc.weights.entries import packed_tensors
 from ann_dc.weights.network_file import save, written
-from ann_dc.weights.tensor_file import packed_tensors
 
 OLD = Path(__file__).parent / "weights" / "double_integrator.npz"
 

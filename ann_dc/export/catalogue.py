@@ -27,12 +27,11 @@ from ann_dc.export.netlists.pack import pack_files, stated_in_pack
 from ann_dc.export.netlists.verilog_a import verilog_a_files
 from ann_dc.export.onnx.check import onnx_check
 from ann_dc.export.onnx.files import onnx_files
-from ann_dc.export.plain_tables import csv_check, csv_files
 from ann_dc.export.reference.contents import stated
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
 from ann_dc.export.runtimes.nir_graph import nir_check, nir_files
 from ann_dc.export.runtimes.torch_program import torch_program_check, torch_program_files
-from ann_dc.export.weight_files import weights_check, weights_files
+from ann_dc.export.weight_files import csv_check, csv_files, weights_check, weights_files
 from ann_dc.network.network import Network
 from ann_dc.progress import Progress, silent
 from ann_dc.si_prefixes import counted
@@ -201,16 +200,8 @@ SHOWN = 16
 class Inspection:
     """Result of the inspection of one file or folder.
 
-    Attributes
-    ----------
-    place : Path
-        Inspected file or folder.
-    kind : str
-        Kind of content.
-    facts : dict of str to str
-        Properties by name.
-    wrong : str
-        Description of the first error; empty if there is none.
+    ``kind`` is that of its content, ``facts`` are its properties, and ``wrong`` describes the first
+    error, if any.
     """
 
     place: Path
@@ -311,11 +302,8 @@ def _of_folder(folder: Path) -> Inspection:
 
 
 def _check_network(index: Index, files: Files) -> None:
-    """Check that the index and the test vector belong to the same network.
-
-    A vector that is missing is found with the names of the files.
-    """
-    if VECTOR not in files:
+    """Check that the index and the test vector belong to the same network."""
+    if VECTOR not in files:  # found with the names of the files
         return
     vector = ReferenceVector.from_json(files[VECTOR])
     if (index.wiring, index.content) != (vector.wiring, vector.content):

@@ -9,16 +9,16 @@ no index names belong to the user and are not changed.
 from __future__ import annotations
 
 import contextlib
+import difflib
 import glob
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import ann_dc
 from ann_dc.errors import (
-    AnnDcError,
     ExportError,
     ExportPackageMissing,
     FileFormatError,
@@ -26,7 +26,7 @@ from ann_dc.errors import (
     UnknownNameError,
 )
 from ann_dc.export.catalogue import FORMATS
-from ann_dc.export.formats import Files, unknown_setting
+from ann_dc.export.formats import Files, Format, reason_of
 from ann_dc.export.index import INDEX, Index, below, hashes_of, is_as_written, read_index
 from ann_dc.export.readme import ABOUT, readme
 from ann_dc.export.reference.contents import README
@@ -44,18 +44,8 @@ LOCK = ".lock"
 class Exported:
     """Result of one format's export.
 
-    Attributes
-    ----------
-    name : str
-        Name of the format.
-    folder : Path
-        Folder of the format.
-    files : tuple of Path
-        Written files, the index last; empty if the format cannot represent the network.
-    worth : str
-        Result of the format's check of the files.
-    why_not : str
-        Reason if no files were written.
+    ``files`` were written, the index last; there are none if the format cannot represent the
+    network, for the reason ``why_not``. ``worth`` is the result of the format's check.
     """
 
     name: str
@@ -120,8 +110,7 @@ def export_network(
     """
     names = _asked(to)
     for name in settings:
-        if not any(name in FORMATS[asked].settings for asked in names):
-            raise unknown_setting(name, {key for f in names for key in FORMATS[f].settings})
+        _form_with(name, names)
     place = make_folder(out)
     progress("walking to the settled point")
     vector = reference_vector(network)
@@ -133,24 +122,27 @@ def export_network(
         except Exception as error:  # whatever it is, the others are written
             if len(names) == 1:
                 raise
-            done.append(Exported(name=name, folder=place / name, why_not=_reason(error)))
+            done.append(Exported(name=name, folder=place / name, why_not=reason_of(error)))
     return done
 
 
 def settings_from(to: str | Sequence[str], words: Mapping[str, str]) -> dict[str, Any]:
-    """Convert setting texts to the types of the settings in the given formats.
+    """Convert setting texts to the types of the settings in the given formats."""
+    names = _asked(to)
+    return {key: _form_with(key, names).setting_of(key, word) for key, word in words.items()}
 
-    Formats are given as in `export_network`. Raises `UnknownNameError` if a format does not exist
-    or none of the formats has the setting, and `ExportError` if a text is not a valid value.
-    """
-    forms = [FORMATS[name] for name in _asked(to)]
-    found = {}
-    for name, word in words.items():
-        form = next((form for form in forms if name in form.settings), None)
-        if form is None:
-            raise unknown_setting(name, {key for form in forms for key in form.settings})
-        found[name] = form.setting_of(name, word)
-    return found
+
+def _form_with(setting: str, formats: Iterable[str]) -> Format:
+    """Return the first of the named formats that has a setting."""
+    forms = [FORMATS[name] for name in formats]
+    for form in forms:
+        if setting in form.settings:
+            return form
+    known = {key for form in forms for key in form.settings}
+    near = difflib.get_close_matches(setting, known, 1)
+    there = f"choose from: {', '.join(known)}" if known else "these formats have none"
+    what = f"did you mean {near[0]!r}?" if near else there
+    raise UnknownNameError(f"setting {setting!r} does not exist; {what}")
 
 
 def _asked(to: str | Sequence[str]) -> list[str]:
@@ -165,21 +157,27 @@ def _asked(to: str | Sequence[str]) -> list[str]:
 
 
 def _exported(
-    name: str,
-    network: Network,
-    vector: ReferenceVector,
-    settings: Mapping[str, Any],
-    folder: Path,
+    name: str, network: Network, vector: ReferenceVector, settings: Mapping[str, Any], folder: Path
 ) -> Exported:
     """Create, check and write the files of one format."""
     form = FORMATS[name]
     own = {key: value for key, value in settings.items() if key in form.settings}
-    files = form.files(network, vector, own)
+    files = form.write(network, vector, **own)
     worth = _worth(name, files)
     if name in ABOUT:
         files = {**files, README: readme(name, form, network, vector, files)}
-    written = _written(folder, files, _index(name, network, vector, own, files))
-    return replace(written, worth=worth)
+    index = Index(
+        to=name,
+        title=network.title,
+        version=ann_dc.__version__,
+        wiring=vector.wiring,
+        content=vector.content,
+        settings=own,
+        files=hashes_of(files),
+    )
+    _write_locked(folder, files, index)
+    written = tuple(folder / name for name in (*files, INDEX))
+    return Exported(name=name, folder=folder, files=written, worth=worth)
 
 
 def _worth(name: str, files: Files) -> str:
@@ -194,33 +192,7 @@ def _worth(name: str, files: Files) -> str:
         ) from error
 
 
-def _reason(error: Exception) -> str:
-    """Return the reason why a format was not written.
-
-    An error that ann_dc does not raise itself is named by its type.
-    """
-    return str(error) if isinstance(error, AnnDcError) else f"{type(error).__name__}: {error}"
-
-
-def _index(
-    name: str,
-    network: Network,
-    vector: ReferenceVector,
-    settings: Mapping[str, Any],
-    files: Files,
-) -> Index:
-    return Index(
-        to=name,
-        title=network.title,
-        version=ann_dc.__version__,
-        wiring=vector.wiring,
-        content=vector.content,
-        settings=settings,
-        files=hashes_of(files),
-    )
-
-
-def _written(folder: Path, files: Files, index: Index) -> Exported:
+def _write_locked(folder: Path, files: Files, index: Index) -> None:
     """Write the files of a format to its folder and remove those of an earlier export."""
     make_folder(folder)
     for name in (*files, INDEX, LOCK):
@@ -237,8 +209,6 @@ def _written(folder: Path, files: Files, index: Index) -> Exported:
                 (folder / LOCK).unlink(missing_ok=True)
         finally:
             lock.release()
-    written = (*(folder / name for name in files), folder / INDEX)
-    return Exported(name=index.to, folder=folder, files=written)
 
 
 def _write(folder: Path, files: Files, index: Index) -> None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import typing
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,11 +13,8 @@ from ann_dc.errors import (
     ExportError,
     ExportPackageMissing,
     FileFormatError,
-    UnknownNameError,
 )
 from ann_dc.export.reference.contents import check_contents, not_run
-from ann_dc.export.reference.vector import ReferenceVector
-from ann_dc.network.network import Network
 
 Files = Mapping[str, bytes]
 """File contents, by file name in the format's folder."""
@@ -26,12 +22,10 @@ Files = Mapping[str, bytes]
 
 @dataclass(frozen=True, kw_only=True)
 class Format:
-    """Export format.
+    """Export format, with its purpose and its preserved and omitted data.
 
     Attributes
     ----------
-    title : str
-        Purpose and users of the format.
     write : callable
         Function ``(network, vector, **settings)`` that returns files.
     contents : str
@@ -42,8 +36,6 @@ class Format:
     executes : bool
         True if reading a file may execute code in it. Such files are run when they are written, and
         are not run if their origin is unknown.
-    carries, loses : str
-        Preserved and omitted data, for the table of formats.
     """
 
     title: str
@@ -61,10 +53,7 @@ class Format:
         return {p.name: p for p in given if p.kind is p.KEYWORD_ONLY}
 
     def setting_of(self, name: str, text: str) -> Any:
-        """Convert a setting's command-line text to its value.
-
-        Raises `ExportError` if the text is not a valid value.
-        """
+        """Convert a setting's command-line text to its value, or raise `ExportError`."""
         kind = typing.get_type_hints(inspect.unwrap(self.write))[name]
         named = typing.get_args(kind) if typing.get_origin(kind) is typing.Literal else ()
         for plain in _plain_types(kind):
@@ -74,15 +63,15 @@ class Format:
                 continue
             if not named or value in named:
                 return value
-        expected = " or ".join(map(str, named)) or _words(kind)
+        words = (_WORDS[plain] for plain in _plain_types(kind))
+        expected = " or ".join(map(str, named or words))
         raise ExportError(f"{name}: expected {expected}, got {text!r}")
 
     def check(self, files: Files) -> str:
-        """Check the names of files and the list of their hashes, and run them.
+        """Check the names of files and the list of their hashes, run them, and return the result.
 
-        Returns the result as a sentence. Raises `FileFormatError` if a file is missing, changed,
-        foreign or invalid, or does not take the steps of its test vector. Raises
-        `ExportPackageMissing` if a required package is not installed.
+        Raises `FileFormatError` if a file is missing, changed, foreign or invalid, or does not take
+        the steps of its test vector, and `ExportPackageMissing` if a package is not installed.
         """
         check_contents(files, self.contents)
         try:
@@ -90,10 +79,9 @@ class Format:
         except (FileFormatError, ExportPackageMissing):
             raise
         except Exception as error:  # of any package or function that an invalid file reaches
-            reason = (
-                str(error) if isinstance(error, AnnDcError) else f"{type(error).__name__}: {error}"
-            )
-            raise FileFormatError(f"cannot be run: {reason:.300}; export it again") from error
+            raise FileFormatError(
+                f"cannot be run: {reason_of(error):.300}; export it again"
+            ) from error
 
     def inspect(self, files: Files) -> str:
         """Check files of unknown origin: as `check`, without executing code in them."""
@@ -102,18 +90,10 @@ class Format:
             return "hashes alone; not run: reading a file may execute code in it"
         return self.check(files)
 
-    def files(
-        self, network: Network, vector: ReferenceVector, settings: Mapping[str, Any]
-    ) -> Files:
-        """Return the files of a network with its test vector.
 
-        Raises `UnknownNameError` if the format does not have a setting, `ExportError` if it cannot
-        represent the network, and `ExportPackageMissing` if a required package is not installed.
-        """
-        for name in settings:
-            if name not in self.settings:
-                raise unknown_setting(name, self.settings)
-        return self.write(network, vector, **settings)
+def reason_of(error: Exception) -> str:
+    """Return the message of an error, with its type if ann_dc does not raise it itself."""
+    return str(error) if isinstance(error, AnnDcError) else f"{type(error).__name__}: {error}"
 
 
 def _truth(text: str) -> bool:
@@ -123,6 +103,7 @@ def _truth(text: str) -> bool:
 
 
 _READERS: dict[type, Callable[[str], Any]] = {bool: _truth, int: int, float: float, str: str}
+_WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}
 
 
 def _plain_types(kind: Any) -> list[type]:
@@ -130,17 +111,3 @@ def _plain_types(kind: Any) -> list[type]:
     parts = typing.get_args(kind) or (kind,)
     types = {part if isinstance(part, type) else type(part) for part in parts}
     return [plain for plain in _READERS if plain in types]
-
-
-def _words(kind: Any) -> str:
-    names = {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}
-    return " or ".join(names[plain] for plain in _plain_types(kind))
-
-
-def unknown_setting(name: str, available: Iterable[str]) -> UnknownNameError:
-    """Return the error for an unknown setting, with the closest available name."""
-    names = list(available)
-    near = difflib.get_close_matches(name, names, 1)
-    there = f"choose from: {', '.join(names)}" if names else "these formats have none"
-    what = f"did you mean {near[0]!r}?" if near else there
-    return UnknownNameError(f"setting {name!r} does not exist; {what}")

@@ -6,7 +6,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,20 +33,9 @@ _PLAIN = re.compile(r"(?:[\w][\w .+-]*/)?[\w][\w .+-]*")
 class Index:
     """Index of an export folder.
 
-    Attributes
-    ----------
-    to : str
-        Name of the format.
-    title : str
-        Title of the network.
-    version : str
-        Version of ann_dc that wrote the folder.
-    wiring, content : str
-        Hashes of the network.
-    settings : mapping of str to value
-        Settings of the format.
-    files : mapping of str to str
-        SHA-256 of every other file, by its name.
+    ``to`` is the name of the format, ``title``, ``wiring`` and ``content`` are those of the
+    network, ``version`` is that of the ann_dc that wrote the folder, and ``files`` are the SHA-256
+    of every other file.
     """
 
     to: str
@@ -59,17 +48,7 @@ class Index:
 
     def as_json(self) -> bytes:
         """Return the index as the content of its file."""
-        table = {
-            "format": FORMAT,
-            "schema": SCHEMA,
-            "to": self.to,
-            "title": self.title,
-            "version": self.version,
-            "wiring": self.wiring,
-            "content": self.content,
-            "settings": dict(self.settings),
-            "files": dict(self.files),
-        }
+        table = {"format": FORMAT, "schema": SCHEMA, **asdict(self)}
         table["sha256"] = hashlib.sha256(json.dumps(table).encode()).hexdigest()
         return (json.dumps(table, indent=1) + "\n").encode()
 
@@ -80,10 +59,7 @@ def hashes_of(files: Mapping[str, bytes]) -> dict[str, str]:
 
 
 def read_index(folder: Path) -> Index:
-    """Read the index in a folder.
-
-    Raises `FileFormatError` if the index is missing or was not written by `as_json`.
-    """
+    """Read the index in a folder, or raise `FileFormatError`."""
     file = folder / INDEX
     content = read_whole(file, LARGEST_INDEX, "give a folder that ann-dc export wrote")
     try:
@@ -97,29 +73,18 @@ def read_index(folder: Path) -> Index:
 
 def _index_of(table: Table) -> Index:
     table.only("format schema to title version wiring content settings files sha256")
-    named = table.get("files", dict)
-    files = Table("manifest.files", named)
-    for name in named:
+    files = table.texts("files")
+    for name in files:
         if not _PLAIN.fullmatch(name) or name == INDEX:
             raise FileFormatError(
                 f"manifest.files: {name!r:.60} is no name of a file in the folder"
             )
-    return Index(
-        to=table.get("to", str),
-        title=table.get("title", str),
-        version=table.get("version", str),
-        wiring=table.get("wiring", str),
-        content=table.get("content", str),
-        settings=table.get("settings", dict),
-        files={name: files.get(name, str) for name in named},
-    )
+    texts = {key: table.get(key, str) for key in ("to", "title", "version", "wiring", "content")}
+    return Index(**texts, settings=table.get("settings", dict), files=files)
 
 
 def check_index(folder: Path, index: Index) -> None:
-    """Check that the file of an index is bit-identical to the output of `as_json`.
-
-    Raises `FileFormatError` otherwise.
-    """
+    """Raise `FileFormatError` if the file of an index differs from the output of `as_json`."""
     file = folder / INDEX
     if read_whole(file, LARGEST_INDEX, "export the network again") != index.as_json():
         raise FileFormatError(
@@ -128,11 +93,7 @@ def check_index(folder: Path, index: Index) -> None:
 
 
 def below(folder: Path, name: str) -> list[Path]:
-    """Return the path of a file in a folder, and the folders between them.
-
-    >>> [str(place) for place in below(Path("out"), "library/a.txt")]
-    ['out/library/a.txt', 'out/library']
-    """
+    """Return the path of a file in a folder, and the folders between them."""
     place = folder / name
     return [place, *place.parents[: len(place.parts) - len(folder.parts) - 1]]
 
@@ -149,10 +110,7 @@ def is_as_written(folder: Path, name: str, digest: str) -> bool:
 
 
 def read_files(folder: Path, index: Index) -> dict[str, bytes]:
-    """Read the files that an index names.
-
-    Raises `FileFormatError` if a file is missing or differs from the index.
-    """
+    """Read the files that an index names, or raise `FileFormatError` if one differs from it."""
     found = {}
     for name, expected in index.files.items():
         found[name] = read_whole(folder / name, LARGEST_FILE, "export the network again")
@@ -165,10 +123,7 @@ def read_files(folder: Path, index: Index) -> dict[str, bytes]:
 
 
 def exported_network(folder: Path) -> Network:
-    """Return the network of an export in the weights format.
-
-    Raises `FileFormatError` if the export has another format or was modified.
-    """
+    """Return the network of an export in the weights format, or raise `FileFormatError`."""
     index = read_index(folder)
     if index.to != WEIGHTS:
         raise FileFormatError(

@@ -26,7 +26,7 @@ from ann_dc.optimality.existence import Hopeless, Prospect
 from ann_dc.optimality.feasibility import Infeasible
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Stopped
-from ann_dc.solution.finding import path_of
+from ann_dc.solution.knowledge import path_of
 from ann_dc.solution.solution import Solution, certificate_of
 from ann_dc.timing import phase
 
@@ -44,12 +44,12 @@ def solution_of(
     backend: Backend,
     prospect: Prospect,
 ) -> Solution:
-    """Run a network with fixed gains and certify the solution.
+    """Run a network with the best gains of its design and certify the solution.
 
-    `network` has the best gains of the design. If the run does not settle, or settles at an optimum
-    that costs more than that of the design, networks with the next best gains and presets are run.
-    The cheapest certified solution is returned. If none settles, the optimum known from the design
-    is returned. `prospect` gives the reason of a failed run.
+    If the run does not settle, or settles at an optimum that costs more than that of the design,
+    networks with the next best gains and presets are run. The cheapest certified solution is
+    returned. If none settles, the optimum known from the design is returned. `prospect` gives the
+    reason of a failed run.
     """
     found = _solution(problem, equations, network, designed, backend)
     is_studied = equations.form != equations.form.designable  # its own start and run are the answer
@@ -209,14 +209,6 @@ def found_without(by: str, network: Status) -> Status:
     """Return the status of a known optimum at which no network settled.
 
     `by` names the method that found the optimum, and `network` is the final status of the run.
-
-    Examples
-    --------
-    >>> from ann_dc.backends import not_settled
-    >>> run = not_settled((1e-5, 2e-3), 40.0, "900 steps were done")
-    >>> print(found_without("the search", run))  # doctest: +NORMALIZE_WHITESPACE
-    found by the search; no network with constant gains was seen to settle there (not settled after
-    40 unit time constants: KKT residual 2.0e-03 when 900 steps were done)
     """
     if network.outcome is Outcome.STOPPED:
         return replace(network, message=f"{network.message}; the optimum was found by {by}")

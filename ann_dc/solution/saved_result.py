@@ -9,15 +9,11 @@
 
 The content is never executed or unpickled, and names cannot refer to places outside the folder.
 
-Types come from the annotations of the records, so that a new field is read without further code. A
-field with a default may be missing, as in files of earlier versions. Shapes are declared in
-`SHAPES`, since annotations do not contain them.
-
-Conversion of records to JSON tables and arrays, as `saved_result` reads them.
-
-A number, a text or a list of them is stored in the table. An array is a separate entry named by its
-place (``run/trajectory/states``), and the table stores its kind. A network is a separate file and
-is omitted. None is omitted if the field allows it (`WHERE_GIVEN`).
+A number, a text or a list of them is stored in the manifest. An array is a separate entry named by
+its place, and the manifest stores its kind. A network is a separate file. None is omitted if the
+field allows it (`WHERE_GIVEN`). Types come from the annotations of the records, so that a new field
+is read without further code. A field with a default may be missing, as in files of earlier
+versions. Shapes are declared in `SHAPES`, since annotations do not contain them.
 """
 
 from __future__ import annotations
@@ -56,10 +52,9 @@ from ann_dc.network.preconditioners.cyclic_reduction import CyclicReduction
 from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.network.preconditioners.resistive_grid import ResistiveGrid
-from ann_dc.weights.entries import Entries
-from ann_dc.weights.manifest import Table, read_manifest
+from ann_dc.weights.entries import BROKEN, Entries, NpzEntries, packed_entries
+from ann_dc.weights.manifest import Table, read_manifest, typed
 from ann_dc.weights.network_file import MAX_BYTES, packed, unpacked
-from ann_dc.weights.npz import BROKEN, NpzEntries, packed_entries
 
 SHAPES: dict[type, dict[str, str]] = {
     Trajectory: {"time": "T", "states": "T n", "residual_time": "R", "residuals": "R 2"},
@@ -70,32 +65,39 @@ SHAPES: dict[type, dict[str, str]] = {
     Candidate: {"stray": "n"},
     Design: {"state": "n"},
 }
-"""Shapes of the arrays of a record: n, P and N are those of the network, other letters agree within
-the record, a star is any size; no size is zero.
+"""Shapes of the arrays of a record; no size is zero.
+
+n, P and N are those of the network, other letters agree within the record, a star is any size.
 """
 
 NOT_FINITE = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 
+FORMAT = "ann_dc solution"
+SCHEMA = 2
+MANIFEST, ARRAYS, SUMS = "manifest.json", "arrays.npz", "SHA256SUMS"
+REMEDY = "give the path of a folder that a solution was saved to"
+MAX_MANIFEST = 10_000_000
+"""Largest size of `MANIFEST` in bytes."""
+LONGEST_SUMS = 10_000
+"""Largest size of `SUMS` in bytes; one line per file."""
+SUM = re.compile(r"([0-9a-f]{64})  ([a-z]{1,40}\.(?:npz|json))")
+"""Pattern of a line of `SUMS`: a digest, and the name of a file directly in the folder."""
+PRECONDITIONERS: dict[str, type[Preconditioner]] = {
+    kind.__name__: kind for kind in (Diagonal, Multilevel, ResistiveGrid, CyclicReduction)
+}
+"""Preconditioner classes by their name in a table."""
+
 
 class Reader:
-    """Reader of records about one network, which is inserted where a record has one.
-
-    Each of the arrays is read once.
-
-    Examples
-    --------
-    >>> Reader(None, None).value(tuple[float, ...], [1, "nan"], "run/time")
-    (1.0, nan)
-    """
+    """Reader of records about one network, which is inserted where a record has one."""
 
     def __init__(self, entries: Entries, network: Network | None) -> None:
         self.entries, self.network = entries, network
 
     def value(self, hint: Any, given: Any, place: str) -> Any:
-        """Return a value of the annotated type `hint` from JSON data.
+        """Return a value of the annotated type `hint` from JSON data; messages begin with `place`.
 
-        Error messages begin with `place`. Raises `FileFormatError` or `UnknownNameError` if the
-        data do not match.
+        Data that do not match raise `FileFormatError` or `UnknownNameError`.
         """
         if get_origin(hint) in (types.UnionType, Union):
             (kind,) = (part for part in get_args(hint) if part is not type(None))
@@ -116,36 +118,34 @@ class Reader:
         """Return a tuple of one type, or a mapping of names to one type."""
         if get_origin(hint) is tuple:
             kind = get_args(hint)[0]
-            parts = _checked(list, given, place)
-            return tuple(self.value(kind, part, f"{place}/{i}") for i, part in enumerate(parts))
+            if not isinstance(given, list):
+                raise FileFormatError(f"{place}: expected a list, got {given!r:.60}")
+            return tuple(self.value(kind, part, f"{place}/{i}") for i, part in enumerate(given))
         kind = get_args(hint)[1]
-        parts = _checked(dict, given, place)
+        parts = Table(place, given).given
         return {name: self.value(kind, part, f"{place}/{name}") for name, part in parts.items()}
 
     def record(self, kind: type, given: Any, place: str) -> Any:
-        """Return a record (dataclass), validated as in its construction.
+        """Return a record (dataclass), which validates its values.
 
-        Raises `FileFormatError` or `UnknownNameError` if a field is missing, unknown, or of another
-        type or shape, and `AnnDcError` if the record rejects its values.
+        Raises `FileFormatError` if a field is missing, unknown, or of another type or shape.
         """
-        table, hints = _checked(dict, given, place), _hints(kind)
-        unknown = sorted(set(table) - set(hints))
-        if unknown:
-            raise FileFormatError(f"{place}: unknown key {', '.join(unknown)}")
+        table, hints = Table(place, given), _hints(kind)
+        table.only(" ".join(hints))
         values = {}
         for field in fields(kind):
             name, hint = field.name, hints[field.name]
             if hint is Network:
                 values[name] = self.network
-            elif name in table:
-                values[name] = self.value(hint, table[name], f"{place}/{name}")
+            elif table.has(name):
+                values[name] = self.value(hint, table.given[name], f"{place}/{name}")
             elif field.default is MISSING and field.default_factory is MISSING:
                 raise FileFormatError(f"{place}/{name}: missing")
         self._check_shapes(kind, values, place)
         return kind(**values)
 
     def _preconditioner(self, given: Any, place: str) -> Any:
-        table = dict(_checked(dict, given, place))
+        table = dict(Table(place, given).given)
         kind = _choice(PRECONDITIONERS, table.pop("type", None), f"{place}/type")
         preconditioner = self.record(kind, table, place)
         if self.network is not None:
@@ -203,16 +203,7 @@ def _plain(kind: type, given: Any, place: str) -> Any:
             return float(given)
         except OverflowError:
             given = "a whole number beyond any float"
-    if not isinstance(given, kind) or (kind is not bool and isinstance(given, bool)):
-        raise FileFormatError(f"{place}: expected {kind.__name__}, got {given!r:.60}")
-    return given
-
-
-def _checked(kind: type, given: Any, place: str) -> Any:
-    if not isinstance(given, kind):
-        word = "a table" if kind is dict else "a list"
-        raise FileFormatError(f"{place}: expected {word}, got {given!r:.60}")
-    return given
+    return typed(kind, given, place)
 
 
 def _choice(available: Mapping[str, Any], given: Any, place: str) -> Any:
@@ -223,28 +214,11 @@ def _choice(available: Mapping[str, Any], given: Any, place: str) -> Any:
 
 # ---- A result as a folder, which is complete or refused
 
-FORMAT = "ann_dc solution"
-SCHEMA = 2
-
-MANIFEST, ARRAYS, SUMS = "manifest.json", "arrays.npz", "SHA256SUMS"
-REMEDY = "give the path of a folder that a solution was saved to"
-MAX_MANIFEST = 10_000_000
-"""Largest size of `MANIFEST` in bytes."""
-LONGEST_SUMS = 10_000
-"""Largest size of `SUMS` in bytes; one line per file."""
-SUM = re.compile(r"([0-9a-f]{64})  ([a-z]{1,40}\.(?:npz|json))")
-"""Pattern of a line of `SUMS`: a digest, and the name of a file directly in the folder."""
-
 
 def save_result(
-    folder: str | os.PathLike[str],
-    networks: Mapping[str, Network],
-    records: Mapping[str, object],
+    folder: str | os.PathLike[str], networks: Mapping[str, Network], records: Mapping[str, object]
 ) -> None:
-    """Write networks and records into a new folder, completely or not at all.
-
-    Raises `OutputError` if the folder exists or cannot be written, or if a record cannot be saved.
-    """
+    """Write networks and records into a new folder, completely or not at all."""
     writer = Writer()
     manifest = {
         "format": FORMAT,
@@ -259,7 +233,7 @@ def save_result(
     write_folder(folder, {**files, SUMS: sums.encode()})
 
 
-class SavedResult:
+class _SavedResult:
     """Content of a folder: manifest, arrays and networks; every record is taken once."""
 
     def __init__(self, table: Table, entries: Entries, networks: dict[str, Network]) -> None:
@@ -268,35 +242,29 @@ class SavedResult:
         self._records = dict(table.get("records", dict))
 
     def network(self, name: str) -> Network:
-        """Return a network by name; raises `FileFormatError` if it is not in the folder."""
+        """Return a network by name, or raise `FileFormatError`."""
         if name not in self.networks:
             raise FileFormatError(f"manifest.networks: {name!r} is missing; save the result again")
         return self.networks[name]
 
     def record(self, name: str, hint: Any, network: Network | None = None) -> Any:
-        """Take a record by name.
-
-        `hint` is a dataclass, possibly optional; `network` is the network of the record. Raises
-        `FileFormatError` or `UnknownNameError` if the record is missing or of another kind, and
-        `AnnDcError` if it rejects its values.
-        """
+        """Take a record of the type `hint`, or raise `FileFormatError` if it is missing."""
         if name not in self._records:
             raise FileFormatError(f"manifest.records: {name!r} is missing; save the result again")
         return Reader(self._entries, network).value(hint, self._records.pop(name), name)
 
     def finish(self) -> None:
-        """Raise `FileFormatError` naming the entries that were not taken, if any."""
+        """Raise `FileFormatError` with the entries that were not taken, if any."""
         if self._records:
             raise FileFormatError(f"manifest.records: unknown {', '.join(sorted(self._records))}")
         self._entries.finish()
 
 
 @contextlib.contextmanager
-def opened_result(folder: str | os.PathLike[str]) -> Iterator[SavedResult]:
+def opened_result(folder: str | os.PathLike[str]) -> Iterator[_SavedResult]:
     """Open a folder written by `save_result`; on exit all content must be taken.
 
-    Raises `FileFormatError`, with the folder at the start of the message, if the folder was not
-    written by `save_result`, is incomplete, or its content cannot be processed.
+    Raises `FileFormatError`, which begins with the folder, if it is invalid or incomplete.
     """
     place = Path(folder)
     try:
@@ -310,7 +278,7 @@ def opened_result(folder: str | os.PathLike[str]) -> Iterator[SavedResult]:
         if files:
             raise FileFormatError(f"{SUMS}: names {', '.join(files)}, which the manifest does not")
         with zipfile.ZipFile(io.BytesIO(arrays)) as archive:
-            saved = SavedResult(table, NpzEntries(archive, len(arrays)), networks)
+            saved = _SavedResult(table, NpzEntries(archive, len(arrays)), networks)
             yield saved
             saved.finish()
     except AnnDcError as error:
@@ -348,39 +316,17 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-PRECONDITIONERS: dict[str, type[Preconditioner]] = {
-    kind.__name__: kind for kind in (Diagonal, Multilevel, ResistiveGrid, CyclicReduction)
-}
-"""Preconditioner classes by their name in a table."""
-
-
 class Writer:
-    """Writer of records that collects their arrays.
+    """Writer of records that collects their arrays in ``arrays``, by place.
 
-    Attributes
-    ----------
-    arrays : dict of str to array
-        Arrays by place, float64; a complex array has its real and imaginary parts in a last axis.
-
-    Examples
-    --------
-    >>> from ann_dc.analysis import Spectrum
-    >>> writer = Writer()
-    >>> writer.value(Spectrum(eigenvalues=np.array([-1 + 2j])), "spectrum")
-    {'eigenvalues': 'complex'}
-    >>> writer.arrays["spectrum/eigenvalues"].tolist()
-    [[-1.0, 2.0]]
+    A complex array has its real and imaginary parts in a last axis.
     """
 
     def __init__(self) -> None:
         self.arrays: dict[str, np.ndarray] = {}
 
     def value(self, value: Any, place: str) -> Any:
-        """Convert a value at a place to JSON data.
-
-        Supported values are None, bool, number, str, Enum, array, tuple, list, mapping and record.
-        Raises `OutputError` for other types.
-        """
+        """Convert None, bool, number, str, Enum, array, tuple, list, mapping or record to JSON."""
         if value is None or isinstance(value, (bool, str)):
             return value
         if isinstance(value, numbers.Number):

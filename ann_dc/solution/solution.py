@@ -332,8 +332,5 @@ def units_of(problem: OptimalControlProblem, network: Network) -> dict[str, str]
 
 @phase("certificate")
 def certificate_of(problem: OptimalControlProblem, network: Network, x: np.ndarray) -> Certificate:
-    """Return the certificate of a state vector `x` (n,) of a problem's network.
-
-    The multipliers are those that the network uses: the outputs m = mu + rho c of its dual neurons.
-    """
+    """Return the certificate of a state (n,), with multipliers m = mu + rho c of its neurons."""
     return certify(problem, *kkt_point(network, x))

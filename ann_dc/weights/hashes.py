@@ -2,8 +2,7 @@
 
 Weights fit every network with the same wiring and no other network. The hashes are computed from
 plain JSON and from float64 numbers in the order of their names, so that any program can compute
-them. A file stores the wiring hash, the content hash, and a third hash of the complete manifest,
-including descriptions and title.
+them.
 """
 
 from __future__ import annotations
@@ -29,28 +28,13 @@ FRAME = ("limits", "scale_factor", "scale_offset", "input_scale", "stiffness")
 
 @checked
 def wiring_hash(network: Network) -> str:
-    """Compute the SHA-256 of names and connections, without numbers and title.
-
-    The result has 64 hexadecimal digits.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> one, other = (
-    ...     ann_dc.synthesize(ann_dc.plants.car(D=wheelbase)) for wheelbase in (0.5, 1.0)
-    ... )
-    >>> wiring_hash(one) == wiring_hash(other), content_hash(one) == content_hash(other)
-    (True, False)
-    """
-    return hashlib.sha256(_wiring(manifest_of(network))).hexdigest()
+    """Compute the SHA-256 of names and connections, without numbers and title, in hexadecimal."""
+    return hashlib.sha256(_without(manifest_of(network), WORDS)).hexdigest()
 
 
 @checked
 def content_hash(network: Network) -> str:
-    """Compute the SHA-256 of names, connections and all numbers, without the title.
-
-    The result has 64 hexadecimal digits.
-    """
+    """Compute the SHA-256 of names, connections and all numbers, without the title."""
     return hash_of(manifest_of(network), arrays_of(network))
 
 
@@ -58,8 +42,7 @@ def content_hash(network: Network) -> str:
 def frame_hash(network: Network) -> str:
     """Compute the SHA-256 of connections, saturation limits, units and stiffness.
 
-    These are the parts of a network into which gains and weights are set. The result has 64
-    hexadecimal digits.
+    These are the parts of a network into which gains and weights are set.
     """
     frame = {n: v for n, v in arrays_of(network).items() if n.partition("/")[0] in FRAME}
     return hash_of(manifest_of(network), frame)
@@ -67,7 +50,7 @@ def frame_hash(network: Network) -> str:
 
 def hash_of(manifest: Mapping, arrays: Mapping[str, object]) -> str:
     """Compute the content hash of a manifest (see `manifest_of`) and its arrays."""
-    found = hashlib.sha256(_wiring(manifest))
+    found = hashlib.sha256(_without(manifest, WORDS))
     for name in sorted(arrays):
         values = np.array(arrays[name], "<f8", order="C")
         found.update(json.dumps([name, values.shape]).encode())
@@ -78,23 +61,19 @@ def hash_of(manifest: Mapping, arrays: Mapping[str, object]) -> str:
 def hashes_of(manifest: Mapping, arrays: Mapping[str, object]) -> dict[str, str]:
     """Compute the three hashes of a manifest and its arrays, by name."""
     return {
-        "wiring": hashlib.sha256(_wiring(manifest)).hexdigest(),
+        "wiring": hashlib.sha256(_without(manifest, WORDS)).hexdigest(),
         "content": hash_of(manifest, arrays),
         "manifest": hashlib.sha256(_without(manifest, ("hashes",))).hexdigest(),
     }
 
 
 def check_hashes(table: Table, arrays: Mapping[str, object]) -> None:
-    """Check the hashes stored in a manifest against the manifest and its arrays.
-
-    Raises `FileFormatError` that names the wrong hash or the arrays that the manifest does not
-    describe.
-    """
+    """Raise `FileFormatError` if a manifest or its arrays differ from the hashes in it."""
     told = table.get("tensors", dict)
     if told.keys() != arrays.keys():
         odd = ", ".join(sorted(told.keys() ^ arrays.keys()))
         raise FileFormatError(f"manifest.tensors: the file and its manifest differ in {odd:.300}")
-    given = Table("manifest.hashes", table.get("hashes", dict))
+    given = table.inner("hashes")
     hashes = hashes_of(table.given, arrays)
     given.only(" ".join(hashes))
     for name, found in hashes.items():
@@ -103,10 +82,6 @@ def check_hashes(table: Table, arrays: Mapping[str, object]) -> None:
                 f"manifest.hashes.{name}: the file was changed after it was saved; save the "
                 "network again"
             )
-
-
-def _wiring(manifest: Mapping) -> bytes:
-    return _without(manifest, WORDS)
 
 
 def _without(manifest: Mapping, keys: tuple[str, ...]) -> bytes:

@@ -21,9 +21,7 @@ FORMAT = "ann_dc network"
 SCHEMA = 3
 """Schema version; version 1 had no hashes and no descriptions of the arrays."""
 MOST_TABLES = 200_000
-"""Maximum number of tables and lists in a text: each needs about 70 bytes of memory and two of
-text.
-"""
+"""Maximum number of tables and lists in a text: each needs 70 bytes of memory and two of text."""
 LONGEST = 50_000_000
 """Maximum number of characters of a text."""
 
@@ -31,8 +29,7 @@ LONGEST = 50_000_000
 def read_json(text: str) -> Any:
     """Parse a JSON text; a table with a duplicate key is invalid.
 
-    Raises `FileFormatError` if the text is not JSON, or needs far more memory than the numbers that
-    it may describe.
+    Raises `FileFormatError` also for a text that needs far more memory than its numbers.
     """
     if len(text) > LONGEST:
         raise FileFormatError(f"not JSON of ours: more than {LONGEST} letters")
@@ -45,10 +42,7 @@ def read_json(text: str) -> Any:
 
 
 def tables_in(text: str) -> int:
-    """Return an upper bound of the number of tables and lists in a JSON text.
-
-    Brackets inside strings are counted too.
-    """
+    """Count tables and lists in a JSON text, and brackets inside strings too."""
     return text.count("{") + text.count("[")
 
 
@@ -63,18 +57,9 @@ def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def read_manifest(
     text: str, form: str = FORMAT, schema: int = SCHEMA, place: str = "manifest"
 ) -> Table:
-    """Parse a manifest and check its format and schema.
+    """Parse a manifest of a format name and schema version; messages begin with its place.
 
-    Raises `FileFormatError` if the text is not JSON or not a manifest of this format and schema.
-
-    Parameters
-    ----------
-    form : str
-        Required format name.
-    schema : int
-        Supported schema version.
-    place : str
-        Name used in messages: the file name of the manifest.
+    Raises `FileFormatError` if the text is not such a manifest.
     """
     try:
         given = read_json(text)
@@ -93,10 +78,7 @@ def read_manifest(
 
 
 def weight_names(connections: Iterable[Connection]) -> list[str]:
-    """Return unique entry names of the weights, one per connection.
-
-    Further connections between the same two nodes are numbered.
-    """
+    """Return entry names of the weights; further connections between two nodes are numbered."""
     seen: Counter[str] = Counter()
     names = []
     for connection in connections:
@@ -110,17 +92,17 @@ def _no_number(text: str):
     raise ValueError(f"{text} is no JSON number")
 
 
+def typed(kind: type, value: Any, place: str) -> Any:
+    """Return a JSON value of a type, or raise `FileFormatError`; a bool is not a number."""
+    if not isinstance(value, kind) or (kind is not bool and isinstance(value, bool)):
+        raise FileFormatError(f"{place}: expected {kind.__name__}, got {value!r:.60}")
+    return value
+
+
 class Table:
-    """JSON table of the manifest, with its position for messages.
+    """JSON table, with its position in the manifest, with which messages begin.
 
-    Raises `FileFormatError` if the value is not a table.
-
-    Attributes
-    ----------
-    place : str
-        Position of the table in the manifest; messages begin with it.
-    given : dict
-        Parsed JSON value.
+    Every reading raises `FileFormatError` if an entry is missing or of another kind.
     """
 
     def __init__(self, place: str, given) -> None:
@@ -129,10 +111,7 @@ class Table:
         self.place, self.given = place, given
 
     def only(self, keys: str) -> None:
-        """Raise `FileFormatError` that names the keys not listed in ``keys``.
-
-        The names in ``keys`` are separated by blanks.
-        """
+        """Raise `FileFormatError` for keys that are not among ``keys``, separated by blanks."""
         unknown = self.given.keys() - _words(keys)
         if unknown:
             raise FileFormatError(f"{self.place}: unknown key {', '.join(sorted(unknown)):.300}")
@@ -142,46 +121,36 @@ class Table:
         return key in self.given
 
     def get(self, key: str, kind: type):
-        """Return an entry of the requested type.
-
-        Raises `FileFormatError` if the entry is missing or has another type.
-        """
+        """Return an entry of the requested type, or raise `FileFormatError`."""
         if key not in self.given:
             raise FileFormatError(f"{self.place}.{key}: missing")
-        value = self.given[key]
-        if not isinstance(value, kind) or isinstance(value, bool):
-            raise FileFormatError(
-                f"{self.place}.{key}: expected {kind.__name__}, got {value!r:.60}"
-            )
-        return value
+        return typed(kind, self.given[key], f"{self.place}.{key}")
+
+    def inner(self, key: str) -> Table:
+        """Return the table at a key."""
+        return Table(f"{self.place}.{key}", self.get(key, dict))
+
+    def texts(self, key: str) -> dict[str, str]:
+        """Return the table at a key, whose entries are all texts."""
+        table = self.inner(key)
+        return {name: table.get(name, str) for name in table.given}
 
     def whole(self, key: str, low: int, high: int) -> int:
-        """Return an integer between ``low`` and ``high``, both included.
-
-        Raises `FileFormatError` if the entry is missing, not an integer or out of range.
-        """
+        """Return an integer in ``low .. high``, or raise `FileFormatError`."""
         value = self.get(key, int)
         if not low <= value <= high:
             raise FileFormatError(f"{self.place}.{key}: {value} is not in {low} .. {high}")
         return value
 
     def choice(self, key: str, available: Mapping):
-        """Return the object that a name denotes in ``available``.
-
-        Raises `UnknownNameError`, which lists the available names, if the name is unknown, and
-        `FileFormatError` if the entry has no name.
-        """
+        """Return the object of a name in ``available``, or raise `UnknownNameError`."""
         name = self.get(key, str)
         if name not in available:
             raise UnknownNameError.of(f"{self.place}.{key}:", name, available)
         return available[name]
 
     def names(self, key: str) -> tuple[str, ...]:
-        """Return a list of distinct strings.
-
-        Raises `FileFormatError` if the entry is missing, contains anything except strings, or
-        contains a string twice.
-        """
+        """Return a list of distinct strings, or raise `FileFormatError`."""
         values = self.get(key, list)
         if not all(isinstance(value, str) for value in values):
             raise FileFormatError(f"{self.place}.{key}: expected names only")

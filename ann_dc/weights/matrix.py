@@ -114,10 +114,9 @@ def to_csv(network: Network) -> str:
 
 @dataclass(frozen=True)
 class _Numbered:
-    """Ordered names, and the index of each node at each stage, shape (nodes, N + 2).
+    """Ordered names, and the index of each node at each stage and beyond both ends (nodes, N + 2).
 
-    The index is -1 if the node does not exist. The outer columns refer to positions beyond the two
-    ends of the cell array.
+    The index is -1 if the node does not exist.
     """
 
     names: tuple[str, ...]
@@ -154,10 +153,7 @@ def _numbered(network: Network, counted: list[bool]) -> _Numbered:
 
 
 def _name_parts(network: Network, name: str) -> tuple[str, str]:
-    """Return the parts of a node's label before and after the stage number.
-
-    The label is that of `Network.label`.
-    """
+    """Return the parts of a node's `Network.label` before and after the stage number."""
     if name not in network.neuron_index:
         return name, ""
     population, dot, component = name.partition(".")

@@ -1,6 +1,6 @@
 """Network file: every number in a named array, every name in a manifest.
 
-The file is a ``.safetensors`` file (layout in `tensor_file`) or an ``.npz`` file (readable with
+The file is a ``.safetensors`` file (layout in `entries`) or an ``.npz`` file (readable with
 ``numpy.load(path, allow_pickle=False)``). Both forms have the same content: float64 arrays and the
 manifest, a JSON text. The manifest is stored in the header (``__metadata__``) of a ``.safetensors``
 file and in the uint8 entry ``manifest`` of an ``.npz`` file.
@@ -54,10 +54,9 @@ from ann_dc.errors import FileFormatError, NetworkError, OutputError, UnknownNam
 from ann_dc.files import read_whole, write_whole
 from ann_dc.network.network import Network
 from ann_dc.validation import checked
+from ann_dc.weights.entries import BROKEN, NpzEntries, TensorEntries, packed_entries, packed_tensors
 from ann_dc.weights.hashes import hashes_of
-from ann_dc.weights.npz import BROKEN, NpzEntries, packed_entries
 from ann_dc.weights.reading import MAX_MANIFEST, network_of
-from ann_dc.weights.tensor_file import TensorEntries, packed_tensors
 from ann_dc.weights.writing import about, arrays_of, manifest_of, words_of
 
 NPZ, SAFETENSORS = ".npz", ".safetensors"
@@ -105,11 +104,7 @@ def form_of(path: str | os.PathLike[str]) -> str:
 
 
 def packed(network: Network, form: str = NPZ) -> bytes:
-    """Serialise a network to the bytes that `save` writes.
-
-    The form is `NPZ` or `SAFETENSORS`. Raises `OutputError` if a name is not printable or the
-    number of names exceeds the limit of a file.
-    """
+    """Serialise a network to the bytes that `save` writes, in the form `NPZ` or `SAFETENSORS`."""
     manifest, arrays = written(network)
     if form == SAFETENSORS:
         return packed_tensors(manifest, arrays)
@@ -174,10 +169,9 @@ def load(path: str | os.PathLike[str]) -> Network:
 
 
 def unpacked(content: bytes, file: Path) -> Network:
-    """Return the network that the content of a file describes.
+    """Return the network in the content of a file, in the form of its suffix.
 
-    The suffix of ``file`` selects the form, and messages begin with its name. Raises
-    `FileFormatError` if `packed` cannot have written the content.
+    Raises `FileFormatError`, which begins with the file, if `packed` cannot have written it.
     """
     try:
         if form_of(file) == SAFETENSORS:

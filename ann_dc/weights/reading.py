@@ -1,9 +1,8 @@
-"""Strict conversion of a manifest and arrays to a network.
-
-Every entry is checked by name, type and shape.
-"""
+"""Strict conversion of a manifest and arrays to a network, the inverse of `writing`."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -50,8 +49,8 @@ ROLES = {role.value: role for role in Role}
 def network_of(manifest: str, entries: Entries) -> Network:
     """Return the network that a manifest and its entries describe.
 
-    Every entry is taken. Raises `FileFormatError`, `NetworkError` or `UnknownNameError` if they do
-    not describe a network or contain additional entries.
+    Raises `FileFormatError`, `NetworkError` or `UnknownNameError` if they do not describe a network
+    or contain additional entries.
     """
     if len(manifest) > MAX_MANIFEST:
         raise FileFormatError(f"manifest: larger than {MAX_MANIFEST} bytes")
@@ -59,7 +58,6 @@ def network_of(manifest: str, entries: Entries) -> Network:
     table.only(KEYS)
     stages = table.whole("stages", 1, MAX_STAGES)
     cell = _cell(table, entries, stages)
-    left = table.get("left_boundary", dict)
     network = Network(
         cell=cell,
         stages=stages,
@@ -67,9 +65,7 @@ def network_of(manifest: str, entries: Entries) -> Network:
         input_scales=_input_scales(entries, cell) if _is_shifted(table) else {},
         fixed=table.records("fixed", FixedNeuron),
         omitted=table.records("omitted", Omitted),
-        left_boundary={
-            target: Table("manifest.left_boundary", left).get(target, str) for target in left
-        },
+        left_boundary=table.texts("left_boundary"),
         start={name: entries.array(f"start/{name}", (stages,)) for name in table.names("start")},
         preconditioner=_preconditioner(table, entries, cell, stages),
         title=table.get("title", str),
@@ -148,18 +144,14 @@ def _connections(table: Table, entries: Entries, stages: int) -> tuple[Connectio
         is_far = type(row.given.get("template")) is int
         template = _far(row) if is_far else row.choice("template", TEMPLATES)
         wires.append(Connection(source=source, target=target, template=template))
-    weights = [entries.one_or_each(name, stages) for name in weight_names(wires)]
     return tuple(
-        Connection(source=w.source, target=w.target, template=w.template, weight=weight)
-        for w, weight in zip(wires, weights)
+        replace(wire, weight=entries.one_or_each(name, stages))
+        for wire, name in zip(wires, weight_names(wires))
     )
 
 
 def _far(row: Table) -> int:
-    """Return the stage distance to a source beyond the neighbouring cells.
-
-    Neighbouring cells are denoted by names instead.
-    """
+    """Return the stage distance to a source beyond the neighbouring cells, which have names."""
     template = row.whole("template", -MAX_STAGES, MAX_STAGES)
     if abs(template) <= 1:
         raise FileFormatError(f"{row.place}.template: expected a name, got {template}")
@@ -173,7 +165,7 @@ def _pair(chain) -> tuple[str, str]:
 
 
 def _preconditioner(table: Table, entries: Entries, cell: Cell, stages: int) -> Preconditioner:
-    given = Table("manifest.preconditioner", table.get("preconditioner", dict))
+    given = table.inner("preconditioner")
     given.only("kind levels")
     kind = given.choice("kind", {kind.value: kind for kind in PreconditionerKind})
     is_coarse = kind in (PreconditionerKind.MULTILEVEL, PreconditionerKind.COUPLED_MULTILEVEL)

@@ -1,7 +1,4 @@
-"""Conversion of a network to a manifest, arrays and their descriptions.
-
-`reading` performs the inverse conversion.
-"""
+"""Conversion of a network to a manifest, arrays and their descriptions."""
 
 from __future__ import annotations
 
@@ -41,9 +38,7 @@ ABOUT = (
     "`objectives` name them only: m = mu + rho c of a PI multiplier neuron with residual c, m = "
     "max(0, z + w g) of a rectifying multiplier neuron z of a constraint g <= 0. "
 )
-"""Network equation as manifest text, with a placeholder for saturation; `PRECONDITIONERS` appends
-M.
-"""
+"""Network equation as manifest text, with a placeholder for saturation; M follows."""
 
 CUT = "d is 0 where x <= low and d < 0, or x >= high and d > 0; then M d likewise"
 PROJECTED = (
@@ -54,9 +49,7 @@ PROJECTED = (
     "the wrong sign, hold those whose v has, until there is none; after 10 rounds exchange the last"
     " of them only. A wrong r up to 1e-13 of the largest |d| + |r| of C counts as 0"
 )
-"""Manifest text on saturation limits: of neurons that M does not couple, and of neurons that M
-couples.
-"""
+"""Manifest text on saturation limits of neurons that M does not couple, and of those it does."""
 
 _PYRAMID = (
     "M = diag(1 / tau) + sum over levels l of H_l S_l H_l'. Each of the `chains` (q, t) has 2N "
@@ -102,8 +95,7 @@ WORDS: dict[str, tuple[str, str, str]] = {
         "stage primal primal",
     ),
 }
-"""Description, unit and axes of an array, by the first part of its name (stiffness: second part).
-"""
+"""Description, unit and axes of an array, by the first part of its name (stiffness: second)."""
 
 STIFFNESSES: dict[PreconditionerKind, type[Stiffness]] = {
     PreconditionerKind.RESISTIVE_GRID: ResistiveGrid,
@@ -193,10 +185,7 @@ def words_of(network: Network, arrays: Mapping[str, object]) -> dict[str, dict]:
 
 
 def is_shifted(network: Network) -> bool:
-    """Return True if a neuron has an offset or an input has a scale.
-
-    The first files had neither.
-    """
+    """Return True if a neuron has an offset or an input has a scale."""
     offsets = any(neuron.scale.offset for neuron in network.cell.neurons)
     return offsets or any(scale != Scale() for scale in network.input_scales.values())
 

@@ -9,9 +9,8 @@ from designs import coordinated, designed, small
 import ann_dc
 from ann_dc.errors import ExportError, FileFormatError, UnknownNameError
 from ann_dc.export.catalogue import FORMATS
-from ann_dc.export.plain_tables import csv_files
 from ann_dc.export.reference.vector import reference_vector
-from ann_dc.export.weight_files import weights_files
+from ann_dc.export.weight_files import csv_files, weights_files
 
 WAYS = {
     "safetensors": (weights_files, FORMATS["weights"].check, "network.safetensors"),

@@ -7,8 +7,7 @@ import pytest
 
 import ann_dc
 from ann_dc.optimality.existence import Hopeless, Prospect
-from ann_dc.solution.finding import path_of
-from ann_dc.solution.knowledge import knowledge_of
+from ann_dc.solution.knowledge import knowledge_of, path_of
 
 CART = ann_dc.plants.double_integrator(N=5)
 

@@ -19,7 +19,7 @@ from ann_dc.network.preconditioners.base import Preconditioner
 from ann_dc.network.preconditioners.diagonal import Diagonal
 from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.solution.saved_result import Reader, Writer
-from ann_dc.weights.npz import NpzEntries, packed_entries
+from ann_dc.weights.entries import NpzEntries, packed_entries
 
 NETWORK = Network(cell=Cell(neurons=(Neuron(name="x"),), connections=()), stages=2)
 

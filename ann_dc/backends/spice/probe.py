@@ -26,8 +26,8 @@ from ann_dc.errors import NetworkError
 from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.scaling import ProbeRun, Scaling, ScalingRules, scale
 from ann_dc.hardware.emulation.building import emulate
-from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.clamps import beside_rails
+from ann_dc.hardware.emulation.emulation import Emulation
 from ann_dc.hardware.emulation.states import pole_spectrum, settled_state
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.schematic import schematic_of

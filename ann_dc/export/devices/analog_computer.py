@@ -34,10 +34,8 @@ from ann_dc.export.devices.elements import (
     Machine,
     elements_of,
 )
-from ann_dc.export.reference.places import Places
-from ann_dc.export.reference.rounding import compare
-from ann_dc.export.reference.sidecar import check_vector, notes_of, vector_of
-from ann_dc.export.reference.vector import VECTOR, ReferenceVector
+from ann_dc.export.reference.sidecar import Places, check_vector, notes_of, vector_of
+from ann_dc.export.reference.vector import VECTOR, ReferenceVector, compare
 from ann_dc.lowering.stiffness_sums import reduction
 from ann_dc.lowering.writing import check_rails, program_of
 from ann_dc.network.network import Network

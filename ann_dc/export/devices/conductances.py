@@ -35,7 +35,7 @@ from ann_dc.export.devices.connection_weights import (
     weights_in,
     with_weights,
 )
-from ann_dc.export.reference.csv_tables import rows_by_connection
+from ann_dc.export.reference.contents import rows_by_connection
 from ann_dc.export.reference.sidecar import beside, network_and_vector, notes_of
 from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
 from ann_dc.network.network import Network

@@ -11,7 +11,7 @@ import numpy as np
 from ann_dc.analysis.equilibria import equilibrium
 from ann_dc.errors import FileFormatError, NetworkError
 from ann_dc.evaluation.rules import NEAR, size_of
-from ann_dc.export.reference.csv_tables import csv_text
+from ann_dc.export.reference.contents import csv_text
 from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.weights.manifest import Table

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from ann_dc.backends.trajectory import Trajectory
 from ann_dc.dataclass_pickling import cached_on
 from ann_dc.errors import ExportError, NetworkError, UnknownNameError
 from ann_dc.fidelity.circuit_instance import CircuitInstance, transient_of
-from ann_dc.fidelity.circuit_study import NEAR
+from ann_dc.fidelity.circuit_study import NEAR, undrawn
 from ann_dc.fidelity.fitting import fitting_intervals, fitting_margin
 from ann_dc.fidelity.prediction import LARGEST, astray_of, clipped_at, clipping_of
 from ann_dc.hardware.circuit.circuit import Circuit
@@ -40,21 +41,8 @@ MOST_STEPS = 3000
 """Maximum steps of the transient check before files are written; divergence occurs early."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Reading:
-    """Conversion of a circuit voltage to a neuron's value.
-
-    Attributes
-    ----------
-    name : str
-        Name of the neuron.
-    stage : int
-        Stage of the neuron, from 0.
-    node : str
-        Node that carries the voltage.
-    scale : Scale
-        Conversion of the voltage to the user's units.
-    """
+class Reading(NamedTuple):
+    """Neuron at a stage, its node, and the scale from the node's voltage to the user's units."""
 
     name: str
     stage: int
@@ -64,29 +52,13 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Build:
-    """Network as a circuit.
+    """Network as a circuit, with the netlist for ngspice and a run of the ideal network.
 
-    Attributes
-    ----------
-    level : Level
-        Model level.
-    series : Series
-        Series of resistors and capacitors; the deck has values of this series.
-    given : Network
-        Exported network. In `network`, inequality rows replace saturation limits that a
-        preconditioner couples.
-    circuit : Circuit
-        Circuit of `network`.
-    probe : Trajectory
-        Run of the ideal network, used for scaling and comparison.
-    deck : Deck
-        Netlist for ngspice.
-    control_error : float
-        Predicted error of the settled controls with the written nominal parts, relative to the size
-        of the controls (`size_of`); nan if the level has no emulation.
-    doubt : str
-        Reasons, from the emulation, why the circuit may not settle near the optimum. Empty if there
-        are none or no emulation was run.
+    In `network`, inequality rows replace saturation limits of ``given`` that a preconditioner
+    couples. The deck has resistors and capacitors of the series. ``control_error`` is the predicted
+    error of the settled controls with the written nominal parts, relative to the size of the
+    controls (`size_of`); nan if the level has no emulation. ``doubt`` has the reasons, from the
+    emulation, why the circuit may not settle near the optimum, if any.
     """
 
     level: Level
@@ -115,11 +87,9 @@ class Build:
 
     def _readings(self, wanted: np.ndarray) -> tuple[Reading, ...]:
         names, signals = [*self.network.neuron_index], self.deck.signals
-        places = [(names[i], int(k)) for i, k in self.network.places[wanted]]
+        places = ((names[i], int(k)) for i, k in self.network.places[wanted])
         return tuple(
-            Reading(
-                name=name, stage=stage, node=signals[name, stage], scale=self.circuit.scale_of(name)
-            )
+            Reading(name, stage, signals[name, stage], self.circuit.scale_of(name))
             for name, stage in places
             if (name, stage) in signals
         )
@@ -139,15 +109,10 @@ class Build:
 def build(network: Network, level: str, series: str = "exact") -> Build:
     """Build a network as a circuit at a model level.
 
-    Repeated calls return the same object. Raises `UnknownNameError` for an unknown level or series,
-    and `ExportError` with the reason if the network cannot be built at the level.
-
-    Parameters
-    ----------
-    level : str
-        Name from `ann_dc.backends.spice.level_words`.
-    series : str
-        Resistor series: ``exact``, ``E12``, ``E24``, ``E96``, ``E24-pairs`` or ``E96-pairs``.
+    Repeated calls return the same object. Levels are those of `ann_dc.backends.spice.level_words`,
+    the resistor series ``exact``, ``E12``, ``E24``, ``E96``, ``E24-pairs`` and ``E96-pairs``.
+    Raises `UnknownNameError` for others, and `ExportError` with the reason if the network cannot be
+    built at the level.
     """
     if series.lower() not in WORDS:
         raise UnknownNameError.of("series", series, [s.replace(" ", "-") for s in SERIES])
@@ -159,7 +124,7 @@ def _built(network: Network, level: str, series: Series) -> Build:
     try:
         made = level_of(network, level)
         backend = SpiceBackend(level=made, series=series)
-        instance, doubts = _specimen(backend, network), []
+        instance, doubts = undrawn(backend, *backend.prepare(network)), []
         if made.emulated:
             instance = _without_ringing(backend, instance, network)
             doubts += _lost(instance)
@@ -183,12 +148,6 @@ def _built(network: Network, level: str, series: Series) -> Build:
     )
 
 
-def _specimen(backend: SpiceBackend, network: Network) -> CircuitInstance:
-    circuit, probe = backend.prepare(network)
-    off = backend.deviations(circuit)
-    return CircuitInstance(circuit=circuit, level=backend.level, probe=probe, deviations=off)
-
-
 def _without_ringing(
     backend: SpiceBackend, instance: CircuitInstance, network: Network
 ) -> CircuitInstance:
@@ -201,9 +160,10 @@ def _without_ringing(
         return instance
     if not usual:
         backend = replace(backend, intervals=fitting_intervals(backend, network))
-        instance = _specimen(backend, network)
+        instance = undrawn(backend, *backend.prepare(network))
     margin = _margin(instance.circuit, instance.level, instance.probe)
-    instance = _specimen(replace(backend, margin=margin), network)
+    backend = replace(backend, margin=margin)
+    instance = undrawn(backend, *backend.prepare(network))
     backend.check_stable(instance.emulation, instance.probe)
     return instance
 
@@ -211,8 +171,7 @@ def _without_ringing(
 def _lost(instance: CircuitInstance) -> list[str]:
     """Return reasons why a stable circuit may not settle correctly.
 
-    The reasons become warnings, not errors. An emulation does not model the behaviour of parts
-    beyond the domain of a function.
+    They become warnings, because an emulation does not model parts beyond a function's domain.
     """
     if instance.emulation.network.size > LARGEST:
         return []
@@ -259,10 +218,9 @@ def _margin(circuit: Circuit, level: Level, probe: Trajectory) -> float:
 
 
 def level_of(network: Network, level: str) -> Level:
-    """Return the level with a given name, adapted to a network.
+    """Return the level with a given name; its full scale is at most 1 V for saturation limits.
 
-    If the network has saturation limits, the full scale is at most 1 V. Raises `UnknownNameError`
-    with the available levels.
+    Raises `UnknownNameError` with the available levels.
     """
     words = level_words()
     if level.lower() not in words:

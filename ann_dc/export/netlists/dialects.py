@@ -13,22 +13,18 @@ from ann_dc.backends.spice.netlist.cell_text import number, wrapped
 from ann_dc.backends.spice.pdk.files import PACKAGE
 from ann_dc.errors import ExportError
 from ann_dc.export.netlists.build import Build, build
-from ann_dc.export.netlists.deck_file import (
+from ann_dc.export.netlists.flat_reader import flattened
+from ann_dc.export.netlists.pack import (
     DECK,
+    PARTS,
+    accuracy_text,
     claims_of,
+    expected_text,
     models_of,
     plain,
-)
-from ann_dc.export.netlists.flat_reader import flattened
-from ann_dc.export.netlists.pack import PARTS
-from ann_dc.export.netlists.parts import (
-    Part,
-    accuracy_text,
-    expected_text,
-    parts_of,
-    parts_text,
     scaling_text,
 )
+from ann_dc.export.netlists.parts import Part, parts_of, parts_text
 from ann_dc.export.reference.contents import README, with_sums
 from ann_dc.export.reference.sidecar import check_vector
 from ann_dc.export.reference.vector import VECTOR, ReferenceVector
@@ -73,40 +69,25 @@ XYCE = """\
 
 @checked
 def ltspice_files(
-    network: Network,
-    vector: ReferenceVector,
-    *,
-    level: str = "macro",
-    series: str = "exact",
+    network: Network, vector: ReferenceVector, *, level: str = "macro", series: str = "exact"
 ) -> dict[str, bytes]:
     """Export a deck in the LTspice dialect, tested only in ngspice's LTspice mode.
 
-    Options are those of `pack_files`, except the level ``sky130``. The files are 'deck.cir',
-    'parts.csv', 'scaling.csv', 'expected_controls.csv', 'README.md', 'reference_vector.json' and
-    ``SHA256SUMS``.
-
-    Raises `ExportError` with the reason if the network cannot be built at the level, and
-    `UnknownNameError` for an unknown level or series.
+    Options and errors are those of `pack_files`, except the level ``sky130``. The files are
+    'deck.cir', 'parts.csv', 'scaling.csv', 'expected_controls.csv', 'README.md',
+    'reference_vector.json' and ``SHA256SUMS``.
     """
     made = _build(network, vector, level, series)
-    return _files(made, vector, _deck(made, _ltspice, _ltspice_end), "LTspice", LTSPICE)
+    return _files(made, vector, _deck(made, str, _ltspice_end), "LTspice", LTSPICE)
 
 
 @checked
 def xyce_files(
-    network: Network,
-    vector: ReferenceVector,
-    *,
-    level: str = "macro",
-    series: str = "exact",
+    network: Network, vector: ReferenceVector, *, level: str = "macro", series: str = "exact"
 ) -> dict[str, bytes]:
-    """Export a deck in the Xyce dialect, not tested in Xyce.
+    """Export a deck in the Xyce dialect, not tested in Xyce; the files are as in `ltspice_files`.
 
-    Options are those of `pack_files`, except the levels ``sky130`` and ``switched-capacitor``. The
-    files are those of `ltspice_files`.
-
-    Raises `ExportError` if the network cannot be built at the level, or the level uses switched
-    capacitors, and `UnknownNameError` for an unknown level or series.
+    Raises `ExportError` for the levels ``sky130`` and ``switched-capacitor``.
     """
     made = _build(network, vector, level, series)
     if made.level.technology.clocked:
@@ -160,10 +141,12 @@ def _deck(made: Build, dialect: Callable[[str], str], end: Callable[[Build], Ite
     """Return the deck of a dialect, converted card by card."""
     deck = made.deck
     lines = (*models_of(made), *deck.cells, *deck.row, *deck.inputs)
-    cards = [dialect(card) for card in _cards("\n".join(lines))]
-    lines = [card if card.startswith("*") else wrapped(card) for card in cards]
+    cards = (
+        card if card.startswith("*") else wrapped(dialect(EXPONENT.sub("ee", card)))
+        for card in _cards("\n".join(lines))
+    )
     head = (deck.head[0], *(f"* {words}" for words in claims_of(made)), *deck.head[2:])
-    return "\n".join([*head, *lines, *end(made), ".end", ""])
+    return "\n".join([*head, *cards, *end(made), ".end", ""])
 
 
 def _cards(text: str) -> Iterator[str]:
@@ -179,10 +162,6 @@ def _cards(text: str) -> Iterator[str]:
     yield card
 
 
-def _ltspice(card: str) -> str:
-    return card if card.startswith("*") else EXPONENT.sub("ee", card)
-
-
 def _measures(made: Build) -> Iterator[str]:
     at = number(MEASURED * made.deck.end)
     for reading in made.controls:
@@ -195,14 +174,12 @@ def _ltspice_end(made: Build) -> Iterator[str]:
 
 
 def _xyce(card: str) -> str:
-    if card.startswith("*"):
-        return card
-    card = EXPONENT.sub("ee", card)
     letter, words = card[:1].lower(), card.split()
     if letter == "b":
         *head, expression = words
         kind, _, body = expression.partition("=")
-        return " ".join([*head, f"{kind}={{{_parenthesised(body)}}}"])
+        body = BRACED.sub(r"(\1)", body)
+        return " ".join([*head, f"{kind}={{{body}}}"])
     if letter == "x":
         place = next((i for i, word in enumerate(words) if "=" in word), len(words))
         more = ["params:", *words[place:]] if words[place:] else []
@@ -216,10 +193,6 @@ def _xyce(card: str) -> str:
         card = SWITCH.sub(r"vswitch(von=2.6 voff=2.4 \1)", card)
         return card.replace(" d(", " d(level=2 ") if "nbv=" in card else card
     return card
-
-
-def _parenthesised(body: str) -> str:
-    return BRACED.sub(r"(\1)", body)
 
 
 def _xyce_end(made: Build) -> Iterator[str]:

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from ann_dc.backends.spice.ngspice.expressions import value_of
-from ann_dc.errors import FileFormatError
 
 PARTS = ("opamp", "opamp_fd", "mul4q", "ota", "ota_diff", "clk2")
 """Library subcircuits that represent a part, for every implementation of a level."""
@@ -27,22 +26,11 @@ VALUED = "rcvi"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Element:
-    """Element of a flat netlist.
+    """Element of a flat netlist, named with its instances, such as ``x_cell_0.x_u_a.c1``.
 
-    Attributes
-    ----------
-    name : str
-        Name with its instances, such as ``x_cell_0.x_u_a.c1``.
-    kind : str
-        Letter of the kind, or name of the subcircuit that represents a part.
-    nodes : tuple of str
-        Nets in the order of the pins; nets inside an instance begin with its name.
-    words : tuple of str
-        Remaining words: a model, a waveform, an expression.
-    value : float or None
-        Value in ohms, farads, volts or amperes, if any.
-    given : mapping of str to float
-        Parameters of a part.
+    ``kind`` is a letter, or the name of the subcircuit that represents a part with the parameters
+    ``given``. Nets inside an instance begin with its name. The remaining words are a model, a
+    waveform or an expression; the value is in ohms, farads, volts or amperes.
     """
 
     name: str
@@ -62,10 +50,7 @@ class _Subcircuit:
 
 @dataclass(frozen=True)
 class _Deck:
-    """Declarations of a deck: subcircuits, top-level cards, global names.
-
-    The global names are parameters and nodes.
-    """
+    """Declarations of a deck: subcircuits, top-level cards, global parameters and nodes."""
 
     subcircuits: dict[str, _Subcircuit]
     cards: list[str]
@@ -78,12 +63,6 @@ def flattened(text: str, files: Mapping[str, str]) -> list[Element]:
 
     The included ``files`` are given by name. Raises `FileFormatError` if an element is unknown, or
     a file or a subcircuit is missing.
-
-    Examples
-    --------
-    >>> deck = ".subckt half a b params: r=1k\nR1 a b {r/2}\n.ends\nX1 in 0 half r=4k\n.end"
-    >>> [(e.name, e.nodes, e.value) for e in flattened(deck, {})]
-    [('x1.r1', ('in', '0'), 2000.0)]
     """
     deck = _declared(text, files)
     return list(_opened(deck, deck.cards, deck.parameters, {}, ""))
@@ -99,7 +78,8 @@ def logical_lines(text: str, files: Mapping[str, str]) -> Iterator[str]:
         if controls or line == ".endc":
             continue
         if line.startswith(".include"):
-            yield from _included(line, left)
+            name = line.removeprefix(".include").strip().strip('"')
+            yield from logical_lines(left.pop(name), {})
         else:
             yield line
 
@@ -115,14 +95,6 @@ def _joined(text: str) -> list[str]:
     return [" ".join(parts) for parts in lines]
 
 
-def _included(line: str, left: dict[str, str]) -> Iterator[str]:
-    """Yield the lines of a file, which may be included once."""
-    name = line.removeprefix(".include").strip().strip('"')
-    if name not in left:
-        raise FileFormatError(f"netlist: includes {name[:80]!r}, which is not there, or twice")
-    yield from logical_lines(left.pop(name), {})
-
-
 def _declared(text: str, files: Mapping[str, str]) -> _Deck:
     deck, inside = _Deck({}, [], {}, {"0"}), None
     for line in logical_lines(text, files):
@@ -135,25 +107,22 @@ def _declared(text: str, files: Mapping[str, str]) -> _Deck:
         elif words[0] == ".global":
             deck.everywhere.update(words[1:])
         elif words[0] == ".param":
-            for name, given in _assigned(line.removeprefix(".param")).items():
-                deck.parameters[name] = value_of(_braced(given), deck.parameters)
+            for name, given in _assigned(words[1:]).items():
+                braced = given if given.startswith("{") else "{" + given + "}"
+                deck.parameters[name] = value_of(braced, deck.parameters)
         elif not words[0].startswith("."):
             (deck if inside is None else inside).cards.append(line)
     return deck
 
 
-def _braced(given: str) -> str:
-    return given if given.startswith("{") else "{" + given + "}"
-
-
 def _head(words: list[str]) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the pins and default values of a subcircuit."""
+    """Return the plain words of a subcircuit or an instance, and its parameters."""
     pins = [word for word in words if "=" not in word and word != "params:"]
-    return tuple(pins), _assigned(" ".join(word for word in words if "=" in word))
+    return tuple(pins), _assigned(words)
 
 
-def _assigned(text: str) -> dict[str, str]:
-    pairs = [word.partition("=") for word in text.split()]
+def _assigned(words: list[str]) -> dict[str, str]:
+    pairs = [word.partition("=") for word in words]
     return {name: given for name, _, given in pairs if given}
 
 
@@ -167,9 +136,7 @@ def _opened(
         if words[0][0] == "x":
             yield from _instance(deck, words, name, known, nets, path)
             continue
-        count = ENDS.get(words[0][0])
-        if count is None:
-            raise FileFormatError(f"netlist: no element that is read begins like {card[:60]!r}")
+        count = ENDS[words[0][0]]
         nodes = tuple(_net(deck, word, nets, path) for word in words[1 : 1 + count])
         rest = tuple(words[1 + count :])
         valued = words[0][0] in VALUED and (rest[0][0] in "{+-." or rest[0][0].isdigit())
@@ -185,23 +152,16 @@ def _instance(
     nets: dict[str, str],
     path: str,
 ) -> Iterator[Element]:
-    plain = [word for word in words[1:] if "=" not in word and word != "params:"]
-    kind = plain[-1] if plain else ""
-    if kind not in deck.subcircuits:
-        raise FileFormatError(f"netlist: {name[:60]} is a {kind[:60]!r}, which no file declares")
-    inner, ends = deck.subcircuits[kind], plain[:-1]
-    if len(ends) != len(inner.pins):
-        raise FileFormatError(
-            f"netlist: {name[:60]} has {len(ends)} pins, {kind} {len(inner.pins)}"
-        )
+    plain, given = _head(words[1:])
+    *ends, kind = plain
+    inner = deck.subcircuits[kind]
     nodes = tuple(_net(deck, word, nets, path) for word in ends)
-    given = _assigned(" ".join(word for word in words[1:] if "=" in word))
     own = {n: value_of(v, known) for n, v in given.items()}
     own = {n: value_of(v, deck.parameters) for n, v in inner.defaults.items() if n not in own} | own
     if kind in PARTS or kind.startswith(FUNCTIONS):
         yield Element(name=name, kind=kind, nodes=nodes, given=own)
         return
-    inside = dict(zip(inner.pins, nodes))
+    inside = dict(zip(inner.pins, nodes, strict=True))
     yield from _opened(deck, inner.cards, ChainMap(own, deck.parameters), inside, name + ".")
 
 

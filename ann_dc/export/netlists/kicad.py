@@ -14,14 +14,20 @@ from typing import TypeAlias
 
 from ann_dc.errors import ExportError
 from ann_dc.export.netlists.build import Build, build
-from ann_dc.export.netlists.deck_file import claims_of, deck_text, library_of, plain
 from ann_dc.export.netlists.flat_reader import flattened
-from ann_dc.export.netlists.pack import PARTS
-from ann_dc.export.netlists.packages import FEEDBACK, GROUND
+from ann_dc.export.netlists.pack import (
+    PARTS,
+    accuracy_text,
+    claims_of,
+    deck_text,
+    library_of,
+    plain,
+)
 from ann_dc.export.netlists.parts import (
     CLASSES,
+    FEEDBACK,
+    GROUND,
     Part,
-    accuracy_text,
     engineering,
     package_of,
     parts_of,
@@ -47,11 +53,7 @@ ENGINEERING = "rc"
 
 @checked
 def kicad_files(
-    network: Network,
-    vector: ReferenceVector,
-    *,
-    level: str = "macro",
-    series: str = "exact",
+    network: Network, vector: ReferenceVector, *, level: str = "macro", series: str = "exact"
 ) -> dict[str, bytes]:
     """Export a netlist for KiCad's board editor, with one entry per component.
 
@@ -62,28 +64,17 @@ def kicad_files(
 
     Raises `ExportError` if the network cannot be built at the level or the level has no purchasable
     parts, and `UnknownNameError` for an unknown level or series.
-
-    Examples
-    --------
-    >>> import ann_dc
-    >>> from ann_dc.export.reference import reference_vector
-    >>> problem = ann_dc.plants.double_integrator(N=3)
-    >>> network = ann_dc.design(problem, preconditioner=ann_dc.PreconditionerKind.DIAGONAL).network
-    >>> files = kicad_files(network, reference_vector(network), level="tl072_ad633")
-    >>> files["circuit.net"][:21], files["circuit.net"].count(b"(comp (ref")
-    (b'(export (version "E")', 164)
     """
     check_vector(network, vector)
     made = build(network, level, series)
-    if made.level.models != "macro" or not isinstance(
-        made.level.technology, (OpAmps, DifferentialPairs)
-    ):
+    named = isinstance(made.level.technology, (OpAmps, DifferentialPairs))
+    if made.level.models != "macro" or not named:
         raise ExportError(
             f"level {level}: has no parts that can be bought; take macro, differential, or parts "
             "by name such as tl072_ad633"
         )
     elements = flattened(deck_text(made), library_of(made))
-    soldered = (*_in_series((*parts_of(elements, made.level.name),), made.series),)
+    soldered = (*_in_series(parts_of(elements, made.level.name), made.series),)
     tree = _netlist(made, soldered)
     return {
         NETLIST: (_text(tree) + "\n").encode(),
@@ -114,18 +105,23 @@ def _netlist(build: Build, parts: Iterable[Part]) -> Tree:
     tolerances = tolerances_of(build.level)
     title = plain(build.network.title)
     comments = (f"level {level}", *claims_of(build))
-    block: Tree = ["title_block", ["title", title], ["source", "circuit.net"]]
-    block += [["comment", ["number", str(i + 1)], ["value", c]] for i, c in enumerate(comments)]
-    sheet: Tree = ["sheet", ["number", "1"], ["name", "/"], ["tstamps", "/"], block]
+    block = _tree("title_block", title=title, source="circuit.net")
+    block += [_tree("comment", number=str(i + 1), value=c) for i, c in enumerate(comments)]
+    sheet = [*_tree("sheet", number="1", name="/", tstamps="/"), block]
     kinds = dict.fromkeys(group[0].kind for group in groups.values())
     return [
         "export",
         ["version", "E"],
-        ["design", ["source", title], ["tool", "ann_dc"], sheet],
+        [*_tree("design", source=title, tool="ann_dc"), sheet],
         ["components", *(_component(group, level, tolerances) for group in groups.values())],
         ["libparts", *(_library_part(kind, level) for kind in kinds)],
         ["nets", *_nets(groups, level)],
     ]
+
+
+def _tree(head: str, **named: Tree) -> list[Tree]:
+    """Return a list of named texts."""
+    return [head, *([name, text] for name, text in named.items())]
 
 
 def _components(parts: Iterable[Part]) -> dict[str, list[Part]]:
@@ -140,22 +136,16 @@ def _component(group: list[Part], level: str, tolerances: Mapping[str, str]) -> 
     fields = {"Deck": " ".join(part.name for part in group)}
     if tolerances.get(first.kind):
         fields["Tolerance"] = tolerances[first.kind]
-    named = [["field", ["name", name], text] for name, text in fields.items()]
-    tree: list[Tree] = ["comp", ["ref", first.reference], ["value", _value(first, package.part)]]
+    tree = _tree("comp", ref=first.reference, value=_value(first, package.part))
     if package.footprint:
         tree.append(["footprint", package.footprint])
-    mark = str(uuid.uuid5(uuid.NAMESPACE_OID, first.reference))
+    description = CLASSES[first.kind].description
     return [
         *tree,
-        ["fields", *named],
-        [
-            "libsource",
-            ["lib", package.library],
-            ["part", package.part],
-            ["description", CLASSES[first.kind][1]],
-        ],
-        ["sheetpath", ["names", "/"], ["tstamps", "/"]],
-        ["tstamps", mark],
+        ["fields", *([*_tree("field", name=name), text] for name, text in fields.items())],
+        _tree("libsource", lib=package.library, part=package.part, description=description),
+        _tree("sheetpath", names="/", tstamps="/"),
+        ["tstamps", str(uuid.uuid5(uuid.NAMESPACE_OID, first.reference))],
     ]
 
 
@@ -172,18 +162,18 @@ def _library_part(kind: str, level: str) -> Tree:
     pads |= dict.fromkeys(package.unused, "NC")
     if package.part in FEEDBACK:
         pads[FEEDBACK[package.part]] = "Z1"
-    pins = [["pin", ["num", p], ["name", pads[p]], ["type", "passive"]] for p in sorted(pads)]
-    return ["libpart", ["lib", package.library], ["part", package.part], ["pins", *pins]]
+    pins = (_tree("pin", num=pad, name=pads[pad], type="passive") for pad in sorted(pads))
+    return [*_tree("libpart", lib=package.library, part=package.part), ["pins", *pins]]
 
 
 def _nets(groups: Mapping[str, list[Part]], level: str) -> Iterator[Tree]:
     nodes: dict[str, list[Tree]] = {GROUND: []}
     for reference, group in groups.items():
         for pad, name, net in _pads(reference, group, level):
-            node: Tree = ["node", ["ref", reference], ["pin", pad], ["pinfunction", name]]
-            nodes.setdefault(net, []).append([*node, ["pintype", "passive"]])
+            node = _tree("node", ref=reference, pin=pad, pinfunction=name, pintype="passive")
+            nodes.setdefault(net, []).append(node)
     for code, (net, pads) in enumerate(nodes.items(), start=1):
-        yield ["net", ["code", str(code)], ["name", net], *pads]
+        yield [*_tree("net", code=str(code), name=net), *pads]
 
 
 def _pads(reference: str, group: list[Part], level: str) -> Iterator[tuple[str, str, str]]:
@@ -236,11 +226,6 @@ def _text(tree: Tree, depth: int = 0) -> str:
 
     The first item of a list is a word and the following items are quoted. The indentation is
     ``depth`` levels.
-
-    Examples
-    --------
-    >>> _text(["comp", ["ref", "R1"], ["value", '1 "k"']])
-    '(comp (ref "R1") (value "1 \\"k\\""))'
     """
     if isinstance(tree, str):
         return '"' + tree.replace("\\", "\\\\").replace('"', '\\"') + '"'

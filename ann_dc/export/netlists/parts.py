@@ -3,81 +3,170 @@
 In a deck, the preset of an integrator is a current source with a parallel resistor, because
 simulators handle this form better. On a board the preset is one voltage source.
 
-Files next to the deck: scaling sheet, expected controls and waveforms, README.
+Packages of parts: case, pads and supplies, for levels with real parts.
+
+Pads are those of the makers' datasheets for the named case. They have not been checked here; verify
+them before making a board.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-
-import numpy as np
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from ann_dc.backends.spice.ngspice.expressions import value_of
-from ann_dc.evaluation.reference import evaluator
 from ann_dc.export.netlists.build import Build
-from ann_dc.export.netlists.deck_file import (
-    CONTROLS,
-    DECK,
-    WAVEFORMS,
-    accuracy_words,
-    plain,
-)
 from ann_dc.export.netlists.flat_reader import Element
-from ann_dc.export.netlists.packages import GROUND, PASSIVE, PINS, REAL, Package, generic
-from ann_dc.export.reference.csv_tables import csv_text
-from ann_dc.fidelity.circuit_study import NEAR
+from ann_dc.export.reference.contents import csv_text
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.e_series import Series
 from ann_dc.hardware.parts.levels import Level
-from ann_dc.si_prefixes import PREFIXES, counted
+from ann_dc.si_prefixes import PREFIXES
 
+GROUND, POSITIVE, NEGATIVE = "GND", "V+", "V-"
+"""Nets of every board."""
+
+FEEDBACK = {"AD734": "11"}
+"""Multiplier pad that is tied to the output: the input that is subtracted in its comparison."""
 PRESET_OHMS = 0.1
 """Resistor in ohms across the current source of a preset."""
+BILL = (
+    *("reference", "value", "unit", "to buy", "series", "tolerance"),
+    *("part class", "part", "package", "quantity"),
+)
+"""Columns of the BOM."""
+LISTED = ("reference", "unit", "kind", "name in the deck", "value", "pins and nets")
+"""Columns of the list of parts."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Package:
+    """Component as purchased: its part number, or its function if no real part is named.
+
+    ``library`` is KiCad's symbol library. ``units`` are mappings of pin to pad, one for each of the
+    identical parts in the component. Pads in ``unused`` remain open.
+    """
+
+    part: str
+    library: str
+    units: tuple[Mapping[str, str], ...]
+    case: str = ""
+    footprint: str = ""
+    supplies: Mapping[str, str] = field(default_factory=dict)
+    unused: tuple[str, ...] = ()
+
+
+def _passive(part: str, case: str, footprint: str, pads: Mapping[str, str]) -> Package:
+    return Package(part=part, library="Device", case=case, footprint=footprint, units=(pads,))
+
+
+PASSIVE = {
+    "r": _passive("R", "0603", "Resistor_SMD:R_0603_1608Metric", {"1": "1", "2": "2"}),
+    "c": _passive("C", "0603", "Capacitor_SMD:C_0603_1608Metric", {"1": "1", "2": "2"}),
+    "d": _passive("D", "SOD-123", "Diode_SMD:D_SOD-123", {"K": "1", "A": "2"}),
+}
+"""Parts common to all levels with real parts."""
+
+
+def _single(part: str) -> Package:
+    """Return the package of a single op amp in an 8-pad case with the usual pinout."""
+    return Package(
+        part=part,
+        library="Amplifier_Operational",
+        case="SOIC-8",
+        footprint="Package_SO:SOIC-8_3.9x4.9mm_P1.27mm",
+        units=({"-": "2", "+": "3", "OUT": "6"},),
+        supplies={"4": NEGATIVE, "7": POSITIVE},
+        unused=("1", "5", "8"),
+    )
+
+
+TL072 = Package(
+    part="TL072",
+    library="Amplifier_Operational",
+    case="DIP-8",
+    footprint="Package_DIP:DIP-8_W7.62mm",
+    units=({"OUT": "1", "-": "2", "+": "3"}, {"OUT": "7", "-": "6", "+": "5"}),
+    supplies={"4": NEGATIVE, "8": POSITIVE},
+)
+AD633 = Package(
+    part="AD633",
+    library="Analog",
+    case="DIP-8",
+    footprint="Package_DIP:DIP-8_W7.62mm",
+    units=({"X1": "1", "X2": "2", "Y1": "3", "Y2": "4", "Z": "6", "OUT": "7"},),
+    supplies={"5": NEGATIVE, "8": POSITIVE},
+)
+AD734 = Package(
+    part="AD734",
+    library="Analog",
+    case="DIP-14",
+    footprint="Package_DIP:DIP-14_W7.62mm",
+    units=({"X1": "1", "X2": "2", "Y1": "6", "Y2": "7", "Z": "10", "OUT": "12"},),
+    supplies={"8": NEGATIVE, "14": POSITIVE, "3": GROUND, "4": GROUND, "5": GROUND},
+    unused=("9", "13"),
+)
+AD835 = Package(
+    part="AD835",
+    library="Analog",
+    case="DIP-8",
+    footprint="Package_DIP:DIP-8_W7.62mm",
+    units=({"Y1": "1", "Y2": "2", "Z": "4", "OUT": "5", "X2": "7", "X1": "8"},),
+    supplies={"3": NEGATIVE, "6": POSITIVE},
+)
+OPA192, OPA828, AD8065 = _single("OPA192"), _single("OPA828"), _single("AD8065")
+
+REAL = {
+    "tl072_ad633": {"opamp": TL072, "mul4q": AD633},
+    "opa192_ad734": {"opamp": OPA192, "mul4q": AD734},
+    "opa828_ad734": {"opamp": OPA828, "mul4q": AD734},
+    "ad8065_ad835": {"opamp": AD8065, "mul4q": AD835},
+}
+"""Packages of the part sets that name real parts."""
+
+
+class PartClass(NamedTuple):
+    """Reference letters, description, unit of the value, and pins in the order of a netlist."""
+
+    letters: str
+    description: str
+    unit: str
+    pins: str
+
 
 CLASSES = {
-    "r": ("R", "resistor", "ohm"),
-    "c": ("C", "capacitor", "F"),
-    "d": ("D", "diode", ""),
-    "s": ("SW", "analog switch", ""),
-    "v": ("V", "voltage source", "V"),
-    "i": ("I", "current source", "A"),
-    "b": ("B", "behavioural source", ""),
-    "e": ("E", "inverted copy", ""),
-    "g": ("G", "controlled source", ""),
-    "m": ("Q", "MOS transistor", ""),
-    "q": ("Q", "bipolar transistor", ""),
-    "preset": ("V", "preset", "V"),
-    "opamp": ("U", "op amp", ""),
-    "opamp_fd": ("U", "differential op amp", ""),
-    "mul4q": ("U", "multiplier", ""),
-    "ota": ("U", "transconductor", "S"),
-    "ota_diff": ("U", "transconductor", "S"),
-    "clk2": ("U", "two-phase clock", ""),
-    "function": ("U", "function generator", ""),
+    "r": PartClass("R", "resistor", "ohm", "1 2"),
+    "c": PartClass("C", "capacitor", "F", "1 2"),
+    "d": PartClass("D", "diode", "", "A K"),
+    "s": PartClass("SW", "analog switch", "", "1 2 C R"),
+    "v": PartClass("V", "voltage source", "V", "+ -"),
+    "i": PartClass("I", "current source", "A", "+ -"),
+    "b": PartClass("B", "behavioural source", "", "+ -"),
+    "e": PartClass("E", "inverted copy", "", "+ - C+ C-"),
+    "g": PartClass("G", "controlled source", "", "+ - C+ C-"),
+    "m": PartClass("Q", "MOS transistor", "", "D G S B"),
+    "q": PartClass("Q", "bipolar transistor", "", "C B E"),
+    "preset": PartClass("V", "preset", "V", "+ -"),
+    "opamp": PartClass("U", "op amp", "", "+ - OUT"),
+    "opamp_fd": PartClass("U", "differential op amp", "", "+ - OUT+ OUT-"),
+    "mul4q": PartClass("U", "multiplier", "", "X1 X2 Y1 Y2 Z OUT"),
+    "ota": PartClass("U", "transconductor", "S", "IN OUT"),
+    "ota_diff": PartClass("U", "transconductor", "S", "IN+ IN- OUT"),
+    "clk2": PartClass("U", "two-phase clock", "", "P1 P2"),
+    "function": PartClass("U", "function generator", "", "X OUT"),
 }
-"""Reference letters, description, and unit of the value of every kind."""
+"""Classes of parts, by kind."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
-    """Part of a circuit.
+    """Part of a circuit, with the name of its element in the deck and a net for each pin.
 
-    Attributes
-    ----------
-    reference : str
-        Reference of its component, such as ``U7``.
-    unit : int
-        Index among the identical parts in the component.
-    kind : str
-        Key of `CLASSES`.
-    name : str
-        Name of the element in the deck.
-    value : str
-        Value with six digits in the unit of its kind; expression of a function generator.
-    nets : tuple of str
-        Nets in the order of `PINS`.
+    ``reference`` is that of its component, such as ``U7``, and ``unit`` the index among the
+    identical parts in it. ``kind`` is a key of `CLASSES`. ``value`` has six digits in the unit of
+    the kind, or is the expression of a function generator.
     """
 
     reference: str
@@ -90,19 +179,18 @@ class Part:
     @property
     def pins(self) -> dict[str, str]:
         """Nets by pin name."""
-        return dict(zip(PINS[self.kind], self.nets))
+        return dict(zip(CLASSES[self.kind].pins.split(), self.nets))
 
 
 def package_of(kind: str, level: str) -> Package:
-    """Return the package of a kind of part at the level with the given name."""
-    return REAL.get(level, {}).get(kind) or PASSIVE.get(kind) or generic(kind, CLASSES[kind][1])
+    """Return the package of a kind of part at a level; one without a maker has its pins as pads."""
+    named = REAL.get(level, {}).get(kind) or PASSIVE.get(kind)
+    pads = {pin: pin for pin in CLASSES[kind].pins.split()}
+    return named or Package(part=CLASSES[kind].description, library="ann_dc", units=(pads,))
 
 
 def parts_of(elements: Iterable[Element], level: str) -> tuple[Part, ...]:
-    """Return the parts of a flat deck, in the order of the deck.
-
-    The name of the level determines the number of parts per component.
-    """
+    """Return the parts of a flat deck in its order; the level gives the parts per component."""
     count: Counter[str] = Counter()
     waiting: dict[str, tuple[str, int]] = {}
     found = []
@@ -111,7 +199,7 @@ def parts_of(elements: Iterable[Element], level: str) -> tuple[Part, ...]:
         if kind in waiting:
             reference, unit = waiting.pop(kind)
         else:
-            letters = CLASSES[kind][0]
+            letters = CLASSES[kind].letters
             count[letters] += 1
             reference, unit = f"{letters}{count[letters]}", 0
         if unit + 1 < len(package.units):
@@ -119,12 +207,7 @@ def parts_of(elements: Iterable[Element], level: str) -> tuple[Part, ...]:
         nets = tuple(GROUND if node == "0" else node for node in element.nodes)
         found.append(
             Part(
-                reference=reference,
-                unit=unit,
-                kind=kind,
-                name=element.name,
-                value=value,
-                nets=nets,
+                reference=reference, unit=unit, kind=kind, name=element.name, value=value, nets=nets
             )
         )
     return tuple(found)
@@ -141,14 +224,11 @@ def _soldered(elements: list[Element]) -> Iterator[tuple[str, Element, str]]:
         where = element.name.rpartition(".")[0], frozenset(element.nodes)
         source = across.get(where)
         if source is None:
-            yield _kind(element.kind), element, _value(element)
+            is_function = element.kind.startswith("func_")
+            yield "function" if is_function else element.kind, element, _value(element)
         elif element is source:
             preset = Element(name=element.name, kind="preset", nodes=element.nodes[::-1])
             yield "preset", preset, f"{PRESET_OHMS * (element.value or 0.0) + 0.0:.6g}"
-
-
-def _kind(kind: str) -> str:
-    return "function" if kind.startswith("func_") else kind
 
 
 def _value(element: Element) -> str:
@@ -161,26 +241,6 @@ def _value(element: Element) -> str:
     return " ".join(element.words) if element.kind in "vib" else ""
 
 
-def without_maker(parts: Iterable[Part], level: str) -> str:
-    """Return the parts without a purchasable type at a level, with their numbers.
-
-    The text has the form ``analog switch (2), preset (1)`` and is empty if every part has a type.
-    """
-    count: Counter[str] = Counter()
-    for part in parts:
-        count[CLASSES[part.kind][1]] += package_of(part.kind, level).library == "ann_dc"
-    return ", ".join(f"{name} ({number})" for name, number in sorted(count.items()) if number)
-
-
-BILL = (
-    *("reference", "value", "unit", "to buy", "series", "tolerance"),
-    *("part class", "part", "package", "quantity"),
-)
-"""Columns of the BOM."""
-LISTED = ("reference", "unit", "kind", "name in the deck", "value", "pins and nets")
-"""Columns of the list of parts."""
-
-
 def bill_text(build: Build, parts: Iterable[Part]) -> str:
     """Return the BOM as CSV text, with one line for all identical components."""
     groups: dict[tuple[str, str], dict[str, None]] = {}
@@ -190,9 +250,9 @@ def bill_text(build: Build, parts: Iterable[Part]) -> str:
     rows, tolerances = [], tolerances_of(build.level)
     for (kind, value), references in groups.items():
         package = package_of(kind, build.level.name)
-        _, meaning, unit = CLASSES[kind]
         bought, series = _bought(kind, value, build.series)
-        row = (value, unit, bought, series, tolerances.get(kind, ""), meaning)
+        known = CLASSES[kind]
+        row = (value, known.unit, bought, series, tolerances.get(kind, ""), known.description)
         name = package.part if package.library != "ann_dc" else ""
         rows.append((" ".join(references), *row, name, package.case, len(references)))
     return csv_text(BILL, rows)
@@ -207,13 +267,7 @@ def _is_number(text: str) -> bool:
 
 
 def engineering(value: str) -> str:
-    """Format the value of a part with an SI prefix.
-
-    Examples
-    --------
-    >>> engineering("10101"), engineering("5.06e-11"), engineering("0")
-    ('10.101k', '50.6p', '0')
-    """
+    """Format the value of a part with an SI prefix."""
     number = value_of(value, {})
     for size, prefix in PREFIXES:
         if abs(number) >= size * (1 - 1e-9):
@@ -222,10 +276,7 @@ def engineering(value: str) -> str:
 
 
 def series_of(kind: str, series: Series) -> Series | None:
-    """Return the series from which parts of a kind (``r``, ``c``, ...) are purchased.
-
-    Resistors have the given series. Returns None for kinds without a series.
-    """
+    """Return the series from which parts of a kind are purchased; resistors have the given one."""
     return {"r": series, "c": series.capacitors}.get(kind)
 
 
@@ -266,120 +317,3 @@ def parts_text(parts: Iterable[Part]) -> str:
         for part in parts
     )
     return csv_text(LISTED, rows)
-
-
-ROWS = 200
-"""Maximum number of rows of a waveform table."""
-
-
-def scaling_text(build: Build) -> str:
-    """Return CSV text with the value of 1 V at every node of a cell."""
-    rows, scaling = [], build.circuit.scaling
-    for name in build.circuit.schematic.polarity:
-        nodes = [node for (own, _), node in build.deck.signals.items() if own == name]
-        if nodes:
-            scale, alias = build.circuit.scale_of(name), build.circuit.alias[name]
-            where = nodes[0] if len(nodes) == 1 else f"{alias}__<stage>"
-            used = f"{scaling.used(name):.3g}" if name in scaling.peaks else ""
-            ends = (f"{scale.factor:.9g}", f"{1 / scale.factor:.9g}", f"{scale.offset:.9g}")
-            rows.append((where, name, *ends, used))
-    head = ("node", "stands for", "user unit a volt", "volts a user unit", "offset", "used")
-    return csv_text(head, rows)
-
-
-def expected_text(build: Build) -> str:
-    """Return CSV text with the settled controls, in the user's units and in volts."""
-    rows = []
-    for reading in build.controls:
-        value = build.settled(reading)
-        volts = reading.scale.network(value)
-        place = plain(reading.name), reading.stage, reading.node
-        rows.append((*place, f"{value:.9g}", f"{volts:.9g}"))
-    return csv_text(("control", "stage", "node", "expected", "volts"), rows)
-
-
-def waveforms_text(build: Build) -> str:
-    """Return CSV text with the waveforms (V over s) of the ideal network's neurons.
-
-    The table contains all neurons that have a node.
-    """
-    probe, timing, network = build.probe, build.deck.timing, build.network
-    count = len(probe.time)
-    at = np.unique(np.linspace(0, count - 1, min(count, ROWS)).round().astype(int))
-    values = evaluator(network).values(probe.states[at])[..., 1:-1]
-    seconds = timing.release + timing.unit * probe.time[at]
-    columns = [
-        values[:, network.node_index[r.name], r.stage] / build.circuit.value_of(r.name)
-        for r in build.readings
-    ]
-    table = np.column_stack([seconds, *columns])
-    head = ("seconds", *(f"v({reading.node})" for reading in build.readings))
-    return csv_text(head, ([f"{value:.7g}" for value in row] for row in table + 0.0))
-
-
-BOUGHT = """
-Resistors and capacitors have exact values, of which many megohms or few femtofarads cannot be
-bought or built: `series=E96-pairs` takes two resistors of that series for each, and capacitors of
-E24. With `series=E96`, one for each, controls are often off by several percent.
-"""
-
-
-def accuracy_text(build: Build, parts: Iterable[Part] = ()) -> str:
-    """Return the first lines of a README: parts without a maker, predicted accuracy.
-
-    The parts to purchase are ``parts``.
-    """
-    unnamed = without_maker(parts, build.level.name)
-    lines = [f"No part to buy for: {unnamed}."] if unnamed else []
-    lines += [f"A circuit {accuracy_words(build.control_error, build.probe.size_in_words)}."]
-    lines += [f"WARNING: {build.doubt}."] if build.doubt else []
-    return "\n\n".join(lines)
-
-
-def readme_text(build: Build, parts: Sequence[Part]) -> str:
-    """Return the README of a folder: content, use, and results to check."""
-    deck, network = build.deck, build.network
-    first = build.controls[0]
-    kinds = ", ".join(counted(number, name) for name, number in deck.parts.items())
-    zero = f"{first.scale.offset:.6g} + " if first.scale.offset else ""
-    named = parts if build.level.name in REAL else ()
-    exact = build.series.name == "exact"
-    bought = BOUGHT if exact else ""
-    cells = counted(network.stages, "cells")
-    with_them = "" if exact else f", capacitors: {build.series.capacitors.name}"
-    return f"""# {plain(network.title)}: an analog neural network of {cells}
-
-{accuracy_text(build, named)}
-
-Level: {build.level.name}. Resistors: {build.series.name}{with_them}. {len(parts)} parts: {kinds}.
-{bought}
-    ngspice -b {DECK}
-
-runs it for {deck.end:.4g} s of circuit time, and needs nothing but this folder. It writes
-
-- `{CONTROLS}`: every control in the user's units as it settled, beside what is expected,
-- `{WAVEFORMS}`: the volts of the controls over time,
-
-and says how far the controls are off, as a share of {build.probe.size_in_words}.
-Above {NEAR:.0%} it says that they are NOT where the ideal network settles, with exit code 1. The
-expected values are those of the ideal
-network; parts of a level are off by what their gain, bandwidth and rails cost. `ann-dc circuit` has
-their noise, tolerances and settling time.
-
-| file | what |
-|---|---|
-| `{DECK}` | the netlist: cells, the row, inputs, reset, the transient |
-| `library/` | the models and cells that it includes |
-| `bill.csv` | what to buy: one line for all components that are the same |
-| `parts.csv` | every part: reference, name in the deck, value, nets |
-| `scaling.csv` | what a volt at a node stands for |
-| `expected_controls.csv` | what the controls settle to, in the user's units and in volts |
-| `expected_waveforms.csv` | all neurons in volts over seconds, as the ideal network moves |
-| `reference_vector.json` | the network's own steps, for `ann-dc inspect` |
-| `SHA256SUMS` | `sha256sum -c SHA256SUMS` |
-
-A control is read off its node: {plain(first.name)} of stage {first.stage} is
-{zero}{first.scale.factor:.6g} * v({first.node}); `scaling.csv` has the others. The node `rst` holds
-the reset: 5 V until {deck.timing.release:.3g} s, 0 V from then on. One unit of network time is
-{deck.timing.unit:.4g} s.
-"""

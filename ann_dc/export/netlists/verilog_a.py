@@ -13,9 +13,8 @@ from collections.abc import Iterator, Mapping
 from ann_dc.backends.spice.netlist.timing import reset_card
 from ann_dc.errors import ExportError
 from ann_dc.export.netlists.build import Build, build
-from ann_dc.export.netlists.deck_file import claims_of, plain
 from ann_dc.export.netlists.flat_reader import logical_lines
-from ann_dc.export.netlists.parts import accuracy_text, expected_text, scaling_text
+from ann_dc.export.netlists.pack import accuracy_text, claims_of, expected_text, plain, scaling_text
 from ann_dc.export.netlists.verilog_library import LIBRARY, module_text
 from ann_dc.export.reference.contents import README, with_sums
 from ann_dc.export.reference.sidecar import check_vector

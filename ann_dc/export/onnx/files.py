@@ -1,27 +1,30 @@
-"""ONNX export of a network as two models, written from its record without tracing."""
+"""ONNX export of a network as two models, written from its record without tracing.
+
+The metadata of a file contain the network, its units, and a digest of the complete file, by which a
+changed bit is detected without the network.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
+import json
+from typing import Any
 
 from ann_dc.errors import ExportPackageMissing
-from ann_dc.export.onnx.metadata import describe
 from ann_dc.export.onnx.models import settle_model, step_model
-from ann_dc.export.reference.rounding import Precision
 from ann_dc.export.reference.sidecar import check_vector
-from ann_dc.export.reference.vector import VECTOR, ReferenceVector
+from ann_dc.export.reference.vector import VECTOR, Precision, ReferenceVector
 from ann_dc.network.network import Network
 from ann_dc.validation import checked
+from ann_dc.weights.hashes import content_hash, wiring_hash
 
 STEP, SETTLE = "step.onnx", "settle.onnx"
 
 
 @checked
 def onnx_files(
-    network: Network,
-    vector: ReferenceVector,
-    *,
-    precision: Precision = "float64",
+    network: Network, vector: ReferenceVector, *, precision: Precision = "float64"
 ) -> dict[str, bytes]:
     """Export a network as ONNX: one step, and the loop to settling.
 
@@ -65,7 +68,7 @@ def onnx_files(
     files = {}
     for name, written in ((STEP, step_model), (SETTLE, settle_model)):
         model = written(network, precision)
-        describe(model, network)
+        _describe(model, network)
         files[name] = model.SerializeToString(deterministic=True)
     return files | {VECTOR: vector.as_json()}
 
@@ -77,3 +80,48 @@ def require(*packages: str) -> None:
             raise ExportPackageMissing(
                 f"ONNX files need {package}, which is not installed: pip install 'ann-dc[export]'"
             )
+
+
+DIGEST = "digest"
+LAYOUT = (
+    "states (neurons, stages, samples), inputs (inputs, stages, samples), in network units; a "
+    "user's value is offset + factor * the network's; step is in units of network time"
+)
+
+
+def _describe(model: Any, network: Network) -> None:
+    """Write title, hashes, names, units and digest into a model's metadata."""
+    from onnx import helper
+
+    neurons = [(neuron.name, neuron.scale) for neuron in network.cell.neurons]
+    inputs = [(name, network.input_scale(name)) for name in network.cell.inputs]
+    said = {
+        "title": network.title,
+        "wiring": wiring_hash(network),
+        "content": content_hash(network),
+        "layout": LAYOUT,
+        "neurons": _scales(neurons),
+        "inputs": _scales(inputs),
+    }
+    helper.set_model_props(model, said)
+    helper.set_model_props(model, said | {DIGEST: digest(model)})
+
+
+def _scales(named: list) -> str:
+    rows = [{"name": name, "factor": s.factor, "offset": s.offset} for name, s in named]
+    return json.dumps(rows)
+
+
+def digest(model: Any) -> str:
+    """Compute the SHA-256 of a model without its digest."""
+    plain = type(model)()
+    plain.CopyFrom(model)
+    kept = [entry for entry in model.metadata_props if entry.key != DIGEST]
+    del plain.metadata_props[:]
+    plain.metadata_props.extend(kept)
+    return hashlib.sha256(plain.SerializeToString(deterministic=True)).hexdigest()
+
+
+def metadata(model: Any) -> dict[str, str]:
+    """Return the metadata of a model, by key."""
+    return {entry.key: entry.value for entry in model.metadata_props}

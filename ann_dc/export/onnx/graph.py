@@ -6,7 +6,7 @@ body is placed before the loop.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,20 +21,8 @@ IR_VERSION = 9
 class Graph:
     """Graph under construction, in which tensors are names.
 
-    Parameters
-    ----------
-    dtype : dtype
-        Type of all numbers except indices.
-    outside : Graph, optional
-        Graph that contains the loop of which this graph is the body.
-    own : iterable of str
-        Inputs of the graph.
-
-    Examples
-    --------
-    >>> graph = Graph(np.float64, own=["x"])
-    >>> graph.op("Add", "x", graph.number(2.0)) == graph.op("Add", "x", graph.number(2.0))
-    True
+    Numbers except indices have the type ``dtype``. The body of a loop is a graph whose ``outside``
+    is the graph with the loop. ``own`` are the inputs of the graph.
     """
 
     def __init__(self, dtype: Any, outside: Graph | None = None, own: Iterable[str] = ()) -> None:
@@ -76,6 +64,11 @@ class Graph:
         self._own.update(outputs)
         return outputs
 
+    def name_outputs(self, outputs: Mapping[str, str]) -> None:
+        """Name the outputs of the graph."""
+        for name, tensor in outputs.items():
+            self.named(name, "Identity", tensor)
+
     # ---- constants -----------------------------------------------------------------------------
 
     def table(self, name: str, values: Any, dtype: Any = None) -> str:
@@ -105,12 +98,14 @@ class Graph:
         """Add integer constants (count,) for shapes and indices."""
         return self.table(f"integers {' '.join(map(str, values))}", values, np.int64)
 
-    # ---- what is written often -----------------------------------------------------------------
-
     def rows(self, tensor: str, first: int, last: int, every: int = 1) -> str:
         """Return rows ``first .. last - 1`` of a tensor."""
         ends = self.integers(first), self.integers(last)
         return self.op("Slice", tensor, *ends, self.integers(0), self.integers(every))
+
+    def gathered(self, tensor: str, name: str, places: Any) -> str:
+        """Return the rows of a tensor at places, a named constant."""
+        return self.op("Gather", tensor, self.table(name, places, np.int64), axis=0)
 
     def stacked(self, *tensors: str) -> str:
         """Concatenate tensors along the first axis."""
@@ -121,10 +116,7 @@ class Graph:
         return self.op("Reshape", tensor, self.integers(*shape))
 
     def largest(self, tensor: str, axis: int) -> str:
-        """Reduce a tensor to its maxima along an axis, which is removed.
-
-        The result is not specified for nan.
-        """
+        """Reduce a tensor to its maxima along an axis, which is removed; nan is unspecified."""
         return self.op("ReduceMax", tensor, self.integers(axis), keepdims=0)
 
     def loop(
@@ -136,23 +128,11 @@ class Graph:
         going: str,
         prefix: str = "",
     ) -> Sequence[str]:
-        """Append a loop and return its final carried values.
+        """Append a loop of at most ``most`` turns and return its final carried values.
 
-        Parameters
-        ----------
-        body : Graph
-            Loop body, whose inputs are "turn" and "still", after the prefix, and the names of
-            ``carried``.
-        most : str
-            Maximum number of turns.
-        carried : dict of str to str
-            Initial values.
-        following : sequence of str
-            Values after a turn.
-        going : str
-            Condition for another turn.
-        prefix : str
-            Prefix of names that another loop in the graph or around it also has.
+        The inputs of the body are "turn" and "still", after a prefix that distinguishes nested
+        loops, and the names of ``carried``, the initial values. ``following`` are the values after
+        a turn, ``going`` is the condition for another one.
         """
         from onnx import helper
 

@@ -26,27 +26,24 @@ BATCH = "B"
 
 
 def step_model(network: Network, dtype: Any) -> Any:
-    """Return the model (states, inputs, step) -> (next_states, residual).
-
-    The residual is that of the given states, and the type is float64 or float32.
-    """
+    """Return the model (states, inputs, step) -> (next_states, residual of the given states)."""
     graph = Graph(dtype, own=["states", "inputs", "step"])
     flow = _Flow(network, graph)
     state = flow.filled("states")
     following, residual, _ = flow.step(graph, state, {})
-    _handed_out(graph, {"next_states": flow.unfolded(graph, following), "residual": residual})
+    graph.name_outputs({"next_states": flow.unfolded(graph, following), "residual": residual})
     given = [*_given(network, graph), ("step", graph.dtype, [])]
     found = [_states(network, graph, "next_states"), ("residual", graph.dtype, [BATCH])]
     return graph.model("step", given, found)
 
 
 def settle_model(network: Network, dtype: Any) -> Any:
-    """Return the loop model that runs until settling.
+    """Return the loop to settling, with a tolerance and a limit, which counts the steps.
 
-    The model maps (states, inputs, step, tolerance, limit) to (settled_states, residual, steps). A
-    sample takes steps until its residual is below the tolerance or infinite, at most ``limit``
-    steps, and then remains constant. A residual is infinite if a number is infinite, a function is
-    outside its domain, or the state has grown far beyond the start.
+    It maps (states, inputs, step, tolerance, limit) to (settled_states, residual, steps). A sample
+    takes steps until its residual is below the tolerance or infinite, at most ``limit`` steps, and
+    then remains constant. A residual is infinite if a number is infinite, a function is outside its
+    domain, or the state has grown far beyond the start.
     """
     from onnx import TensorProto
 
@@ -79,11 +76,11 @@ def settle_model(network: Network, dtype: Any) -> Any:
     }
     going = body.op("ReduceMax", moved, keepdims=0)
     ends["going"] = body.op("Cast", going, to=TensorProto.BOOL)
-    _handed_out(body, ends)
+    body.name_outputs(ends)
     turns = graph.op("Add", "limit", graph.table("one more", 1, np.int64))
     state, distance, count = graph.loop(body, turns, carried, [*ends][:3], "going")
     outputs = {"settled_states": flow.unfolded(graph, state), "residual": distance, "steps": count}
-    _handed_out(graph, outputs)
+    graph.name_outputs(outputs)
     numbers = [("step", graph.dtype, []), ("tolerance", graph.dtype, []), ("limit", np.int64, [])]
     found = [
         _states(network, graph, "settled_states"),
@@ -91,11 +88,6 @@ def settle_model(network: Network, dtype: Any) -> Any:
         ("steps", np.int64, [BATCH]),
     ]
     return graph.model("settle", [*_given(network, graph), *numbers], found)
-
-
-def _handed_out(graph: Graph, outputs: dict[str, str]) -> None:
-    for name, tensor in outputs.items():
-        graph.named(name, "Identity", tensor)
 
 
 def _states(network: Network, graph: Graph, name: str) -> tuple[str, Any, list]:
@@ -116,21 +108,16 @@ class _Flow:
         self._inputs = []
         for number, name in enumerate(network.cell.inputs):
             every = graph.op("Expand", "inputs", self.batch)
-            place = graph.table(f"input.{name}", number, np.int64)
-            self._inputs.append(graph.op("Gather", every, place, axis=0))
+            self._inputs.append(graph.gathered(every, f"input.{name}", number))
         self._outer, self._clamped = graph, clamped_rows(network)
 
     def filled(self, states: str) -> str:
-        """Return the state (P N, B) from states (P, N, B).
-
-        Fixed neurons have their inputs, and omitted neurons are zero.
-        """
+        """Return the state (P N, B) from states (P, N, B), with fixed and omitted neurons."""
         graph, network = self._outer, self.network
         rows = []
         for number, neuron in enumerate(network.cell.neurons):
             graph.about(neuron.name)
-            place = graph.table(f"neuron.{neuron.name}", number, np.int64)
-            row = graph.op("Gather", states, place, axis=0)
+            row = graph.gathered(states, f"neuron.{neuron.name}", number)
             if neuron.shared:
                 row = graph.rows(row, network.stages - 1, network.stages)
                 shape = graph.stacked(graph.integers(network.stages), self.batch)
@@ -163,10 +150,7 @@ class _Flow:
         )
 
     def step(self, graph: Graph, state: str, sides: dict[str, str]) -> tuple[str, str, str]:
-        """Return the state after a step, the residual before it, and the state's size.
-
-        Residual and size have shape (B,).
-        """
+        """Return the state after a step, the residual (B,) before it, and the state's size (B,)."""
         network, reading = self.network, self.reading(graph, state)
         rows, arriving = [], []
         for number, drive in enumerate(reading.drives()):
@@ -211,7 +195,7 @@ class _Flow:
     def _projected(self, graph: Graph, state: str, drives: str) -> str:
         """Return derivatives (P N, B): the projection of M d onto permitted directions.
 
-        The net inputs of coupled neurons are used without regard to their limits.
+        The net inputs of coupled neurons are those without limits.
         """
         network, zero = self.network, graph.number(0.0)
         component = np.flatnonzero(np.isin(network.places[:, 0], self._clamped))
@@ -261,10 +245,7 @@ class _Flow:
         return graph.largest(self.unfolded(graph, graph.op("Abs", rows)), 1)
 
     def _residual(self, graph: Graph, drives: str, sizes: str, is_inside: str | None) -> str:
-        """Return the larger relative residual (B,).
-
-        The residuals are those of `ann_dc.evaluation.rules.residuals`.
-        """
+        """Return the larger residual (B,) of `ann_dc.evaluation.rules.residuals`."""
         roles = RoleRows.of(evaluator(self.network).tape.roles)
         pushes = self._largest(graph, drives)
         ratios = []
@@ -290,6 +271,5 @@ class _Flow:
         if not len(rows):
             return graph.number(least)
         names = " ".join(map(str, rows))
-        chosen = graph.table(f"roles {names}", rows, np.int64)
-        most = graph.largest(graph.op("Gather", values, chosen, axis=0), 0)
+        most = graph.largest(graph.gathered(values, f"roles {names}", rows), 0)
         return graph.op("Max", most, graph.number(least))

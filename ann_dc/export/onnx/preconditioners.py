@@ -43,10 +43,7 @@ def rates(network: Network, graph: Graph) -> str:
 
 
 def there(network: Network) -> np.ndarray:
-    """Return the existence of neurons, booleans (P, N).
-
-    A shared neuron exists at all stages if it exists in the last cell.
-    """
+    """Return the existence of neurons (P, N); a shared neuron of the last cell is at all stages."""
     live = network.live.copy()
     live[network.shared] = live[network.shared, -1:]
     return live
@@ -69,18 +66,10 @@ def clamped(
 ) -> tuple[str, str]:
     """Return saturated neurons, booleans (R, B), and their diode currents (R, B).
 
-    Parameters
-    ----------
-    count : int
-        Number R of neurons with limits.
-    table : str
-        Preconditioner of these neurons, and their derivatives without limits, (R, R + 1, B).
-    given : str
-        Net inputs (R, B).
-    at_rails : tuple of str
-        Booleans (R, B) for neurons at the lower limit and at the upper limit.
-    batch : str
-        Number of samples, as a shape (1,).
+    ``count`` is the number R of neurons with limits. The table (R, R + 1, B) has the preconditioner
+    of these neurons, and their derivatives without limits. ``given`` are the net inputs (R, B),
+    ``at_rails`` booleans (R, B) for neurons at the lower and at the upper limit, and ``batch`` is
+    the number of samples, as a shape (1,).
     """
     none = graph.op("Less", graph.op("Abs", given), graph.number(0.0))
     rounds = graph.op("Expand", graph.table("clamp.round", 0, np.int64), batch)
@@ -89,8 +78,7 @@ def clamped(
     body = Graph(graph.dtype, graph, own=["clamp turn", "clamp still", *carried])
     body.about("clamp")
     ends = _exchanged(body, count, given, *at_rails)
-    for name, tensor in ends.items():
-        body.named(name, "Identity", tensor)
+    body.name_outputs(ends)
     most = graph.table("clamp.turns", BLOCKS * count + PIVOTS, np.int64)
     found = graph.loop(body, most, carried, [*ends][:-1], [*ends][-1], "clamp ")
     currents = graph.op("Where", found[1], _last(graph, found[0], count), graph.number(0.0))
@@ -98,10 +86,7 @@ def clamped(
 
 
 def _last(graph: Graph, table: str, count: int) -> str:
-    """Return the last column of a table (R, B).
-
-    It contains currents of saturated neurons and derivatives of free neurons.
-    """
+    """Return the last column (R, B): currents of saturated, derivatives of free neurons."""
     return graph.op("Gather", table, graph.table("clamp.last", count, np.int64), axis=1)
 
 
@@ -142,10 +127,7 @@ def _any(graph: Graph, marks: str, *axes: int) -> str:
 
 
 def _pivoted(body: Graph, count: int, unit: str) -> str:
-    """Return the table after a neuron has exchanged its derivative and its current.
-
-    The neuron is the one in ``unit`` (R, B).
-    """
+    """Return the table after the neuron in ``unit`` (R, B) exchanged derivative and current."""
     op, one, table = body.op, body.number(1.0), "clamp table"
     rows, columns = body.integers(0), body.integers(1)
     across = body.stacked(unit, _none(body, unit))
@@ -169,7 +151,7 @@ def _pyramid(network: Network, pyramid: Multilevel, graph: Graph, drives: str) -
     """Return the coarse-level contribution (P N, B): restriction, gains, prolongation."""
     stages, chains = network.stages, pyramid.chains
     place = _chain_places(network)
-    chain = graph.op("Gather", drives, graph.table("chain.places", place, np.int64), axis=0)
+    chain = graph.gathered(drives, "chain.places", place)
     index, share = hat_positions(2 * stages, len(pyramid.gains[0]) - 1)
     grid = _down(graph, graph.shaped(chain, 2 * stages, -1), index, share)
     grid = graph.shaped(grid, len(pyramid.gains[0]), chains, -1)
@@ -201,7 +183,7 @@ def _down(graph: Graph, chain: str, index: np.ndarray, share: np.ndarray) -> str
     """Return the restriction to the points of the finest level (points, C B)."""
     total = None
     for rank, (heard, part) in enumerate(zip(*_hats(index, share))):
-        row = graph.op("Gather", chain, graph.table(f"hat.{rank}.from", heard, np.int64), axis=0)
+        row = graph.gathered(chain, f"hat.{rank}.from", heard)
         row = graph.op("Mul", row, graph.table(f"hat.{rank}", part[:, None]))
         total = row if total is None else graph.op("Add", total, row)
     assert total is not None
@@ -225,7 +207,7 @@ def _up(graph: Graph, answer: str, index: np.ndarray, share: np.ndarray) -> str:
     """Return the transpose of `_down`: (2 N, C B)."""
     sides = []
     for side, at, part in (("left", index, 1 - share), ("right", index + 1, share)):
-        row = graph.op("Gather", answer, graph.table(f"hat.{side}.to", at, np.int64), axis=0)
+        row = graph.gathered(answer, f"hat.{side}.to", at)
         sides.append(graph.op("Mul", row, graph.table(f"hat.{side}", part[:, None])))
     return graph.op("Add", *sides)
 
@@ -255,7 +237,7 @@ def _stiffness(network: Network, stiffness: Stiffness, graph: Graph, drives: str
     places = (neuron * network.stages + stage)[component]
     roots = np.sqrt(row.rates.ravel()[places]) * (component >= 0)
     root = graph.table("stiffness.root", roots[:, None])
-    pushed = graph.op("Gather", drives, graph.table("stiffness.places", places, np.int64), axis=0)
+    pushed = graph.gathered(drives, "stiffness.places", places)
     blocks, size = found.component.shape
     pushed = graph.shaped(graph.op("Mul", pushed, root), blocks, size, -1)
     solved = graph.shaped(_solved(graph, found.levels, pushed, blocks), blocks * size, -1)
@@ -264,7 +246,7 @@ def _stiffness(network: Network, stiffness: Stiffness, graph: Graph, drives: str
     back[places[component >= 0]] = np.flatnonzero(component >= 0)
     others = graph.op("Mul", drives, rates(network, graph))
     both = graph.stacked(solved, others)
-    return graph.op("Gather", both, graph.table("stiffness.back", back, np.int64), axis=0)
+    return graph.gathered(both, "stiffness.back", back)
 
 
 def _solved(graph: Graph, levels: tuple[Level, ...], rest: str, blocks: int) -> str:
@@ -284,10 +266,7 @@ def _solved(graph: Graph, levels: tuple[Level, ...], rest: str, blocks: int) -> 
 
 
 def _handed_down(graph: Graph, number: int, level: Level, ready: str, rest: str) -> str:
-    """Return the net inputs of the remaining blocks after elimination.
-
-    Terms of the adjacent eliminated blocks are subtracted.
-    """
+    """Return the net inputs of the remaining blocks, less terms of the eliminated ones."""
     gone, left = len(level.inverse), len(level.left)
     before = graph.rows(ready, 0, left)
     rest = graph.op("Sub", rest, _product(graph, f"stiffness.{number}.left", level.left, before))
@@ -300,10 +279,7 @@ def _handed_down(graph: Graph, number: int, level: Level, ready: str, rest: str)
 
 
 def _handed_up(graph: Graph, number: int, level: Level, solved: str, own: str) -> str:
-    """Return the solution of the eliminated blocks.
-
-    Terms of the adjacent remaining blocks are subtracted.
-    """
+    """Return the solution of the eliminated blocks, less terms of the remaining ones."""
     name = f"stiffness.{number}"
     before = _product(graph, f"{name}.left.transposed", level.left.transpose(0, 2, 1), solved)
     missing = [_none(graph, solved)] * (len(level.inverse) - len(level.left))

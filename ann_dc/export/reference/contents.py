@@ -7,11 +7,15 @@ every change that a reader would find.
 
 from __future__ import annotations
 
+import csv
 import hashlib
-from collections.abc import Mapping
+import importlib
+import io
+from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
+from typing import Any
 
-from ann_dc.errors import FileFormatError
+from ann_dc.errors import ExportPackageMissing, FileFormatError
 
 README = "README.md"
 SUMS = "SHA256SUMS"
@@ -22,27 +26,10 @@ STATEMENTS = ("No part to buy for: ", "A circuit ", "WARNING: ")
 def check_contents(files: Mapping[str, bytes], expected: str) -> None:
     """Check the names of files, and the list of their hashes if there is one.
 
-    Parameters
-    ----------
-    files : mapping of str to bytes
-        File contents, by name in the folder of a format.
-    expected : str
-        File names that the format writes, separated by blanks, with patterns of `fnmatch`. An
-        alternative set of names follows a separate ``|``. 'README.md' may be present in any set.
-
-    Raises
-    ------
-    FileFormatError
-        If a file is missing, does not belong to the format, or differs from its hash.
-
-    Examples
-    --------
-    >>> check_contents({"cell.svg": b""}, "cell.svg cell.pdf | chain.svg")
-    Traceback (most recent call last):
-    ann_dc.errors.FileFormatError: cell.pdf: missing; export the network again
-    >>> check_contents({"cell.svg": b"", "a.exe": b""}, "cell.svg")
-    Traceback (most recent call last):
-    ann_dc.errors.FileFormatError: a.exe: expected only cell.svg; remove it or export again
+    ``expected`` has the names that the format writes, separated by blanks, with patterns of
+    `fnmatch`. An alternative set of names follows a separate ``|``. 'README.md' may be present in
+    any set. Raises `FileFormatError` if a file is missing, does not belong to the format, or
+    differs from its hash.
     """
     patterns = max(
         (names.split() for names in expected.split(" | ")),
@@ -57,7 +44,7 @@ def check_contents(files: Mapping[str, bytes], expected: str) -> None:
                 f"{file:.80}: expected only {', '.join(patterns)}; remove it or export again"
             )
     if SUMS in files:
-        check_sums(files)
+        _check_sums(files)
 
 
 def _is_one_of(file: str, patterns: list[str]) -> bool:
@@ -65,20 +52,14 @@ def _is_one_of(file: str, patterns: list[str]) -> bool:
 
 
 def file_of(files: Mapping[str, bytes], name: str) -> bytes:
-    """Return the content of a file.
-
-    Raises `FileFormatError` if the file does not exist.
-    """
+    """Return the content of a file, or raise `FileFormatError`."""
     if name not in files:
         raise FileFormatError(f"{name:.80}: missing; export the network again")
     return files[name]
 
 
 def text_of(files: Mapping[str, bytes], name: str) -> str:
-    """Return the text of a file.
-
-    Raises `FileFormatError` if the file does not exist or is not UTF-8.
-    """
+    """Return the text of a file, or raise `FileFormatError` if it is not UTF-8."""
     try:
         return file_of(files, name).decode("utf-8")
     except UnicodeDecodeError as error:
@@ -91,11 +72,8 @@ def with_sums(files: Mapping[str, bytes]) -> dict[str, bytes]:
     return {**files, SUMS: sums.encode()}
 
 
-def check_sums(files: Mapping[str, bytes]) -> None:
-    """Compare all files with the list of their hashes.
-
-    Raises `FileFormatError` if a file is missing, changed, or not listed.
-    """
+def _check_sums(files: Mapping[str, bytes]) -> None:
+    """Compare all files with the list of their hashes."""
     lines = [line.partition("  ") for line in text_of(files, SUMS).splitlines()]
     listed = {name: digest for digest, _, name in lines}
     unlisted = sorted(set(files) - set(listed) - {SUMS})
@@ -116,3 +94,44 @@ def stated(files: Mapping[str, bytes]) -> str:
     paragraphs = text_of(files, README).split("\n\n")
     said = [part for part in paragraphs if part.startswith(STATEMENTS) and part.isprintable()]
     return " ".join([*said, "Not run."])
+
+
+def package(name: str, extra: str) -> Any:
+    """Load an optional package, or raise `ExportPackageMissing` with the command to install it."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise ExportPackageMissing(
+            f"{error.name or name} is not installed; install it with: pip install 'ann-dc[{extra}]'"
+        ) from error
+
+
+def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    r"""Format rows as CSV text."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows(rows)
+    return stream.getvalue()
+
+
+def rows_by_connection(
+    files: Mapping[str, bytes], table: str, head: Sequence[str]
+) -> dict[str, list[list[str]]]:
+    """Return the other columns of a table of connections and their stages in turn.
+
+    Raises `FileFormatError` if the table has other columns, or a stage is out of order.
+    """
+    try:
+        rows = list(csv.reader(io.StringIO(text_of(files, table)), strict=True))
+    except csv.Error as error:
+        raise FileFormatError(f"{table}: no table of text: {error}") from error
+    if not rows or rows[0] != [*head] or any(len(row) != len(head) for row in rows):
+        raise FileFormatError(f"{table}: expected the columns {', '.join(head)}")
+    found: dict[str, list[list[str]]] = {}
+    for name, stage, *values in rows[1:]:
+        stages = found.setdefault(name, [])
+        if stage != str(len(stages)):
+            raise FileFormatError(f"{table}: {name}: stage {stage!r:.20} is out of order")
+        stages.append(values)
+    return found

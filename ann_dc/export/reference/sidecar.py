@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ann_dc.errors import ExportError, FileFormatError
 from ann_dc.evaluation.codegen.evaluator import fast_evaluator
 from ann_dc.export.reference.contents import file_of, text_of
-from ann_dc.export.reference.places import Places
 from ann_dc.export.reference.vector import VECTOR, EulerWalk, ReferenceVector, check_states
 from ann_dc.network.network import Network
 from ann_dc.weights.hashes import content_hash
@@ -25,6 +24,53 @@ NEAR = 1e-6
 """Tolerance of another machine's end state, relative to the largest state or one."""
 SHARE = 0.01
 """Permitted deviation of the number of steps, relative to the vector's steps."""
+
+
+class Places:
+    """Pairs (neuron, stage) of every component: one, or all stages of a shared neuron."""
+
+    def __init__(self, pairs: Sequence[Sequence[Sequence[int]]]) -> None:
+        self.pairs = pairs
+        self._component = np.repeat(np.arange(len(pairs)), [len(p) for p in pairs])
+        self._rows, self._stages = np.array([pair for p in pairs for pair in p]).reshape(-1, 2).T
+        self._homes = np.array([p[-1] for p in pairs]).reshape(-1, 2).T
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    @classmethod
+    def of(cls, network: Network) -> Places:
+        """Return the positions for the components of a network."""
+        shared, stages = set(network.shared.tolist()), range(network.stages)
+        return cls([
+            [[row, k] for k in stages] if row in shared else [[row, stage]]
+            for row, stage in network.places.tolist()
+        ])  # fmt: skip
+
+    @classmethod
+    def read(cls, given: Any, shape: tuple[int, ...], where: str) -> Places:
+        """Parse a JSON list, for arrays of a shape; `FileFormatError` begins with ``where``."""
+        if not isinstance(given, list) or not given:
+            raise FileFormatError(f"{where}: expected a list of places")
+        for pairs in given:
+            if not isinstance(pairs, list) or not pairs or not all(_fits(p, shape) for p in pairs):
+                raise FileFormatError(f"{where}: expected places in arrays of shape {shape}")
+        return cls(given)
+
+    def pack(self, states: np.ndarray) -> np.ndarray:
+        """Return state vectors (..., n) from states (..., P, N)."""
+        return states[(..., *self._homes)]
+
+    def unpack(self, x: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """Return the states (P, N) with the components of a state vector (n,) inserted."""
+        states = np.array(states)
+        states[self._rows, self._stages] = x[self._component]
+        return states
+
+
+def _fits(pair: Any, shape: tuple[int, ...]) -> bool:
+    whole = isinstance(pair, list) and len(pair) == 2 and all(type(k) is int for k in pair)
+    return whole and all(0 <= k < size for k, size in zip(pair, shape))
 
 
 class Beside(NamedTuple):
@@ -53,19 +99,12 @@ def check_vector(network: Network, vector: ReferenceVector) -> None:
 
 
 def vector_of(files: Mapping[str, bytes]) -> ReferenceVector:
-    """Read the test vector from the files.
-
-    Raises `FileFormatError` if the vector is missing or invalid.
-    """
+    """Read the test vector from the files."""
     return ReferenceVector.from_json(file_of(files, VECTOR))
 
 
 def notes_of(files: Mapping[str, bytes], name: str, form: str, schema: int) -> Table:
-    """Read a JSON table; its places in messages begin with the name of the file.
-
-    Raises `FileFormatError` if the file is missing, or not a table of format ``form`` with a schema
-    up to ``schema``.
-    """
+    """Read a JSON table of a format and schema; messages begin with the name of its file."""
     return read_manifest(text_of(files, name), form, schema, place=name)
 
 
@@ -86,11 +125,9 @@ def notes_on(network: Network, vector: ReferenceVector, content: bytes) -> dict[
 def read_beside(
     files: Mapping[str, bytes], main: str, notes: str, form: str, schema: int
 ) -> Beside:
-    """Read notes and test vector, and compare the hash of the runtime file.
+    """Read the test vector and the notes on the file ``main``, and compare the hash of the file.
 
-    The arguments ``main`` and ``notes`` are the names of the file and of its notes. The notes must
-    have the format ``form`` with a schema up to ``schema``. Raises `FileFormatError` if a file is
-    missing, is invalid, or does not belong to the other files.
+    Raises `FileFormatError` if a file is missing, invalid, or does not belong to the other files.
     """
     content, vector = file_of(files, main), vector_of(files)
     table = notes_of(files, notes, form, schema)
@@ -113,10 +150,7 @@ def read_beside(
 
 
 def beside(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
-    """Return the files of a network and its test vector.
-
-    Raises `ExportError` if the vector belongs to another network.
-    """
+    """Return the files of a network and its test vector."""
     check_vector(network, vector)
     return {NETWORK: packed(network), VECTOR: vector.as_json()}
 
@@ -124,8 +158,7 @@ def beside(network: Network, vector: ReferenceVector) -> dict[str, bytes]:
 def network_and_vector(files: Mapping[str, bytes]) -> tuple[Network, ReferenceVector]:
     """Read the network and the test vector written by `beside`.
 
-    Raises `FileFormatError` if a file is missing or invalid, or if the two files do not belong
-    together.
+    Raises `FileFormatError` if the two files are invalid or do not belong together.
     """
     vector = vector_of(files)
     network = unpacked(file_of(files, NETWORK), Path(NETWORK))
@@ -138,10 +171,9 @@ def network_and_vector(files: Mapping[str, bytes]) -> tuple[Network, ReferenceVe
 
 
 def walked(network: Network, files: Mapping[str, bytes]) -> str:
-    """Run a loaded network and compare the states with its test vector.
+    """Run a loaded network and return its deviation from the test vector as text.
 
-    Returns the number of steps and the deviation as text. Raises `FileFormatError` if the vector
-    belongs to another network or the states differ.
+    Raises `FileFormatError` if the vector belongs to another network or the states differ.
     """
     vector = vector_of(files)
     if vector.content != content_hash(network):

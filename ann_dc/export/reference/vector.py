@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import FileFormatError
 from ann_dc.evaluation.codegen.evaluator import FastEvaluator, fast_evaluator
+from ann_dc.export.reference.contents import text_of
 from ann_dc.network.network import Network
 from ann_dc.validation import PositiveFinite, checked
 from ann_dc.weights.hashes import content_hash, wiring_hash
@@ -40,12 +42,22 @@ LIMIT = 20_000
 LOST = 1e100
 """Residual above which the iteration counts as diverged."""
 
+Precision: TypeAlias = Literal["float64", "float32"]
+"""Precision of an export's computations."""
+TOLERANCES: dict[Precision, float] = {"float64": 1e-9, "float32": 1e-3}
+"""Largest difference of two runs by precision, relative to the largest state or one."""
+Walk: TypeAlias = Callable[[np.ndarray, int], np.ndarray]
+"""Function that returns the states (P, N) after a number of steps from a start (P, N)."""
+ROUNDING: dict[Precision, float] = {"float64": 1e-15, "float32": 1e-7}
+"""Perturbation of the start, relative to its values or one."""
+MARGIN = 1000.0
+MOST = 0.5
+"""Largest permitted difference, for any growth of rounding errors."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReferenceVector:
-    """Recorded iteration in network units, with arrays (P, N): neurons, stages.
-
-    Neurons have the order of the network's cell.
+    """Recorded iteration in network units, with arrays (P, N): neurons of the cell, stages.
 
     Attributes
     ----------
@@ -57,16 +69,12 @@ class ReferenceVector:
         Step length h in network time.
     tolerance : float
         Tolerance of the relative KKT residual.
-    start : (P, N) array
-        Initial states.
     early : mapping of int to (P, N) array
         States by number of steps.
     steps : int
         Number of steps after which the residual was first below the tolerance; -1 if it never was.
-    end : (P, N) array
-        States after these steps.
-    residual : float
-        Residual after these steps.
+    end, residual
+        States and residual after these steps.
     """
 
     wiring: str
@@ -106,17 +114,10 @@ class ReferenceVector:
 
     @classmethod
     def from_json(cls, text: bytes) -> ReferenceVector:
-        """Parse the output of `as_json`.
-
-        Raises `FileFormatError` if the text is not a test vector.
-        """
-        try:
-            table = read_manifest(text.decode("utf-8"), FORMAT, SCHEMA, place=VECTOR)
-        except UnicodeDecodeError as error:
-            raise FileFormatError(f"{VECTOR}: not UTF-8 text: {error}") from error
+        """Parse the output of `as_json`, or raise `FileFormatError`."""
+        table = read_manifest(text_of({VECTOR: text}, VECTOR), FORMAT, SCHEMA, place=VECTOR)
         start = _numbers(table, "start", 2)
-        early = Table(f"{VECTOR}.early", table.get("early", dict))
-        inputs = Table(f"{VECTOR}.inputs", table.get("inputs", dict))
+        early, inputs = table.inner("early"), table.inner("inputs")
         if early.given.keys() != set(map(str, EARLY)):
             counts = " and ".join(map(str, EARLY))
             raise FileFormatError(f"{early.place}: expected the states after {counts} steps alone")
@@ -136,11 +137,11 @@ class ReferenceVector:
     def check(
         self, walk: Callable[[np.ndarray, int], np.ndarray], tolerance: float = 1e-9
     ) -> float:
-        """Compare the early states with those of another implementation.
+        """Return the largest difference of the early states of another implementation.
 
         The function ``walk`` returns the states (P, N) after a number of steps of the vector's
-        length, with its inputs. The tolerance is relative to the largest state or one. Returns the
-        largest difference. Raises `FileFormatError` if the difference exceeds the tolerance.
+        length, with its inputs. The tolerance is relative to the largest state or one. Raises
+        `FileFormatError` if the difference exceeds it.
         """
         return max(
             check_states(walk(self.start, count), expected, tolerance)
@@ -149,10 +150,9 @@ class ReferenceVector:
 
 
 def check_states(found: np.ndarray, expected: np.ndarray, tolerance: float) -> float:
-    """Return the largest difference between states (P, N) and those of a vector.
+    """Return the largest difference of states (P, N), relative to the largest state or one.
 
-    The difference is relative to the largest state or one. Raises `FileFormatError` if the
-    difference exceeds the tolerance.
+    Raises `FileFormatError` if the difference exceeds the tolerance.
     """
     off = float(np.abs(found - expected).max() / max(1.0, np.abs(expected).max()))
     if not off <= tolerance:
@@ -215,10 +215,7 @@ def reference_vector(network: Network, tolerance: PositiveFinite = 1e-6) -> Refe
 
 
 def _step_limit(network: Network) -> float:
-    """Return the stability limit of the step at the start.
-
-    If the start is unstable, the limit is that of the state at which the flow settles.
-    """
+    """Return the stability limit of the step at the start, or at the end of an unstable start."""
     limit = _limit_at(network, network.start_state)
     if limit > 0:
         return limit
@@ -227,10 +224,7 @@ def _step_limit(network: Network) -> float:
 
 
 def _limit_at(network: Network, x: np.ndarray) -> float:
-    """Return the stability limit of the free neurons at a state.
-
-    The limit is zero if no neuron is free or the state is unstable.
-    """
+    """Return the stability limit of the free neurons; 0 for an unstable state or none free."""
     if not fast_evaluator(network).free(x).any():
         return 0.0
     values = spectrum(network, x).eigenvalues
@@ -256,11 +250,7 @@ class EulerWalk:
         return x
 
     def settled(self, x: np.ndarray, tolerance: float) -> tuple[int, np.ndarray, float]:
-        """Iterate until the residual is below the tolerance.
-
-        Returns the number of steps (-1 if the iteration does not settle), the state and the
-        residual.
-        """
+        """Return the number of steps to the tolerance (-1 if never), the state, the residual."""
         residual, count = max(self._evaluator.residuals(x)), 0
         while tolerance <= residual < LOST and count < LIMIT:
             x, count = self.after(x, 1), count + 1
@@ -286,3 +276,23 @@ def _numbers(table: Table, key: str, rank: int, shape: tuple[int, ...] | None = 
     if not np.isfinite(values).all():
         raise FileFormatError(f"{table.place}.{key}: a value is not finite")
     return values
+
+
+def compare(vector: ReferenceVector, walk: Walk, precision: Precision = "float64") -> float:
+    """Apply `ReferenceVector.check` with a tolerance for growing rounding errors.
+
+    Runs with different summation orders amplify rounding if the flow is unstable at the start. The
+    growth after the first steps is measured with a second run from a perturbed start: a difference
+    may exceed the tolerance of the precision by a thousand times its effect, and at most `MOST`.
+    """
+    tolerance, first, worst = TOLERANCES[precision], min(vector.early), 0.0
+    start = vector.start
+    signs = np.where(np.arange(start.size) % 2, 1.0, -1.0).reshape(start.shape)
+    moved = start + ROUNDING[precision] * np.maximum(1.0, np.abs(start)) * signs
+    for count, expected in vector.early.items():
+        states, allowed = walk(start, count), tolerance
+        if count > first:
+            grown = np.abs(walk(moved, count) - states).max() / max(1.0, np.abs(states).max())
+            allowed += min(MARGIN * grown, MOST) if np.isfinite(grown) else 0.0
+        worst = max(worst, check_states(states, expected, allowed))
+    return worst

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ann_dc.errors import ExportPackageMissing, FileFormatError
-from ann_dc.export.reference.rounding import TOLERANCES, Precision, compare
+from ann_dc.errors import FileFormatError
+from ann_dc.export.reference.contents import package
 from ann_dc.export.reference.sidecar import Beside, check_vector, notes_on, read_beside
-from ann_dc.export.reference.vector import VECTOR, ReferenceVector
+from ann_dc.export.reference.vector import TOLERANCES, VECTOR, Precision, ReferenceVector, compare
 from ann_dc.network.network import Network
 from ann_dc.validation import checked
 
@@ -39,22 +39,9 @@ def torch_program_files(
 
     The ``precision`` is ``float64`` or ``float32``. Raises `ExportError` if the vector belongs to
     another network, and `ExportPackageMissing` if torch is not installed.
-
-    Examples
-    --------
-    >>> import io, torch, ann_dc
-    >>> from ann_dc.export.reference import reference_vector
-    >>> network = ann_dc.design(ann_dc.plants.double_integrator(N=3)).network
-    >>> files = torch_program_files(network, reference_vector(network))
-    >>> program = torch.export.load(io.BytesIO(files["torch_program.pt2"])).module()
-    >>> x = torch.as_tensor(network.start_state)[None]
-    >>> inputs = torch.as_tensor(np.array([list(network.input_values.values())]))
-    >>> after = program(x, inputs, torch.tensor(0.1, dtype=torch.float64))
-    >>> torch.equal(after["x"], ann_dc.CellLayer(network)(x, step=0.1))
-    True
     """
     check_vector(network, vector)
-    torch = _torch()
+    torch = package("torch", "torch")
     from ann_dc.export.runtimes.torch_step import traced
 
     program, stream = traced(network, getattr(torch, precision)), io.BytesIO()
@@ -71,11 +58,7 @@ def torch_program_files(
         **notes_on(network, vector, content),
         "tensors": _rows_of(network, program.state_dict),
     }
-    return {
-        PROGRAM: content,
-        NOTES: (json.dumps(notes) + "\n").encode(),
-        VECTOR: vector.as_json(),
-    }
+    return {PROGRAM: content, NOTES: (json.dumps(notes) + "\n").encode(), VECTOR: vector.as_json()}
 
 
 @checked
@@ -87,7 +70,7 @@ def torch_program_check(files: Mapping[str, bytes]) -> str:
     pair of files, so check only files from trusted sources.
 
     Returns the result as a sentence. Raises `FileFormatError` if a file is missing or changed, or
-    the program takes different steps, and `ExportPackageMissing` if torch is not installed.
+    the program takes different steps.
     """
     beside = read_beside(files, PROGRAM, NOTES, FORMAT, SCHEMA)
     vector, precision = beside.vector, beside.notes.choice("precision", _PRECISIONS)
@@ -114,7 +97,8 @@ class _Walker:
 
     def __init__(self, program, precision: Precision, beside: Beside) -> None:
         self.program, self.places, self.vector = program, beside.places, beside.vector
-        self.dtype, self.inputs = getattr(_torch(), precision), beside.inputs
+        self.torch, self.inputs = package("torch", "torch"), beside.inputs
+        self.dtype = getattr(self.torch, precision)
 
     def of_batch(self, size: int):
         """Return the function that steps a batch of equal samples and returns the last."""
@@ -132,32 +116,20 @@ class _Walker:
         return float(self._step(self._tensor(self.places.pack(states), 1))["residual"][0])
 
     def _step(self, x: torch.Tensor) -> Mapping[str, torch.Tensor]:
-        torch = _torch()
-        step = torch.tensor(self.vector.step, dtype=self.dtype)
-        with torch.no_grad():
+        step = self.torch.tensor(self.vector.step, dtype=self.dtype)
+        with self.torch.no_grad():
             return self.program(x, self._tensor(self.inputs, len(x)), step)
 
     def _tensor(self, values: np.ndarray, size: int) -> torch.Tensor:
-        torch = _torch()
-        return torch.as_tensor(np.array([values] * size)).to(self.dtype)
+        return self.torch.as_tensor(np.array([values] * size)).to(self.dtype)
 
 
 def _loaded(content: bytes):
-    torch = _torch()
+    torch = package("torch", "torch")
     try:
         return torch.export.load(io.BytesIO(content)).module()
     except Exception as error:  # whatever a version of torch makes of another one's file
         raise FileFormatError(f"{PROGRAM}: torch {torch.__version__}: {error}") from error
-
-
-def _torch():
-    try:
-        import torch
-    except ImportError as error:
-        raise ExportPackageMissing(
-            "torch is not installed; install it with: pip install 'ann-dc[torch]'"
-        ) from error
-    return torch
 
 
 def _rows_of(network: Network, held: Mapping[str, object]) -> dict[str, list[str]]:

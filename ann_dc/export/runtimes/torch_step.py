@@ -26,8 +26,7 @@ class Step(nn.Module):
     ) -> dict[str, torch.Tensor]:
         """Return the state one step later and the relative KKT residual.
 
-        The tensors are x (B, n), inputs (B, I, N) in network units, and step (), the length h in
-        network time.
+        The tensors are x (B, n), inputs (B, I, N) in network units, step () in network time.
         """
         layout = self.cell.layout
         flow = self.cell.flow_of(inputs.permute(1, 2, 0))
@@ -55,10 +54,7 @@ def traced(network: Network, dtype: torch.dtype) -> torch.export.ExportedProgram
 
 
 def _with_own_tables(module: nn.Module) -> None:
-    """Replace buffers by whole tensors with separate storage for torch.export.save.
-
-    A buffer without elements becomes a plain attribute, which is not written.
-    """
+    """Replace buffers by tensors with separate storage for torch.export.save; omit empty ones."""
     for name, table in list(module.named_buffers(recurse=False)):
         if table.numel() == 0:
             delattr(module, name)

@@ -5,7 +5,6 @@ from ngspice_listing import expanded, number
 from simulator import needs_ngspice
 
 import ann_dc
-from ann_dc.errors import FileFormatError
 from ann_dc.export.netlists.flat_reader import flattened, logical_lines
 from ann_dc.hardware.parts import levels
 
@@ -44,28 +43,6 @@ def test_nodes_and_values_go_down():
 def test_includes_stand_in_their_place():
     lines = [*logical_lines("A\n.include lib/B.lib\nC", {"lib/b.lib": "* no\nB1\n+ 2"})]
     assert lines == ["a", "b1 2", "c"]
-    with pytest.raises(FileFormatError, match="which is not there"):
-        [*logical_lines(".include /etc/passwd", {})]
-
-
-@pytest.mark.parametrize(
-    ("deck", "why"),
-    [
-        ("X1 a b nothing", "which no file declares"),
-        (".subckt s a\nR1 a 0 1\n.ends\nX1 a b s", "has 2 pins, s 1"),
-        ("?1 a b 1", "no element"),
-        ("R1 a b {r}", "has no value"),
-        ("X1", "declares"),
-    ],
-)
-def test_what_is_no_deck_is_refused(deck, why):
-    with pytest.raises(FileFormatError, match=why):
-        flattened(deck, {})
-
-
-def test_a_file_is_included_once():
-    with pytest.raises(FileFormatError, match="twice"):
-        [*logical_lines(".include a\n.include a", {"a": "R1 a b 1"})]
 
 
 @needs_ngspice

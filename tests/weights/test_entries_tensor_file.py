@@ -9,8 +9,8 @@ from designs import designed, small
 from network_files import assert_same
 
 from ann_dc.errors import FileFormatError, OutputError
+from ann_dc.weights.entries import packed_tensors
 from ann_dc.weights.network_file import load, save
-from ann_dc.weights.tensor_file import packed_tensors
 
 safetensors = pytest.importorskip("safetensors")
 from safetensors import numpy as theirs  # noqa: E402

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from ann_dc.errors import FileFormatError
-from ann_dc.export.reference.rounding import compare
-from ann_dc.export.reference.vector import ReferenceVector, reference_vector
+from ann_dc.export.reference.vector import ReferenceVector, compare, reference_vector
 from ann_dc.network.cell import Cell, Connection, Neuron
 from ann_dc.network.network import Network
 

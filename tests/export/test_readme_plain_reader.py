@@ -17,7 +17,7 @@ from random_networks import far_wired, random_network
 
 import ann_dc
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.export.plain_reader import reader
+from ann_dc.export.readme import reader
 from ann_dc.export.reference.vector import EulerWalk, ReferenceVector
 from ann_dc.export.weight_files import weights_files
 from ann_dc.network.preconditioners.base import PreconditionerKind

@@ -6,7 +6,7 @@ from reference import ipopt
 
 import ann_dc
 from ann_dc.progress import Stopped, silent
-from ann_dc.solution.finding import Search
+from ann_dc.solution.knowledge import Search
 
 x, v, a = sp.symbols("x v a")
 
