@@ -20,6 +20,7 @@ import scipy
 import ann_dc
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.recurrent.rules.orders import ORDERS
 from ann_dc.backends.recurrent.rules.steps import FixedStep
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.spice.backend import simulate
@@ -55,7 +56,7 @@ from ann_dc.study.records import (
     without_result,
 )
 from ann_dc.study.sample import BatchSample, RunSample, Sample
-from ann_dc.study.settings import ORDERS, Subject, backend_of, behind
+from ann_dc.study.settings import Subject, backend_of, behind
 from ann_dc.study.stored_trajectories import packed
 from ann_dc.study.tasks import Task
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain

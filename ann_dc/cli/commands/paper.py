@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
+from ann_dc.cli.arguments.options import option, unfolded
 from ann_dc.cli.arguments.problem import arithmetic_of
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.files import make_folder
@@ -14,10 +15,10 @@ from ann_dc.progress import Progress
 from ann_dc.report.json_file import make_room, write_json
 
 
+@unfolded
 def paper(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for results and figures.")] = (
-        Path("out")
-    ),
+    *,
+    out: Path = option("Folder for results and figures.", default=Path("out"), metavar="DIR"),
 ) -> None:
     """Solve the paper's car example and show the effect of its printed equations.
 
@@ -75,7 +76,7 @@ def _two_levels(
         figure_3,
         figure_4,
         figure_5,
-        two_levels,
+        iterations as two_levels,
     )
     from ann_dc.problem.plants import car
     from ann_dc.report import coordination

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from ann_dc.report.statistics import Limit
 from ann_dc.report.study_columns import Column
-from ann_dc.report.study_results import Limit
 
 BLUE, RED, GREEN, ORANGE, VIOLET, GREY = (
     "#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#777777",
