@@ -1,13 +1,4 @@
-"""Combined report of several analyses of one circuit: tables, verdict and JSON.
-
-Table of PVT corners: one row per operating condition.
-
-Report of converters: their error and time, and the cold start of the circuit.
-
-Report of a circuit yield: fraction, closest circuit and simulated samples.
-
-Report of a trimming procedure: steps, remaining errors and sufficiency.
-"""
+"""Reports of analyses of one circuit: PVT corners, converters, yield and trimming."""
 
 from __future__ import annotations
 
@@ -16,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from rich.table import Table
@@ -30,44 +20,17 @@ from ann_dc.fidelity.boards.yields import CircuitYield, Spot
 from ann_dc.fidelity.circuit_study import NEAR
 from ann_dc.fidelity.noise_run import noisy
 from ann_dc.report.circuit import assumed, parts_in_words
-from ann_dc.report.json_file import write_json
+from ann_dc.report.json_file import picked, write_json
 from ann_dc.report.tables import named_rows, table, verdict_text
-
-
-class Answer(Protocol):
-    """Result of one analysis of a circuit."""
-
-    @property
-    def good(self) -> bool:
-        """True if the circuit meets the requirement."""
-        ...
-
-    def tables(self) -> list[Table]:
-        """Return the tables to print."""
-        ...
-
-    def as_dict(self) -> dict:
-        """Return the content of the JSON file."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoardReport:
-    """Results of all requested analyses of one circuit.
-
-    Attributes
-    ----------
-    problem : str
-        Name of the problem that the circuit solves.
-    backend : SpiceBackend
-        Backend that defines the parts.
-    answers : sequence of Answer
-        Results of the analyses.
-    """
+    """Results of all requested analyses of the circuit that solves a problem."""
 
     problem: str
     backend: SpiceBackend
-    answers: Sequence[Answer]
+    answers: Sequence[CornerTable | YieldTable | TrimTable | InterfaceTable]
 
     @property
     def good(self) -> bool:
@@ -92,10 +55,7 @@ class BoardReport:
         return found
 
     def write(self, *, json_file: Path | None = None) -> list[Path]:
-        """Write the JSON file and return its path in a list.
-
-        Raises `OutputError` if the file cannot be written.
-        """
+        """Write the JSON file and return its path in a list."""
         if json_file is None:
             return []
         write_json(json_file, self.as_dict())
@@ -108,13 +68,7 @@ WIDE = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CornerTable:
-    """Report of a circuit at several operating conditions.
-
-    Attributes
-    ----------
-    backend : SpiceBackend
-        Backend that defines the parts.
-    """
+    """Report of a circuit at several operating conditions."""
 
     corners: Sequence[Corner]
     backend: SpiceBackend
@@ -126,18 +80,8 @@ class CornerTable:
 
     def tables(self) -> list[Table]:
         """Return the tables to print."""
-        columns = (
-            "C",
-            "supply",
-            "process",
-            "error",
-            "0.1 % after",
-            "settles",
-            "clips",
-            "spread",
-            "noise",
-        )
-        shown = table(*(f"{name}  " for name in columns), dense=True)
+        columns = "C", "supply", "process", "error", "0.1 % after", "settles", "clips", "spread"
+        shown = table(*(f"{name}  " for name in (*columns, "noise")), dense=True)
         shown.title = (
             f"{self.backend.level.name} parts: error of the controls over the largest one, "
             f"of {parts_in_words(self.backend)}, its standard deviation by tolerances (spread), "
@@ -190,35 +134,23 @@ def _figures(corner: Corner) -> tuple[float, str, str, str, Text, Text, str, str
     return (
         corner.conditions.temperature,
         corner.conditions.process,
-        told(corner.control_error, "{:.2e}"),
-        told(corner.settling_time * 1e6, "{:.4g} us"),
+        _told(corner.control_error, "{:.2e}"),
+        _us(corner.settling_time),
         Text("yes" if corner.stable else "no", "green" if corner.stable else "red"),
         Text("yes" if corner.clipped else "no", "red" if corner.clipped else ""),
-        told(corner.spread, "{:.2e}"),
-        told(corner.noise, "{:.1e}"),
+        _told(corner.spread, "{:.2e}"),
+        _told(corner.noise, "{:.1e}"),
     )
 
 
-def told(value: float, form: str) -> str:
-    """Format a number; return a dash if it is not finite.
-
-    >>> told(0.25, "{:.1%}"), told(math.nan, "{:g}")
-    ('25.0%', '-')
-    """
+def _told(value: float, form: str) -> str:
+    """Format a number; return a dash if it is not finite."""
     return form.format(value) if math.isfinite(value) else "-"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InterfaceTable:
-    """Report of the cost of an interface.
-
-    Attributes
-    ----------
-    cost : InterfaceCost
-        Errors and times.
-    backend : SpiceBackend
-        Backend that defines the parts.
-    """
+    """Report of the cost of an interface."""
 
     cost: InterfaceCost
     backend: SpiceBackend
@@ -277,28 +209,16 @@ class InterfaceTable:
 
     def as_dict(self) -> dict:
         """Return the content of the JSON file."""
-        cost = self.cost
-        more = {
-            "rounded": {name: values.tolist() for name, values in cost.rounded.items()},
-            "total_error": cost.total_error,
-            "solve_time": cost.solve_time,
-        }
-        return {"interface": asdict(cost) | more}
+        return {"interface": asdict(self.cost) | picked(self.cost, "total_error", "solve_time")}
 
 
 def _us(seconds: float) -> str:
-    return told(seconds * 1e6, "{:.4g} us")
+    return _told(seconds * 1e6, "{:.4g} us")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class YieldTable:
-    """Report of a circuit yield.
-
-    Attributes
-    ----------
-    backend : SpiceBackend
-        Backend that defines the tolerances.
-    """
+    """Report of a circuit yield."""
 
     yielded: CircuitYield
     backend: SpiceBackend
@@ -313,11 +233,11 @@ class YieldTable:
         found = self.yielded
         stable = found.errors[np.isfinite(found.errors)]
         rows = {"spec": found.spec, "yield": f"{found.found}, 95 % confidence, by emulation"}
-        rows |= drawn_from(self.backend)
+        rows |= _drawn_from(self.backend)
         if len(stable):
             median, most = np.quantile(stable, [0.5, 0.95])
             rows["error of controls"] = f"{median:.2e} median, {most:.2e} for 95 % of those stable"
-        rows["noise"] = noise_told(found.noise)
+        rows["noise"] = _noise_told(found.noise)
         rows["do not settle"] = f"{len(found.errors) - len(stable)} of {len(found.errors)}"
         if untimed := [why for why in found.unknown if why]:
             rows["settle at a time"] = f"not known of {len(untimed)}, which count as lost: " + (
@@ -345,9 +265,9 @@ class YieldTable:
             both = spot.predicted_time, spot.measured_time
             shown.add_row(
                 str(spot.seed),
-                told(spot.predicted, "{:.2e}"),
-                told(spot.measured, "{:.2e}"),
-                *(told(time * 1e6, "{:.4g} us") for time in both[: len(times)]),
+                _told(spot.predicted, "{:.2e}"),
+                _told(spot.measured, "{:.2e}"),
+                *(_us(time) for time in both[: len(times)]),
                 " / ".join("yes" if kept else "no" for kept in spot.kept),
                 self._agreement(spot),
             )
@@ -361,33 +281,27 @@ class YieldTable:
 
     def as_dict(self) -> dict:
         """Return the content of the JSON file."""
-        found = self.yielded
-        low, high = found.found.interval
+        found, share = self.yielded, self.yielded.found
         return {
             "yield": {
                 "spec": str(found.spec),
-                "passed": found.found.passed,
-                "samples": found.found.count,
-                "share": found.found.share,
-                "interval": [low, high],
-                "errors": found.errors.tolist(),
-                "noise": found.noise,
-                "settling_times": found.settling_times.tolist(),
-                "unknown": list(found.unknown),
-                "closest": found.closest,
+                "passed": share.passed,
+                "samples": share.count,
+                **picked(share, "share", "interval"),
+                **picked(found, "errors", "noise", "settling_times", "unknown", "closest"),
                 "spots": [asdict(spot) for spot in found.spots],
             }
         }
 
 
-def noise_told(noise: float) -> str:
+def _noise_told(noise: float) -> str:
     """Return the description of the noise that a verdict includes."""
     if np.isnan(noise):
         return "not computed, and not counted"
     return f"{noise:.1e} of the largest control rms, counted with every error"
 
 
-def drawn_from(backend: SpiceBackend) -> dict[str, str]:
+def _drawn_from(backend: SpiceBackend) -> dict[str, str]:
     """Return rows of the common properties of drawn circuits and assumed tolerances."""
     series = backend.series
     if not series.mantissas:
@@ -402,13 +316,7 @@ SHOWN, BEGUN = 40, 5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrimTable:
-    """Report of a trimming procedure.
-
-    Attributes
-    ----------
-    backend : SpiceBackend
-        Backend whose tolerances are trimmed.
-    """
+    """Report of a trimming procedure."""
 
     found: Trimming
     backend: SpiceBackend
@@ -426,8 +334,8 @@ class TrimTable:
         rows = {
             f"error<{100 * found.error:g}%": self._verdict(),
             "by slopes": f"{by_slopes}{found.places}",
-            "noise": noise_told(found.noise),
-            **drawn_from(self.backend),
+            "noise": _noise_told(found.noise),
+            **_drawn_from(self.backend),
         }
         return [named_rows(rows), *([self._steps()] if found.steps else [])]
 
@@ -479,17 +387,10 @@ class TrimTable:
         ]
         return {
             "trimming": {
-                "error": found.error,
-                "share": found.share,
-                "reached": found.reached,
-                "untrimmed": found.untrimmed,
-                "remaining": found.remaining,
+                **picked(found, "error", "share", "reached", "untrimmed", "remaining"),
                 "kept": found.kept.passed,
                 "trims": found.places,
-                "noise": found.noise,
-                "floor": found.floor,
-                "before": found.before.tolist(),
-                "after": found.after.tolist(),
+                **picked(found, "noise", "floor", "before", "after"),
                 "steps": steps,
             }
         }

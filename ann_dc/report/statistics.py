@@ -1,8 +1,4 @@
-"""Data of a study page: declaration, table and selected trajectories, with all statistics.
-
-Every statistic is computed at most once, when it is first read.
-
-Results of a study as records: limits, causes of outcomes, predictions, exponents, outliers.
+"""Data of a study page with all statistics, each computed at most once.
 
 An exponent is the slope of log(metric) over log(setting), fitted by least squares to all cases with
 both values. Its interval is Student's at 95 %. Variation of other settings counts as scatter.
@@ -113,7 +109,7 @@ class Outliers(NamedTuple):
     rows: np.ndarray
 
 
-def causes_of(outcomes: Iterable[str], messages: Iterable[str]) -> list[Cause]:
+def _causes_of(outcomes: Iterable[str], messages: Iterable[str]) -> list[Cause]:
     """Return the outcomes (rows,) by cause, most frequent first.
 
     Messages that differ only in numbers have one cause. Causes beyond the first ones are merged
@@ -121,7 +117,7 @@ def causes_of(outcomes: Iterable[str], messages: Iterable[str]) -> list[Cause]:
 
     Examples
     --------
-    >>> [cause] = causes_of(["failed"] * 2, ["no gain at 1.5", "no gain at 2"])
+    >>> [cause] = _causes_of(["failed"] * 2, ["no gain at 1.5", "no gain at 2"])
     >>> cause
     Cause(outcome='failed', points=2, row=0, message='no gain at 1.5')
     """
@@ -138,7 +134,7 @@ def causes_of(outcomes: Iterable[str], messages: Iterable[str]) -> list[Cause]:
     return [*ordered[:MOST], rest[0]._replace(outcome=f"{len(rest)} further causes", points=points)]
 
 
-def predictions_of(metrics: Iterable[Column]) -> list[Prediction]:
+def _predictions_of(metrics: Iterable[Column]) -> list[Prediction]:
     """Return the metrics that have predictions with values in common cases."""
     names = {metric.name: metric for metric in metrics if metric.numbers is not None}
     pairs = (
@@ -149,7 +145,7 @@ def predictions_of(metrics: Iterable[Column]) -> list[Prediction]:
     return [pair for pair in pairs if (pair.measured.finite & pair.predicted.finite).any()]
 
 
-def exponents_of(metrics: Iterable[Column], settings: Iterable[Column]) -> list[Growth]:
+def _exponents_of(metrics: Iterable[Column], settings: Iterable[Column]) -> list[Growth]:
     """Return the exponents of metrics over settings that span a decade, clearest first."""
     wide = [s for s in settings if s.spans >= DECADE and len(s.distinct) >= FEWEST]
     fits = (fit(metric, setting) for metric in metrics for setting in wide)
@@ -201,16 +197,8 @@ SAYS = {
 class Findings:
     """Data of a study for its page.
 
-    Attributes
-    ----------
-    place : str
-        Folder of the store, as named in a command.
-    identity : mapping
-        Declaration: title, subject, vary, fixed, metrics, settings, spec, seed.
-    frame : pandas.DataFrame
-        One row per case.
-    curves : mapping of int to mapping of str to array (m,)
-        Trajectories of some cases by name.
+    `identity` is the declaration: title, subject, vary, fixed, metrics, settings, spec, seed. The
+    pandas `frame` has one row per case, and `curves` has trajectories (m,) of some cases by name.
     """
 
     place: str
@@ -316,28 +304,22 @@ class Findings:
         masks = [("settled", self.settled)]
         masks += [(f"settled, {limit}", self.settled & limit.met) for limit in self.limits]
         masks += [("all of it", self.within)] if len(self.limits) > 1 else []
-        return [(name, self._yield_of(good, self._draws)) for name, good in masks]
+        draws = draws_of(self._cells)
+        return [(name, _yield_of(good, draws)) for name, good in masks]
 
     def yield_among(self, rows: np.ndarray) -> Yield:
         """Return the yield of selected records with its confidence interval."""
         draws = draws_of({name: cells[rows] for name, cells in self._cells.items()})
-        return self._yield_of(self.within[rows], draws)
-
-    def _yield_of(self, good: np.ndarray, draws: int | None) -> Yield:
-        return Yield(passed=int(good.sum()), count=len(good), draws=draws)
+        return _yield_of(self.within[rows], draws)
 
     @cached_property
     def _cells(self) -> dict[str, np.ndarray]:
         return {name: self.frame[name].to_numpy() for name in self.frame.columns}
 
     @cached_property
-    def _draws(self) -> int | None:
-        return draws_of(self._cells)
-
-    @cached_property
     def causes(self) -> list[Cause]:
         """Outcomes by cause, most frequent first."""
-        return causes_of(*(self._texts(name) for name in (OUTCOME, MESSAGE)))
+        return _causes_of(*(self._texts(name) for name in (OUTCOME, MESSAGE)))
 
     def _texts(self, name: str) -> Iterable[str]:
         if name not in self.frame.columns:
@@ -347,13 +329,13 @@ class Findings:
     @cached_property
     def predictions(self) -> list[Prediction]:
         """Metrics that have predictions."""
-        return predictions_of(self.metrics)
+        return _predictions_of(self.metrics)
 
     @cached_property
     def exponents(self) -> list[Growth]:
         """Exponents of metrics and wall time over settings, clearest first."""
         seconds = () if self.seconds is None else (self.seconds,)
-        return exponents_of((*self.metrics, *seconds), self.varied)
+        return _exponents_of((*self.metrics, *seconds), self.varied)
 
     @cached_property
     def outliers(self) -> list[Outliers]:
@@ -365,6 +347,10 @@ class Findings:
         about = [*([("Slowest", self.seconds)] if self.seconds else []), *about]
         found = (outliers_of(title, one, STANDING_OUT) for title, one in about)
         return [one for one in found if one is not None]
+
+
+def _yield_of(good: np.ndarray, draws: int | None) -> Yield:
+    return Yield(passed=int(good.sum()), count=len(good), draws=draws)
 
 
 def _some_curves(store: Store, points: Iterable[int]) -> dict[int, Mapping[str, np.ndarray]]:

@@ -1,9 +1,7 @@
-"""Column of a study table as arrays: numbers, or text with a code per record.
+"""Columns of a study table, with medians and quantile bands of a metric over a setting.
 
 Statistics are computed by groups of records. A column with few values has one group per value. A
 column with many numbers is divided into groups of equal size.
-
-Medians and quantile bands of a metric over the groups of a setting.
 """
 
 from __future__ import annotations
@@ -35,18 +33,9 @@ FEWEST_GROUPS, MOST_GROUPS = 4, 30
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Column:
-    """One column of the table.
+    """One column of the table: `numbers` (rows,), nan if missing; or text.
 
-    Attributes
-    ----------
-    unit : str
-        Unit of measure; may be empty.
-    says : str
-        Meaning in one sentence; may be empty.
-    numbers : array (rows,) of float, or None
-        Values, nan if missing; None for text.
-    codes : array (rows,) of int, or None
-        Index into `words` for text.
+    The `codes` (rows,) of a text are indices into `words`. `says` is the meaning in one sentence.
     """
 
     name: str
@@ -191,18 +180,10 @@ class Combination(NamedTuple):
 
 
 class Band(NamedTuple):
-    """Quantiles of a metric by groups of records.
+    """Quantiles (5, groups) of a metric at 5, 25, 50, 75 and 95 %, by groups of records.
 
-    Attributes
-    ----------
-    at : array (groups,)
-        Median of the setting in each group; code of a text setting.
-    quantiles : array (5, groups)
-        Quantiles of the metric at 5, 25, 50, 75 and 95 %.
-    counts : array (groups,) of int
-        Cases in each group.
-    clustered : array (groups,) of bool
-        True for a group of two clusters, whose median may not be close to any case.
+    `at` (groups,) is the median of the setting in each group, or the code of a text. A group of two
+    clusters is `clustered`: its median may not be close to any case.
     """
 
     at: np.ndarray

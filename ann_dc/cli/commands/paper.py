@@ -79,8 +79,7 @@ def _two_levels(
         iterations as two_levels,
     )
     from ann_dc.problem.plants import car
-    from ann_dc.report import coordination
-    from ann_dc.report.paper import around_dict, around_table
+    from ann_dc.report import paper as report
 
     found = iterations(progress=progress)
     cases = [around(plans, car(), progress) for plans in found.cases]
@@ -96,6 +95,6 @@ def _two_levels(
         "theorem_IV_1": two_levels.figure_of_following(found),
     }
     written = [plotting.save(figure, out / f"{name}.png") for name, figure in figures.items()]
-    said = around_table(cases), coordination.iterations_table(found)
-    data = {"two levels": coordination.iterations_dict(found), "around": around_dict(cases)}
+    said = report.around_table(cases), report.iterations_table(found)
+    data = {"two levels": report.iterations_dict(found), "around": report.around_dict(cases)}
     return said, data, written

@@ -36,10 +36,7 @@ MAPPED = 4
 
 
 class Candidate(NamedTuple):
-    """Candidate for a figure of a `kind` of `ROOM`, with its title and its worth.
-
-    The function `draw` returns the figure, or None for too few cases.
-    """
+    """Candidate for a figure of a `kind` of `ROOM`; `draw` returns None for too few cases."""
 
     kind: str
     title: str

@@ -1,16 +1,15 @@
 """HTML page of a study: one local file without external requests or scripts.
 
-Content of the store appears as text or data, never as markup. The template ``assets/page.html``
-escapes every text; figures and the table are data that scripts read. A security policy in the page
-head lists the hashes of permitted scripts and forbids every request. Injected text is therefore
-never executed.
+Content of the store appears as text or data, never as markup: the template ``assets/page.html``
+escapes every text. A security policy in the page head lists the hashes of permitted scripts and
+forbids every request, so injected text is never executed.
 
-Binary table of a page: JSON header and raw columns, compressed, as base64.
+The records are a binary table: JSON header and raw columns, compressed with gzip, as base64.
 
     length of the head (4 bytes) | head | padding to 8 bytes | columns, each padded to 8 bytes
 
-All numbers are little-endian and the compression is gzip. A numeric column has 8 bytes per record.
-A text column has the codes of its values, in 1, 2 or 4 bytes per record.
+All numbers are little-endian. A numeric column has 8 bytes per record. A text column has the codes
+of its values, in 1, 2 or 4 bytes per record.
 """
 
 from __future__ import annotations

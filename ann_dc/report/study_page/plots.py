@@ -1,7 +1,4 @@
-"""Figures of metrics and yield over one or two settings.
-
-Figures of metric distributions, predictions and trajectories.
-"""
+"""Figures of metrics and yield over settings, of distributions, predictions and trajectories."""
 
 from __future__ import annotations
 
