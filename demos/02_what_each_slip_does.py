@@ -29,6 +29,7 @@ from ann_dc import plotting
 from ann_dc.backends import DOP853, Run
 from ann_dc.evaluation import neuron_values
 from ann_dc.optimality import Certificate, certify
+from ann_dc.plotting import style
 from ann_dc.two_level import OracleBackend, OracleGain
 
 LIMIT = 4000.0
@@ -175,7 +176,7 @@ def without_control_jacobian(problem, slip: Row, reference: Row):
     """S3 beside the optimum: paths in the plane, and the largest dual over network time."""
     figure = plotting.new_figure(9.6, 4.4)
     plane, growth = figure.subplots(1, 2)
-    ink, blue, red = plotting.INK, plotting.BLUE, plotting.VERMILION
+    ink, blue, red = style.INK, style.BLUE, style.VERMILION
     sides = ((slip, red, "without dB/dq (S3)"), (reference, blue, "corrected"))
     for row, colour, name in sides:
         path = np.column_stack([row.values["q"], row.values["t"][:, -1]])[:2]
@@ -193,10 +194,10 @@ def without_control_jacobian(problem, slip: Row, reference: Row):
         lw=1.4,
         label="where the controls of S3 lead",
     )
-    plane.plot(*problem.q_d[:2], "*", color=plotting.GREEN, ms=13, label="target q_d", zorder=5)
+    plane.plot(*problem.q_d[:2], "*", color=style.GREEN, ms=13, label="target q_d", zorder=5)
     plane.set(xlabel="x (m)", ylabel="y (m)")
     plane.set_aspect("equal", adjustable="datalim")
-    growth.set(xlabel=plotting.UNSCALED, ylabel=f"mu.y ({problem.unit('mu.y')})")
+    growth.set(xlabel=style.UNSCALED, ylabel=f"mu.y ({problem.unit('mu.y')})")
     growth.set(xscale="log", yscale="log", xlim=(1, None))
     for axes in (plane, growth):
         plotting.quiet(axes)

@@ -14,6 +14,7 @@ import sympy as sp
 
 import ann_dc
 from ann_dc import plotting
+from ann_dc.plotting import style
 
 WIDTH, CURRENT = 4.0, 1.2  # metres; metres a second in the middle
 
@@ -56,14 +57,14 @@ def crossing(solution: ann_dc.Solution):
     left = x.min() - 1.6
     speed = CURRENT * 4 * banks * (WIDTH - banks) / WIDTH**2
     axes.axhspan(0, WIDTH, color="#EAF3F9", zorder=0)
-    axes.quiver(np.full(7, left), banks, speed, 0 * banks, color=plotting.SKY, scale=9, width=0.006)
-    axes.plot([], [], color=plotting.SKY, lw=2, label=f"current, at most {CURRENT} m/s")
+    axes.quiver(np.full(7, left), banks, speed, 0 * banks, color=style.SKY, scale=9, width=0.006)
+    axes.plot([], [], color=style.SKY, lw=2, label=f"current, at most {CURRENT} m/s")
     axes.quiver(
-        x, y, np.cos(theta), np.sin(theta), color=plotting.ORANGE, scale=16, width=0.006, zorder=2
+        x, y, np.cos(theta), np.sin(theta), color=style.ORANGE, scale=16, width=0.006, zorder=2
     )
-    axes.plot([], [], color=plotting.ORANGE, lw=2, label="where the boat points")
-    axes.plot(x, y, "o-", color=plotting.BLUE, ms=4, label="path, network")
-    axes.plot(*solution.certificate.rollout[:2], "--", color=plotting.INK, lw=1, label="roll-out")
+    axes.plot([], [], color=style.ORANGE, lw=2, label="where the boat points")
+    axes.plot(x, y, "o-", color=style.BLUE, ms=4, label="path, network")
+    axes.plot(*solution.certificate.rollout[:2], "--", color=style.INK, lw=1, label="roll-out")
     axes.set(xlabel="downstream x (m)", ylabel="across y (m)", ylim=(-0.4, WIDTH + 0.4))
     axes.set_aspect("equal", adjustable="datalim")
     plotting.quiet(axes)

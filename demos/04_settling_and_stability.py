@@ -23,6 +23,7 @@ import ann_dc
 from ann_dc import plotting
 from ann_dc.analysis import Linearisation, Spectrum
 from ann_dc.gain_design import MULTILEVEL_RULE, Design, closed_form
+from ann_dc.plotting import style
 
 TOLERANCE = 1e-6
 LIMIT = 4000.0
@@ -31,7 +32,7 @@ MOST_STEPS = 3000
 """A network that runs away gets ever stiffer; after so many steps it has run away."""
 HORIZON = 0.9
 """Seconds that the car has, whatever the number of stages."""
-COLOUR = {True: plotting.BLUE, False: plotting.VERMILION}
+COLOUR = {True: style.BLUE, False: style.VERMILION}
 
 
 @dataclass(frozen=True, kw_only=True)

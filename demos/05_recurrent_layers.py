@@ -17,13 +17,14 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
+from ann_dc.plotting import style
 
 WAYS = {
-    "simultaneous": (ann_dc.SIMULTANEOUS, False, plotting.BLUE),
-    "two-phase": (ann_dc.TWO_PHASE, False, plotting.ORANGE),
-    "stage by stage": (ann_dc.STAGE_BY_STAGE, False, plotting.GREEN),
-    "simultaneous, Anderson": (ann_dc.SIMULTANEOUS, True, plotting.VERMILION),
-    "two-phase, Anderson": (ann_dc.TWO_PHASE, True, plotting.PURPLE),
+    "simultaneous": (ann_dc.SIMULTANEOUS, False, style.BLUE),
+    "two-phase": (ann_dc.TWO_PHASE, False, style.ORANGE),
+    "stage by stage": (ann_dc.STAGE_BY_STAGE, False, style.GREEN),
+    "simultaneous, Anderson": (ann_dc.SIMULTANEOUS, True, style.VERMILION),
+    "two-phase, Anderson": (ann_dc.TWO_PHASE, True, style.PURPLE),
 }
 
 
@@ -72,18 +73,18 @@ def picture(runs: dict, limit: float, shares, scan):
     for name, (_, _, colour) in WAYS.items():
         residual = runs[name].trajectory.kkt
         left.semilogy(np.arange(len(residual)), residual, color=colour, lw=1.6, label=name)
-    left.axhline(1e-6, color=plotting.GREY, lw=1, ls=":", label="tolerance 1e-6")
+    left.axhline(1e-6, color=style.GREY, lw=1, ls=":", label="tolerance 1e-6")
     left.set(xlabel="recurrent steps (clock periods)", ylabel="relative KKT residual (1)")
     left.set_ylim(1e-9, 10)
     left.legend(frameon=False, fontsize=8)
     settled = [(s * limit, c) for s, c in zip(shares, scan) if c is not None]
     lost = [s * limit for s, c in zip(shares, scan) if c is None]
-    right.plot(*zip(*settled), "o-", color=plotting.BLUE, ms=4, label="fixed step, settles")
+    right.plot(*zip(*settled), "o-", color=style.BLUE, ms=4, label="fixed step, settles")
     top = 1.1 * max(count for _, count in settled)
-    right.plot(lost, [top] * len(lost), "x", color=plotting.VERMILION, label="never settles")
-    right.axvline(limit, color=plotting.INK, lw=1, ls="--", label="limit 2a/(a²+b²), spectrum")
+    right.plot(lost, [top] * len(lost), "x", color=style.VERMILION, label="never settles")
+    right.axvline(limit, color=style.INK, lw=1, ls="--", label="limit 2a/(a²+b²), spectrum")
     right.axhline(
-        runs["simultaneous"].settling_steps, color=plotting.GREEN, lw=1.2, label="adaptive step"
+        runs["simultaneous"].settling_steps, color=style.GREEN, lw=1.2, label="adaptive step"
     )
     right.set(
         xlabel="step h (unit time constants)", ylabel="steps to 1e-6 (1)", ylim=(0, 1.2 * top)

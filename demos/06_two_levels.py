@@ -23,16 +23,17 @@ import ann_dc
 from ann_dc import plotting
 from ann_dc.evaluation import evaluator
 from ann_dc.paper import iterations
+from ann_dc.plotting import style
 from ann_dc.plotting.paper import figure_6, figure_of_definitions, figure_of_following
 from ann_dc.two_level import Gradient, NewtonCoordinator, OracleCoordinator, OracleGain, TwoLevelRun
 
 LOST = 1e6
 """Residual of a run that is drawn no further."""
 COLOURS = {
-    "plain, oracle |B/A|/2": plotting.GREY,
-    "augmented, oracle |B/A|/2": plotting.ORANGE,
-    "augmented, two gains": plotting.BLUE,
-    "Newton coordinator": plotting.VERMILION,
+    "plain, oracle |B/A|/2": style.GREY,
+    "augmented, oracle |B/A|/2": style.ORANGE,
+    "augmented, two gains": style.BLUE,
+    "Newton coordinator": style.VERMILION,
 }
 
 
@@ -125,21 +126,21 @@ def picture(runs: dict[str, TwoLevelRun]):
         run = runs[name]
         near = shown(run)
         found, j = run.lyapunov, np.arange(1, len(run.residuals) + 1)[near]
-        style = {"color": colour, "lw": 1.6, "marker": "." if len(j) < 20 else None}
-        panels[0].loglog(j[:-1], run.gains[near][: len(j) - 1, 0, 0], **style)
-        panels[1].loglog(j, found.A[near, 0], **style)
+        look = {"color": colour, "lw": 1.6, "marker": "." if len(j) < 20 else None}
+        panels[0].loglog(j[:-1], run.gains[near][: len(j) - 1, 0, 0], **look)
+        panels[1].loglog(j, found.A[near, 0], **look)
         B = found.B[near, 0]
         falls, rises = B < 0, B >= 0
-        panels[2].loglog(j[falls], -B[falls], **{**style, "ls": "none", "marker": "."})
+        panels[2].loglog(j[falls], -B[falls], **{**look, "ls": "none", "marker": "."})
         panels[2].loglog(j[rises], B[rises], "+", color=colour, ms=5)
-        panels[3].loglog(j, found.theta[near, 0], **style)
-        panels[4].loglog(j, run.residuals[near, 0], **style)
+        panels[3].loglog(j, found.theta[near, 0], **look)
+        panels[4].loglog(j, run.residuals[near, 0], **look)
         panels[5].plot([], [], color=colour, lw=2, label=name)
-    panels[2].plot([], [], ".", color=plotting.INK, label="B < 0: some λ lowers Θ")
-    panels[2].plot([], [], "+", color=plotting.INK, label="B ≥ 0: none does")
+    panels[2].plot([], [], ".", color=style.INK, label="B < 0: some λ lowers Θ")
+    panels[2].plot([], [], "+", color=style.INK, label="B ≥ 0: none does")
     panels[2].set_ylim(bottom=1e-28)  # room below the last point of Newton's
     panels[2].legend(frameon=False, fontsize=7, loc="lower left")
-    panels[4].axhline(1e-6, color=plotting.GREY, lw=1, ls=":")
+    panels[4].axhline(1e-6, color=style.GREY, lw=1, ls=":")
     for axes, label in zip(
         panels,
         ("gain λ of t (network units)", "A = ½ Σ |d|², (21) (network units)",
@@ -147,12 +148,12 @@ def picture(runs: dict[str, TwoLevelRun]):
          "relative KKT residual (1)"),
     ):  # fmt: skip
         axes.set_ylabel(label, fontsize=9)
-        axes.axvline(3, color=plotting.GREY, lw=0.8, ls="--")
+        axes.axvline(3, color=style.GREY, lw=0.8, ls="--")
         plotting.quiet(axes)
     for axes in panels[2:5]:
         axes.set_xlabel("outer iteration (1)")
         axes.tick_params(labelbottom=True)
-    panels[0].text(3.2, panels[0].get_ylim()[0] * 2, "the third", fontsize=8, color=plotting.INK)
+    panels[0].text(3.2, panels[0].get_ylim()[0] * 2, "the third", fontsize=8, color=style.INK)
     panels[5].legend(loc="center left", frameon=False, fontsize=9, title="coordinator")
     figure.suptitle(
         "The paper's two-level algorithm on its own example, N = 9, dt = 0.1 s",

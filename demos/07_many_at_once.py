@@ -17,6 +17,7 @@ import torch
 
 import ann_dc
 from ann_dc import plotting
+from ann_dc.plotting import style
 
 SIDE = 21
 
@@ -76,15 +77,15 @@ def picture(problem, network, run, side: int):
             [0.0, *network.cell.neurons[row].scale.user(values[k, row, :-1]), *end]
             for row, end in zip((x, y), ends)
         )
-        left.plot(path_x, path_y, "-", color=plotting.BLUE, lw=0.8, alpha=0.7)
-        left.plot(*ends, "o", color=plotting.ORANGE, ms=3)
+        left.plot(path_x, path_y, "-", color=style.BLUE, lw=0.8, alpha=0.7)
+        left.plot(*ends, "o", color=style.ORANGE, ms=3)
     left.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
     left.set_title("settled paths to some of the targets", fontsize=9)
     steps = np.where(run.settled, run.settling_steps, np.nan).reshape(side, side)
     image = right.pcolormesh(
         targets["x"].reshape(side, side), targets["y"].reshape(side, side), steps, cmap="viridis"
     )
-    right.plot(5, 5, "o", color=plotting.VERMILION, ms=6, label="designed for")
+    right.plot(5, 5, "o", color=style.VERMILION, ms=6, label="designed for")
     right.set(xlabel="target x (m)", ylabel="target y (m)", aspect="equal")
     right.set_title("recurrent steps to a KKT residual of 1e-6", fontsize=9)
     right.legend(frameon=True, fontsize=8)

@@ -19,6 +19,7 @@ from ann_dc import plotting
 from ann_dc.backends.spice import CircuitRun
 from ann_dc.fidelity import predict, smallest_margin
 from ann_dc.hardware.parts import BEHAVIOURAL, macro
+from ann_dc.plotting import style
 
 GAINS = (1e3, 1e4, 1e5, 1e6)
 MARGINS = (7.5, 8.5, 10.0, 15.0, 20.0)
@@ -98,29 +99,29 @@ def picture(
     voltages, errors, speed = figure.subplots(1, 3, width_ratios=(4, 3, 3))
     network, run = ideal.trajectory.network, runs[max(runs)]
     seconds = 1e6 * run.trajectory.time * run.scaling.time
-    for name, colour in (("u.nu", plotting.VERMILION), ("q.y", plotting.BLUE)):
+    for name, colour in (("u.nu", style.VERMILION), ("q.y", style.BLUE)):
         rows = run.trajectory[name] / network.neuron(name).scale.factor
         live = [k for k in range(network.stages) if (name, k) in run.deck.signals]
         lines = voltages.plot(seconds, run.scaling.volts(name, rows[:, live]), color=colour, lw=1)
         lines[0].set_label(f"{name}, all cells")
     voltages.axvline(
-        1e6 * run.settling_time(), color=plotting.INK, lw=1, ls="--", label="within 0.1 %"
+        1e6 * run.settling_time(), color=style.INK, lw=1, ls="--", label="within 0.1 %"
     )
     voltages.set_xlim(0, 2e6 * run.settling_time())
     voltages.set(xlabel="time (µs)", ylabel="voltage (V)", title="op amps of 10 MHz, A0 = 1e6")
     gains = np.array(list(runs))
     error = np.array([run.control_error for run in runs.values()])
-    errors.loglog(gains, error, "o", color=plotting.BLUE, label="ngspice")
-    errors.loglog(gains, error[-1] * gains[-1] / gains, "--", color=plotting.INK, lw=1,
+    errors.loglog(gains, error, "o", color=style.BLUE, label="ngspice")
+    errors.loglog(gains, error[-1] * gains[-1] / gains, "--", color=style.INK, lw=1,
                   label=f"{error[-1] * gains[-1]:.0f} / A0")  # fmt: skip
-    errors.axhline(1e-4, color=plotting.GREY, lw=1, ls=":")
+    errors.axhline(1e-4, color=style.GREY, lw=1, ls=":")
     errors.set(xlabel="open-loop gain A0 (1)", ylabel="error of controls (share of the largest)",
                title="what finite gain costs")  # fmt: skip
     speed.plot(list(slower), [1e6 * p.predicted for p in slower.values()], "o", mfc="none",
-               mec=plotting.INK, ms=9, label="predicted")  # fmt: skip
+               mec=style.INK, ms=9, label="predicted")  # fmt: skip
     speed.plot(list(slower), [1e6 * p.settling for p in slower.values()], "o",
-               color=plotting.BLUE, ms=4, label="ngspice")  # fmt: skip
-    speed.axvspan(0, lowest, color=plotting.VERMILION, alpha=0.15, lw=0, label="oscillates")
+               color=style.BLUE, ms=4, label="ngspice")  # fmt: skip
+    speed.axvspan(0, lowest, color=style.VERMILION, alpha=0.15, lw=0, label="oscillates")
     speed.set(xlabel="op-amp bandwidth over fastest mode (1)", ylabel="time to 0.1 % (µs)",
               title="how fast the op amps must be", xlim=(0, None), ylim=(0, None))  # fmt: skip
     for axes in (voltages, errors, speed):

@@ -27,14 +27,15 @@ from ann_dc.fidelity import (
 )
 from ann_dc.hardware.emulation import emulate, emulated_state
 from ann_dc.hardware.parts import Kind
+from ann_dc.plotting import style
 
 PARTS = "opa192_ad734"
 SAMPLES = 40
 COLOURS = {
-    Kind.RESISTOR: plotting.BLUE,
-    Kind.OFFSET: plotting.VERMILION,
-    Kind.GAIN: plotting.GREEN,
-    Kind.PRODUCT_OFFSET: plotting.ORANGE,
+    Kind.RESISTOR: style.BLUE,
+    Kind.OFFSET: style.VERMILION,
+    Kind.GAIN: style.GREEN,
+    Kind.PRODUCT_OFFSET: style.ORANGE,
 }
 WORDS = {
     Kind.RESISTOR: "resistor",
@@ -103,9 +104,9 @@ def picture(items: tuple[Item, ...], drawn: Sampled):
     bars.set(xlabel="error of the controls (1e-3 of the largest), one part in all cells",
              title="the four worst of every kind")  # fmt: skip
     top = 1.1e3 * max(drawn.predicted.max(), drawn.measured.max())
-    scatter.plot([0, top], [0, top], color=plotting.GREY, lw=1, ls="--", label="equal")
+    scatter.plot([0, top], [0, top], color=style.GREY, lw=1, ls="--", label="equal")
     scatter.plot(1e3 * drawn.predicted, 1e3 * drawn.measured, "o", ms=5, mfc="none",
-                 color=plotting.INK, label="one circuit, all errors drawn")  # fmt: skip
+                 color=style.INK, label="one circuit, all errors drawn")  # fmt: skip
     scatter.set(xlabel="predicted by the emulator (1e-3)", ylabel="ngspice (1e-3)",
                 title="error of the controls", xlim=(0, top), ylim=(0, top))  # fmt: skip
     for axes in (bars, scatter):

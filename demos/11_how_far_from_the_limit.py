@@ -24,6 +24,7 @@ import numpy as np
 import ann_dc
 from ann_dc import PreconditionerKind, plotting
 from ann_dc.network.preconditioners import CyclicReduction, ResistiveGrid, Wires
+from ann_dc.plotting import style
 
 LIMIT = 2.0
 """Ratio with the preconditioner that knows the problem exactly: every slow mode at Re s = -1/2."""
@@ -31,11 +32,11 @@ PLANTS = ("car", "unicycle", "van_der_pol", "cstr", "pendulum", "two_link_arm")
 SPECTRA = ("car", "pendulum")
 """Plants whose spectra are drawn."""
 MARKS = {
-    PreconditionerKind.DIAGONAL: (plotting.GREY, "s"),
-    PreconditionerKind.MULTILEVEL: (plotting.BLUE, "^"),
-    PreconditionerKind.COUPLED_MULTILEVEL: (plotting.SKY, "v"),
-    PreconditionerKind.RESISTIVE_GRID: (plotting.VERMILION, "o"),
-    PreconditionerKind.CYCLIC_REDUCTION: (plotting.GREEN, "D"),
+    PreconditionerKind.DIAGONAL: (style.GREY, "s"),
+    PreconditionerKind.MULTILEVEL: (style.BLUE, "^"),
+    PreconditionerKind.COUPLED_MULTILEVEL: (style.SKY, "v"),
+    PreconditionerKind.RESISTIVE_GRID: (style.VERMILION, "o"),
+    PreconditionerKind.CYCLIC_REDUCTION: (style.GREEN, "D"),
 }
 """Colour and marker of every kind."""
 BESIDE = {PreconditionerKind.MULTILEVEL: -0.1, PreconditionerKind.COUPLED_MULTILEVEL: 0.1}
@@ -138,14 +139,14 @@ def costs(table: dict[str, list[Row]]):
         for row in rows:
             colour, marker = MARKS[row.kind]
             place = number + BESIDE.get(row.kind, 0.0)
-            style = {"color": colour, "marker": marker, "ms": 7, "mec": "white", "ls": "none"}
+            look = {"color": colour, "marker": marker, "ms": 7, "mec": "white", "ls": "none"}
             label = row.kind.value if number == 0 else None
             if row.kind is not PreconditionerKind.CYCLIC_REDUCTION:  # it settles as its grid does
-                settling.plot(row.settling, place, **style)
-            wires.plot(row.per_cell, place, **style, label=label)
+                settling.plot(row.settling, place, **look)
+            wires.plot(row.per_cell, place, **look, label=label)
     least = LIMIT * np.log(1e6)
-    settling.axvline(least, color=plotting.INK, lw=1, ls="--")
-    settling.text(1.06 * least, -0.45, "ratio of 2", fontsize=8, color=plotting.INK)
+    settling.axvline(least, color=style.INK, lw=1, ls="--")
+    settling.text(1.06 * least, -0.45, "ratio of 2", fontsize=8, color=style.INK)
     settling.set(xscale="log", xlabel="settling to 1e-6 from the line (fastest time constants)")
     ticks = [30, 100, 300, 1000, 3000]
     settling.set_xticks(ticks, [str(tick) for tick in ticks])
@@ -212,8 +213,8 @@ def panel(axes, row: Row) -> None:
         -scaled.real, scaled.imag, "o", color=MARKS[row.kind][0], ms=3, alpha=0.6, mew=0,
         label="eigenvalues",
     )  # fmt: skip
-    axes.axvline(1 / row.ratio, color=plotting.INK, lw=1, label="slowest mode")
-    axes.axvline(1 / LIMIT, color=plotting.INK, lw=1, ls="--", label=f"the limit: ratio {LIMIT:g}")
+    axes.axvline(1 / row.ratio, color=style.INK, lw=1, label="slowest mode")
+    axes.axvline(1 / LIMIT, color=style.INK, lw=1, ls="--", label=f"the limit: ratio {LIMIT:g}")
     plotting.quiet(axes)
 
 

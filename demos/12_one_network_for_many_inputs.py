@@ -22,12 +22,13 @@ import sympy as sp
 import ann_dc
 from ann_dc import plotting
 from ann_dc.families import FamilyDesign, Multistart, design_family
+from ann_dc.plotting import style
 
 OVER = {"q_d.x": (1.0, 3.0), "q_d.y": (0.5, 2.0), "q_0.theta": (-0.5, 0.5)}
 """Metres and radians: where the unicycle is to go, and how it stands before."""
 HELD_OUT = 300
 STARTS = 16
-COLOURS = (plotting.BLUE, plotting.VERMILION, plotting.GREEN, plotting.ORANGE, plotting.PURPLE)
+COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.ORANGE, style.PURPLE)
 """Of the optima, best first."""
 
 
@@ -137,7 +138,7 @@ def ways(found: Multistart):
                    label=f"E = {optimum.objective:.4g}")  # fmt: skip
         shares.barh(number, optimum.share, color=colour, height=0.5)
     bump(plane, problem)
-    plane.plot(*found.optima[0].q[:2, [0, -1]], "s", color=plotting.INK, ms=5)
+    plane.plot(*found.optima[0].q[:2, [0, -1]], "s", color=style.INK, ms=5)
     plane.set(
         xlabel=plotting.with_unit("x", problem.unit("x")),
         ylabel=plotting.with_unit("y", problem.unit("y")),

@@ -17,6 +17,7 @@ import sympy as sp
 import ann_dc
 from ann_dc import plotting
 from ann_dc.optimality import feasible_path, out_of_reach
+from ann_dc.plotting import style
 from ann_dc.problem import StepLength, straight_line
 
 WIDTH, CURRENT, STRONGEST = 4.0, 1.2, 1.0  # metres; metres a second in the middle, of the engine
@@ -83,10 +84,10 @@ def picture(solutions: dict, refused: ann_dc.Solution):
     figure = plotting.new_figure(9.6, 4.4)
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.3))
     times = [solution.total_time for solution in solutions.values()]
-    left.semilogx(list(solutions), times, "o-", color=plotting.BLUE)
+    left.semilogx(list(solutions), times, "o-", color=style.BLUE)
     left.set(xlabel="price of a second", ylabel="crossing time N h (s)", ylim=(0, None))
     right.axhspan(0, WIDTH, color="#EAF3F9", zorder=0)
-    paths = [(min(solutions), plotting.SKY), (max(solutions), plotting.BLUE)]
+    paths = [(min(solutions), style.SKY), (max(solutions), style.BLUE)]
     for price, color in paths:
         solution = solutions[price]
         label = f"{solution.total_time:.1f} s, a second costs {price:g}"
@@ -95,8 +96,8 @@ def picture(solutions: dict, refused: ann_dc.Solution):
     line = straight_line(problem)
     found = out_of_reach(problem, feasible_path(problem, line.q, line.u))
     rollout = problem.functions.rollout(problem.q_0, found.path.u)
-    right.plot(*rollout[:2], "--", color=plotting.ORANGE, label="weak boat, as near as it comes")
-    right.plot(*problem.q_d[:2], "x", color=plotting.INK, ms=8, label="its target: out of reach")
+    right.plot(*rollout[:2], "--", color=style.ORANGE, label="weak boat, as near as it comes")
+    right.plot(*problem.q_d[:2], "x", color=style.INK, ms=8, label="its target: out of reach")
     right.set(xlabel="downstream x (m)", ylabel="across y (m)", ylim=(-0.3, WIDTH + 0.3))
     right.legend(fontsize=7, loc="lower left", bbox_to_anchor=(0, 1.0), frameon=False, ncols=2)
     for axes in (left, right):

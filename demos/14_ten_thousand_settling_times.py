@@ -18,11 +18,12 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
+from ann_dc.plotting import style
 
 CARS = 10_000
 KINDS = {
-    ann_dc.PreconditionerKind.MULTILEVEL: plotting.BLUE,
-    ann_dc.PreconditionerKind.RESISTIVE_GRID: plotting.VERMILION,
+    ann_dc.PreconditionerKind.MULTILEVEL: style.BLUE,
+    ann_dc.PreconditionerKind.RESISTIVE_GRID: style.VERMILION,
 }
 
 
@@ -75,7 +76,7 @@ def picture(problem, batches, times):
     )
     x, y = (grid.inputs[f"q_d.{name}"][:, 0] for name in ("x", "y"))
     tiles = right.hexbin(x, y, settling, gridsize=25, reduce_C_function=np.median, cmap="viridis")
-    right.plot(5, 5, "o", color=plotting.VERMILION, ms=6, label="designed for")
+    right.plot(5, 5, "o", color=style.VERMILION, ms=6, label="designed for")
     right.set(xlabel="target x (m)", ylabel="target y (m)", aspect="equal")
     right.set_title("with the grid, median by target", fontsize=9)
     right.legend(frameon=True, fontsize=8, loc="lower left")

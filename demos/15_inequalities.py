@@ -20,12 +20,13 @@ import sympy as sp
 import ann_dc
 from ann_dc import plotting
 from ann_dc.evaluation import kkt_point
+from ann_dc.plotting import style
 
 DISCS = ((1.6, 0.9, 0.5), (2.9, 3.0, 0.6), (4.2, 3.6, 0.4))
 """Centre and radius in metres."""
 LIMITS = {"nu": (0, 4), "eta": (-2.5, 2.5), "varphi": (-0.5, 0.5)}
 """Speed in m/s, steering rate in rad/s, steering angle in rad."""
-COLOURS = (plotting.GREEN, plotting.ORANGE, plotting.PURPLE, plotting.BLUE, plotting.SKY)
+COLOURS = (style.GREEN, style.ORANGE, style.PURPLE, style.BLUE, style.SKY)
 """Of the inequalities."""
 LOOKS = 400
 """Instants of the run at which the diodes are looked at."""
@@ -89,22 +90,22 @@ def paths(axes, free: ann_dc.Solution, held: ann_dc.Solution) -> None:
     for number, (a, b, radius) in enumerate(DISCS, 1):
         axes.fill(a + radius * np.cos(angle), b + radius * np.sin(angle), color="#DADADA")
         axes.text(a - radius / 5, b + radius / 3, f"disc{number}", ha="center", va="center", size=8)
-    axes.plot(free["x"], free["y"], "--", color=plotting.INK, lw=1, label="without inequalities")
-    axes.plot(held["x"], held["y"], "o-", ms=3.5, color=plotting.BLUE, label="with inequalities")
+    axes.plot(free["x"], free["y"], "--", color=style.INK, lw=1, label="without inequalities")
+    axes.plot(held["x"], held["y"], "o-", ms=3.5, color=style.BLUE, label="with inequalities")
     axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
     axes.legend(frameon=False, fontsize=8)
 
 
 def limited(axes, free: ann_dc.Solution, held: ann_dc.Solution) -> None:
     """Both controls between their limits."""
-    for name, unit, color in (("nu", "m/s", plotting.VERMILION), ("eta", "rad/s", plotting.BLUE)):
+    for name, unit, color in (("nu", "m/s", style.VERMILION), ("eta", "rad/s", style.BLUE)):
         line = {"baseline": None, "color": color}
         axes.stairs(free[name], free.time, lw=0.8, alpha=0.6, **line)
         axes.stairs(held[name], held.time, lw=1.8, label=f"{name} ({unit})", **line)
         for limit in LIMITS[name]:
             axes.axhline(limit, color=color, lw=0.9, ls=(0, (6, 4)))
-    axes.plot([], [], color=plotting.GREY, lw=0.9, ls=(0, (6, 4)), label="limit")
-    axes.plot([], [], color=plotting.GREY, lw=0.8, label="without inequalities")
+    axes.plot([], [], color=style.GREY, lw=0.9, ls=(0, (6, 4)), label="limit")
+    axes.plot([], [], color=style.GREY, lw=0.8, label="without inequalities")
     axes.set(xlabel=plotting.time_label(held.problem), ylabel="control (m/s, rad/s)")
     axes.legend(frameon=False, fontsize=8, ncols=2)
 
@@ -128,8 +129,8 @@ def settling(axes, held: ann_dc.Solution) -> None:
         held.spectrum.radius,
         held.normalised_settling_time,
     )
-    axes.semilogy(radius * run.residual_time, run.kkt, color=plotting.INK, lw=1.2)
-    axes.plot(end, held.run.tolerance, "D", color=plotting.VERMILION, label=f"settled: {end:.0f}")
+    axes.semilogy(radius * run.residual_time, run.kkt, color=style.INK, lw=1.2)
+    axes.plot(end, held.run.tolerance, "D", color=style.VERMILION, label=f"settled: {end:.0f}")
     axes.set(ylabel="KKT residual (1)", xlim=(0, 1.05 * end), ylim=(1e-7, 1e1))
     axes.tick_params(labelbottom=False)
     axes.legend(frameon=False, fontsize=8)
@@ -145,7 +146,7 @@ def switches(axes, time, conducting) -> None:
             (edges[a], edges[b] - edges[a]) for a, b in zip(*map(np.flatnonzero, (on > 0, on < 0)))
         ]
         axes.broken_barh(bars, (place, 0.7), color=COLOURS[row], lw=0)
-    axes.set(xlabel=plotting.FASTEST, ylabel="diodes that conduct", yticks=[])
+    axes.set(xlabel=style.FASTEST, ylabel="diodes that conduct", yticks=[])
 
 
 if __name__ == "__main__":

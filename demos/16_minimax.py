@@ -18,9 +18,10 @@ import sympy as sp
 
 import ann_dc
 from ann_dc import plotting
+from ann_dc.plotting import style
 
 DT, N = 0.1, 12
-COLOURS = (plotting.BLUE, plotting.ORANGE)
+COLOURS = (style.BLUE, style.ORANGE)
 """Of the objectives."""
 
 
@@ -84,12 +85,12 @@ def colour_of(tone: float):
 def draw_front(axes, front, order, tones) -> None:
     """Effort against length."""
     plotting.quiet(axes)
-    axes.plot(*front.values[order].T, color=plotting.GREY, lw=1)
+    axes.plot(*front.values[order].T, color=style.GREY, lw=1)
     axes.scatter(*front.values[order].T, c=[colour_of(tone) for tone in tones], s=22, zorder=3)
-    axes.plot(*front.ideal, "*", color=plotting.INK, ms=9)
+    axes.plot(*front.ideal, "*", color=style.INK, ms=9)
     axes.annotate("ideal", front.ideal, (8, 2), textcoords="offset points", fontsize=8)
-    axes.axvline(front.nadir[0], color=plotting.GREY, lw=0.8, ls=":")
-    axes.axhline(front.nadir[1], color=plotting.GREY, lw=0.8, ls=":")
+    axes.axvline(front.nadir[0], color=style.GREY, lw=0.8, ls=":")
+    axes.axhline(front.nadir[1], color=style.GREY, lw=0.8, ls=":")
     axes.annotate("nadir", front.nadir, (-30, -11), textcoords="offset points", fontsize=8)
     axes.set(xlabel="effort", ylabel="length, squared (m²)", title="the front")
 
@@ -102,9 +103,9 @@ def draw_neurons(axes, front, run) -> None:
     for name, colour in zip(front.names, COLOURS):
         axes.plot(time, path[f"z_J.{name}"][:, -1], color=colour, lw=1.3, label=f"share of {name}")
         axes.plot(time, path[f"J.{name}"][:, -1], color=colour, lw=1, ls="--", label=name)
-    axes.plot(time, path["E.max"][:, -1], color=plotting.INK, lw=1, label="level")
+    axes.plot(time, path["E.max"][:, -1], color=style.INK, lw=1, label="level")
     axes.set(
-        xlabel=plotting.FASTEST, title="shared neurons, equal weights", ylim=(-0.6, 1.1),
+        xlabel=style.FASTEST, title="shared neurons, equal weights", ylim=(-0.6, 1.1),
         xlim=(0, 250),
     )  # fmt: skip
     axes.legend(fontsize=7.5, frameon=False, loc="upper right")

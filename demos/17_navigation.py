@@ -23,7 +23,6 @@ from ann_dc.navigation import (
     drive,
     random_scenario,
 )
-from ann_dc.plotting.worlds import plane
 from ann_dc.problem import car_robot
 
 SEEDS = (1, 0, 2, 3)
@@ -78,7 +77,7 @@ def picture(journeys: dict[str, ClosedLoopRun]):
     figure = plotting.new_figure(11.4, 4.6)
     row = figure.subplots(1, len(journeys), sharex=True, sharey=True)
     for axes, (name, journey) in zip(row, journeys.items()):
-        plane(axes, journey)
+        plotting.worlds.plane(axes, journey)
         axes.set(xlim=(-0.8, 6.2), ylim=(-0.8, 5.9))
         axes.set_title(
             f"{name}: {end(journey)}\nleast room {journey.clearance.min():.2f} m", fontsize=9

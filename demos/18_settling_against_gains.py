@@ -26,13 +26,14 @@ from pathlib import Path
 import numpy as np
 
 from ann_dc import plotting
+from ann_dc.plotting import style
 from ann_dc.study import Table
 from ann_dc.study.shipped import FACTORS, boundaries, settling_against_gains
 
 KINDS = {
-    "resistive-grid": ("neighbour grid", plotting.GREEN, "v"),
-    "multilevel": ("multilevel", plotting.BLUE, "o"),
-    "diagonal": ("time constants alone", plotting.VERMILION, "s"),
+    "resistive-grid": ("neighbour grid", style.GREEN, "v"),
+    "multilevel": ("multilevel", style.BLUE, "o"),
+    "diagonal": ("time constants alone", style.VERMILION, "s"),
 }
 """Kinds of preconditioner: words, colour and marker."""
 NAMES = {
@@ -109,8 +110,8 @@ def picture(subject: str, tables: dict, found: dict):
     for axes in panels[::3]:
         axes.set_ylabel("settling to 1e-6\n(fastest time constants)")
     axes = panels[0]
-    axes.plot([], [], "x", color=plotting.INK, ms=6, label="did not settle")
-    axes.plot([], [], ":", color=plotting.INK, lw=1.2, label="left of it the optimum repels")
+    axes.plot([], [], "x", color=style.INK, ms=6, label="did not settle")
+    axes.plot([], [], ":", color=style.INK, lw=1.2, label="left of it the optimum repels")
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=8)
     plotting.headline(

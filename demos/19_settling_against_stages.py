@@ -25,14 +25,15 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
+from ann_dc.plotting import style
 from ann_dc.study import Exponent, exponent_of
 from ann_dc.study.shipped import SIZES, median_rho, settling_against_horizon
 
 KINDS = {
-    "cyclic-reduction": ("feed-forward tree", plotting.GREEN, "v"),
-    "multilevel": ("multilevel", plotting.BLUE, "o"),
-    "diagonal": ("time constants alone", plotting.VERMILION, "s"),
-    "kept": ("time constants alone, rho as for N = 9", plotting.PURPLE, "D"),
+    "cyclic-reduction": ("feed-forward tree", style.GREEN, "v"),
+    "multilevel": ("multilevel", style.BLUE, "o"),
+    "diagonal": ("time constants alone", style.VERMILION, "s"),
+    "kept": ("time constants alone, rho as for N = 9", style.PURPLE, "D"),
 }
 """Kinds of preconditioner, and one whose penalty is not designed for N: words, colour and marker.
 """
@@ -120,16 +121,16 @@ def picture(found: dict[tuple[str, str], Series]):
     left, right = figure.subplots(1, 2)
     for (plant, kind), one in found.items():
         words, colour, mark = KINDS[kind]
-        style = {"color": colour, "marker": mark, "ls": PLANTS.get(plant, "-"), "ms": 5, "lw": 1.3,
+        look = {"color": colour, "marker": mark, "ls": PLANTS.get(plant, "-"), "ms": 5, "lw": 1.3,
                  "mec": "white"}  # fmt: skip
         name = f"{plant.replace('_', ' ')}, {words}"
-        left.plot(one.sizes, one.settling, label=f"{name}{power(one.grows)}", **style)
+        left.plot(one.sizes, one.settling, label=f"{name}{power(one.grows)}", **look)
         lost = one.sizes[~np.isfinite(one.settling)]
         left.plot(lost, np.full(len(lost), 2e4), "x", color=colour, ms=7)
-        right.plot(one.sizes, 1e3 * one.computing, label=f"{name}{power(one.costs)}", **style)
-    left.plot([], [], "x", color=plotting.INK, label="did not settle in 20 000")
+        right.plot(one.sizes, 1e3 * one.computing, label=f"{name}{power(one.costs)}", **look)
+    left.plot([], [], "x", color=style.INK, label="did not settle in 20 000")
     one = np.array([150.0, 1000.0])
-    right.plot(one, 1e-5 * one, color=plotting.INK, lw=1, ls=":", label="proportional to N")
+    right.plot(one, 1e-5 * one, color=style.INK, lw=1, ls=":", label="proportional to N")
     left.set(ylabel="settling to 1e-6 (fastest time constants)", ylim=(20, 3e4))
     left.set_title("how long it settles, in units that hardware sets", fontsize=9)
     right.set(ylabel="computing (ms a fastest time constant)")

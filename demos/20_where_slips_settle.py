@@ -21,14 +21,15 @@ from pathlib import Path
 import numpy as np
 
 from ann_dc import plotting
+from ann_dc.plotting import style
 from ann_dc.study import Row
 from ann_dc.study.shipped import FORMS, FormEnd, end_of, settling_of_forms
 
 COLOURS = {
-    FormEnd.OPTIMUM: plotting.GREEN,
-    FormEnd.CONTROLS: plotting.SKY,
-    FormEnd.ELSEWHERE: plotting.ORANGE,
-    FormEnd.NEVER: plotting.GREY,
+    FormEnd.OPTIMUM: style.GREEN,
+    FormEnd.CONTROLS: style.SKY,
+    FormEnd.ELSEWHERE: style.ORANGE,
+    FormEnd.NEVER: style.GREY,
 }
 SLIPS = {
     "corrected": "what holds",
@@ -106,7 +107,7 @@ def picture(subject: str, rows: dict[str, Row], ends: dict[str, FormEnd]):
     axes.set(xlim=(0, 1), ylim=(len(order), -1.8))
     axes.axis("off")
     for head, x, side in COLUMNS:
-        axes.text(x, -0.35, head, ha=side, va="bottom", fontsize=8, color=plotting.GREY)
+        axes.text(x, -0.35, head, ha=side, va="bottom", fontsize=8, color=style.GREY)
     for line, form in enumerate(order):
         end = ends[form]
         axes.axhspan(line - 0.42, line + 0.42, color=COLOURS[end], alpha=0.18, lw=0)

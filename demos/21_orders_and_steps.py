@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc import plotting
+from ann_dc.plotting import style
 from ann_dc.study import Table
 from ann_dc.study.shipped import SHARES, settling_against_steps
 
@@ -39,9 +40,9 @@ CARS = {
 """Starts within half a metre, headings within 0.2 rad, targets between 4 and 6 m."""
 KINDS = {"multilevel": "multilevel", "resistive-grid": "neighbour grid"}
 ORDERS = {
-    "simultaneous": ("all at once", plotting.BLUE),
-    "two-phase": ("duals after primals", plotting.ORANGE),
-    "stage-by-stage": ("stage by stage", plotting.GREEN),
+    "simultaneous": ("all at once", style.BLUE),
+    "two-phase": ("duals after primals", style.ORANGE),
+    "stage-by-stage": ("stage by stage", style.GREEN),
 }
 
 
@@ -158,10 +159,10 @@ def picture(subject: str, found: dict, limits: dict, samples: int):
             below.plot(one.shares, 100 * one.settled, "o-", color=colour, ms=4)
         ends = np.sort(limits[kind])
         stable = 100 * (1 - np.arange(len(ends) + 1) / len(ends))
-        below.step([0, *ends], stable, where="post", color=plotting.INK, lw=1, ls=":",
+        below.step([0, *ends], stable, where="post", color=style.INK, lw=1, ls=":",
                    label="stable by its own spectrum, all at once")  # fmt: skip
         for axes in (above, below):
-            axes.axvline(1, color=plotting.INK, lw=1, ls="--", label="limit 2a/(a²+b²), spectrum")
+            axes.axvline(1, color=style.INK, lw=1, ls="--", label="limit 2a/(a²+b²), spectrum")
             plotting.quiet(axes)
         above.set(yscale="log", title=KINDS[kind])
         above.title.set_fontsize(9)

@@ -21,6 +21,7 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
+from ann_dc.plotting import style
 from ann_dc.study import Table, Yield
 from ann_dc.study.shipped import BOARD, FIGURES, SPEC, spot_check, yield_curves
 
@@ -64,7 +65,7 @@ PANELS = {
 }
 """What stands on an axis: settings, their word in the legend, and the factor of the unit."""
 LINEAR = ("circuit.gbw", "circuit.margin")
-COLOURS = (plotting.BLUE, plotting.VERMILION)
+COLOURS = (style.BLUE, style.VERMILION)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,7 +121,7 @@ def picture(curves: dict, spot: Spot, boards: int):
         found = [(name, look) for name, look in settings.items() if name in curves]
         for colour, (name, (word, factor)) in zip(COLOURS, found):
             drawn(axes, curves[name], factor, colour, word)
-            axes.axvline(factor * float(BOARD[name]), color=plotting.GREY, lw=0.8, ls=":")
+            axes.axvline(factor * float(BOARD[name]), color=style.GREY, lw=0.8, ls=":")
             axes.set_xscale("linear" if name in LINEAR else "log")
         axes.set(xlabel=label, ylim=(-3, 105))
         if len(found) > 1:
@@ -153,14 +154,14 @@ def drawn(axes, found: dict[float, Yield], factor: float, colour: str, word: str
 def beside(axes, spot: Spot) -> None:
     """Error and settling time of every board, emulated and in ngspice."""
     for metric, factor, colour, marker, word in (
-        ("control_error", 1e3, plotting.GREEN, "o", "error of the controls (1e-3)"),
-        ("seconds", 1e6, plotting.PURPLE, "s", "settling to 0.1 % (µs)"),
+        ("control_error", 1e3, style.GREEN, "o", "error of the controls (1e-3)"),
+        ("seconds", 1e6, style.PURPLE, "s", "settling to 0.1 % (µs)"),
     ):
         axes.plot(
             factor * spot.emulated[metric], factor * spot.simulated[metric], marker,
             ms=6, mfc="none", color=colour, label=word,
         )  # fmt: skip
-    axes.axline((1, 1), slope=1, color=plotting.GREY, lw=1, ls="--", zorder=0)
+    axes.axline((1, 1), slope=1, color=style.GREY, lw=1, ls="--", zorder=0)
     axes.set(xscale="log", yscale="log", xlim=(1, 100), ylim=(1, 100))
     axes.set(xlabel="emulated", ylabel=f"ngspice, the same {len(spot.emulated)} boards")
     axes.legend(frameon=False, fontsize=8)

@@ -20,13 +20,14 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
+from ann_dc.plotting import style
 from ann_dc.study import Table
 from ann_dc.study.shipped import End, basin, ends
 
 COLOURS = {
-    End.BEST: plotting.BLUE,
-    End.OTHER: plotting.ORANGE,
-    End.NO_OPTIMUM: plotting.PURPLE,
+    End.BEST: style.BLUE,
+    End.OTHER: style.ORANGE,
+    End.NO_OPTIMUM: style.PURPLE,
     End.NOWHERE: "#D9D9D9",
 }
 PLANTS = ("car", "unicycle", "pendulum")
@@ -136,7 +137,7 @@ def mapped(figure, axes, name: str, table: Table) -> None:
     found = np.array([end is End.BEST for end in ends(table)])
     share = 100 * found.reshape(len(x), len(y), -1).mean(axis=2)
     tiles = axes.pcolormesh(x, y, share.T, cmap="viridis", vmin=0, vmax=100)
-    axes.plot(*designed, "o", color=plotting.VERMILION, ms=6, label="designed for")
+    axes.plot(*designed, "o", color=style.VERMILION, ms=6, label="designed for")
     axes.set(xlabel=labels[0], ylabel=labels[1])
     axes.set_title(f"{name}, spread of the starts {spread:g}", fontsize=9)
     axes.tick_params(labelsize=8)

@@ -18,6 +18,7 @@ import numpy as np
 
 import ann_dc
 from ann_dc import plotting
+from ann_dc.plotting import style
 from ann_dc.study import Table
 from ann_dc.study.shipped import REALISATIONS, realisations
 
@@ -28,11 +29,11 @@ STYLES = dict(
     zip(
         REALISATIONS,
         (
-            (plotting.INK, "-"),
-            (plotting.GREEN, "^"),
-            (plotting.BLUE, "x"),
-            (plotting.ORANGE, "s"),
-            (plotting.VERMILION, "o"),
+            (style.INK, "-"),
+            (style.GREEN, "^"),
+            (style.BLUE, "x"),
+            (style.ORANGE, "s"),
+            (style.VERMILION, "o"),
         ),
     )
 )

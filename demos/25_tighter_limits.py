@@ -21,6 +21,7 @@ import sympy as sp
 
 import ann_dc
 from ann_dc import plotting
+from ann_dc.plotting import style
 from ann_dc.study import Table
 from ann_dc.study.shipped import tightened
 
@@ -30,8 +31,8 @@ TARGETS = {"q_d.x": (4.0, 6.0), "q_d.y": (4.0, 6.0)}
 """Ranges in metres."""
 CARS = 16
 GAINS = {
-    "the loosest limit": (LIMITS[0], plotting.BLUE, "o"),
-    "0.4 rad": (0.4, plotting.VERMILION, "s"),
+    "the loosest limit": (LIMITS[0], style.BLUE, "o"),
+    "0.4 rad": (0.4, style.VERMILION, "s"),
 }
 """Limits that gains are designed for, in rad."""
 
@@ -94,7 +95,7 @@ def picture(tables: dict[str, Table]):
         shares.bar(np.array([*parts]) + shift, each, width=0.018, color=colour, alpha=0.8)
     slow = np.concatenate([t["predicted_decay_rate"][settled(t)] for t in tables.values()])
     ends = np.array([slow[slow > 0].min(), slow.max()])
-    modes.plot(ends, np.log(1e6) / ends, color=plotting.GREY, ls="--", label="ln(1e6) / rate")
+    modes.plot(ends, np.log(1e6) / ends, color=style.GREY, ls="--", label="ln(1e6) / rate")
     rows.set(yscale="log", xlabel="constraints that are active at the end", xticks=range(0, 21, 5))
     rows.set_ylabel("settling time (unit time constants)")
     modes.set(xscale="log", yscale="log", xlabel="slowest mode (1 / unit time constant)")

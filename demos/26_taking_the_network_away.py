@@ -34,7 +34,7 @@ from ann_dc.export import FORMATS
 from ann_dc.export.devices import capacitors_files, conductances_files, weights_of
 from ann_dc.export.fixed_point import fixed_point
 from ann_dc.export.reference import reference_vector
-from ann_dc.plotting import INK
+from ann_dc.plotting import style
 
 BITS = tuple(range(8, 25))
 LEVELS = tuple(round(2**power) for power in np.arange(1, 16.5, 0.5))
@@ -48,13 +48,13 @@ UNSEEN = 1e-16
 SETTLED = 1e-12
 """Of the relative KKT residual, where a reloaded network may walk as long as it likes."""
 KINDS = {
-    plotting.BLUE: ("numbers", ("weights", "csv", "onnx", "torch_program", "nir")),
-    plotting.ORANGE: ("circuits", ("pack", "ltspice", "xyce", "kicad", "verilog_a")),
-    plotting.GREEN: (
+    style.BLUE: ("numbers", ("weights", "csv", "onnx", "torch_program", "nir")),
+    style.ORANGE: ("circuits", ("pack", "ltspice", "xyce", "kicad", "verilog_a")),
+    style.GREEN: (
         "devices and integers",
         ("conductances", "capacitors", "analog_computer", "c99", "hdl"),
     ),
-    plotting.PURPLE: ("papers", ("diagram", "schematic", "latex")),
+    style.PURPLE: ("papers", ("diagram", "schematic", "latex")),
 }
 """Colours of kinds of formats."""
 WORD, LEVEL, CAPACITOR = "bits", "levels", "units"
@@ -288,10 +288,10 @@ def curves(figure, errors: dict[str, Errors]) -> None:
         octaves = values if name == WORD else np.log2(values)
         held = np.isfinite(error)
         slope, first = np.polyfit(octaves[held], np.log10(error[held]), 1)
-        axes.axhline(GOOD, color=INK, lw=0.8, ls=(0, (6, 4)))
-        axes.plot(octaves, 10 ** (first + slope * octaves), ":", color=plotting.GREY, lw=1.2)
-        axes.plot(octaves[held], error[held], "o", color=plotting.BLUE, ms=5, label="measured")
-        axes.plot(octaves[~held], np.full(sum(~held), 1.0), "x", color=plotting.VERMILION,
+        axes.axhline(GOOD, color=style.INK, lw=0.8, ls=(0, (6, 4)))
+        axes.plot(octaves, 10 ** (first + slope * octaves), ":", color=style.GREY, lw=1.2)
+        axes.plot(octaves[held], error[held], "o", color=style.BLUE, ms=5, label="measured")
+        axes.plot(octaves[~held], np.full(sum(~held), 1.0), "x", color=style.VERMILION,
                   ms=6, mew=1.8, label="does not fit, or does not settle")  # fmt: skip
         axes.set(xlabel=label, yscale="log", ylim=(1e-7, 3))
         axes.set_title(
@@ -323,7 +323,7 @@ def table(figure, rows: list[Row]) -> None:
                 where, (at, place), (-7 if left else 7, 0), textcoords="offset points",
                 ha="right" if left else "left", va="center", fontsize=8,
             )  # fmt: skip
-        head, ink = ("cannot carry the car: ", plotting.VERMILION) if row.why_not else ("", INK)
+        head, ink = ("cannot carry the car: ", style.VERMILION) if row.why_not else ("", style.INK)
         lost = FORMATS[row.name].loses.replace("`", "")
         words.text(0, place, head + lost, va="center", fontsize=8, color=ink)
     size.set_yticks(range(len(rows)), [row.name for row in rows])

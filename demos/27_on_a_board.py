@@ -33,6 +33,7 @@ from ann_dc.fidelity.boards import (
     with_parasitics,
 )
 from ann_dc.hardware.parts import Level, Tolerances
+from ann_dc.plotting import style
 
 SIMULATED = (
     "no effect",
@@ -225,10 +226,10 @@ def kind_of(row: Found) -> str:
 
 
 COLOURS = {
-    "op amps": plotting.BLUE,
-    "presets with 10 kohm": plotting.PURPLE,
-    "multipliers, capacitors, switches": plotting.GREEN,
-    "transistors": plotting.ORANGE,
+    "op amps": style.BLUE,
+    "presets with 10 kohm": style.PURPLE,
+    "multipliers, capacitors, switches": style.GREEN,
+    "transistors": style.ORANGE,
 }
 RINGS, RINGING = 0.3, 47.0
 """Where those that ring stand on the axes of errors and of microseconds."""
@@ -245,8 +246,8 @@ def dots(figure, rows: list[Found]) -> None:
             axes.plot([1e-6, row.predicted_error], [y, y], color=colour, lw=0.8, alpha=0.4)
             axes.plot(row.predicted_error, y, "o", color=colour, ms=6)
         else:
-            axes.plot(RINGS, y, "x", color=plotting.VERMILION, ms=7, mew=2)
-        axes.plot(row.measured_error, y, "o", color=plotting.INK, mfc="none", ms=10)
+            axes.plot(RINGS, y, "x", color=style.VERMILION, ms=7, mew=2)
+        axes.plot(row.measured_error, y, "o", color=style.INK, mfc="none", ms=10)
     axes.set_yticks(place, [row.effect.words for row in rows])
     axes.set_ylim(place[-1] + 0.8, -0.8)
     axes.set(xscale="log", xlim=(1e-5, 0.6))
@@ -255,8 +256,8 @@ def dots(figure, rows: list[Found]) -> None:
         Line2D([], [], color=colour, marker="o", ls="", ms=6, label=kind)
         for kind, colour in COLOURS.items()
     ]
-    ring = {"color": plotting.INK, "marker": "o", "mfc": "none", "ls": "", "ms": 10}
-    cross = {"color": plotting.VERMILION, "marker": "x", "ls": "", "ms": 7, "mew": 2}
+    ring = {"color": style.INK, "marker": "o", "mfc": "none", "ls": "", "ms": 10}
+    cross = {"color": style.VERMILION, "marker": "x", "ls": "", "ms": 7, "mew": 2}
     handles += [Line2D([], [], label="in ngspice", **ring), Line2D([], [], label="rings", **cross)]
     plotting.quiet(axes)
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
@@ -277,15 +278,15 @@ def settling(axes, rows: list[Found], cured: list[Chosen]) -> None:
     predicted = US * np.array([row.predicted_settling for row in made.values()])
     stable = np.array([bool(row.predicted_stable) for row in made.values()])
     measured = US * np.array([row.measured_settling for row in made.values()])
-    axes.plot(at[stable], predicted[stable], color=plotting.BLUE, label="10 kohm, emulated")
-    axes.plot(at, measured, "o", color=plotting.INK, mfc="none", ms=9, label="10 kohm, ngspice")
-    axes.plot(at[~stable], np.full(sum(~stable), RINGING), "x", color=plotting.VERMILION, ms=8,
+    axes.plot(at[stable], predicted[stable], color=style.BLUE, label="10 kohm, emulated")
+    axes.plot(at, measured, "o", color=style.INK, mfc="none", ms=9, label="10 kohm, ngspice")
+    axes.plot(at[~stable], np.full(sum(~stable), RINGING), "x", color=style.VERMILION, ms=8,
               mew=2, label="10 kohm, rings")  # fmt: skip
     for one in cured:
-        axes.plot(one.ground * PF, one.settling * US, "s", color=plotting.GREEN, ms=6)
+        axes.plot(one.ground * PF, one.settling * US, "s", color=style.GREEN, ms=6)
         axes.annotate(f"{one.ohms:g} ohm", (one.ground * PF, one.settling * US), (0, 8),
                       textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
-    axes.plot([], [], "s", color=plotting.GREEN, ms=6, label="resistors as chosen")
+    axes.plot([], [], "s", color=style.GREEN, ms=6, label="resistors as chosen")
     axes.set(ylim=(0, 52), xlim=WIDE, ylabel="controls within 0.1 % (us)")
     axes.set_title("settling: smaller resistors keep it from ringing", fontsize=9, loc="left")
     axes.set_xlabel("capacitance at every virtual ground (pF)")
@@ -296,7 +297,7 @@ def settling(axes, rows: list[Found], cured: list[Chosen]) -> None:
 def loops(axes, margins: dict[float, LoopGain]) -> None:
     """The smallest phase margin over the capacitance at every ground."""
     angles = [loop.phase_margin for loop in margins.values()]
-    axes.plot([*margins], angles, "o-", color=plotting.BLUE, ms=5)
+    axes.plot([*margins], angles, "o-", color=style.BLUE, ms=5)
     for pf, loop in margins.items():
         if pf in (min(margins), max(margins)):
             axes.annotate(

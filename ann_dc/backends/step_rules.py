@@ -89,8 +89,10 @@ before, and moves with its drive. The preconditioner is applied at the end to th
 sweep.
 """
 
-ORDERS = {order.name: order for order in (SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE)}
-"""Orders by name, for the command line."""
+ORDERS = {
+    order.name.replace(" ", "-"): order for order in (SIMULTANEOUS, TWO_PHASE, STAGE_BY_STAGE)
+}
+"""Orders by the words of the command line and of study files."""
 
 
 def check_order(order: Order, network: Network) -> None:

@@ -6,8 +6,9 @@ import contextlib
 import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
+import typer
 from rich.console import Console
 from rich.text import Text
 
@@ -57,3 +58,13 @@ def list_files(files: Iterable[Path], *, quiet: bool = False) -> None:
     """Print the names of the files that were written."""
     for file in files:
         console(quiet=quiet).print(f"wrote {file}", soft_wrap=True)
+
+
+def finish(
+    shown: Iterable[Any], written: Iterable[Path] = (), *, quiet: bool = False, code: int = 0
+) -> NoReturn:
+    """Print results and the names of written files, and end a command with an exit code."""
+    for part in shown:
+        console(quiet=quiet).print(part)
+    list_files(written, quiet=quiet)
+    raise typer.Exit(code)

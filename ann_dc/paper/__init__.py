@@ -1,7 +1,7 @@
 """Example of the paper: runs of the corrected and of the printed equations.
 
-`example` contains the runs of the whole network and `paths` the data of Figures 4 and 5. `replans`
-contains the two-level iterations of Figure 6, and `around` the paths driven among obstacles.
+`example` has the runs of the whole network, `replans` the two-level iterations of Figure 6, and
+`around` the paths driven among obstacles.
 """
 
 import lazy_loader

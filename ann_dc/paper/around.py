@@ -37,15 +37,7 @@ APART = 0.36
 
 
 class Piece(NamedTuple):
-    """Driven part of a plan.
-
-    Attributes
-    ----------
-    q : (n, K + 1) array
-        States; at least the initial state.
-    u : (m, K) array
-        Controls.
-    """
+    """Driven part of a plan: states (n, K + 1), at least the initial one, and controls (m, K)."""
 
     q: np.ndarray
     u: np.ndarray
@@ -55,16 +47,9 @@ class Piece(NamedTuple):
 class Around:
     """Three variants of the path around the obstacles of a case.
 
-    Attributes
-    ----------
-    printed : list of Piece
-        IV.C as printed, without plans between the pieces.
-    drive : Piece
-        IV.C with segments, a path that can be driven.
-    legs : list of Solution
-        Runs of the networks that plan the segments.
-    discs : Solution
-        Run of one network with the obstacles as constraints.
+    `printed` is IV.C as printed, without plans between the pieces. `drive` is IV.C with the
+    segments that `legs` plan, a path that can be driven. `discs` is the run of one network with the
+    obstacles as constraints.
     """
 
     plans: Plans
@@ -85,10 +70,7 @@ class Around:
         return float(sum(np.linalg.norm(b[:, 0] - a[:, -1]) for a, b in ends))
 
     def room(self, way: Piece) -> float:
-        """Return the smallest distance of the path from an obstacle's edge, in m.
-
-        Whole segments count.
-        """
+        """Return the smallest distance of whole segments from an obstacle's edge, in m."""
         centres = obstacles(self.plans)
         a, b = way.q[:2, :-1].T[:, None], way.q[:2, 1:].T[:, None]
         step = b - a
@@ -98,10 +80,7 @@ class Around:
         return float(apart.min()) - RADIUS
 
     def error(self, way: Piece) -> float:
-        """Return the largest distance of a path from a simulation of its controls.
-
-        The distance is in the units of the states.
-        """
+        """Return the largest distance of a path from a simulation of its controls, by state."""
         led = self.discs.problem.functions.rollout(way.q[:, 0], way.u)
         return float(np.abs(led - way.q).max())
 
@@ -126,11 +105,7 @@ def around(plans: Plans, problem: OptimalControlProblem, progress: Progress = si
 
 
 def with_discs(problem: OptimalControlProblem, centres: np.ndarray) -> OptimalControlProblem:
-    """Return the problem with disc constraints at obstacle centres (M, 2).
-
-    The first two states are x and y. The constraints apply to every node and to points between
-    nodes.
-    """
+    """Return the problem with disc constraints at centres (M, 2), at nodes and between them."""
     rows = {}
     for number, centre in enumerate(centres.tolist()):
         for part, share in enumerate(CHECKED):

@@ -47,16 +47,7 @@ def corrected_runs(progress: Progress = silent) -> Iterator[PaperRun]:
 def demonstrations(optimum: Solution, progress: Progress = silent) -> Iterator[PaperRun]:
     """Yield short runs of the failing variants, all with D = 1.
 
-    Parameters
-    ----------
-    optimum : Solution
-        Solution of the corrected equations.
-    progress : Progress
-        Callable that receives progress lines. Default: no output.
-
-    Returns
-    -------
-    Iterator[PaperRun]
+    `optimum` is the solution of the corrected equations.
 
     Examples
     --------

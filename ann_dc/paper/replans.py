@@ -53,14 +53,9 @@ Farther off, stages settle to other equilibria.
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """Obstacles that appear one after another.
+    """Obstacles that appear one after another, on nodes `stages` of T_0.
 
-    Attributes
-    ----------
-    stages : tuple of int
-        Nodes of T_0 with obstacles.
-    delta : tuple of float
-        Offset from an obstacle to the new initial state, one number per state.
+    `delta` is the offset from an obstacle to the new initial state, one number per state.
     """
 
     name: str
@@ -88,21 +83,10 @@ CASES = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plans:
-    """Plans of a case.
+    """Plans of a case: q_0 (M + 1, n), and one sample per plan of a `run` with lambda of (33).
 
-    Attributes
-    ----------
-    starts : (M + 1, n) array
-        q_0 of every plan, in user units.
-    run : TwoLevelRun
-        One sample per plan, with lambda of (33).
-    newton : TwoLevelRun
-        Runs of the same plans with a Newton coordinator, which computes the solutions required by
-        (33).
-    states : (M + 1, n, N + 1) array
-        States of the solutions, in user units.
-    controls : (M + 1, m, N) array
-        Controls of the solutions, in user units.
+    The Newton coordinator of `newton` computes the solutions that (33) requires: `states`
+    (M + 1, n, N + 1) and `controls` (M + 1, m, N). All are in user units.
     """
 
     case: Case
@@ -117,18 +101,10 @@ class Plans:
 class Iterations:
     """Results on the two-level algorithm.
 
-    Attributes
-    ----------
-    letter : TwoLevelRun
-        (28)-(30) as printed with (33), for T_0.
-    gradient, newton : TwoLevelRun
-        T_0 with two fixed gains, and with Newton's method; both settle.
-    common : TwoLevelRun
-        Run near the solution with one fixed gain for t and beta, the subject of (21).
-    following : Following
-        Rate of Theorem IV.1.
-    hypothesis, printed_hypothesis : Hypothesis
-        Hypothesis of Theorem IV.2 with the valid matrices, and with diag(0.99, 0.1).
+    `letter` is (28)-(30) as printed with (33), for T_0. T_0 with two fixed gains (`gradient`) and
+    with Newton's method settles. `common` starts near the solution with one fixed gain for t and
+    beta, the subject of (21). `following` is the rate of Theorem IV.1. The hypotheses are those of
+    Theorem IV.2 with the valid matrices, and with diag(0.99, 0.1) as printed.
     """
 
     cases: tuple[Plans, ...]
@@ -144,18 +120,7 @@ class Iterations:
 def iterations(
     problem: OptimalControlProblem | None = None, progress: Progress = silent
 ) -> Iterations:
-    """Run every case of Figure 6 and evaluate both theorems.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem, optional
-        Problem. Default: the paper's car.
-    progress : Progress
-        Callable that receives progress lines. Default: no output.
-
-    Returns
-    -------
-    Iterations
+    """Run every case of Figure 6, by default with the paper's car, and evaluate both theorems.
 
     Examples
     --------

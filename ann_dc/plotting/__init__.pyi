@@ -1,31 +1,20 @@
-from .circuit import circuit as circuit
-from .controls import controls as controls
-from .diagnosis import diagnosis as diagnosis
-from .family import family as family, front as front
-from .level_comparison import ladder as ladder
-from .saving import (
-    save as save,
+from . import style as style, worlds as worlds
+from .circuits import circuit as circuit, ladder as ladder
+from .designs import diagnosis as diagnosis, family as family, front as front
+from .solutions import (
+    controls as controls,
     save_all as save_all,
+    settling as settling,
+    spectrum as spectrum,
+    trajectory as trajectory,
 )
-from .settling import settling as settling
-from .spectrum import spectrum as spectrum
 from .style import (
-    BLUE as BLUE,
-    FASTEST as FASTEST,
-    GREEN as GREEN,
-    GREY as GREY,
-    INK as INK,
-    ORANGE as ORANGE,
-    PURPLE as PURPLE,
-    SKY as SKY,
-    UNSCALED as UNSCALED,
-    VERMILION as VERMILION,
     caption as caption,
     headline as headline,
     new_figure as new_figure,
     quiet as quiet,
+    save as save,
     time_label as time_label,
     title as title,
     with_unit as with_unit,
 )
-from .trajectory import trajectory as trajectory

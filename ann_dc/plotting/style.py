@@ -1,16 +1,20 @@
-"""Common style of all figures: colours, axes, legends and titles."""
+"""Common style of all figures: colours, axes, legends, titles, and reproducible PNG files."""
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
+from ann_dc.files import make_folder, write_whole
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solution.solution import Solution
 from ann_dc.validation import checked
@@ -35,29 +39,13 @@ _LEGEND = {"frameon": False, "fontsize": 8, "borderaxespad": 0.0}
 
 @checked
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure with size in inches and automatic space for labels.
-
-    Parameters
-    ----------
-    width, height : float
-        Size in inches.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Return an empty figure with size in inches and automatic space for labels."""
     return Figure(figsize=(width, height), layout="constrained", facecolor="white")
 
 
 @checked
 def quiet(axes: Axes) -> None:
-    """Apply the common style: two spines, a light grid behind the data, small ticks.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        Axes to modify.
-    """
+    """Apply the common style: two spines, a light grid behind the data, small ticks."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(GREY)
     axes.grid(color="#E6E6E6", lw=0.6)
@@ -80,17 +68,7 @@ def with_unit(name: str, unit: str) -> str:
 
 @checked
 def time_label(problem: OptimalControlProblem) -> str:
-    """Return the axis label of the plant's time.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem with its unit of time.
-
-    Returns
-    -------
-    str
-    """
+    """Return the axis label of the plant's time, with its unit."""
     return with_unit("time k dt", problem.time_unit)
 
 
@@ -102,16 +80,10 @@ def caption(
 
     Parameters
     ----------
-    problem : OptimalControlProblem
-        Problem shown in the figure.
     form : str
         Form of the equations. Default "corrected".
     step : float or None
         Step length chosen by the network. Default None, for a fixed dt.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -127,17 +99,7 @@ def caption(
 
 @checked
 def title(solution: Solution) -> str:
-    """Return the caption with the outcome of the run on the next line.
-
-    Parameters
-    ----------
-    solution : Solution
-        Solution shown in the figure.
-
-    Returns
-    -------
-    str
-    """
+    """Return the caption of a solution, with the outcome of its run on the next line."""
     words = solution.status.outcome.name.lower().replace("_", " ")
     if solution.status.settled or solution.certified:
         kind = "certified optimum" if solution.certified else "NOT certified"
@@ -151,16 +113,46 @@ def title(solution: Solution) -> str:
 
 @checked
 def headline(figure: Figure, words: str) -> None:
-    """Set a left-aligned title above all panels.
+    """Set a left-aligned title above all panels."""
+    figure.suptitle(words, x=0.02, ha="left", fontsize=10)
+
+
+@checked
+def save(figure: Figure, path: str | Path) -> Path:
+    """Write a figure as a PNG file; equal figures give equal bytes.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
-        Figure to modify.
-    words : str
-        Title.
+        Figure to write.
+    path : str or Path
+        File. Missing folders are created.
+
+    Returns
+    -------
+    Path
+        Path of the file.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be created or the file cannot be written.
     """
-    figure.suptitle(words, x=0.02, ha="left", fontsize=10)
+    path = Path(path)
+    make_folder(path.parent)
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=150, metadata={"Software": None})
+    write_whole(path, stream.getvalue())
+    return path
+
+
+def mark_ends(axes: Axes, start: ArrayLike, target: ArrayLike) -> None:
+    """Mark the start, and a finite target, of a path in the plane."""
+    axes.plot(
+        *np.asarray(start), "s", color=GREEN, ms=9, mfc="none", mew=1.8, label="start q_0", zorder=5
+    )
+    if np.isfinite(target).all():
+        axes.plot(*np.asarray(target), "*", color=VERMILION, ms=13, label="target q_d", zorder=5)
 
 
 def limit_lines(axes: Axes, bounds: Iterable[Any]) -> None:

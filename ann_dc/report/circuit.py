@@ -24,7 +24,7 @@ from ann_dc.hardware.parts.conditions import NOMINAL
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.optimality.certificate import Certificate
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.report.json_file import write_json
+from ann_dc.report.json_file import picked, write_json
 from ann_dc.report.tables import measured, named_rows, table, unit_list, verdict_text
 from ann_dc.si_prefixes import counted, engineering
 from ann_dc.solution.solution import certificate_of, units_of
@@ -37,17 +37,7 @@ KEPT = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CircuitReport:
-    """Report of a circuit study.
-
-    Attributes
-    ----------
-    problem : OptimalControlProblem
-        Problem that the circuit solves.
-    backend : SpiceBackend
-        Backend that built the circuit.
-    found : CircuitStudy
-        Result of the study.
-    """
+    """Report of the study of a circuit that a backend built for a problem."""
 
     problem: OptimalControlProblem
     backend: SpiceBackend
@@ -278,9 +268,8 @@ class CircuitReport:
             "predicted": self._prediction(),
             "noise": found.noise,
             "volt": {name: scale._asdict() for name, scale in found.circuit.control_scales.items()},
-            "near": found.near,
-            "shortcoming": found.shortcoming,
-            "samples": found.samples.tolist(),
+            **picked(found, "near", "shortcoming"),
+            "samples": found.samples,
             "loops": [asdict(loop) for loop in found.loops],
             "unlooped": found.unlooped,
             "budget": [item.as_dict() for item in found.items],
@@ -288,8 +277,7 @@ class CircuitReport:
 
     def _prediction(self) -> dict | None:
         told = ("control_error", "settling_time", "stable", "astray", "unknown")
-        found = self.found.prediction
-        return None if found is None else {name: getattr(found, name) for name in told}
+        return None if self.found.prediction is None else picked(self.found.prediction, *told)
 
     def _measured(self) -> dict:
         run, certificate = self.found.run, self.certificate
@@ -298,11 +286,8 @@ class CircuitReport:
         return {
             "settled": not run.unsettled,
             "settling_time": run.settling_time(),
-            "settling_error": run.settling_error,
-            "control_error": run.control_error,
-            "mean_square_error": run.mean_square_error,
-            "objective": certificate.objective,
-            "kkt_residual": certificate.kkt_residual,
+            **picked(run, "settling_error", "control_error", "mean_square_error"),
+            **picked(certificate, "objective", "kkt_residual"),
             "overloads": [str(overload) for overload in run.overloads],
         }
 

@@ -9,13 +9,11 @@ from rich.table import Table
 from rich.text import Text
 
 from ann_dc.backends.status import Outcome
-from ann_dc.paper.replans import Iterations, Plans
 from ann_dc.problem.step_length import mean_length
+from ann_dc.report.json_file import picked
 from ann_dc.report.tables import named_rows, unit_list, verdict_text
 from ann_dc.si_prefixes import counted
 from ann_dc.two_level.coordination import Coordination, Undesigned
-from ann_dc.two_level.lyapunov import Distances
-from ann_dc.two_level.run import TwoLevelRun
 
 LEVELS = {
     "gradient": "gradient (17)",
@@ -79,11 +77,13 @@ def _following(found: Coordination) -> str:
     distances, bound = found.run.distances, found.following
     if distances is None or not found.run.inner.any():
         return str(bound)
-    ends = [f"|{name}| from {e[0, 0]:.3g} to {e[-1, 0]:.1e}" for name, e in _errors(distances)]
-    return f"{bound}; {', '.join(ends)}; largest ratios {_text(ratios(found))}"
+    errors = {"e_v": distances.v, "e_mu": distances.mu, "e_t, e_beta": distances.told}
+    ends = [f"|{name}| from {e[0, 0]:.3g} to {e[-1, 0]:.1e}" for name, e in errors.items()]
+    v, mu = _ratios(found)
+    return f"{bound}; {', '.join(ends)}; largest ratios {v:.3g} and {mu:.3g}"
 
 
-def ratios(found: Coordination) -> tuple[float, float]:
+def _ratios(found: Coordination) -> tuple[float, float]:
     """Return the largest ratios |e_v| and |e_mu| over |e_t, e_beta| of the run.
 
     The ratios are the measured rates of Theorem IV.1.
@@ -94,14 +94,6 @@ def ratios(found: Coordination) -> tuple[float, float]:
     with np.errstate(all="ignore"):  # 0/0 at the solution
         v, mu = (np.nanmax(e / distances.told) for e in (distances.v, distances.mu))
     return float(v), float(mu)
-
-
-def _errors(distances: Distances) -> tuple[tuple[str, np.ndarray], ...]:
-    return ("e_v", distances.v), ("e_mu", distances.mu), ("e_t, e_beta", distances.told)
-
-
-def _text(pair: tuple[float, float]) -> str:
-    return f"{pair[0]:.3g} and {pair[1]:.3g}"
 
 
 def _inner(found: Coordination) -> str:
@@ -137,17 +129,14 @@ def as_dict(found: Coordination | Undesigned) -> dict[str, Any]:
         "status": found.outcome.name.lower(),
         "message": found.message,
         "settled": found.outcome is Outcome.SETTLED,
-        "certified": found.certified,
-        "verdict": found.verdict,
-        "objective": certificate.objective,
-        "kkt_residual": certificate.kkt_residual,
+        **picked(found, "certified", "verdict"),
+        **picked(certificate, "objective", "kkt_residual"),
         "second_order": certificate.second_order if certificate.first_order else None,
-        "newton_step": certificate.newton_step,
-        "rollout_error": certificate.rollout_error,
+        **picked(certificate, "newton_step", "rollout_error"),
         "theorem_IV_1_rates": [found.following.v, found.following.mu],
-        "theorem_IV_1_largest_ratios": list(ratios(found)),
+        "theorem_IV_1_largest_ratios": _ratios(found),
         "theorem_IV_2_holds": hypothesis.holds,
-        "theorem_IV_2_fails_at": list(hypothesis.failing),
+        "theorem_IV_2_fails_at": hypothesis.failing,
         "theorem_IV_2": str(hypothesis),
         "lambda_t": None if gains is None else gains.lambda_t,
         "lambda_beta": None if gains is None else gains.lambda_beta,
@@ -158,81 +147,9 @@ def as_dict(found: Coordination | Undesigned) -> dict[str, Any]:
         "predicted_outer_iterations": found.predicted,
         "inner_steps": int(found.run.inner.sum()),
         "theta_fell_monotonically": found.rises == 0,
-        "theta": found.theta.tolist(),
-        "residuals": found.run.residuals[:, 0].tolist(),
+        "theta": found.theta,
+        "residuals": found.run.residuals[:, 0],
         "dt": mean_length(found.problem.dt, states),
         "units": {**found.problem.units, "time": found.problem.time_unit},
         "values": found.values,
-    }
-
-
-def iterations_table(found: Iterations) -> Table:
-    """Return a table of Figure 6 and of both theorems."""
-    cases = {plans.case.name: _plans_text(plans) for plans in found.cases}
-    return named_rows(
-        {
-            "Theorem IV.1": f"{found.following}; {_followed(found.gradient)}",
-            "Theorem IV.2": found.hypothesis,
-            "as (32) has it": f"with diag(0.99, 0.1) at every state: {found.printed_hypothesis}",
-            **cases,
-            "(28)-(30), (33) printed": _letter_text(found.letter),
-        }
-    )
-
-
-def _plans_text(plans: Plans) -> str:
-    own, newton = plans.run, plans.newton.residuals
-    count = len(plans.starts)
-    done = int(own.settled.sum())
-    needed = ", ".join(str(int((sample >= own.tolerance).sum())) for sample in newton.T)
-    return (
-        f"{count} plans with lambda = |B/A| / 2: {done} settled after {own.rounds} outer "
-        f"iterations; from T_0 a Newton coordinator needs {needed}"
-    )
-
-
-def _followed(run: TwoLevelRun) -> str:
-    distances = run.distances
-    if distances is None:
-        return "not measured"
-    v, mu = ((part / distances.told).max() for part in (distances.v, distances.mu))
-    return (
-        f"measured in {counted(run.rounds, 'outer iterations')}: at most {v:.3g} and {mu:.3g} times"
-    )
-
-
-def _letter_text(run: TwoLevelRun) -> str:
-    found, gain = run.lyapunov, run.gains[:, 0, 0]
-    if found is None:
-        return run.message(0)
-    return (
-        f"{run.message(0)}; lambda from {gain[0]:.3g} to {gain[-1]:.3g}, Theta from "
-        f"{found.theta[0, 0]:.3g} to {found.theta[-1, 0]:.3g}: the stages never read the map, and "
-        "t and beta drive each other"
-    )
-
-
-def iterations_dict(found: Iterations) -> dict[str, Any]:
-    """Return the data of Figure 6 and of both theorems for JSON."""
-    return {
-        "theorem_IV_1_rates": [found.following.v, found.following.mu],
-        "theorem_IV_2_holds": found.hypothesis.holds,
-        "theorem_IV_2_holds_as_printed": found.printed_hypothesis.holds,
-        **{plans.case.name: _curves(plans.run) for plans in found.cases},
-        "(28)-(30), (33) printed": _curves(found.letter),
-    }
-
-
-def _curves(run: TwoLevelRun) -> dict[str, Any]:
-    found, printed = run.lyapunov, run.printed_lyapunov
-    if found is None or printed is None:
-        return {}
-    return {
-        "lambda": run.gains[:, 0].T.tolist(),
-        "A": found.A.T.tolist(),
-        "B": found.B.T.tolist(),
-        "theta": found.theta.T.tolist(),
-        "A_as_printed": printed.A.T.tolist(),
-        "B_as_printed": printed.B.T.tolist(),
-        "settled": run.settled.tolist(),
     }

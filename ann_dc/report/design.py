@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from ann_dc import plotting
 from ann_dc.diagnosis import Diagnosis
 from ann_dc.families.family_design import FamilyDesign
 from ann_dc.gain_design.procedure import Design
 from ann_dc.gain_design.trial_run import Candidate
+from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
-from ann_dc.report.json_file import write_json
+from ann_dc.report.json_file import picked, write_json
 from ann_dc.report.tables import span, table
 from ann_dc.weights.network_file import save as save_network
 
@@ -60,73 +62,62 @@ def write_design(
     The files are design.json, network.npz and why.png. A diagnosis is added to the JSON file and
     plotted. Raises `OutputError` if a file cannot be written.
     """
-    written = [folder / "design.json", folder / "network.npz"]
-    why = {} if found is None else {"why": diagnosis_dict(found)}
-    write_json(written[0], design_dict(design) | why)
-    save_network(design.network, written[1])
+    why = {} if found is None else {"why": _diagnosis_dict(found)}
+    written = _written(_design_dict(design) | why, design.network, folder)
     if found is not None:
-        from ann_dc import plotting  # loads matplotlib
-
         progress("drawing")
         written.append(plotting.save(plotting.diagnosis(found, problem), folder / "why.png"))
     return written
 
 
-def design_dict(design: Design) -> dict[str, Any]:
+def _written(content: dict[str, Any], network: Network, folder: Path) -> list[Path]:
+    write_json(folder / "design.json", content)
+    save_network(network, folder / "network.npz")
+    return [folder / "design.json", folder / "network.npz"]
+
+
+def _design_dict(design: Design) -> dict[str, Any]:
     """Return gains, spectrum and candidates in network units as plain data for JSON."""
     names = [neuron.name for neuron in design.network.cell.neurons]
     return {
         "network": design.network.title,
         "settled": design.settled,
-        "steps": design.first.steps,
-        "found_by": design.first.found_by,
-        "start": design.start,
-        "rho_star": design.rho_star,
-        "radius": design.spectrum.radius,
-        "abscissa": design.spectrum.abscissa,
+        **picked(design.first, "steps", "found_by"),
+        **picked(design, "start", "rho_star"),
+        **picked(design.spectrum, "radius", "abscissa"),
         "ratio": design.spectrum.stiffness_ratio,
         "preconditioner": design.gains.preconditioner.kind.value,
-        "rho": dict(zip(names, design.gains.rho.tolist())),
-        "rate": dict(zip(names, design.gains.rate.tolist())),
+        "rho": dict(zip(names, design.gains.rho)),
+        "rate": dict(zip(names, design.gains.rate)),
         "candidates": [
             {
                 "preconditioner": candidate.gain_rule.kind.value,
-                "rho": _penalties(design, candidate).tolist(),
-                "ratio": candidate.ratio,
-                "settling": candidate.settling,
+                "rho": _penalties(design, candidate),
+                **picked(candidate, "ratio", "settling"),
             }
             for candidate in design.candidates
         ],
     }
 
 
-def diagnosis_dict(found: Diagnosis) -> dict[str, Any]:
+def _diagnosis_dict(found: Diagnosis) -> dict[str, Any]:
     """Return rows, modes and remedies in network units as plain data for JSON."""
     slowness = found.slowness
     return {
         "ratio": slowness.ratio,
         "distance_to_limit": slowness.distance,
-        "reason": found.reason,
-        "advice": found.advice,
+        **picked(found, "reason", "advice"),
         "shadow_over_penalty": [slowness.lowest, slowness.highest],
         "rows": [
-            {
-                "neuron": row.neuron,
-                "penalty": row.penalty,
-                "at_stage": row.at_stage.tolist(),
-                "lowest": row.lowest,
-                "highest": row.highest,
-            }
+            picked(row, "neuron", "penalty", "at_stage", "lowest", "highest")
             for row in slowness.rows
         ],
         "modes": [
             {
                 "real": mode.eigenvalue.real,
                 "imaginary": mode.eigenvalue.imag,
-                "shares": dict(zip(mode.names, mode.shares.tolist())),
-                "dual_share": mode.dual_share,
-                "curvature": mode.curvature,
-                "penalty": mode.penalty,
+                "shares": dict(zip(mode.names, mode.shares)),
+                **picked(mode, "dual_share", "curvature", "penalty"),
                 "shadow_over_penalty": mode.shadow,
                 "sign_changes": mode.sign_changes,
                 "cause": mode.cause.name.lower(),
@@ -134,8 +125,7 @@ def diagnosis_dict(found: Diagnosis) -> dict[str, Any]:
             for mode in slowness.modes
         ],
         "remedies": [
-            {"change": r.change, "ratio": r.ratio, "gain": r.gain, "compared": r.compared}
-            for r in found.remedies
+            picked(remedy, "change", "ratio", "gain", "compared") for remedy in found.remedies
         ],
     }
 
@@ -151,30 +141,26 @@ def write_family(designed: FamilyDesign, folder: Path, progress: Progress = sile
     The folder must exist. The files are design.json, network.npz and family.png. Raises
     `OutputError` if a file cannot be written.
     """
-    from ann_dc import plotting  # loads matplotlib
-
-    written = [folder / "design.json", folder / "network.npz"]
-    write_json(written[0], family_dict(designed))
-    save_network(designed.network, written[1])
+    written = _written(_family_dict(designed), designed.network, folder)
     progress("drawing")
     return [*written, plotting.save(plotting.family(designed), folder / "family.png")]
 
 
-def family_dict(designed: FamilyDesign) -> dict[str, Any]:
+def _family_dict(designed: FamilyDesign) -> dict[str, Any]:
     """Return ranges, gains, settled fraction, settling and failing inputs for JSON."""
     names = [neuron.name for neuron in designed.network.cell.neurons]
-    found, low_high = designed.validation, designed.validation.interval
+    found = designed.validation
     return {
         "network": designed.network.title,
-        "ranges": {name: list(ends) for name, ends in designed.family.ranges.items()},
+        "ranges": designed.family.ranges,
         "preconditioner": designed.winner.gain_rule.kind.value,
         "points": designed.points,
-        "rho": dict(zip(names, designed.gains.rho.tolist())),
-        "rate": dict(zip(names, designed.gains.rate.tolist())),
+        "rho": dict(zip(names, designed.gains.rho)),
+        "rate": dict(zip(names, designed.gains.rate)),
         "held_out": len(found),
         "certified": int(found.certified.sum()),
         "share": found.share,
-        "interval": list(low_high) if found.drawn else None,
+        "interval": found.interval if found.drawn else None,
         "settling": {
             "median": found.settling_quantile(0.5),
             "99 of 100": found.settling_quantile(0.99),
@@ -184,7 +170,7 @@ def family_dict(designed: FamilyDesign) -> dict[str, Any]:
         "failures": [
             {
                 "reason": failure.value,
-                "inputs": {name: value.tolist() for name, value in found.samples[number].items()},
+                "inputs": found.samples[number],
             }
             for number, failure in found.failures.items()
         ],

@@ -22,14 +22,19 @@ def write_json(path: Path, content: Any) -> None:
     write_whole(path, text.encode("utf-8"))
 
 
+def picked(record: object, *names: str) -> dict[str, Any]:
+    """Return attributes of a record by name, in the given order."""
+    return {name: getattr(record, name) for name in names}
+
+
 def _strict(value: Any) -> Any:
-    """Return plain JSON data, with null for non-finite numbers."""
+    """Return plain JSON data: lists for arrays, and null for non-finite numbers."""
     if isinstance(value, Mapping):
         return {str(key): _strict(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [_strict(item) for item in value]
-    if hasattr(value, "item"):  # a NumPy scalar
-        value = value.item()
+    if hasattr(value, "tolist"):  # an array or a number of NumPy
+        return _strict(value.tolist())
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -1,4 +1,4 @@
-"""Report of the paper's car example: one row per run, with its outcome."""
+"""Report of the paper's car example: outcomes of all runs, obstacles, and Figure 6."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from rich.table import Table
 
 from ann_dc.paper.around import RADIUS, Around, obstacles
 from ann_dc.paper.example import PaperRun
+from ann_dc.paper.replans import Iterations, Plans
 from ann_dc.report.tables import named_rows, table
+from ann_dc.si_prefixes import counted
+from ann_dc.two_level.run import TwoLevelRun
 
 LEGEND = """\
 corrected:      the equations that hold, with designed gains (D: wheel base in m).
@@ -70,20 +73,92 @@ def around_dict(cases: Sequence[Around]) -> dict[str, Any]:
 def _case_dict(case: Around) -> dict[str, Any]:
     ways = {
         name: {
-            "states": way.q.tolist(),
-            "controls": way.u.tolist(),
+            "states": way.q,
+            "controls": way.u,
             "room": case.room(way),
             "rollout_error": case.error(way),
         }
         for name, way in case.ways.items()
     }
     return {
-        "obstacles": obstacles(case.plans).tolist(),
+        "obstacles": obstacles(case.plans),
         "radius": RADIUS,
-        "printed": [{"states": q.tolist(), "controls": u.tolist()} for q, u in case.printed],
+        "printed": [{"states": q, "controls": u} for q, u in case.printed],
         "left_out": case.leap,
         "legs_certified": [leg.certified for leg in case.legs],
         "discs_objective": case.discs.objective,
         "discs_certified": case.discs.certified,
         **ways,
+    }
+
+
+def iterations_table(found: Iterations) -> Table:
+    """Return a table of Figure 6 and of both theorems."""
+    cases = {plans.case.name: _plans_text(plans) for plans in found.cases}
+    return named_rows(
+        {
+            "Theorem IV.1": f"{found.following}; {_followed(found.gradient)}",
+            "Theorem IV.2": found.hypothesis,
+            "as (32) has it": f"with diag(0.99, 0.1) at every state: {found.printed_hypothesis}",
+            **cases,
+            "(28)-(30), (33) printed": _letter_text(found.letter),
+        }
+    )
+
+
+def _plans_text(plans: Plans) -> str:
+    own, newton = plans.run, plans.newton.residuals
+    count = len(plans.starts)
+    done = int(own.settled.sum())
+    needed = ", ".join(str(int((sample >= own.tolerance).sum())) for sample in newton.T)
+    return (
+        f"{count} plans with lambda = |B/A| / 2: {done} settled after {own.rounds} outer "
+        f"iterations; from T_0 a Newton coordinator needs {needed}"
+    )
+
+
+def _followed(run: TwoLevelRun) -> str:
+    distances = run.distances
+    if distances is None:
+        return "not measured"
+    v, mu = ((part / distances.told).max() for part in (distances.v, distances.mu))
+    return (
+        f"measured in {counted(run.rounds, 'outer iterations')}: at most {v:.3g} and {mu:.3g} times"
+    )
+
+
+def _letter_text(run: TwoLevelRun) -> str:
+    found, gain = run.lyapunov, run.gains[:, 0, 0]
+    if found is None:
+        return run.message(0)
+    return (
+        f"{run.message(0)}; lambda from {gain[0]:.3g} to {gain[-1]:.3g}, Theta from "
+        f"{found.theta[0, 0]:.3g} to {found.theta[-1, 0]:.3g}: the stages never read the map, and "
+        "t and beta drive each other"
+    )
+
+
+def iterations_dict(found: Iterations) -> dict[str, Any]:
+    """Return the data of Figure 6 and of both theorems for JSON."""
+    return {
+        "theorem_IV_1_rates": [found.following.v, found.following.mu],
+        "theorem_IV_2_holds": found.hypothesis.holds,
+        "theorem_IV_2_holds_as_printed": found.printed_hypothesis.holds,
+        **{plans.case.name: _curves(plans.run) for plans in found.cases},
+        "(28)-(30), (33) printed": _curves(found.letter),
+    }
+
+
+def _curves(run: TwoLevelRun) -> dict[str, Any]:
+    found, printed = run.lyapunov, run.printed_lyapunov
+    if found is None or printed is None:
+        return {}
+    return {
+        "lambda": run.gains[:, 0].T,
+        "A": found.A.T,
+        "B": found.B.T,
+        "theta": found.theta.T,
+        "A_as_printed": printed.A.T,
+        "B_as_printed": printed.B.T,
+        "settled": run.settled,
     }

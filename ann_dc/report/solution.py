@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.table import Table
 
+from ann_dc import plotting
 from ann_dc.backends.curves import write_curves
 from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
@@ -121,20 +122,11 @@ def write_solution(
 ) -> list[Path]:
     """Write the requested files and return their paths.
 
-    Parameters
-    ----------
-    plot : Path, optional
-        Folder of the figures.
-    json_file, curves, network : Path, optional
-        Files of the result, of all neurons over time (.csv or .npz), and of the network with its
-        gains.
-    folder : Path, optional
-        Folder with the complete solution for `load_solution`.
+    `plot` is the folder of the figures, `curves` the file of all neurons over time (.csv or .npz),
+    `network` that of the network with its gains, and `folder` is for `load_solution`.
     """
     written: list[Path] = []
     if plot is not None:
-        from ann_dc import plotting  # loads matplotlib
-
         progress("drawing")
         written += plotting.save_all(solution, plot)
     if json_file is not None:

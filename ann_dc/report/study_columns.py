@@ -1,4 +1,4 @@
-"""Column of a study table as arrays: numbers, or text with a code per record.
+"""Columns of a study table, with medians and quantile bands of a metric over a setting.
 
 Statistics are computed by groups of records. A column with few values has one group per value. A
 column with many numbers is divided into groups of equal size.
@@ -6,9 +6,10 @@ column with many numbers is divided into groups of equal size.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,18 +33,9 @@ FEWEST_GROUPS, MOST_GROUPS = 4, 30
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Column:
-    """One column of the table.
+    """One column of the table: `numbers` (rows,), nan if missing; or text.
 
-    Attributes
-    ----------
-    unit : str
-        Unit of measure; may be empty.
-    says : str
-        Meaning in one sentence; may be empty.
-    numbers : array (rows,) of float, or None
-        Values, nan if missing; None for text.
-    codes : array (rows,) of int, or None
-        Index into `words` for text.
+    The `codes` (rows,) of a text are indices into `words`. `says` is the meaning in one sentence.
     """
 
     name: str
@@ -167,3 +159,128 @@ def _word(cell: Any) -> str:
     if cell is None or cell != cell:
         return ""
     return str(cell).lower() if isinstance(cell, (bool, np.bool_)) else str(cell)
+
+
+SMALLEST_CLUSTER = 0.2
+"""Smallest fraction of the cases of a group in a cluster."""
+GAP = 0.25
+"""Gap between clusters, as a fraction of the range of the group."""
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+
+class Combination(NamedTuple):
+    """Records `rows` of one combination of the other settings.
+
+    The label has the values of these settings. `is_whole` is True if no other setting varies.
+    """
+
+    label: str
+    rows: np.ndarray
+    is_whole: bool
+
+
+class Band(NamedTuple):
+    """Quantiles (5, groups) of a metric at 5, 25, 50, 75 and 95 %, by groups of records.
+
+    `at` (groups,) is the median of the setting in each group, or the code of a text. A group of two
+    clusters is `clustered`: its median may not be close to any case.
+    """
+
+    at: np.ndarray
+    quantiles: np.ndarray
+    counts: np.ndarray
+    clustered: np.ndarray
+
+
+def band(setting: Column, metric: Column) -> Band | None:
+    """Return the band of a metric over a setting; None for too few cases."""
+    if setting.groups is None:
+        return None
+    known = np.flatnonzero(metric.finite & (setting.groups >= 0))
+    if not len(known):
+        return None
+    known = known[np.argsort(setting.groups[known], kind="stable")]
+    codes, starts = np.unique(setting.groups[known], return_index=True)
+    parts, of_setting = (
+        np.split(column.as_numbers[known], starts[1:]) for column in (metric, setting)
+    )
+    is_text = setting.numbers is None
+    return Band(
+        codes if is_text else np.array([np.quantile(part, 0.5) for part in of_setting]),
+        np.array([np.quantile(part, QUANTILES) for part in parts]).T,
+        np.array([len(part) for part in parts]),
+        np.array([is_clustered(metric.scaled(part)) for part in parts]),
+    )
+
+
+def combinations(
+    settings: Sequence[Column], rows: np.ndarray, most: int
+) -> list[Combination] | None:
+    """Split records by combinations of settings; None for more than `most` of text.
+
+    All text settings split the records. Numeric settings split them as long as there are not too
+    many combinations. A median over several combinations may not be close to any case.
+    """
+    codes, count = np.zeros(len(rows), int), 1
+    chosen: list[Column] = []
+    for one in sorted(settings, key=lambda one: (one.numbers is not None, len(one.distinct))):
+        local = one.places[rows]
+        names, wider = np.unique(codes * (local.max() + 1) + local, return_inverse=True)
+        if len(names) <= most:
+            codes, count, chosen = wider, len(names), [*chosen, one]
+        elif one.numbers is None:
+            return None
+    parts = (rows[codes == number] for number in range(count))
+    return [
+        Combination(
+            ", ".join(_valued(one, int(part[0])) for one in chosen),
+            part,
+            len(chosen) == len(settings),
+        )
+        for part in parts
+    ]
+
+
+def _valued(setting: Column, row: int) -> str:
+    value = setting.cell(row)
+    if isinstance(value, str):
+        return value or f"no {setting.name}"
+    return f"{setting.name} {value:.4g}"
+
+
+def is_clustered(values: np.ndarray) -> bool:
+    """Return True if values form two clusters, each with at least a fifth of them.
+
+    The gap between the clusters exceeds a quarter of the range and 1.5 (1 + ln n) / n of the range.
+    The largest gap of n uniformly distributed values is about ln(n) / n.
+
+    Examples
+    --------
+    >>> is_clustered(np.array([1.0, 1.1, 1.2, 9.0, 9.1])), is_clustered(np.arange(5.0))
+    (True, False)
+    """
+    ordered, count = np.sort(values), len(values)
+    least = max(2, int(np.ceil(SMALLEST_CLUSTER * count)))
+    gaps = np.diff(ordered)[least - 1 : count - least]
+    if count < 2 * least or not ordered[-1] > ordered[0]:
+        return False
+    needed = max(GAP, 1.5 * (1 + np.log(count)) / count)
+    return bool(gaps.max(initial=0.0) > needed * (ordered[-1] - ordered[0]))
+
+
+def strength(setting: Column, metric: Column) -> float:
+    """Return the fraction of a metric's rank variance explained by groups, 0 to 1.
+
+    A setting with few records has four groups.
+    """
+    from scipy.stats import rankdata
+
+    group = setting.groups
+    if group is None:
+        group = np.where(setting.finite, setting.places * 4 // len(setting.distinct), -1)
+    known = metric.finite & (group >= 0)
+    ranks, group = rankdata(metric.as_numbers[known]), group[known]
+    if len(ranks) < 2 or np.ptp(ranks) == 0:
+        return 0.0
+    means = np.bincount(group, ranks) / np.maximum(np.bincount(group), 1)
+    return float(np.var(means[group]) / np.var(ranks))

@@ -6,21 +6,12 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
 
-from ann_dc.hardware.parts import presets
 from ann_dc.hardware.parts.datasheet import Datasheet, Tolerances
-from ann_dc.hardware.parts.foundry import SKY130
-from ann_dc.hardware.parts.levels import BEHAVIOURAL, TRANSISTOR, Level, macro, ota_c
+from ann_dc.hardware.parts.level_words import FOR_A_NETWORK, level_words
+from ann_dc.hardware.parts.levels import Level
 
-MAKERS = {
-    "behavioural": lambda: BEHAVIOURAL,
-    "macro": macro,
-    "differential": lambda: macro(differential=True),
-    "ota-c": ota_c,
-    "transistor": lambda: TRANSISTOR,
-    "sky130": lambda: SKY130,
-}
-LEVELS = (*MAKERS, *presets.names())
-"""Names of all levels that a study can build."""
+LEVELS = {word: found for word, found in level_words().items() if word not in FOR_A_NETWORK}
+"""Levels that a study can build."""
 FIGURES = {f.name for f in fields(Datasheet) if f.type == "float"}
 
 
@@ -35,8 +26,7 @@ def level_of(circuit: Mapping[str, Any], tolerances: Mapping[str, float]) -> Lev
     >>> level_of({"level": "opa192_ad734", "gbw": 5e6}, {"resistor": 1e-3}).tolerances.resistor
     0.001
     """
-    word = circuit.get("level", "macro")
-    level = MAKERS[word]() if word in MAKERS else presets.get(word)
+    level = LEVELS[circuit.get("level", "macro")].made()
     figures = {name: value for name, value in circuit.items() if name in FIGURES}
     known = level.datasheet.tolerances
     if tolerances:

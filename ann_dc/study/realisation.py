@@ -37,13 +37,13 @@ from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.buildable import with_rails
 from ann_dc.network.inputs import input_batch, moved_starts
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import ALL_KINDS, PreconditionerKind
+from ann_dc.network.preconditioners.base import ALL_KINDS, KINDS, PreconditionerKind
 from ann_dc.network.preconditioners.multilevel import Multilevel
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solver import design, synthesize
 from ann_dc.study.model_levels import level_of
 from ann_dc.study.records import Value
-from ann_dc.study.settings import KINDS, Subject, behind, chosen, is_built
+from ann_dc.study.settings import Subject, behind, chosen, is_built
 
 # ---- A designed network as a point of a study has it: other gains, inputs, start and nonidealities
 

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ann_dc.backends import step_rules
+from ann_dc.backends.step_rules import ORDERS
 from ann_dc.dataclass_pickling import Record
 from ann_dc.decomposition.form import SWITCHES
 from ann_dc.errors import AnnDcError, StudyError
@@ -28,7 +28,7 @@ from ann_dc.gain_design.gain_rule import GainRule
 from ann_dc.hardware.parts.datasheet import Datasheet, Kind as PartKind, Tolerances
 from ann_dc.hardware.parts.e_series import SERIES
 from ann_dc.network.network import Network
-from ann_dc.network.preconditioners.base import PreconditionerKind
+from ann_dc.network.preconditioners.base import KINDS
 from ann_dc.problem import plants
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.serialisation import WrittenProblem, declared, written
@@ -189,12 +189,8 @@ def _digest(network: Network) -> str:
     return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
-KINDS = {kind.name.lower().replace("_", "-"): kind for kind in PreconditionerKind}
-"""Preconditioner kinds by name."""
 STARTS = ("line", "zero", "random")
 BACKENDS = ("ode", "recurrent", "emulation", "spice")
-ORDERS = {name.replace(" ", "-"): order for name, order in step_rules.ORDERS.items()}
-"""Update orders by name."""
 CIRCUITS = ("emulation", "spice")
 """Backends that run circuits."""
 OF_NETWORKS = ("nonideal.", "start.", "run.order", "run.step", "run.tolerance", "run.limit")

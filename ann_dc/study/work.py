@@ -22,7 +22,7 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.backends.recurrent.backend import RecurrentBackend
 from ann_dc.backends.settling import Settling
 from ann_dc.backends.spice.backend import simulate
-from ann_dc.backends.step_rules import FixedStep
+from ann_dc.backends.step_rules import ORDERS, FixedStep
 from ann_dc.errors import AnnDcError, StudyError
 from ann_dc.evaluation.variant_numbers import Numbers, numbers_of, require_one_wiring
 from ann_dc.hardware.nonidealities.numbers import drawn_numbers
@@ -54,7 +54,7 @@ from ann_dc.study.records import (
     without_result,
 )
 from ann_dc.study.sample import BatchSample, RunSample, Sample
-from ann_dc.study.settings import ORDERS, Subject, backend_of, behind
+from ann_dc.study.settings import Subject, backend_of, behind
 from ann_dc.study.stored_trajectories import packed
 from ann_dc.study.tasks import Task
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain

@@ -12,7 +12,7 @@ def test_orders_have_names():
     assert {name: repr(order) for name, order in ORDERS.items()} == {
         "simultaneous": "simultaneous",
         "two-phase": "two-phase",
-        "stage by stage": "stage by stage",
+        "stage-by-stage": "stage by stage",
     }
 
 

@@ -27,7 +27,7 @@ from ann_dc.navigation.planner_design import design_planner, planner_for
 from ann_dc.navigation.safety_filter import SafetyFilter
 from ann_dc.navigation.scenario import random_scenario
 from ann_dc.navigation.waypoint_planner import design_waypoint_planner
-from ann_dc.plotting.worlds.journey import journey as picture
+from ann_dc.plotting.worlds import journey as picture
 from ann_dc.problem.robot import Robot, car_robot
 from ann_dc.problem.robot_planning import NONLINEAR, planning_problem
 from ann_dc.problem.soft import Soft

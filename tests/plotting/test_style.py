@@ -39,7 +39,10 @@ def test_network_time_is_never_read_as_seconds(car, diverged, picture):
         for axes in figure.axes:
             label = axes.get_xlabel()
             assert not re.search(r"\bs\b(?!\))", label)
-            assert "network time" not in label or label in (plotting.FASTEST, plotting.UNSCALED)
+            assert "network time" not in label or label in (
+                plotting.style.FASTEST,
+                plotting.style.UNSCALED,
+            )
 
 
 def test_no_unit_is_made_up():

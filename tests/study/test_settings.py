@@ -5,9 +5,9 @@ import math
 import pytest
 
 import ann_dc
-from ann_dc.backends.spice.level_words import level_words
 from ann_dc.errors import StudyError
 from ann_dc.hardware.parts.datasheet import Kind
+from ann_dc.hardware.parts.level_words import level_words
 from ann_dc.study.realisation import BRINGERS
 from ann_dc.study.settings import FAMILIES, WORDS, names_of, subject_of
 from ann_dc.study.study import Study

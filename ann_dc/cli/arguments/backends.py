@@ -14,7 +14,8 @@ from typing import Annotated, Any
 
 import typer
 
-from ann_dc.cli.arguments.lookup import hyphened, named
+from ann_dc.cli.arguments.options import option
+from ann_dc.cli.arguments.words import named
 from ann_dc.errors import ProblemError, require_positive
 from ann_dc.progress import Progress, silent
 
@@ -28,95 +29,59 @@ FormOption = Annotated[
         help="Equations: corrected, printed (as in the paper), or one slip of it, S1 to S17.",
     ),
 ]
-BackendOption = Annotated[
-    str,
-    typer.Option(
-        metavar="BACKEND",
-        help="How the network runs: ode (continuous time), recurrent (steps in discrete time).",
-    ),
-]
-LimitOption = Annotated[
-    float | None,
-    typer.Option(
-        help="Longest run: in fastest time constants of the network (ode), in steps (recurrent).",
-        show_default="20000 or 50000",
-    ),
-]
 
 
 @dataclass(frozen=True, kw_only=True)
 class StartOptions:
     """Initial guess of the neurons."""
 
-    start: Annotated[
-        str,
-        typer.Option(
-            metavar="START", help="Initial neurons: line (from q_0 to q_d), zero, random."
-        ),
-    ] = "line"
-    seed: Annotated[
-        int, typer.Option(min=0, help="Seed of --start random, of --starts, or of --over.")
-    ] = 0
-    starts: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="COUNT",
-            help="Run from so many seeded starts at once, in recurrent steps, and tell which "
-            "optima there are; the best one is written.",
-        ),
-    ] = None
+    start: str = option(
+        "Initial neurons: line (from q_0 to q_d), zero, random.", default="line", metavar="START"
+    )
+    seed: int = option("Seed of --start random, of --starts, or of --over.", default=0, min=0)
+    starts: int | None = option(
+        "Run from so many seeded starts at once, in recurrent steps, and tell which "
+        "optima there are; the best one is written.",
+        min=1,
+        metavar="COUNT",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
     """Options of a single backend; None for an option that was not given."""
 
-    method: Annotated[
-        str | None,
-        typer.Option(
-            metavar="METHOD",
-            help="Integrator: compiled, or SciPy's RK23, RK45, DOP853, Radau, BDF, LSODA.",
-            show_default="compiled",
-            rich_help_panel=ODE_PANEL,
-        ),
-    ] = None
-    verify: Annotated[
-        bool | None,
-        typer.Option(
-            "--verify/--no-verify",
-            help="Run twice, the second time at 100 times tighter tolerances.",
-            show_default="verify",
-            rich_help_panel=ODE_PANEL,
-        ),
-    ] = None
-    order: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ORDER",
-            help="Which neurons move when: simultaneous, two-phase (duals after primals), "
-            "stage-by-stage (one cell serves the stages in turn).",
-            show_default="simultaneous",
-            rich_help_panel=RECURRENT_PANEL,
-        ),
-    ] = None
-    step: Annotated[
-        str | None,
-        typer.Option(
-            metavar="H",
-            help="Unit time constants of a step, or adaptive (as long as progress earns it).",
-            show_default="adaptive",
-            rich_help_panel=RECURRENT_PANEL,
-        ),
-    ] = None
-    accelerate: Annotated[
-        bool,
-        typer.Option(
-            "--accelerate",
-            help="Anderson acceleration: fewer steps, with a memory of the last 20; needs torch.",
-            rich_help_panel=RECURRENT_PANEL,
-        ),
-    ] = False
+    method: str | None = option(
+        "Integrator: compiled, or SciPy's RK23, RK45, DOP853, Radau, BDF, LSODA.",
+        metavar="METHOD",
+        show_default="compiled",
+        rich_help_panel=ODE_PANEL,
+    )
+    verify: bool | None = option(
+        "Run twice, the second time at 100 times tighter tolerances.",
+        "--verify/--no-verify",
+        show_default="verify",
+        rich_help_panel=ODE_PANEL,
+    )
+    order: str | None = option(
+        "Which neurons move when: simultaneous, two-phase (duals after primals), "
+        "stage-by-stage (one cell serves the stages in turn).",
+        metavar="ORDER",
+        show_default="simultaneous",
+        rich_help_panel=RECURRENT_PANEL,
+    )
+    step: str | None = option(
+        "Unit time constants of a step, or adaptive (as long as progress earns it).",
+        metavar="H",
+        show_default="adaptive",
+        rich_help_panel=RECURRENT_PANEL,
+    )
+    accelerate: bool = option(
+        "Anderson acceleration: fewer steps, with a memory of the last 20; needs torch.",
+        "--accelerate",
+        default=False,
+        rich_help_panel=RECURRENT_PANEL,
+    )
 
     def given(self) -> dict[str, Any]:
         """Return the options that were given."""
@@ -202,7 +167,7 @@ def _recurrent(
     from ann_dc.backends.step_rules import ORDERS, Anderson, FixedStep
 
     if order is not None:
-        settings["order"] = named("--order", order.replace(" ", "-"), hyphened(ORDERS))
+        settings["order"] = named("--order", order.replace(" ", "-"), ORDERS)
     if length is not None:
         settings["step"] = FixedStep(step=length)
     if accelerate:

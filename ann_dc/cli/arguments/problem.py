@@ -14,44 +14,12 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Protocol, TypeVar
-
-import typer
+from typing import Any, Protocol, TypeVar
 
 from ann_dc.cli.arguments.numbers import number_of, settings_of, value_of
+from ann_dc.cli.arguments.options import argument, option
 from ann_dc.errors import AnnDcError, ProblemError, UnknownNameError
 from ann_dc.timing import phase
-
-ProblemArgument = Annotated[
-    str,
-    typer.Argument(metavar="PROBLEM", help="Name of a plant (see: ann-dc plants) or a .toml file."),
-]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="NAME=VALUE",
-        help="Change a parameter of the plant: a number, or numbers with commas (D=0.5, "
-        "q_d=5,5,0,free). In a .toml problem: q_0, q_d, horizon, dt. In both: scale.x=1000, what a "
-        "network value of 1 stands for. Repeatable.",
-    ),
-]
-HorizonOption = Annotated[
-    int | None, typer.Option("--horizon", "-N", help="Number of stages N, each of dt seconds.")
-]
-StartStateOption = Annotated[
-    str | None,
-    typer.Option(
-        "--q-0", metavar="NUMBERS", help="State at the start; 'free' leaves a component open."
-    ),
-]
-TargetOption = Annotated[
-    str | None,
-    typer.Option(
-        "--q-d", metavar="NUMBERS", help="State at the end; 'free' leaves a component open."
-    ),
-]
-
 
 SCALE = "scale."
 """Prefix that distinguishes a manual scale from a parameter of a plant."""
@@ -64,11 +32,23 @@ NOT_FINITE = re.compile(r"\b(infs?|nans?|finite|too big|too large|maximum)\b", r
 class ProblemOptions:
     """Options that describe a problem."""
 
-    problem: ProblemArgument
-    settings: SetOption = None
-    horizon: HorizonOption = None
-    q_0: StartStateOption = None
-    q_d: TargetOption = None
+    problem: str = argument(
+        "Name of a plant (see: ann-dc plants) or a .toml file.", metavar="PROBLEM"
+    )
+    settings: list[str] | None = option(
+        "Change a parameter of the plant: a number, or numbers with commas (D=0.5, "
+        "q_d=5,5,0,free). In a .toml problem: q_0, q_d, horizon, dt. In both: scale.x=1000, what a "
+        "network value of 1 stands for. Repeatable.",
+        "--set",
+        metavar="NAME=VALUE",
+    )
+    horizon: int | None = option("Number of stages N, each of dt seconds.", "--horizon", "-N")
+    q_0: str | None = option(
+        "State at the start; 'free' leaves a component open.", "--q-0", metavar="NUMBERS"
+    )
+    q_d: str | None = option(
+        "State at the end; 'free' leaves a component open.", "--q-d", metavar="NUMBERS"
+    )
 
     @phase("problem")
     def declared(self):

@@ -1,16 +1,1 @@
 from .app import main as main
-from .circuit import circuit as circuit
-from .coordinate import coordinate as coordinate
-from .design import design as design
-from .export import export as export
-from .inspect import inspect as inspect
-from .levels import ladder as ladder
-from .navigate import navigate as navigate
-from .paper import paper as paper
-from .places import PlaceOptions as PlaceOptions
-from .plants import plants as plants
-from .questions import BoardOptions as BoardOptions
-from .report import report as report
-from .show import show as show
-from .solve import solve as solve
-from .study import study as study

@@ -16,6 +16,7 @@ import gc
 import io
 import sys
 from collections.abc import Iterator, Mapping
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
@@ -23,15 +24,25 @@ import typer.main
 from rich.text import Text
 from typer.core import TyperGroup
 
-from ann_dc.cli import commands
 from ann_dc.cli.terminal import console
 from ann_dc.errors import AnnDcError
 
-COMMANDS = (
-    "solve", "design", "coordinate", "circuit", "ladder", "navigate", "study", "report", "export",
-    "inspect", "show", "plants", "paper",
-)  # fmt: skip
-"""Names of the functions that `commands` exports, in the order of the help."""
+COMMANDS = {
+    "solve": "solve",
+    "design": "design",
+    "coordinate": "coordinate",
+    "circuit": "circuit",
+    "ladder": "levels",
+    "navigate": "navigate",
+    "study": "study",
+    "report": "study",
+    "export": "export",
+    "inspect": "export",
+    "show": "show",
+    "plants": "show",
+    "paper": "paper",
+}
+"""Modules by command, in the order of the help; a function has the name of its command."""
 
 
 class _OnDemand(Mapping[str, Any]):
@@ -41,11 +52,10 @@ class _OnDemand(Mapping[str, Any]):
         self._loaded: dict[str, Any] = {}
 
     def __getitem__(self, name: str) -> Any:
-        if name not in COMMANDS:
-            raise KeyError(name)
         if name not in self._loaded:
+            module = import_module(f"ann_dc.cli.commands.{COMMANDS[name]}")
             alone = typer.Typer(add_completion=False)
-            alone.command(name)(getattr(commands, name))
+            alone.command(name)(getattr(module, name))
             self._loaded[name] = typer.main.get_command(alone)
         return self._loaded[name]
 

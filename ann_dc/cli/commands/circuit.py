@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from ann_dc.cli.arguments.kinds import PreconditionerOption, preconditioner_of
-from ann_dc.cli.arguments.levels import (
+from ann_dc.cli.arguments.options import (
+    CurvesOption,
+    FigureOption,
+    JsonOption,
+    QuietOption,
+    option,
+    timed,
+)
+from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
+from ann_dc.cli.arguments.words import (
     LevelOptions,
     MarginOption,
+    PreconditionerOption,
     level_of,
+    preconditioner_of,
     series_of,
 )
-from ann_dc.cli.arguments.output import CurvesOption, FigureOption, JsonOption, QuietOption, timed
-from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
-from ann_dc.cli.arguments.records import unfolded
-from ann_dc.cli.commands.places import PlaceOptions
-from ann_dc.cli.commands.questions import SAMPLES, TRIMMED, BoardOptions
-from ann_dc.cli.terminal import console, list_files, progress_line
+from ann_dc.cli.commands.questions import SAMPLES, TRIMMED, BoardOptions, PlaceOptions
+from ann_dc.cli.terminal import finish, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.report.json_file import make_room
 
@@ -30,26 +33,20 @@ class BuildOptions:
     """Options of the circuit construction from the parts of a level."""
 
     margin: MarginOption = None
-    full_scale: Annotated[
-        float | None,
-        typer.Option(
-            metavar="V",
-            help="Voltage that stands for the largest value.",
-            show_default="the level's, 1 at most if controls have bounds",
-        ),
-    ] = None
-    seed: Annotated[
-        int | None,
-        typer.Option(min=0, help="Draw offsets, tolerances and gain errors of the level's parts."),
-    ] = None
-    resistors: Annotated[
-        str,
-        typer.Option(
-            metavar="SERIES",
-            help="Take resistors from E12, E24, E96, or E24-pairs, E96-pairs (two in series), and "
-            "capacitors from E24, or E12 with E12; what is drawn comes on top.",
-        ),
-    ] = "exact"
+    full_scale: float | None = option(
+        "Voltage that stands for the largest value.",
+        metavar="V",
+        show_default="the level's, 1 at most if controls have bounds",
+    )
+    seed: int | None = option(
+        "Draw offsets, tolerances and gain errors of the level's parts.", min=0
+    )
+    resistors: str = option(
+        "Take resistors from E12, E24, E96, or E24-pairs, E96-pairs (two in series), and "
+        "capacitors from E24, or E12 with E12; what is drawn comes on top.",
+        default="exact",
+        metavar="SERIES",
+    )
     preconditioner: PreconditionerOption = "diagonal"
 
 
@@ -57,45 +54,31 @@ class BuildOptions:
 class StudyOptions:
     """Requested analyses of the circuit."""
 
-    budget: Annotated[
-        int,
-        typer.Option(metavar="COUNT", min=0, help="List the parts whose errors cost most."),
-    ] = 0
-    samples: Annotated[
-        int | None,
-        typer.Option(
-            metavar="COUNT",
-            min=1,
-            help="Draw so many circuits of the level's parts, and predict the error of each.",
-            show_default=f"none; with --yield {SAMPLES}, with --trim {TRIMMED}",
-        ),
-    ] = None
-    loops: Annotated[
-        int,
-        typer.Option(
-            metavar="COUNT", min=0, help="List the op amps with the smallest phase margins."
-        ),
-    ] = 0
-    simulated: Annotated[
-        bool,
-        typer.Option(
-            "--simulate/--no-simulate",
-            help="Run ngspice; without it netlist, bill, prediction and budget are still there.",
-        ),
-    ] = True
+    budget: int = option(
+        "List the parts whose errors cost most.", default=0, metavar="COUNT", min=0
+    )
+    samples: int | None = option(
+        "Draw so many circuits of the level's parts, and predict the error of each.",
+        metavar="COUNT",
+        min=1,
+        show_default=f"none; with --yield {SAMPLES}, with --trim {TRIMMED}",
+    )
+    loops: int = option(
+        "List the op amps with the smallest phase margins.", default=0, metavar="COUNT", min=0
+    )
+    simulated: bool = option(
+        "Run ngspice; without it netlist, bill, prediction and budget are still there.",
+        "--simulate/--no-simulate",
+        default=True,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class CircuitFiles:
     """Output files."""
 
-    deck: Annotated[
-        Path | None, typer.Option("--deck", metavar="FILE", help="Write the netlist.")
-    ] = None
-    bill: Annotated[
-        Path | None,
-        typer.Option("--bill", metavar="FILE", help="Write every component's value (CSV)."),
-    ] = None
+    deck: Path | None = option("Write the netlist.", "--deck", metavar="FILE")
+    bill: Path | None = option("Write every component's value (CSV).", "--bill", metavar="FILE")
     figure: FigureOption = None
     curves: CurvesOption = None
     json_file: JsonOption = None
@@ -120,7 +103,6 @@ class CircuitFiles:
             make_room(file)
 
 
-@unfolded
 @timed
 def circuit(
     *,
@@ -177,7 +159,7 @@ def circuit(
         declared = problem.declared()
         files.make_room(study.simulated)
         board.check(_of_one_circuit(build, study, files, board), level.level)
-        stands = place.nominal() if board.corners else place.single()
+        stands = (PlaceOptions() if board.corners else place).single()
         chosen, series = level_of(level, netlist=board.written), series_of(build.resistors)
         kind = preconditioner_of(build.preconditioner)
 
@@ -218,10 +200,7 @@ def circuit(
                 )
                 report = CircuitReport(problem=declared, backend=backend, found=found)
         tables, written = report.tables(), report.write(**files.given())
-    for part in tables:
-        console(quiet=quiet).print(part)
-    list_files(written, quiet=quiet)
-    raise typer.Exit(0 if report.good else 1)
+    finish(tables, written, quiet=quiet, code=0 if report.good else 1)
 
 
 def _of_one_circuit(

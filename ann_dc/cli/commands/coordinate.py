@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
-
-import typer
 
 from ann_dc.cli.arguments.backends import lower_of
-from ann_dc.cli.arguments.lookup import named
-from ann_dc.cli.arguments.output import JsonOption, QuietOption, timed
+from ann_dc.cli.arguments.options import JsonOption, QuietOption, option, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
-from ann_dc.cli.arguments.records import unfolded
-from ann_dc.cli.terminal import console, list_files, progress_line
+from ann_dc.cli.arguments.words import named
+from ann_dc.cli.terminal import finish, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.report.json_file import make_room, write_json
 
@@ -24,38 +20,30 @@ SMALLEST_TOLERANCE = 1e-8
 class CoordinationOptions:
     """Options of the coordinator and of the stages."""
 
-    coordinator: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="Upper level: gradient (17), newton (a banded linear system each iteration), "
-            "oracle (33: needs the solution, for studies).",
-        ),
-    ] = "gradient"
-    lower: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Lower level: closed (stage equations solved by Newton steps), iterated (16).",
-            show_default="closed; newton: linearised stages",
-        ),
-    ] = None
+    coordinator: str = option(
+        "Upper level: gradient (17), newton (a banded linear system each iteration), "
+        "oracle (33: needs the solution, for studies).",
+        default="gradient",
+        metavar="NAME",
+    )
+    lower: str | None = option(
+        "Lower level: closed (stage equations solved by Newton steps), iterated (16).",
+        metavar="NAME",
+        show_default="closed; newton: linearised stages",
+    )
 
 
-@unfolded
 @timed
 def coordinate(
     *,
     problem: ProblemOptions,
     levels: CoordinationOptions,
-    limit: Annotated[int, typer.Option(min=1, help="Most outer iterations.")] = 2000,
-    tolerance: Annotated[
-        float,
-        typer.Option(
-            help="Outer iterations are counted until the relative KKT residual stays below this; "
-            "the run goes on to 0.005 of it, so that its end can be certified."
-        ),
-    ] = 1e-6,
+    limit: int = option("Most outer iterations.", default=2000, min=1),
+    tolerance: float = option(
+        "Outer iterations are counted until the relative KKT residual stays below this; "
+        "the run goes on to 0.005 of it, so that its end can be certified.",
+        default=1e-6,
+    ),
     json_file: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -102,9 +90,8 @@ def coordinate(
             )
         if json_file is not None:
             write_json(json_file, as_dict(found))
-    console(quiet=quiet).print(coordination_table(found))
-    list_files([] if json_file is None else [json_file], quiet=quiet)
-    raise typer.Exit(0 if found.certified else 1)
+    written = [] if json_file is None else [json_file]
+    finish([coordination_table(found)], written, quiet=quiet, code=0 if found.certified else 1)
 
 
 def _check_tolerance(tolerance: float) -> None:

@@ -1,18 +1,19 @@
-"""``ann-dc design``: gains of a network, compared candidates and diagnosis."""
+"""``ann-dc design``: gains of a network, compared candidates and diagnosis.
+
+Operating range of inputs as options: ``--over q_d.x=3:7``.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from ann_dc.cli.arguments.backends import StartOptions, start_of
-from ann_dc.cli.arguments.family import FamilyOptions
-from ann_dc.cli.arguments.kinds import KindsOption, kinds_of
-from ann_dc.cli.arguments.output import QuietOption, timed
+from ann_dc.cli.arguments.options import QuietOption, option, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
-from ann_dc.cli.arguments.records import unfolded
+from ann_dc.cli.arguments.words import KindsOption, kinds_of
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.errors import DesignError
 from ann_dc.files import make_folder
@@ -21,7 +22,21 @@ from ann_dc.network.preconditioners.base import ALL_KINDS
 from ann_dc.timing import phase
 
 
-@unfolded
+@dataclass(frozen=True, kw_only=True)
+class FamilyOptions:
+    """Options that describe an operating range."""
+
+    over: list[str] | None = option(
+        "Design one network for a range of an input: q_d.x=3:7, q_0.phi=-0.5:0.5, or an input "
+        "that the problem declares. Repeatable.",
+        "--over",
+        metavar="INPUT=LOW:HIGH",
+    )
+    held_out: int = option(
+        "With --over: inputs of the validation.", "--held-out", default=1000, min=1
+    )
+
+
 @timed
 def design(
     *,
@@ -29,19 +44,12 @@ def design(
     start: StartOptions,
     preconditioner: KindsOption = None,
     family: FamilyOptions,
-    refine: Annotated[
-        bool, typer.Option("--refine", help="Search for faster gains: seconds more.")
-    ] = False,
-    why: Annotated[
-        bool, typer.Option("--why", help="Why it is as slow as it is, and what would help.")
-    ] = False,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Write design.json, network.npz and a picture (--why, --over) into this folder.",
-        ),
-    ] = None,
+    refine: bool = option("Search for faster gains: seconds more.", "--refine", default=False),
+    why: bool = option("Why it is as slow as it is, and what would help.", "--why", default=False),
+    out: Path | None = option(
+        "Write design.json, network.npz and a picture (--why, --over) into this folder.",
+        metavar="DIR",
+    ),
     quiet: QuietOption = False,
 ) -> None:
     """Choose the gains of a problem's network, without running it to the end.

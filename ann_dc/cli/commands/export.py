@@ -1,18 +1,20 @@
-"""``ann-dc export``: export of a network in the formats of external tools."""
+"""``ann-dc export``: export of a network in the formats of external tools.
+
+``ann-dc inspect``: content and verification of a network file or an export.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
-from ann_dc.cli.arguments.kinds import KINDS, preconditioner_of
 from ann_dc.cli.arguments.numbers import pairs_of
-from ann_dc.cli.arguments.output import QuietOption, timed
+from ann_dc.cli.arguments.options import QuietOption, argument, option, timed
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
-from ann_dc.cli.arguments.records import unfolded
-from ann_dc.cli.terminal import console, notes, progress_line
+from ann_dc.cli.arguments.words import KINDS, preconditioner_of
+from ann_dc.cli.terminal import console, finish, notes, progress_line
 from ann_dc.errors import ProblemError
 from ann_dc.progress import Progress
 
@@ -22,55 +24,43 @@ NETWORKS = (".npz", ".safetensors")
 
 def _list_formats(wanted: bool) -> None:
     if wanted:
-        from ann_dc.cli.commands.export_tables import formats_table
+        from ann_dc.report.exports import formats_table
 
         console().print(formats_table())
         raise typer.Exit
 
 
-@unfolded
 @timed
 def export(
     *,
     problem: ProblemOptions,
-    to: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="FORMAT,...",
-            show_default="weights",
-            help="Formats, or all of them: --formats. Repeatable.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Each format gets a folder of its name in DIR.")
-    ] = Path("out/export"),
-    given: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--with",
-            metavar="NAME=VALUE",
-            help="A setting of a format (see --formats), for instance bits=16. Repeatable.",
-        ),
-    ] = None,
-    preconditioner: Annotated[
-        str | None,
-        typer.Option(
-            "--metric",
-            metavar="KIND",
-            help=f"Preconditioner that is built: {', '.join(KINDS)}. A diagonal one needs "
-            "neighbours only; for long horizons the other kinds settle sooner.",
-            show_default="diagonal",
-        ),
-    ] = None,
-    formats: Annotated[
-        bool,
-        typer.Option(
-            "--formats",
-            is_eager=True,
-            callback=_list_formats,
-            help="List the formats, what each carries, and its settings; needs no PROBLEM.",
-        ),
-    ] = False,
+    to: list[str] | None = option(
+        "Formats, or all of them: --formats. Repeatable.",
+        metavar="FORMAT,...",
+        show_default="weights",
+    ),
+    out: Path = option(
+        "Each format gets a folder of its name in DIR.", default=Path("out/export"), metavar="DIR"
+    ),
+    given: list[str] | None = option(
+        "A setting of a format (see --formats), for instance bits=16. Repeatable.",
+        "--with",
+        metavar="NAME=VALUE",
+    ),
+    preconditioner: str | None = option(
+        f"Preconditioner that is built: {', '.join(KINDS)}. A diagonal one needs "
+        "neighbours only; for long horizons the other kinds settle sooner.",
+        "--metric",
+        metavar="KIND",
+        show_default="diagonal",
+    ),
+    formats: bool = option(
+        "List the formats, what each carries, and its settings; needs no PROBLEM.",
+        "--formats",
+        default=False,
+        is_eager=True,
+        callback=_list_formats,
+    ),
     quiet: QuietOption = False,
 ) -> None:
     """Export a network as weights or to runtimes, circuits, chips and figures.
@@ -156,3 +146,37 @@ def _saved(place: Path) -> Any:
     from ann_dc.weights.network_file import load
 
     return load(place)
+
+
+@timed
+def inspect(
+    *,
+    place: Path = argument(
+        "A weight file, the folder of an export, or one with several.", metavar="PATH"
+    ),
+    quiet: QuietOption = False,
+) -> None:
+    """Show the content of a file or export, and verify hashes and behaviour.
+
+    Names and hashes of all files of an export are checked. Files that can be
+    run are compared with their test vector, in their runtime if that is
+    installed. The network of a weight file is run until it settles. Code in a
+    file is never executed: torch programs and netlists are not run. Several
+    exports have one line each; inspect a single export for all details.
+
+    Usage examples:
+
+      ann-dc inspect network.npz
+      ann-dc inspect out/export/onnx
+      ann-dc inspect out/export
+
+    Exit code: 0 verified, 1 verification failed, 2 no network file or
+    export found.
+    """
+    with progress_line(quiet) as progress:
+        from ann_dc.export.catalogue import inspect_export
+        from ann_dc.report.exports import inspection_table, inspections_table
+
+        found = inspect_export(place, progress=progress)
+    shown = inspection_table(found[0]) if len(found) == 1 else inspections_table(found)
+    finish([shown], quiet=quiet, code=0 if all(each.good for each in found) else 1)

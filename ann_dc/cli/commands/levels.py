@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
-from ann_dc.cli.arguments.kinds import PreconditionerOption, preconditioner_of
-from ann_dc.cli.arguments.levels import MarginOption
-from ann_dc.cli.arguments.output import FigureOption, JsonOption, QuietOption, timed
+from ann_dc.cli.arguments.options import (
+    FigureOption,
+    JsonOption,
+    QuietOption,
+    option,
+    timed,
+)
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
-from ann_dc.cli.arguments.records import unfolded
-from ann_dc.cli.terminal import console, list_files, progress_line
+from ann_dc.cli.arguments.words import MarginOption, PreconditionerOption, preconditioner_of
+from ann_dc.cli.terminal import finish, progress_line
 from ann_dc.report.json_file import make_room
 
 
-@unfolded
 @timed
 def ladder(
     *,
     problem: ProblemOptions,
     margin: MarginOption = None,
-    seed: Annotated[
-        int, typer.Option(min=0, help="Of the offsets, tolerances and gain errors of the parts.")
-    ] = 1,
+    seed: int = option(
+        "Of the offsets, tolerances and gain errors of the parts.", default=1, min=0
+    ),
     preconditioner: PreconditionerOption = "diagonal",
-    slow: Annotated[
-        bool, typer.Option("--slow", help="Also what ngspice takes minutes for.")
-    ] = False,
+    slow: bool = option("Also what ngspice takes minutes for.", "--slow", default=False),
     figure: FigureOption = None,
     json_file: JsonOption = None,
     quiet: QuietOption = False,
@@ -75,5 +72,4 @@ def ladder(
             )
             done = [*rungs]
         written = write_ladder(done, declared, figure=figure, json_file=json_file)
-    console(quiet=quiet).print(ladder_table(done, str(declared)))
-    list_files(written, quiet=quiet)
+    finish([ladder_table(done, str(declared))], written, quiet=quiet)

@@ -4,39 +4,35 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
-from ann_dc.cli.arguments.lookup import named
-from ann_dc.cli.arguments.output import QuietOption
+from ann_dc.cli.arguments.options import QuietOption, argument, option, unfolded
+from ann_dc.cli.arguments.words import named
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.progress import Progress
 
 PLANNERS = {"network": "network", "waypoint": "waypoint", "as-printed": "as-printed"}
 
 
+@unfolded
 def navigate(
-    world: Annotated[Path, typer.Argument(metavar="WORLD.toml", help="The world, as text.")],
-    planner: Annotated[
-        str,
-        typer.Option(metavar="KIND", help="network; waypoint (the paper's IV.C); or as-printed."),
-    ] = "network",
-    budget: Annotated[
-        float,
-        typer.Option(metavar="N", help="Fastest time constants that the network has each period."),
-    ] = 1000.0,
-    horizon: Annotated[int, typer.Option(metavar="N", help="Stages of a plan.")] = 20,
-    period: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Control period, a stage of the plan.")
-    ] = 0.1,
-    safety_filter: Annotated[
-        bool, typer.Option(help="Whether the safety filter steps in where a plan would collide.")
-    ] = True,
-    film: Annotated[bool, typer.Option("--film", help="Write a film too (GIF).")] = False,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the pictures.")] = (
-        Path("out")
+    *,
+    world: Path = argument("The world, as text.", metavar="WORLD.toml"),
+    planner: str = option(
+        "network; waypoint (the paper's IV.C); or as-printed.", default="network", metavar="KIND"
     ),
+    budget: float = option(
+        "Fastest time constants that the network has each period.", default=1000.0, metavar="N"
+    ),
+    horizon: int = option("Stages of a plan.", default=20, metavar="N"),
+    period: float = option("Control period, a stage of the plan.", default=0.1, metavar="SECONDS"),
+    safety_filter: bool = option(
+        "Whether the safety filter steps in where a plan would collide.", default=True
+    ),
+    film: bool = option("Write a film too (GIF).", "--film", default=False),
+    out: Path = option("Folder for the pictures.", default=Path("out"), metavar="DIR"),
     quiet: QuietOption = False,
 ) -> None:
     """Drive a robot through a scenario, with a network that plans every period.

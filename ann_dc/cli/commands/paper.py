@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
+from ann_dc.cli.arguments.options import option, unfolded
 from ann_dc.cli.arguments.problem import arithmetic_of
 from ann_dc.cli.terminal import console, list_files, progress_line
 from ann_dc.files import make_folder
@@ -14,10 +15,10 @@ from ann_dc.progress import Progress
 from ann_dc.report.json_file import make_room, write_json
 
 
+@unfolded
 def paper(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for results and figures.")] = (
-        Path("out")
-    ),
+    *,
+    out: Path = option("Folder for results and figures.", default=Path("out"), metavar="DIR"),
 ) -> None:
     """Solve the paper's car example and show the effect of its printed equations.
 
@@ -75,11 +76,10 @@ def _two_levels(
         figure_3,
         figure_4,
         figure_5,
-        two_levels,
+        iterations as two_levels,
     )
     from ann_dc.problem.plants import car
-    from ann_dc.report import coordination
-    from ann_dc.report.paper import around_dict, around_table
+    from ann_dc.report import paper as report
 
     found = iterations(progress=progress)
     cases = [around(plans, car(), progress) for plans in found.cases]
@@ -95,6 +95,6 @@ def _two_levels(
         "theorem_IV_1": two_levels.figure_of_following(found),
     }
     written = [plotting.save(figure, out / f"{name}.png") for name, figure in figures.items()]
-    said = around_table(cases), coordination.iterations_table(found)
-    data = {"two levels": coordination.iterations_dict(found), "around": around_dict(cases)}
+    said = report.around_table(cases), report.iterations_table(found)
+    data = {"two levels": report.iterations_dict(found), "around": report.around_dict(cases)}
     return said, data, written

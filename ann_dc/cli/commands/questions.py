@@ -1,15 +1,71 @@
-"""Circuit analyses beyond one run: --corners, --yield, --trim, --dac and --adc."""
+"""Operating conditions of a circuit, and analyses beyond one run of it: `BoardOptions`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Annotated, Any
+from dataclasses import asdict, dataclass
+from typing import Any
 
-import typer
-
-from ann_dc.cli.commands.places import PANEL, PlaceOptions
+from ann_dc.cli.arguments.numbers import number_of
+from ann_dc.cli.arguments.options import option
 from ann_dc.errors import NetworkError, ProblemError
+
+PANEL = "Boards and chips"
+PLURALS = {"temperature": "temperatures", "supply": "supplies", "process": "processes"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceOptions:
+    """Temperature, supplies and process; comma-separated values with --corners."""
+
+    temperature: str | None = option(
+        "Degrees Celsius of the circuit, -55 to 150; with --corners several: -40,27,125.",
+        metavar="C",
+        show_default="27",
+        rich_help_panel=PANEL,
+    )
+    supply: str | None = option(
+        "Supplies over their nominal values, 0.5 to 1.5; rails follow them. With "
+        "--corners several: 0.9,1,1.1.",
+        metavar="SHARE",
+        show_default="1",
+        rich_help_panel=PANEL,
+    )
+    process: str | None = option(
+        "Of transistors, n- and p-channel devices typical, slow or fast: tt, ss, ff, sf, "
+        "fs. With --corners several.",
+        metavar="CORNER",
+        show_default="tt",
+        rich_help_panel=PANEL,
+    )
+
+    def several(self) -> dict[str, list]:
+        """Return all given values by parameter name of `corners`."""
+        return {PLURALS[name]: values for name, values in self._given().items()}
+
+    def single(self):
+        """Return the `Conditions` of a single operating point.
+
+        Raises `ProblemError` if several values are given, which require --corners.
+        """
+        from ann_dc.hardware.parts.conditions import Conditions
+
+        given = self._given()
+        for name, values in given.items():
+            if len(values) != 1:
+                raise ProblemError(f"--{name}: a circuit stands at one place; say --corners too")
+        return Conditions(**{name: value for name, (value,) in given.items()})
+
+    def _given(self) -> dict[str, list]:
+        """Return the given values by option."""
+        words = {n: text.split(",") for n, text in asdict(self).items() if text is not None}
+        return {
+            name: [word.strip().lower() for word in each]
+            if name == "process"
+            else [number_of(f"--{name}", word.strip()) for word in each]
+            for name, each in words.items()
+        }
+
 
 SAMPLES = 100
 """Default number of drawn circuits."""
@@ -25,68 +81,52 @@ _REFUSED = {"seed": "--yield and --trim draw circuits with seeds 0, 1, ...; leav
 class BoardOptions:
     """Analyses; any of them replaces the simulation of one circuit."""
 
-    corners: Annotated[
-        bool,
-        typer.Option(
-            "--corners",
-            help="A table over temperature, supplies and process instead: by emulation, of "
-            "transistors in ngspice.",
-            rich_help_panel=PANEL,
-        ),
-    ] = False
+    corners: bool = option(
+        "A table over temperature, supplies and process instead: by emulation, of "
+        "transistors in ngspice.",
+        "--corners",
+        default=False,
+        rich_help_panel=PANEL,
+    )
 
-    spec: Annotated[
-        str | None,
-        typer.Option(
-            "--yield",
-            metavar="SPEC",
-            help="What share of circuits, drawn from the tolerances of the level's parts, keeps a "
-            "spec: error<1% (of the controls), settle<50us, stable, or several with commas. By "
-            "emulation; --samples says how many are drawn.",
-            rich_help_panel=PANEL,
-        ),
-    ] = None
-    spot: Annotated[
-        int,
-        typer.Option(
-            metavar="COUNT",
-            min=0,
-            help="With --yield: so many of the drawn circuits, best to worst, run in ngspice too.",
-            rich_help_panel=PANEL,
-        ),
-    ] = 0
+    spec: str | None = option(
+        "What share of circuits, drawn from the tolerances of the level's parts, keeps a "
+        "spec: error<1% (of the controls), settle<50us, stable, or several with commas. By "
+        "emulation; --samples says how many are drawn.",
+        "--yield",
+        metavar="SPEC",
+        rich_help_panel=PANEL,
+    )
+    spot: int = option(
+        "With --yield: so many of the drawn circuits, best to worst, run in ngspice too.",
+        default=0,
+        metavar="COUNT",
+        min=0,
+        rich_help_panel=PANEL,
+    )
 
-    trim: Annotated[
-        str | None,
-        typer.Option(
-            metavar="SPEC",
-            help="Which offsets and gains to trim, in which order, until 95 % of the circuits keep "
-            "error<1%; what to measure, and what remains after every step.",
-            rich_help_panel=PANEL,
-        ),
-    ] = None
+    trim: str | None = option(
+        "Which offsets and gains to trim, in which order, until 95 % of the circuits keep "
+        "error<1%; what to measure, and what remains after every step.",
+        metavar="SPEC",
+        rich_help_panel=PANEL,
+    )
 
-    dac: Annotated[
-        int | None,
-        typer.Option(
-            metavar="BITS",
-            min=1,
-            max=32,
-            help="What it costs that q_0 and q_d come from a converter of so many bits over both "
-            "full scales, and 1 us; also tells how the circuit starts cold.",
-            rich_help_panel=PANEL,
-        ),
-    ] = None
-    adc: Annotated[
-        int | None,
-        typer.Option(
-            metavar="BITS",
-            min=1,
-            max=32,
-            help="What it costs that u is read by a converter of so many bits, in 1 us.",
-            rich_help_panel=PANEL,
-        ),
-    ] = None
+    dac: int | None = option(
+        "What it costs that q_0 and q_d come from a converter of so many bits over both "
+        "full scales, and 1 us; also tells how the circuit starts cold.",
+        metavar="BITS",
+        min=1,
+        max=32,
+        rich_help_panel=PANEL,
+    )
+    adc: int | None = option(
+        "What it costs that u is read by a converter of so many bits, in 1 us.",
+        metavar="BITS",
+        min=1,
+        max=32,
+        rich_help_panel=PANEL,
+    )
 
     @property
     def converts(self) -> bool:
@@ -124,9 +164,9 @@ class BoardOptions:
                 f"--trim: makes controls right, not quick; give an error, such as error<1%, got "
                 f"{self.trim!r}"
             )
-        for option, value in given.items():
+        for name, value in given.items():
             if self.asked and value:
-                raise ProblemError(f"--{option}: {_REFUSED.get(option, _ONE)}")
+                raise ProblemError(f"--{name}: {_REFUSED.get(name, _ONE)}")
         if self.spot or (self.corners and _simulated(level)):
             from ann_dc.backends.spice.ngspice.process import find_ngspice
 
@@ -139,59 +179,41 @@ class BoardOptions:
 
     def report(self, problem, network, backend, place: PlaceOptions, samples: int | None):
         """Return the results as a `BoardReport`."""
-        from ann_dc.report.board_report import BoardReport
+        from ann_dc.fidelity.boards.corners import corners
+        from ann_dc.fidelity.boards.interface import Interface, interface_cost
+        from ann_dc.fidelity.boards.trimming import trimming
+        from ann_dc.fidelity.boards.yields import yield_of
+        from ann_dc.report import boards
 
         circuit, probe = backend.prepare(network)
         answers: list[Any] = []
         if self.corners:
-            answers.append(self._corners(backend, circuit, probe, place))
+            found = corners(backend, circuit, probe, **place.several())
+            answers.append(boards.CornerTable(corners=found, backend=backend))
         if self.spec is not None:
-            answers.append(self._yield(backend, circuit, probe, samples or SAMPLES))
+            spec, count = _read(self.spec, "--yield"), samples or SAMPLES
+            yielded = yield_of(backend, circuit, probe, spec, samples=count, spots=self.spot)
+            answers.append(boards.YieldTable(yielded=yielded, backend=backend))
         if self.trim is not None:
-            answers.append(self._trimming(backend, circuit, probe, samples or TRIMMED))
+            error, count = _read(self.trim, "--trim").error, samples or TRIMMED
+            trims = trimming(backend, circuit, probe, error, samples=count)
+            answers.append(boards.TrimTable(found=trims, backend=backend))
         if self.converts:
-            answers.append(self._interface(backend, circuit, probe))
-        return BoardReport(problem=problem.name, backend=backend, answers=answers)
-
-    def _corners(self, backend, circuit, probe, place: PlaceOptions):
-        from ann_dc.fidelity.boards.corners import corners
-        from ann_dc.report.corner_table import CornerTable
-
-        found = corners(backend, circuit, probe, **place.several())
-        return CornerTable(corners=found, backend=backend)
-
-    def _yield(self, backend, circuit, probe, samples: int):
-        from ann_dc.fidelity.boards.yields import yield_of
-        from ann_dc.report.yield_table import YieldTable
-
-        spec = _read(self.spec or "", "--yield")
-        found = yield_of(backend, circuit, probe, spec, samples=samples, spots=self.spot)
-        return YieldTable(yielded=found, backend=backend)
-
-    def _trimming(self, backend, circuit, probe, samples: int):
-        from ann_dc.fidelity.boards.trimming import trimming
-        from ann_dc.report.trim_table import TrimTable
-
-        error = _read(self.trim or "", "--trim").error
-        found = trimming(backend, circuit, probe, error, samples=samples)
-        return TrimTable(found=found, backend=backend)
-
-    def _interface(self, backend, circuit, probe):
-        from ann_dc.fidelity.boards.interface import Interface, interface_cost
-        from ann_dc.report.interface_table import InterfaceTable
-
-        chosen = Interface(dac_bits=self.dac, adc_bits=self.adc)
-        cost = interface_cost(backend, circuit, probe, chosen)
-        return InterfaceTable(cost=cost, backend=backend)
+            chosen = Interface(dac_bits=self.dac, adc_bits=self.adc)
+            cost = interface_cost(backend, circuit, probe, chosen)
+            answers.append(boards.InterfaceTable(cost=cost, backend=backend))
+        return boards.BoardReport(problem=problem.name, backend=backend, answers=answers)
 
 
 def _simulated(word: str) -> bool:
     """Return True if corners of a level with given parts run in ngspice."""
-    from ann_dc.backends.spice import level_words
-    from ann_dc.hardware.parts.levels import Level
+    from ann_dc.hardware.parts.level_words import level_words
 
     found = level_words().get(word.lower())
-    return isinstance(found, Level) and (found.transistors or not found.emulated)
+    if found is None or not found.is_fixed:
+        return False
+    level = found.made()
+    return level.transistors or not level.emulated
 
 
 def _read(text: str, option: str):

@@ -1,15 +1,17 @@
-"""``ann-dc show``: network of a problem before any run."""
+"""``ann-dc show``: network of a problem before any run.
+
+``ann-dc plants``: shipped problems and their parameters.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from ann_dc.cli.arguments.backends import FormOption, form_of
-from ann_dc.cli.arguments.problem import ProblemOptions
-from ann_dc.cli.arguments.records import unfolded
+from ann_dc.cli.arguments.numbers import as_typed
+from ann_dc.cli.arguments.options import argument, option, unfolded
+from ann_dc.cli.arguments.problem import ProblemOptions, defaults_of, plant_of
 from ann_dc.cli.terminal import console, progress_line
 from ann_dc.errors import ProblemError
 
@@ -17,19 +19,13 @@ from ann_dc.errors import ProblemError
 @unfolded
 def show(
     *,
-    equations: Annotated[
-        bool, typer.Option("--equations", help="The equations (11)-(15) of a stage.")
-    ] = False,
-    cell: Annotated[
-        bool, typer.Option("--cell", help="The cell: neurons, blocks and connections.")
-    ] = False,
-    counts: Annotated[
-        bool, typer.Option("--counts", help="How many parts the network has.")
-    ] = False,
-    scales: Annotated[
-        bool, typer.Option("--scales", help="What a network value of 1 and of 0 stands for.")
-    ] = False,
-    latex: Annotated[bool, typer.Option("--latex", help="The equations as LaTeX.")] = False,
+    equations: bool = option("The equations (11)-(15) of a stage.", "--equations", default=False),
+    cell: bool = option("The cell: neurons, blocks and connections.", "--cell", default=False),
+    counts: bool = option("How many parts the network has.", "--counts", default=False),
+    scales: bool = option(
+        "What a network value of 1 and of 0 stands for.", "--scales", default=False
+    ),
+    latex: bool = option("The equations as LaTeX.", "--latex", default=False),
     form: FormOption = "corrected",
     problem: ProblemOptions,
 ) -> None:
@@ -96,3 +92,32 @@ def _saved(problem: ProblemOptions):
             "--horizon, --q-0 and --q-d"
         )
     return load_solution(problem.problem)
+
+
+@unfolded
+def plants(
+    *,
+    name: str | None = argument("A plant, to see its parameters.", default=None, metavar="[NAME]"),
+) -> None:
+    """List the plants of the package, or the parameters of one.
+
+    Every plant is a problem that 'ann-dc solve' accepts by name, and --set
+    changes its parameters. The page of a plant lists its units.
+
+    Usage examples:
+
+      ann-dc plants
+      ann-dc plants car
+    """
+    with progress_line():
+        from ann_dc.problem import plants as known
+        from ann_dc.report.plants import plant_page, plant_table
+
+        if name is None:
+            parts: list[Any] = [plant_table(known.get(plant) for plant in known.names())]
+        else:
+            plant = plant_of(name)
+            typed = {n: as_typed(default) for n, default in defaults_of(plant).items()}
+            parts = plant_page(plant, typed)
+    for part in parts:
+        console().print(part)

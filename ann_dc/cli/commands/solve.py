@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from ann_dc.cli.arguments.backends import (
     BACKENDS,
-    BackendOption,
     FormOption,
-    LimitOption,
     RunOptions,
     StartOptions,
     backend_of,
@@ -22,12 +18,16 @@ from ann_dc.cli.arguments.backends import (
     objective_of,
     start_of,
 )
-from ann_dc.cli.arguments.kinds import KindsOption, kinds_of
-from ann_dc.cli.arguments.lookup import named
-from ann_dc.cli.arguments.output import CurvesOption, JsonOption, QuietOption, timed
+from ann_dc.cli.arguments.options import (
+    CurvesOption,
+    JsonOption,
+    QuietOption,
+    option,
+    timed,
+)
 from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
-from ann_dc.cli.arguments.records import unfolded
-from ann_dc.cli.terminal import console, list_files, notes, progress_line
+from ann_dc.cli.arguments.words import KindsOption, kinds_of, named
+from ann_dc.cli.terminal import finish, notes, progress_line
 from ann_dc.errors import ProblemError, require_positive
 from ann_dc.files import check_new, make_folder
 from ann_dc.progress import Deadline, Progress, Stopped
@@ -39,18 +39,13 @@ from ann_dc.timing import phase
 class SolutionFiles:
     """Output files."""
 
-    plot: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write the figures into this folder.")
-    ] = None
+    plot: Path | None = option("Write the figures into this folder.", metavar="DIR")
     json_file: JsonOption = None
     curves: CurvesOption = None
-    save: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE|FOLDER",
-            help="Write the frozen network (.npz, .safetensors), or all into a new folder.",
-        ),
-    ] = None
+    save: Path | None = option(
+        "Write the frozen network (.npz, .safetensors), or all into a new folder.",
+        metavar="FILE|FOLDER",
+    )
 
     def make_room(self) -> None:
         """Check before a long run that all requested files can be written."""
@@ -78,24 +73,28 @@ class SolutionFiles:
         return self.save if self.network is None else None
 
 
-@unfolded
 @timed
 def solve(
     *,
     problem: ProblemOptions,
-    backend: BackendOption = "ode",
+    backend: str = option(
+        "How the network runs: ode (continuous time), recurrent (steps in discrete time).",
+        default="ode",
+        metavar="BACKEND",
+    ),
     form: FormOption = "corrected",
     initial_guess: StartOptions,
     preconditioner: KindsOption = None,
-    refine: Annotated[
-        bool,
-        typer.Option("--refine", help="Search for faster gains, or for fewer steps: 20 s more."),
-    ] = False,
-    limit: LimitOption = None,
-    time_limit: Annotated[
-        float | None,
-        typer.Option(metavar="SECONDS", help="End then with what is there, as Ctrl-C does."),
-    ] = None,
+    refine: bool = option(
+        "Search for faster gains, or for fewer steps: 20 s more.", "--refine", default=False
+    ),
+    limit: float | None = option(
+        "Longest run: in fastest time constants of the network (ode), in steps (recurrent).",
+        show_default="20000 or 50000",
+    ),
+    time_limit: float | None = option(
+        "End then with what is there, as Ctrl-C does.", metavar="SECONDS"
+    ),
     files: SolutionFiles,
     quiet: QuietOption = False,
     run: RunOptions,
@@ -147,13 +146,9 @@ def solve(
                 solution = solver.solve(declared, **settings, **options, progress=progress)
         table = report_table(solution, chosen)
         written = _write(solution, found, files, shown)
-    if found is not None:
-        console(quiet=quiet).print(str(found))
-    console(quiet=quiet).print(table)
-    list_files(written, quiet=quiet)
-    if progress.interrupted:
-        raise typer.Exit(130)
-    raise typer.Exit(0 if solution.status.settled and solution.certified else 1)
+    code = 0 if solution.status.settled and solution.certified else 1
+    shown_first = [] if found is None else [str(found)]
+    finish([*shown_first, table], written, quiet=quiet, code=130 if progress.interrupted else code)
 
 
 def _deadline(progress: Progress, seconds: float | None) -> Deadline:
@@ -185,9 +180,9 @@ def _refuse(
         "--refine": refine,
         "--time-limit": time_limit is not None,
     }
-    for option, is_given in given.items():
+    for name, is_given in given.items():
         if is_given:
-            raise ProblemError(f"--starts: cannot be combined with {option}; leave one of them out")
+            raise ProblemError(f"--starts: cannot be combined with {name}; leave one of them out")
     named("--backend", backend, {name: name for name in BACKENDS})
 
 

@@ -1,4 +1,7 @@
-"""``ann-dc study``: run or continuation of a study file, or repetition of a case."""
+"""``ann-dc study``: run or continuation of a study file, or repetition of a case.
+
+``ann-dc report``: result of a study as one HTML page.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
-
-from ann_dc.cli.arguments.output import QuietOption
-from ann_dc.cli.arguments.records import unfolded
-from ann_dc.cli.terminal import console, list_files, notes, progress_line
+from ann_dc.cli.arguments.options import QuietOption, argument, option, timed, unfolded
+from ann_dc.cli.terminal import finish, notes, progress_line
 from ann_dc.errors import StudyError
 from ann_dc.progress import Progress
+from ann_dc.report.json_file import make_room
 
 FINISHED, SOME_FAILED, INTERRUPTED = 0, 1, 130
 """Exit codes."""
@@ -24,33 +25,24 @@ FINISHED, SOME_FAILED, INTERRUPTED = 0, 1, 130
 class Running:
     """Options of execution and storage."""
 
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="Where rows are kept as they finish. A study there goes on."
-        ),
-    ] = None
-    workers: Annotated[
-        int | None,
-        typer.Option(min=0, help="Processes; 0 for none but this.", show_default="one a core"),
-    ] = None
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="A Dask scheduler whose workers do it instead."),
-    ] = None
-    retry: Annotated[bool, typer.Option("--retry", help="Do points that failed again.")] = False
+    out: Path | None = option(
+        "Where rows are kept as they finish. A study there goes on.", metavar="DIR"
+    )
+    workers: int | None = option(
+        "Processes; 0 for none but this.", min=0, show_default="one a core"
+    )
+    scheduler: str | None = option(
+        "A Dask scheduler whose workers do it instead.", metavar="ADDRESS"
+    )
+    retry: bool = option("Do points that failed again.", "--retry", default=False)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Exports:
     """Export files of the table."""
 
-    csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="FILE", help="Write the table as CSV.")
-    ] = None
-    parquet: Annotated[
-        Path | None, typer.Option("--parquet", metavar="FILE", help="Write the table as Parquet.")
-    ] = None
+    csv: Path | None = option("Write the table as CSV.", "--csv", metavar="FILE")
+    parquet: Path | None = option("Write the table as Parquet.", "--parquet", metavar="FILE")
 
     def check(self, *, is_whole: bool) -> None:
         """Check before the run that a whole study is run if a table is requested.
@@ -77,21 +69,16 @@ class Exports:
 @unfolded
 def study(
     *,
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar="STUDY",
-            help="A study file (.toml); or, with --point, the folder of a study; or, with "
-            "--settings, a plant or a problem file.",
-        ),
-    ],
+    source: str = argument(
+        "A study file (.toml); or, with --point, the folder of a study; or, with "
+        "--settings, a plant or a problem file.",
+        metavar="STUDY",
+    ),
     running: Running,
-    point: Annotated[
-        int | None, typer.Option(min=0, metavar="NUMBER", help="Do one point, and print its row.")
-    ] = None,
-    settings: Annotated[
-        bool, typer.Option("--settings", help="List what can be varied, and what is measured.")
-    ] = False,
+    point: int | None = option("Do one point, and print its row.", min=0, metavar="NUMBER"),
+    settings: bool = option(
+        "List what can be varied, and what is measured.", "--settings", default=False
+    ),
     exports: Exports,
     quiet: QuietOption = False,
 ) -> None:
@@ -125,10 +112,7 @@ def study(
             shown = _one(source, point)
         else:
             shown, written, code = _run(source, running, exports, progress)
-    for part in shown:
-        console(quiet=quiet).print(part)
-    list_files(written, quiet=quiet)
-    raise typer.Exit(code)
+    finish(shown, written, quiet=quiet, code=code)
 
 
 def _run(
@@ -207,3 +191,44 @@ def _executor(scheduler: str | None) -> Iterator[Any]:
         raise StudyError(f"--scheduler: no scheduler answers at {scheduler}: {error}") from error
     with client, client.get_executor() as executor:
         yield executor
+
+
+NAME = "report.html"
+"""Default file name in the folder of the study, without --out."""
+
+
+@timed
+def report(
+    *,
+    folder: Path = argument("Folder of a study: what ann-dc study --out made.", metavar="DIR"),
+    out: Path | None = option(f"The page; {NAME} in DIR without it.", "--out", metavar="FILE"),
+    quiet: QuietOption = False,
+) -> None:
+    """Write the result of a study as one HTML page to read, search and print.
+
+    The page is self-contained and needs no network connection. It shows the
+    declaration of the study, outcomes with causes, the yield against the
+    specification with its interval, and exponents. Interactive figures
+    support hovering and zooming. The slowest and worst cases are listed with
+    the command that repeats each. A table of all records can be sorted by a
+    click and filtered by text and numbers. For a running study the page shows
+    the records so far.
+
+    Usage examples:
+
+      ann-dc report out/study
+      ann-dc report out/study --out study.html
+
+    Exit code: 0 written, 2 study not found, a missing package, or unwritable
+    output, 130 interrupted.
+    """
+    with progress_line(quiet) as progress:
+        from ann_dc.report.study_page import write_study_page
+        from ann_dc.study.store import Store
+
+        file = out or folder / NAME
+        with Store.open(folder) as store:
+            make_room(file)
+            write_study_page(store, file, progress=progress)
+            count = len(store)
+    finish([f"{count:,} points"], [file], quiet=quiet)

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ann_dc.backends.spice.backend import SpiceBackend
-from ann_dc.backends.spice.level_words import level_words
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.trajectory import Trajectory
 from ann_dc.dataclass_pickling import cached_on
@@ -27,6 +26,7 @@ from ann_dc.hardware.circuit.circuit import Circuit
 from ann_dc.hardware.circuit.deviations import snapped
 from ann_dc.hardware.emulation.states import pole_spectrum
 from ann_dc.hardware.parts.e_series import E96_PAIRS, SERIES, Series
+from ann_dc.hardware.parts.level_words import level_words
 from ann_dc.hardware.parts.levels import Level
 from ann_dc.hardware.schematic.buildable import with_rails
 from ann_dc.hardware.sizing.bandwidth_margin import cure
@@ -109,7 +109,7 @@ class Build:
 def build(network: Network, level: str, series: str = "exact") -> Build:
     """Build a network as a circuit at a model level.
 
-    Repeated calls return the same object. Levels are those of `ann_dc.backends.spice.level_words`,
+    Repeated calls return the same object. Levels are those of `ann_dc.hardware.parts.level_words`,
     the resistor series ``exact``, ``E12``, ``E24``, ``E96``, ``E24-pairs`` and ``E96-pairs``.
     Raises `UnknownNameError` for others, and `ExportError` with the reason if the network cannot be
     built at the level.
@@ -225,5 +225,4 @@ def level_of(network: Network, level: str) -> Level:
     words = level_words()
     if level.lower() not in words:
         raise UnknownNameError.of("level", level, words)
-    found = words[level.lower()]
-    return with_rails(network, found if isinstance(found, Level) else found(network))
+    return with_rails(network, words[level.lower()].made(network))

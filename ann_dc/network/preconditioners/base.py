@@ -54,6 +54,8 @@ Kinds: TypeAlias = "PreconditionerKind | Iterable[PreconditionerKind]"
 
 ALL_KINDS = tuple(PreconditionerKind)
 """Kinds that the integration of the equations supports; hardware may support fewer."""
+KINDS = {kind.value.replace(" ", "-"): kind for kind in PreconditionerKind}
+"""Kinds by the words of the command line and of study files."""
 
 
 def several(kinds: Kinds) -> tuple[PreconditionerKind, ...]:

@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, FancyBboxPatch, Polygon
 
-from ann_dc.plotting.style import BLUE, GREEN, GREY, INK, ORANGE, VERMILION, headline, new_figure
+from ann_dc.plotting import style
+from ann_dc.plotting.style import BLUE, GREEN, GREY, INK, ORANGE, VERMILION
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.validation import Finite, Positive, checked
 
@@ -29,7 +30,7 @@ def figure_1(*, D: Positive = 1.0, phi: Finite = 0.5, varphi: Finite = 0.45) -> 
     `D` is the axle distance in m; `phi` and `varphi` are heading and steering angle in rad. See
     Figure 1 and equation (1) of the paper.
     """
-    figure = new_figure(5.2, 4.4)
+    figure = style.new_figure(5.2, 4.4)
     axes = figure.subplots()
     ahead = np.array([np.cos(phi), np.sin(phi)])
     aside = np.array([-ahead[1], ahead[0]])
@@ -51,16 +52,16 @@ def figure_1(*, D: Positive = 1.0, phi: Finite = 0.5, varphi: Finite = 0.45) -> 
     _label(axes, rear - 0.12 * D * (ahead - aside), "(x, y)", INK, ha="right", va="center")
     _label(axes, 0.3 * D * ahead - 0.12 * D * aside, "nu", BLUE, ha="center")
     turning = np.array([np.cos(phi + varphi + 0.3), np.sin(phi + varphi + 0.3)])
-    style = {"arrowstyle": "-|>", "color": GREEN, "lw": 1.3, "connectionstyle": "arc3,rad=0.15"}
+    arrow = {"arrowstyle": "-|>", "color": GREEN, "lw": 1.3, "connectionstyle": "arc3,rad=0.15"}
     ends = (front + 0.62 * D * turned, front + 0.62 * D * turning)
-    axes.annotate("", tuple(ends[1]), tuple(ends[0]), arrowprops=style)
+    axes.annotate("", tuple(ends[1]), tuple(ends[0]), arrowprops=arrow)
     _label(axes, front + 0.74 * D * turned, "eta: rate of varphi", GREEN, va="bottom")
     _label(axes, 0.62 * D * ahead + 0.08 * D * aside, f"D = {D:g} m", INK, ha="right", va="bottom")
     axes.set_xlim(-0.6 * D, 2.2 * D)
     axes.set_ylim(-0.45 * D, 1.35 * D)
     axes.set_aspect("equal")
     axes.axis("off")
-    headline(figure, "Figure 1. Four-wheel robot: q = (x, y, phi, varphi), u = (nu, eta)")
+    style.headline(figure, "Figure 1. Four-wheel robot: q = (x, y, phi, varphi), u = (nu, eta)")
     return figure
 
 
@@ -96,7 +97,9 @@ def figure_2(problem: OptimalControlProblem) -> Figure:
     axes.set_ylim(-0.6, 2.0)
     states, controls = (", ".join(map(str, of)) for of in (problem.states, problem.controls))
     named = f"q = ({states}), u = ({controls})"
-    headline(figure, f"Figure 2. Decomposition of {problem.name} into {last + 1} stages: {named}")
+    style.headline(
+        figure, f"Figure 2. Decomposition of {problem.name} into {last + 1} stages: {named}"
+    )
     return figure
 
 
@@ -136,12 +139,12 @@ def figure_3(problem: OptimalControlProblem) -> Figure:
     )  # fmt: skip
     axes.set_xlim(-1.0, width + 1.0)
     axes.set_ylim(-0.8, 3.9)
-    headline(figure, f"Figure 3. Information transfer between the two levels, {problem.name}")
+    style.headline(figure, f"Figure 3. Information transfer between the two levels, {problem.name}")
     return figure
 
 
 def _board(width: float, height: float) -> tuple[Figure, Axes]:
-    figure = new_figure(width, height)
+    figure = style.new_figure(width, height)
     axes = figure.subplots()
     axes.axis("off")
     return figure, axes
@@ -150,15 +153,15 @@ def _board(width: float, height: float) -> tuple[Figure, Axes]:
 def _box(
     axes: Axes, x: float, y: float, text: str, width: float = 2.0, height: float = 0.8
 ) -> None:
-    style = "round,pad=0,rounding_size=0.08"
-    patch = FancyBboxPatch((x, y), width, height, boxstyle=style, fc=BOX, ec=INK, lw=1.0)
+    shape = "round,pad=0,rounding_size=0.08"
+    patch = FancyBboxPatch((x, y), width, height, boxstyle=shape, fc=BOX, ec=INK, lw=1.0)
     axes.add_patch(patch)
     axes.text(x + width / 2, y + height / 2, text, ha="center", va="center")
 
 
 def _arrow(axes: Axes, start, end, colour: str, dashed: bool = False) -> None:
-    style = {"arrowstyle": "-|>", "color": colour, "lw": 1.3, "ls": "--" if dashed else "-"}
-    axes.annotate("", tuple(end), tuple(start), arrowprops={**style, "shrinkA": 0, "shrinkB": 0})
+    line = {"arrowstyle": "-|>", "color": colour, "lw": 1.3, "ls": "--" if dashed else "-"}
+    axes.annotate("", tuple(end), tuple(start), arrowprops={**line, "shrinkA": 0, "shrinkB": 0})
 
 
 def _dashed(axes: Axes, start: np.ndarray, way) -> None:
@@ -175,8 +178,8 @@ def _angle(axes: Axes, at: np.ndarray, radius: float, between, name: str) -> Non
     _label(axes, place, name, VERMILION, va="center")
 
 
-def _label(axes: Axes, at: np.ndarray, text: str, colour: str, **style: Any) -> None:
-    axes.text(float(at[0]), float(at[1]), text, color=colour, **style)
+def _label(axes: Axes, at: np.ndarray, text: str, colour: str, **look: Any) -> None:
+    axes.text(float(at[0]), float(at[1]), text, color=colour, **look)
 
 
 def _wheel(at: np.ndarray, angle: float, base: float) -> Polygon:

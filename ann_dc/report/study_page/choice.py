@@ -12,13 +12,18 @@ from functools import partial
 from itertools import combinations
 from typing import NamedTuple
 
-from ann_dc.report.quantile_bands import strength
-from ann_dc.report.statistics import Findings
-from ann_dc.report.study_columns import Column
-from ann_dc.report.study_page.dependence import over_numbers, over_two, over_words, yield_over
-from ann_dc.report.study_page.distributions import beside, distribution, over_time
+from ann_dc.report.statistics import PREDICTED, Findings
+from ann_dc.report.study_columns import Column, strength
 from ann_dc.report.study_page.figure import Figure
-from ann_dc.report.study_results import PREDICTED
+from ann_dc.report.study_page.plots import (
+    beside,
+    distribution,
+    over_numbers,
+    over_time,
+    over_two,
+    over_words,
+    yield_over,
+)
 
 MOST = 12
 """Number of figures of a page."""
@@ -31,10 +36,7 @@ MAPPED = 4
 
 
 class Candidate(NamedTuple):
-    """Candidate for a figure of a `kind` of `ROOM`, with its title and its worth.
-
-    The function `draw` returns the figure, or None for too few cases.
-    """
+    """Candidate for a figure of a `kind` of `ROOM`; `draw` returns None for too few cases."""
 
     kind: str
     title: str

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from ann_dc.report.statistics import Limit
 from ann_dc.report.study_columns import Column
-from ann_dc.report.study_results import Limit
 
 BLUE, RED, GREEN, ORANGE, VIOLET, GREY = (
     "#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#777777",
@@ -42,15 +42,7 @@ _LAYOUT = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Figure:
-    """One figure.
-
-    Attributes
-    ----------
-    says : str
-        Description of the content and number of cases.
-    traces : list of dict
-        Traces in the format of plotly.js.
-    """
+    """One figure: a description with the number of cases, and traces of plotly.js."""
 
     title: str
     says: str
@@ -64,13 +56,7 @@ class Figure:
 
 
 def shown(text: object) -> str:
-    """Return a text escaped for plotly.js.
-
-    Examples
-    --------
-    >>> shown("<b>x")
-    '&lt;b&gt;x'
-    """
+    """Return a text escaped for plotly.js."""
     return escape(str(text), quote=False)
 
 
@@ -136,11 +122,5 @@ def told(count: int, drawn_of_it: int, *more: str, limit: Limit | None = None) -
 
 
 def percent(share: float, digits: int = 1) -> str:
-    """Return a fraction in percent, with `digits` decimals.
-
-    Examples
-    --------
-    >>> percent(0.12345)
-    '12.3 %'
-    """
+    """Return a fraction in percent, with `digits` decimals."""
     return f"{100 * share:.{digits}f} %"

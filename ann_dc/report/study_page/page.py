@@ -1,29 +1,40 @@
 """HTML page of a study: one local file without external requests or scripts.
 
-Content of the store appears as text or data, never as markup. The template ``assets/page.html``
-escapes every text; figures and the table are data that scripts read. A security policy in the page
-head lists the hashes of permitted scripts and forbids every request. Injected text is therefore
-never executed.
+Content of the store appears as text or data, never as markup: the template ``assets/page.html``
+escapes every text. A security policy in the page head lists the hashes of permitted scripts and
+forbids every request, so injected text is never executed.
+
+The records are a binary table: JSON header and raw columns, compressed with gzip, as base64.
+
+    length of the head (4 bytes) | head | padding to 8 bytes | columns, each padded to 8 bytes
+
+All numbers are little-endian. A numeric column has 8 bytes per record. A text column has the codes
+of its values, in 1, 2 or 4 bytes per record.
 """
 
 from __future__ import annotations
 
 import base64
+import gzip
 import hashlib
 import json
 import os
+import struct
+from collections.abc import Iterable
 from importlib import import_module, resources
 from typing import Any
+
+import numpy as np
 
 import ann_dc
 from ann_dc.errors import JinjaMissing, PandasMissing, PlotlyMissing
 from ann_dc.files import write_whole
 from ann_dc.progress import Progress, silent
 from ann_dc.report.statistics import Findings
+from ann_dc.report.study_columns import Column
 from ann_dc.report.study_page import sections
 from ann_dc.report.study_page.choice import chosen
 from ann_dc.report.study_page.figure import percent
-from ann_dc.report.study_page.packed import pack
 from ann_dc.study.store import Store
 from ann_dc.study.table import NO_RESULT
 
@@ -113,3 +124,34 @@ def _as_read(script: str) -> str:
 
 def _digest(text: str) -> str:
     return base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
+
+
+ALIGNED = 8
+"""Alignment of columns in bytes."""
+
+
+def pack(columns: Iterable[Column], rows: int) -> str:
+    """Return the first `rows` records of a table as base64 text."""
+    heads, blocks, offset = [], [], 0
+    for column in columns:
+        values = _values(column)[:rows]
+        head = {"name": column.name, "unit": column.unit, "says": column.says}
+        words = {} if column.numbers is not None else {"words": list(column.words)}
+        heads.append({**head, "kind": values.dtype.name, "offset": offset, **words})
+        blocks.append(_padded(values.tobytes()))
+        offset += len(blocks[-1])
+    head = json.dumps({"rows": rows, "columns": heads}).encode("ascii")
+    whole = b"".join([_padded(struct.pack("<I", len(head)) + head), *blocks])
+    return base64.b64encode(gzip.compress(whole, 6, mtime=0)).decode("ascii")
+
+
+def _values(column: Column) -> np.ndarray:
+    if column.numbers is not None:
+        return column.numbers.astype("<f8")
+    count = len(column.words)
+    kind = "<u1" if count <= 2**8 else "<u2" if count <= 2**16 else "<u4"
+    return column.places.astype(kind)
+
+
+def _padded(content: bytes) -> bytes:
+    return content + bytes(-len(content) % ALIGNED)

@@ -11,10 +11,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ann_dc.report.statistics import Findings
+from ann_dc.report.statistics import PREDICTED, Findings
 from ann_dc.report.study_columns import Column
 from ann_dc.report.study_page.figure import percent
-from ann_dc.report.study_results import PREDICTED
 from ann_dc.study.records import OUTCOME, VERSIONS
 
 SHOWN = 6

