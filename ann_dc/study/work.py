@@ -102,7 +102,7 @@ class Work:
             return without_result(point, FAILED, sentence(sample))
         try:
             row: Row = {POINT: point.number, SEED: point.seed, **point.setting}
-            row |= {OUTCOME: sample.outcome, MESSAGE: sample.message}
+            row |= {OUTCOME: sample.end.outcome, MESSAGE: sample.end.message}
             for metric in self.metrics:
                 row[metric.name], why = _measured(metric, sample)
                 row[MESSAGE] = row[MESSAGE] or why
