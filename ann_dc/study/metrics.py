@@ -63,27 +63,25 @@ METRICS: dict[str, Metric] = {}
 """Metrics by name."""
 
 
-def definition_of(value: Callable[[Sample], Any]) -> str:
-    """Return the docstring of a metric as a noun phrase with its details, on one line.
+def metric_of(value: Callable[[Sample], Value], unit: str = "", *, curves: bool = False) -> Metric:
+    """Return the metric of a function: its name, and its docstring as a noun phrase on one line.
 
     Examples
     --------
-    >>> definition_of(neurons)
+    >>> metric_of(neurons).definition
     'Number of moving neurons.'
     """
     text = " ".join((value.__doc__ or "").split())
     noun = text.removeprefix("Return ").removeprefix("the ")
-    return noun[:1].upper() + noun[1:]
+    definition = noun[:1].upper() + noun[1:]
+    return Metric(name=value.__name__, unit=unit, definition=definition, value=value, curves=curves)
 
 
 def _metric(unit: str = "", *, curves: bool = False) -> Callable[[Any], Any]:
     """Enter the decorated function into `METRICS`; its docstring is the definition."""
 
     def entered(value: Callable[[Sample], Value]) -> Callable[[Sample], Value]:
-        name = value.__name__
-        METRICS[name] = Metric(
-            name=name, unit=unit, definition=definition_of(value), value=value, curves=curves
-        )
+        METRICS[value.__name__] = metric_of(value, unit, curves=curves)
         return value
 
     return entered
@@ -223,10 +221,10 @@ def power(sample: Sample) -> float:
 
     Raises `StudyError` if the model level does not define the power.
     """
-    found = sample.built.power
-    if np.isnan(found):
+    watts = sample.built.power
+    if np.isnan(watts):
         raise StudyError("the level does not say what its parts draw; see circuit.amplifier_power")
-    return found
+    return watts
 
 
 @_metric("J", curves=True)
@@ -238,8 +236,8 @@ def energy(sample: Sample) -> float:
 @_metric()
 def spectral_ratio(sample: Sample) -> float:
     """Return the stiffness ratio: largest absolute eigenvalue over slowest decay rate."""
-    found = sample.spectrum
-    return found.radius / -found.abscissa if found.abscissa < 0 else float("inf")
+    modes = sample.spectrum
+    return modes.radius / -modes.abscissa if modes.abscissa < 0 else float("inf")
 
 
 def _theta(sample: Sample) -> np.ndarray:
@@ -337,23 +335,22 @@ def metrics_of(given: Iterable[str | Metric]) -> tuple[Metric, ...]:
     >>> [metric.unit for metric in metrics_of(["seconds", "energy"])]
     ['s', 'J']
     """
-    found = []
-    for metric in given:
-        if isinstance(metric, Metric):
-            found.append(metric)
-            continue
-        if not isinstance(metric, str):
-            raise StudyError(f"metrics: expected names, or a Metric of your own, got {metric!r}")
-        if metric not in METRICS:
-            near = difflib.get_close_matches(metric, METRICS, n=2, cutoff=0.5)
-            hint = f"; did you mean {' or '.join(near)}?" if near else "."
-            raise StudyError(
-                f"metrics: there is no {metric!r}{hint} There are {', '.join(METRICS)}"
-            )
-        found.append(METRICS[metric])
-    if not found:
+    metrics = tuple(replace(_known(metric)) for metric in given)
+    if not metrics:
         raise StudyError("metrics: name one at least; METRICS has all")
-    names = [metric.name for metric in found]
+    names = [metric.name for metric in metrics]
     if len(set(names)) < len(names):
         raise StudyError(f"metrics: one is named twice in {', '.join(names)}")
-    return tuple(replace(metric) for metric in found)
+    return metrics
+
+
+def _known(metric: object) -> Metric:
+    if isinstance(metric, Metric):
+        return metric
+    if not isinstance(metric, str):
+        raise StudyError(f"metrics: expected names, or a Metric of your own, got {metric!r}")
+    if metric not in METRICS:
+        near = difflib.get_close_matches(metric, METRICS, n=2, cutoff=0.5)
+        hint = f"; did you mean {' or '.join(near)}?" if near else "."
+        raise StudyError(f"metrics: there is no {metric!r}{hint} There are {', '.join(METRICS)}")
+    return METRICS[metric]

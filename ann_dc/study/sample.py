@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +18,9 @@ from ann_dc.backends.settling import control_settling
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory, control_values
 from ann_dc.errors import StudyError
+from ann_dc.families.family import problem_at
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate
-from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solution.solution import certificate_of
 from ann_dc.study.realisation import Built, Realisation, network_at
 from ann_dc.study.records import Point, Value
@@ -159,26 +159,8 @@ class Sample(ABC):
         declared = self.made.problem(self.setting)
         if declared is None:
             raise StudyError("a network without a problem has no cost and no certificate")
-        problem = _with_inputs(declared, behind(self.setting, "input"))
-        return certificate_of(problem, *self.ideal)
-
-
-def _with_inputs(
-    problem: OptimalControlProblem, inputs: Mapping[str, Value]
-) -> OptimalControlProblem:
-    """Return the problem with other inputs of its network."""
-    if not inputs:
-        return problem
-    states = [str(s) for s in problem.states]
-    ends: dict[str, list[Any]] = {"q_0": [*problem.q_0], "q_d": [*(problem.q_d or ())]}
-    further: dict[str, Any] = {}
-    for name, value in inputs.items():
-        end, _, component = name.partition(".")
-        if component in states and end in ends:
-            ends[end][states.index(component)] = value
-        else:
-            further[name] = value
-    return problem.with_inputs(**ends, **further)
+        inputs = behind(self.setting, "input")
+        return certificate_of(problem_at(declared, inputs), *self.ideal)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

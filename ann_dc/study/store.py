@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import sqlite3
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -31,12 +30,7 @@ class Store:
 
     `begin` creates or continues a store. `open` reads a store, also while another process writes.
     The folder must be on a local disk. Its file 'study.sqlite' is an SQLite database whose table
-    ``rows`` has one column per study column.
-
-    Parameters
-    ----------
-    lock : Lock, optional
-        Lock of the writing process.
+    ``rows`` has one column per study column. The writing process holds the lock.
 
     Examples
     --------
@@ -61,26 +55,17 @@ class Store:
     def begin(
         cls, folder: str | os.PathLike[str], identity: Mapping[str, Any], columns: Sequence[str]
     ) -> Store:
-        """Create the store of a study, or continue the existing one.
+        """Create the store of a study in a folder, or continue the existing one.
 
-        Parameters
-        ----------
-        folder : path-like
-            Folder; created if missing.
-        identity : mapping
-            Nested plain data that identifies the study. Entries in `WORDS` affect only the
-            interpretation of records and may change.
-        columns : sequence of str
-            Column names with ``point`` first; must contain ``outcome``.
+        The identity is nested plain data; its entries `WORDS` affect only the interpretation of
+        records and may change. Column names begin with ``point`` and contain ``outcome``.
 
-        Raises
-        ------
-        StoreError
-            If the folder contains another study (the message lists the differences), another layout
-            or other files. Also if another process is writing or the folder cannot be written.
+        Raises `StoreError` if the folder contains another study (the message lists the
+        differences), another layout or other files. Also if another process is writing or the
+        folder cannot be written.
         """
         place, about = Path(folder), db.About(as_text(identity), Columns(columns), {})
-        with db.told(place):
+        with db.named_errors(place):
             try:
                 make_folder(place)
             except OutputError as error:
@@ -96,8 +81,7 @@ class Store:
     def _begun(cls, folder: Path, given: db.About, lock: Lock) -> Store:
         database = db.writable(folder)
         try:
-            if db.is_empty(database):
-                db.make_tables(database, given)
+            db.make_tables(database, given)
             stored = db.about_of(database, folder)
             changed = differences(lasting(stored.identity), lasting(given.identity)) or differences(
                 *(as_text({"columns": about.columns.names}) for about in (stored, given))
@@ -108,7 +92,7 @@ class Store:
                     "given); give another folder, or the study as it was"
                 )
             if stored.identity != given.identity:
-                db.tell_anew(database, given.identity)
+                db.update_entry(database, "identity", given.identity)
             return cls(folder, database, lock)
         except BaseException:
             database.close()
@@ -121,7 +105,7 @@ class Store:
         Raises `StoreError` if the folder does not contain a store of this layout.
         """
         place = Path(folder)
-        with db.told(place):
+        with db.named_errors(place):
             database = db.readable(place)
             try:
                 return cls(place, database)
@@ -144,13 +128,11 @@ class Store:
         kinds = self._columns.kinds(table, self._kinds)
         curves = [(one.row[POINT], one.curves) for one in finished if one.curves]
         places = ", ".join("?" * len(self.columns))
-        with db.told(self.folder), db.transaction(self._database, "IMMEDIATE"):
+        with db.named_errors(self.folder), db.transaction(self._database, "IMMEDIATE"):
             self._database.executemany(f"INSERT INTO rows VALUES ({places})", table)
             self._database.executemany("INSERT INTO curves VALUES (?, ?)", curves)
             if kinds != self._kinds:
-                self._database.execute(
-                    "UPDATE meta SET value = ? WHERE name = 'kinds'", [json.dumps(kinds)]
-                )
+                db.update_entry(self._database, "kinds", json.dumps(kinds))
         self._kinds = kinds
 
     def discard(self, points: Iterable[int]) -> None:
@@ -159,7 +141,7 @@ class Store:
         Raises `StoreError` if writing fails; the content then remains.
         """
         numbers = [(point,) for point in points]
-        with db.told(self.folder), db.transaction(self._database, "IMMEDIATE"):
+        with db.named_errors(self.folder), db.transaction(self._database, "IMMEDIATE"):
             for table in ("rows", "curves"):
                 self._database.executemany(f"DELETE FROM {table} WHERE point = ?", numbers)
 
@@ -171,12 +153,6 @@ class Store:
         """Return the numbers of the cases with a record but without a result."""
         without = f"SELECT point FROM rows WHERE {self._columns.quoted[OUTCOME]} IN (?, ?, ?)"
         return {point for (point,) in self._select(without, FAILED, TIMED_OUT, LOST)}
-
-    def outcomes(self) -> Counter[str]:
-        """Return the number of records by outcome."""
-        outcome = self._columns.quoted[OUTCOME]
-        counted = self._select(f"SELECT {outcome}, count(*) FROM rows GROUP BY {outcome}")
-        return Counter({str(outcome): number for outcome, number in counted})
 
     def __len__(self) -> int:
         return self._select("SELECT count(*) FROM rows")[0][0]
@@ -202,7 +178,7 @@ class Store:
         Known units of measure are stored in ``attrs["units"]`` by column. Raises `PandasMissing` if
         pandas is not installed.
         """
-        with db.told(self.folder), db.transaction(self._database):
+        with db.named_errors(self.folder), db.transaction(self._database):
             return export.frame(self._pieces(), self._held(), self.identity)
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
@@ -210,7 +186,7 @@ class Store:
 
         Raises `OutputError` if the file cannot be written; an existing file is then unchanged.
         """
-        with db.told(self.folder), db.transaction(self._database):
+        with db.named_errors(self.folder), db.transaction(self._database):
             export.write_csv(path, self._pieces(), self.columns)
 
     def to_parquet(self, path: str | os.PathLike[str]) -> None:
@@ -220,7 +196,7 @@ class Store:
         installed and `OutputError` if the file cannot be written. An existing file is then
         unchanged.
         """
-        with db.told(self.folder), db.transaction(self._database):
+        with db.named_errors(self.folder), db.transaction(self._database):
             export.write_parquet(path, self._pieces(), self._held(), as_text(self.identity))
 
     def close(self) -> None:
@@ -236,12 +212,12 @@ class Store:
         self.close()
 
     def _select(self, query: str, *values: Any) -> list[tuple]:
-        with db.told(self.folder):
+        with db.named_errors(self.folder):
             return self._database.execute(query, values).fetchall()
 
     def _held(self) -> Kinds:
         """Return the types that each column has contained so far."""
-        with db.told(self.folder):
+        with db.named_errors(self.folder):
             found = db.about_of(self._database, self.folder).kinds
         return {name: found.get(name, []) for name in self.columns}
 

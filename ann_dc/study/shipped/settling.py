@@ -15,7 +15,7 @@ from ann_dc.backends.ode import OdeBackend
 from ann_dc.errors import StudyError
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.study.metrics import Metric, definition_of
+from ann_dc.study.metrics import metric_of
 from ann_dc.study.realisation import Realisation
 from ann_dc.study.records import Value
 from ann_dc.study.sample import Sample
@@ -41,12 +41,7 @@ def settling_by_spectrum(sample: Sample) -> float:
     return math.log(1 / tolerance) * sample.resting.stiffness_ratio
 
 
-BY_SPECTRUM = Metric(
-    name="settling_by_spectrum",
-    unit="fastest time constants",
-    definition=definition_of(settling_by_spectrum),
-    value=settling_by_spectrum,
-)
+BY_SPECTRUM = metric_of(settling_by_spectrum, "fastest time constants")
 
 
 def settling_against_gains(
@@ -145,12 +140,7 @@ def computing_time(sample: Sample) -> float:
     return min(times)
 
 
-COMPUTING = Metric(
-    name="computing_time",
-    unit="s / fastest time constant",
-    definition=definition_of(computing_time),
-    value=computing_time,
-)
+COMPUTING = metric_of(computing_time, "s / fastest time constant")
 
 
 def settling_against_horizon(
