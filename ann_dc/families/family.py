@@ -106,8 +106,6 @@ def family_of(
     Raises `ProblemError` if a range is empty or not finite, or if a sample has a value that is not
     a number. Raises `UnknownNameError`, with the inputs of the network, for an unknown input.
 
-    Examples
-    --------
     >>> from ann_dc import plants, synthesize
     >>> problem = plants.double_integrator(N=5)
     >>> family = family_of(problem, synthesize(problem), {"q_d.x": (0.5, 2.0)})

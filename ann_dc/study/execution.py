@@ -51,8 +51,6 @@ def _verdict(job: _Job, attempt: Attempt, limit: float | None) -> tuple[list[Fin
     loss, a time-out or an exception, a task with several cases is split. For a single case the
     outcome is recorded. The `limit` is in seconds per case.
 
-    Examples
-    --------
     >>> from ann_dc.study.records import FAILED, Point
     >>> job = _Job(Task((Point(0, {}, 5), Point(1, {}, 6))))
     >>> failed = Attempt([], FAILED, "ValueError: no", {})
@@ -306,8 +304,6 @@ def _duration(seconds: float) -> str:
 class Here(Executor):
     """Serial executor: `submit` runs the call in this process before it returns.
 
-    Examples
-    --------
     >>> Here().submit(max, 3, 5).result()
     5
     """

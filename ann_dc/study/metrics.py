@@ -66,8 +66,6 @@ METRICS: dict[str, Metric] = {}
 def metric_of(value: Callable[[Sample], Value], unit: str = "", *, curves: bool = False) -> Metric:
     """Return the metric of a function: its name, and its docstring as a noun phrase on one line.
 
-    Examples
-    --------
     >>> metric_of(neurons).definition
     'Number of moving neurons.'
     """
@@ -330,8 +328,6 @@ def metrics_of(given: Iterable[str | Metric]) -> tuple[Metric, ...]:
 
     Raises `StudyError` for an unknown name, with the nearest and all names.
 
-    Examples
-    --------
     >>> [metric.unit for metric in metrics_of(["seconds", "energy"])]
     ['s', 'J']
     """

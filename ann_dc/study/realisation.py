@@ -57,8 +57,6 @@ SPREAD = 0.1
 def stream(seed: int, name: str) -> int:
     """Return the seed of a named random quantity, from the seed of the case.
 
-    Examples
-    --------
     >>> stream(1, "mismatch") != stream(1, "offset")
     True
     """

@@ -124,8 +124,6 @@ def plan_of(
     In `vary`, a pair (low, high) is a range. Raises `StudyError` if a list or range is empty, a
     setting is both varied and fixed, or there are too many cases.
 
-    Examples
-    --------
     >>> vary = {"problem.N": [9, 18], "nonideal.mismatch": (0.0, 0.02)}
     >>> plan = plan_of(vary, fixed={}, samples=3, sampling=Sampling.SOBOL, seed=0)
     >>> len(plan), [point.setting["problem.N"] for point in plan.points()]

@@ -133,8 +133,6 @@ def subject_of(given: str | OptimalControlProblem | Network) -> Subject:
 
     Raises `UnknownNameError` if the plant does not exist.
 
-    Examples
-    --------
     >>> subject_of("car").declared({"N": 12, "q_d.x": 4.0}).horizon
     12
     """
@@ -319,8 +317,6 @@ def chosen(setting: Mapping[str, Value], *families: str) -> dict[str, Value]:
 def behind(setting: Mapping[str, Value], family: str) -> dict[str, Any]:
     """Return the values of one family by the name after the first part.
 
-    Examples
-    --------
     >>> behind({"input.q_d.x": 3.0, "run.order": "two-phase"}, "input")
     {'q_d.x': 3.0}
     """
@@ -330,8 +326,6 @@ def behind(setting: Mapping[str, Value], family: str) -> dict[str, Any]:
 def backend_of(setting: Mapping[str, Value]) -> str:
     """Return the backend of a case; the default for a circuit is its emulation.
 
-    Examples
-    --------
     >>> backend_of({}), backend_of({"tolerance.resistor": 0.01})
     ('ode', 'emulation')
     """
@@ -347,8 +341,6 @@ def is_built(setting: Mapping[str, Value]) -> bool:
 def is_drawn(setting: Mapping[str, Value]) -> bool:
     """Return True if cases of this setting differ between seeds.
 
-    Examples
-    --------
     >>> is_drawn({"nonideal.mismatch": 0.01}), is_drawn({"nonideal.mismatch": 0.0})
     (True, False)
     """

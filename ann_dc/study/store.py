@@ -15,7 +15,6 @@ from ann_dc.errors import OutputError, StoreError
 from ann_dc.files import Lock, make_folder
 from ann_dc.study import database as db, table_export as export
 from ann_dc.study.columns import Columns, Kinds, with_truths
-from ann_dc.study.identity import as_text, differences, lasting
 from ann_dc.study.records import FAILED, LOST, OUTCOME, POINT, TIMED_OUT, Finished, Row
 from ann_dc.study.stored_trajectories import unpacked
 
@@ -23,6 +22,12 @@ LOCK = "lock"
 """File in the folder of a study that identifies the writing process."""
 PIECE = 10_000
 """Number of records in memory at a time."""
+INTERPRETATION = ("title", "spec")
+"""Entries of an identity that affect only the interpretation of records."""
+MOST_DIFFERENCES = 6
+"""Number of differences listed in a message; further ones are counted."""
+LONGEST = 60
+"""Largest number of characters of a value in a message."""
 
 
 class Store:
@@ -32,8 +37,6 @@ class Store:
     The folder must be on a local disk. Its file 'study.sqlite' is an SQLite database whose table
     ``rows`` has one column per study column. The writing process holds the lock.
 
-    Examples
-    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     columns = ["point", "rho", "outcome"]
@@ -57,14 +60,14 @@ class Store:
     ) -> Store:
         """Create the store of a study in a folder, or continue the existing one.
 
-        The identity is nested plain data; its entries `WORDS` affect only the interpretation of
-        records and may change. Column names begin with ``point`` and contain ``outcome``.
+        The identity is nested plain data; its entries `INTERPRETATION` may change. Column names
+        begin with ``point`` and contain ``outcome``.
 
         Raises `StoreError` if the folder contains another study (the message lists the
         differences), another layout or other files. Also if another process is writing or the
         folder cannot be written.
         """
-        place, about = Path(folder), db.About(as_text(identity), Columns(columns), {})
+        place, about = Path(folder), db.About(json.dumps(identity), Columns(columns), {})
         with db.named_errors(place):
             try:
                 make_folder(place)
@@ -83,8 +86,10 @@ class Store:
         try:
             db.make_tables(database, given)
             stored = db.about_of(database, folder)
-            changed = differences(lasting(stored.identity), lasting(given.identity)) or differences(
-                *(as_text({"columns": about.columns.names}) for about in (stored, given))
+            changed = differences(
+                _lasting(stored.identity), _lasting(given.identity)
+            ) or differences(
+                *(json.dumps({"columns": about.columns.names}) for about in (stored, given))
             )
             if changed:
                 raise StoreError(
@@ -197,7 +202,7 @@ class Store:
         unchanged.
         """
         with db.named_errors(self.folder), db.transaction(self._database):
-            export.write_parquet(path, self._pieces(), self._held(), as_text(self.identity))
+            export.write_parquet(path, self._pieces(), self._held(), json.dumps(self.identity))
 
     def close(self) -> None:
         """Release the lock and close the database; do nothing if already closed."""
@@ -229,3 +234,56 @@ class Store:
         while piece := self._select(query, last, PIECE):
             yield [with_truths(cells, truths) for cells in piece]
             last = piece[-1][0]
+
+
+# ---- differences between the identities of two studies ------------------------------------------
+
+
+def _lasting(identity: str) -> str:
+    """Return the part of an identity (JSON) that determines the records (not `INTERPRETATION`).
+
+    >>> _lasting('{"title": "chips", "seed": 0}')
+    '{"seed": 0}'
+    """
+    determining = {
+        name: value for name, value in json.loads(identity).items() if name not in INTERPRETATION
+    }
+    return json.dumps(determining)
+
+
+def differences(stored: str, given: str) -> str:
+    """Return a description of the differences between two identities (JSON), or "".
+
+    >>> differences('{"vary": {"N": [9, 18]}, "seed": 0}', '{"vary": {"N": [9, 36, 72]}}')
+    'seed: 0 -> none; vary.N[1]: 18 -> 36; vary.N[2]: none -> 72'
+    """
+    if stored == given:
+        return ""
+    before, after = dict(_leaves(json.loads(stored))), dict(_leaves(json.loads(given)))
+    names = [*before, *(name for name in after if name not in before)]
+    changes = [
+        f"{name}: {_shortened(before.get(name))} -> {_shortened(after.get(name))}"
+        for name in sorted(names)
+        if before.get(name) != after.get(name)
+    ]
+    if len(changes) > MOST_DIFFERENCES:
+        changes[MOST_DIFFERENCES:] = [f"and {len(changes) - MOST_DIFFERENCES} more"]
+    return "; ".join(changes) or "the order of its entries"
+
+
+def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
+    """Yield each single value (or empty container) as JSON with its dotted name."""
+    if isinstance(value, dict) and value:
+        for key, inner in value.items():
+            yield from _leaves(inner, f"{name}.{key}".removeprefix("."))
+    elif isinstance(value, list) and value:
+        for index, inner in enumerate(value):
+            yield from _leaves(inner, f"{name}[{index}]")
+    else:
+        yield name, json.dumps(value)
+
+
+def _shortened(value: str | None) -> str:
+    if value is None:
+        return "none"
+    return value if len(value) <= LONGEST else f"{value[:LONGEST]}..."

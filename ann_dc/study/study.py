@@ -24,6 +24,7 @@ from ann_dc.study.records import HEAD, SEED, TAIL, VERSIONS, Point, Row, Value, 
 from ann_dc.study.sampling import Plan, Sampling, plan_of
 from ann_dc.study.settings import (
     DRAWN,
+    LEAST,
     WORDS,
     Subject,
     backend_of,
@@ -43,8 +44,6 @@ from ann_dc.study.worker import stop_script
 from ann_dc.validation import Count, Index, Positive, checked
 from ann_dc.yields import ends_of
 
-WHOLE = ("problem.N", "seed")
-"""Settings that take integers."""
 LAYOUT = 1
 """Layout version in the identity of a study. A store with another version is not continued."""
 
@@ -158,7 +157,7 @@ class Study(Record):
             check_name(subject, "fixed", name)
             check_value("fixed", name, value)
         for name in self.plan.spans:
-            if name in (*WORDS, *WHOLE):
+            if name in (*WORDS, *LEAST):
                 raise StudyError(f"vary: {name} takes words or whole numbers; list them")
         ends = {name: (span.low or span.high, span.high) for name, span in self.plan.spans.items()}
         for name, values in {**ends, **self.plan.listed}.items():

@@ -53,8 +53,6 @@ class Attempt(NamedTuple):
 def attempted(work: Work, task: Task) -> Attempt:
     """Execute a task in this process; exceptions are returned in the attempt.
 
-    Examples
-    --------
     >>> def work(task):
     ...     return [Finished({"point": 3, "outcome": "settled"})]
     >>> attempted(work, Task((Point(3, {}, 7),))).outcome
