@@ -60,9 +60,9 @@ class Sample(ABC):
     made: Realisation
 
     @cached_property
+    @abstractmethod
     def end(self) -> End:
         """Outcome, final state and steps."""
-        raise NotImplementedError
 
     @property
     @abstractmethod
