@@ -25,7 +25,7 @@ MOST = 10_000_000
 
 
 class Span(NamedTuple):
-    """Range of numbers from which samples are drawn; on a log scale, equal factors are likely."""
+    """Range of numbers that is sampled uniformly, or log-uniformly if `is_log`."""
 
     low: float
     high: float
