@@ -15,15 +15,31 @@ Figure:   out/demos/20_where_slips_settle.png
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+import ann_dc
 from ann_dc import plotting
 from ann_dc.plotting import style
 from ann_dc.study import Row
-from ann_dc.study.shipped import FORMS, FormEnd, end_of, settling_of_forms
+
+STUDY = Path(__file__).with_name("forms.toml")
+SAME = 1e-5
+"""Tolerance for equal controls, relative to the largest control."""
+
+
+class FormEnd(enum.Enum):
+    """Classification of a form; the value is its description."""
+
+    OPTIMUM = "settles to the optimum, certified"
+    CONTROLS = "settles to the right controls alone"
+    ELSEWHERE = "settles, and not to the optimum"
+    NEVER = "does not settle"
+
 
 COLOURS = {
     FormEnd.OPTIMUM: style.GREEN,
@@ -69,11 +85,14 @@ COLUMNS = (
 def main(
     out: Path | None = None,
     subject: str = "car",
-    forms: Sequence[str] = FORMS,
+    forms: Sequence[str] | None = None,
     workers: int | None = None,
 ) -> dict:
     """Run the study; return its rows and ends by form, and the path of the picture."""
-    table = settling_of_forms(subject, forms=forms).run(workers=workers)
+    study = replace(ann_dc.load_study(STUDY), subject=subject)
+    if forms is not None:
+        study = replace(study, vary={"design.form": [*forms]})
+    table = study.run(workers=workers)
     rows = {str(row["design.form"]): row for row in table.rows()}
     ends = {form: end_of(row) for form, row in rows.items()}
     for form, row in rows.items():
@@ -83,6 +102,15 @@ def main(
         figure = picture(subject, rows, ends)
         figures.append(plotting.save(figure, Path(out) / "20_where_slips_settle.png"))
     return {"rows": rows, "ends": ends, "figures": figures}
+
+
+def end_of(row: Row) -> FormEnd:
+    """Classify the result of a form."""
+    if row["outcome"] != "settled":
+        return FormEnd.NEVER
+    if row["certified"] == 1:
+        return FormEnd.OPTIMUM
+    return FormEnd.CONTROLS if row["control_error"] < SAME else FormEnd.ELSEWHERE  # type: ignore
 
 
 def words_of(row: Row) -> tuple[str, ...]:

@@ -13,7 +13,9 @@ Figure:   out/demos/23_basins_of_attraction.png
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +24,20 @@ import ann_dc
 from ann_dc import plotting
 from ann_dc.plotting import style
 from ann_dc.study import Table
-from ann_dc.study.shipped import End, basin, ends
+
+STUDY = Path(__file__).with_name("basin.toml")
+ALIKE = 1e-3
+"""Relative cost difference below which two optima count as equal."""
+
+
+class End(enum.Enum):
+    """Classification of the end of a run; the value is its description."""
+
+    BEST = "best optimum met"
+    OTHER = "another optimum"
+    NO_OPTIMUM = "settled at no optimum"
+    NOWHERE = "did not settle"
+
 
 COLOURS = {
     End.BEST: style.BLUE,
@@ -61,16 +76,18 @@ def main(
     workers: int | None = None,
 ) -> dict:
     """Random starts of some plants, and two maps; return tables, ends and the picture's path."""
-    bars = {name: basin(name, samples=starts).run(workers=workers) for name in plants}
+    study = replace(ann_dc.load_study(STUDY), samples=starts)
+    bars = {name: replace(study, subject=name).run(workers=workers) for name in plants}
     for name, table in bars.items():
         for spread, share in shares(table).items():
             print(f"{name:10} spread {spread:<5g} " + said(share))
     maps = {}
     for name, (ranges, spread, *_) in MAPS.items():
-        places = {n: np.linspace(*limits, side).tolist() for n, limits in ranges.items()}
-        study = basin(name, inputs=places, spreads=[spread], samples=of_a_map)
-        maps[name] = study.run(workers=workers)
-        found = ends(maps[name])
+        places = {f"input.{n}": np.linspace(*ends, side).tolist() for n, ends in ranges.items()}
+        vary = {**places, "start.spread": [spread]}
+        map_of_ends = replace(study, subject=name, vary=vary, samples=of_a_map)
+        maps[name] = map_of_ends.run(workers=workers)
+        found = ends_of(maps[name])
         print(
             f"{name:10} the map       " + said({end: found.count(end) / len(found) for end in End})
         )
@@ -81,10 +98,32 @@ def main(
     return {"bars": bars, "maps": maps, "figures": figures}
 
 
+def ends_of(table: Table) -> list[End]:
+    """Classify the end of every run; the best optimum is that of least cost for equal inputs."""
+    names = [name for name in table.columns if name.startswith("input.")]
+    given = [*zip(*(table[name] for name in names))] or [()] * len(table)
+    optimal, costs = table["certified"] == 1, table["objective"]
+    best: dict[tuple, float] = {}
+    for where, cost in zip(given, np.where(optimal, costs, np.inf)):
+        best[where] = min(cost, best.get(where, np.inf))
+    settled = table["outcome"] == "settled"
+    runs = zip(settled, optimal, costs, (best[where] for where in given))
+    return [end_of(*run) for run in runs]
+
+
+def end_of(settled: bool, optimal: bool, cost: float, best: float) -> End:
+    """Classify the end of a run by its cost and that of the best optimum."""
+    if not settled:
+        return End.NOWHERE
+    if not optimal:
+        return End.NO_OPTIMUM
+    return End.BEST if cost <= best + ALIKE * max(abs(best), 1e-9) else End.OTHER
+
+
 def shares(table: Table) -> dict[float, dict[End, float]]:
     """Which share of the starts ends where, by their spread."""
     found: dict[float, list[End]] = {}
-    for spread, end in zip(table["start.spread"], ends(table)):
+    for spread, end in zip(table["start.spread"], ends_of(table)):
         found.setdefault(float(spread), []).append(end)
     return {
         spread: {end: each.count(end) / len(each) for end in End} for spread, each in found.items()
@@ -134,7 +173,7 @@ def mapped(figure, axes, name: str, table: Table) -> None:
     """Which share of the starts finds the best optimum, place by place."""
     (across, up), spread, labels, designed = MAPS[name]
     x, y = (np.unique(table[f"input.{n}"]) for n in (across, up))
-    found = np.array([end is End.BEST for end in ends(table)])
+    found = np.array([end is End.BEST for end in ends_of(table)])
     share = 100 * found.reshape(len(x), len(y), -1).mean(axis=2)
     tiles = axes.pcolormesh(x, y, share.T, cmap="viridis", vmin=0, vmax=100)
     axes.plot(*designed, "o", color=style.VERMILION, ms=6, label="designed for")

@@ -3,6 +3,7 @@
 import importlib.util
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,9 @@ from reference import best_of
 from simulator import needs_ngspice
 
 import ann_dc
+from ann_dc.decomposition.form import SWITCHES
 from ann_dc.export.catalogue import FORMATS
+from ann_dc.study import Table
 
 DEMOS = Path(__file__).parents[1] / "demos"
 
@@ -323,6 +326,40 @@ def test_settling_against_stages(tmp_path):
     assert (flat.computing > 0).all()
 
 
+@pytest.mark.parametrize(
+    ("outcome", "certified", "error", "end"),
+    [
+        ("settled", 1.0, 1e-9, "OPTIMUM"),
+        ("settled", 0.0, 1e-9, "CONTROLS"),
+        ("settled", 0.0, 0.3, "ELSEWHERE"),
+        ("settled", np.nan, np.nan, "ELSEWHERE"),
+        ("diverged", 0.0, 1e-9, "NEVER"),
+        ("failed", np.nan, np.nan, "NEVER"),
+    ],
+)
+def test_the_end_of_a_form(outcome, certified, error, end):
+    row = {"outcome": outcome, "certified": certified, "control_error": error}
+    assert demo("20_where_slips_settle").end_of(row).name == end
+
+
+def test_the_study_of_forms_has_every_form():
+    study = ann_dc.load_study(DEMOS / "forms.toml")
+    assert study.vary["design.form"] == ["corrected", "printed", *SWITCHES]
+
+
+def test_controls_of_a_slip_are_compared_with_the_corrected_networks():
+    study = replace(
+        ann_dc.load_study(DEMOS / "forms.toml"),
+        subject=ann_dc.plants.double_integrator(N=5),
+        vary={"design.form": ["corrected", "S7"]},
+        fixed={"design.kind": "diagonal"},
+    )
+    corrected, slip = study.run(workers=0).rows()
+    assert corrected["control_error"] < 1e-6
+    assert slip["outcome"] == "settled"
+    assert slip["control_error"] > 1e-3
+
+
 @pytest.mark.slow
 def test_where_slips_settle(tmp_path):
     module = demo("20_where_slips_settle")
@@ -378,6 +415,42 @@ def test_from_a_question_to_a_yield_curve(tmp_path):
     assert spot.off("seconds").max() < 0.01
     slowest = margins[10.0]["slowest_mode_seconds"][0] / spot.simulated["seconds"][0]
     assert 1.2 < slowest < 1.3
+
+
+def ends_of(**columns) -> list[str]:
+    table = Table(columns={name: np.array(of) for name, of in columns.items()}, spec={})
+    return [end.name for end in demo("23_basins_of_attraction").ends_of(table)]
+
+
+def test_the_best_optimum_is_that_of_the_same_inputs():
+    found = ends_of(
+        **{"input.q_d.x": [1.0, 1.0, 2.0, 2.0]},
+        objective=[5.0, 9.0, 9.0, 9.0 + 1e-6],
+        certified=[1, 1, 1, 1],
+        outcome=["settled"] * 4,
+    )
+    assert found == ["BEST", "OTHER", "BEST", "BEST"]
+
+
+def test_a_lower_cost_that_is_no_optimum_is_not_the_best():
+    found = ends_of(
+        objective=[1.0, 2.0, np.nan, 0.5],
+        certified=[0, 1, 0, 0],
+        outcome=["settled", "settled", "diverged", "stalled"],
+    )
+    assert found == ["NO_OPTIMUM", "BEST", "NOWHERE", "NOWHERE"]
+
+
+def test_a_convex_problem_has_one_basin():
+    study = replace(
+        ann_dc.load_study(DEMOS / "basin.toml"),
+        subject="double_integrator",
+        vary={"input.q_d.x": [0.5, 1.0], "start.spread": [0.1, 10.0]},
+        samples=3,
+    )
+    assert len(study) == 12
+    ends = demo("23_basins_of_attraction").ends_of(study.run(workers=0))
+    assert {end.name for end in ends} == {"BEST"}
 
 
 @pytest.mark.slow

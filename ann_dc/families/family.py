@@ -38,14 +38,8 @@ BOUNDING = 1000
 class Family:
     """Inputs for which one network is designed; see `family_of`.
 
-    Attributes
-    ----------
-    network : Network
-        Network of the problem, whose inputs are replaced by the samples.
-    operating_range : Over
-        Operating range as declared.
-    ranges : dict of str to (float, float)
-        Lowest and highest value of every input, declared or observed.
+    The samples replace the inputs of the network. `ranges` contains the lowest and highest value of
+    every input, declared or observed.
     """
 
     problem: OptimalControlProblem
@@ -77,18 +71,26 @@ class Family:
 
     def problem_of(self, sample: Sample) -> OptimalControlProblem:
         """Return the problem with a sample's inputs."""
-        problem = self.problem
-        ends: dict[str, list] = {"q_0": list(problem.q_0), "q_d": list(problem.q_d or ())}
-        further: dict[str, np.ndarray] = {}
-        names = [str(state) for state in problem.states]
-        for name, value in sample.items():
-            end, _, component = name.partition(".")
-            if component:
-                at = 0 if end == "q_0" else -1
-                ends[end][names.index(component)] = float(value[at])
-            else:
-                further[name] = value
-        return problem.with_inputs(q_0=ends["q_0"], q_d=ends["q_d"], **further)
+        return problem_at(self.problem, sample)
+
+
+def problem_at(problem: OptimalControlProblem, inputs: Mapping[str, Any]) -> OptimalControlProblem:
+    """Return the problem with other inputs of its network, such as ``q_d.x``.
+
+    Of values (N,) of a boundary condition, the first counts for q_0 and the last for q_d.
+    """
+    if not inputs:
+        return problem
+    states = [str(state) for state in problem.states]
+    ends: dict[str, list] = {"q_0": [*problem.q_0], "q_d": [*(problem.q_d or ())]}
+    further: dict[str, Any] = {}
+    for name, value in inputs.items():
+        end, _, component = name.partition(".")
+        if end in ends and component in states:
+            ends[end][states.index(component)] = float(np.ravel(value)[0 if end == "q_0" else -1])
+        else:
+            further[name] = value
+    return problem.with_inputs(**ends, **further)
 
 
 @checked
@@ -104,8 +106,6 @@ def family_of(
     Raises `ProblemError` if a range is empty or not finite, or if a sample has a value that is not
     a number. Raises `UnknownNameError`, with the inputs of the network, for an unknown input.
 
-    Examples
-    --------
     >>> from ann_dc import plants, synthesize
     >>> problem = plants.double_integrator(N=5)
     >>> family = family_of(problem, synthesize(problem), {"q_d.x": (0.5, 2.0)})

@@ -28,7 +28,7 @@ from ann_dc.decomposition.equations import decompose
 from ann_dc.errors import DesignError, such_as
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.families.family import Family, Over, Sample, family_of
-from ann_dc.families.race import LIMIT, ROUNDS, Runner, entered, raced, run_on, run_sample
+from ann_dc.families.race import GRIDS, LIMIT, ROUNDS, Runner, entered, raced, run_on, run_sample
 from ann_dc.gain_design.gain_rule import GAIN_RULES, MULTILEVEL_RULE
 from ann_dc.gain_design.gains import Gains, apply_gains
 from ann_dc.gain_design.grid_gains import SettledPoint
@@ -44,7 +44,7 @@ from ann_dc.solution.solution import certificate_of
 from ann_dc.synthesis.synthesis import synthesize
 from ann_dc.validation import Own, checked
 
-# ---- validation: on inputs that no choice has seen, what share settles to a certified optimum?
+# ---- validation: fraction of unseen inputs that settle to a certified optimum -------------------
 
 CERTIFIABLE = 3e-10
 """KKT residual of an evaluated run, well below that of a certificate, which is computed in the
@@ -71,17 +71,10 @@ class Failure(Enum):
 class Validation:
     """Behaviour of a network with fixed gains for many inputs.
 
-    Attributes
-    ----------
-    settling : (samples,) array
-        Settling time to a KKT residual of 1e-6, in fastest time constants; infinite if it did not
-        settle.
-    objectives : (samples,) array
-        Objectives in the user's units; nan if the run did not settle.
-    failures : dict of int to Failure
-        Reason for every sample that is not certified.
-    drawn : bool
-        True if the samples are independent draws, False if they are the whole operating range.
+    `settling` (samples,) is the settling time to a KKT residual of 1e-6, in fastest time constants;
+    infinite if it did not settle. `objectives` (samples,) are in the user's units; nan if the run
+    did not settle. `failures` has the reason for every sample that is not certified. `drawn` is
+    False if the samples are the whole operating range instead of independent draws.
     """
 
     samples: list[Sample]
@@ -144,11 +137,11 @@ class Validation:
         ]
         for failure, count in Counter(self.failures.values()).most_common():
             number = next(i for i, found in self.failures.items() if found is failure)
-            lines.append(f"  {count} fail: {failure.value}; e.g. {told(self.samples[number])}")
+            lines.append(f"  {count} fail: {failure.value}; e.g. {described(self.samples[number])}")
         return "\n".join(lines)
 
 
-def told(sample: Sample) -> str:
+def described(sample: Sample) -> str:
     """Return a sample as text: ``q_d.x = 3.2, q_0.phi = 0.1``."""
     each = (
         f"{name} = {value[0]:.4g}" if np.ptp(value) == 0 else f"{name} = {value[0]:.4g} ..."
@@ -172,15 +165,15 @@ def validated(
             progress(f"validation: input {number} of {len(samples)}, {len(failures)} failed")
             network = family.network_of(sample)
             settling[number], x, lost = run_sample(network, tape, pace)
-            if np.isfinite(settling[number]):
-                run_on(network, tape, pace, x, CERTIFIABLE)
-                certificate = certificate_of(family.problem_of(sample), network, x)
-                objectives[number] = certificate.objective
-                certified[number] = certificate.certified
-            if np.isfinite(settling[number]) and not certified[number]:
-                failures[number] = Failure.NO_OPTIMUM
-            elif not certified[number]:
+            if not np.isfinite(settling[number]):
                 failures[number] = why(network, x, lost=lost)
+                continue
+            run_on(network, tape, pace, x, CERTIFIABLE)
+            certificate = certificate_of(family.problem_of(sample), network, x)
+            objectives[number] = certificate.objective
+            certified[number] = certificate.certified
+            if not certificate.certified:
+                failures[number] = Failure.NO_OPTIMUM
     return Validation(
         samples=list(samples),
         settling=settling,
@@ -197,18 +190,18 @@ def why(network: Network, x: np.ndarray, *, lost: bool) -> Failure:
     `network` has its inputs and its start, and the run ended at `x` (n,). `lost` is True if the run
     diverged or left the domain of a function.
     """
-    found = first_run(network, MULTILEVEL_RULE, limit=LONGEST_SEARCH)
-    if not found.settled:
+    search = first_run(network, MULTILEVEL_RULE, limit=LONGEST_SEARCH)
+    if not search.settled:
         return Failure.LOST if lost else Failure.NO_POINT
-    if not spectrum(network, found.state).abscissa < 0:
+    if not spectrum(network, search.state).abscissa < 0:
         return Failure.PENALTY
     if lost:
         return Failure.LOST
-    settled = SettledPoint(Linearisation(network).at(found.state), found.state)
+    settled = SettledPoint(Linearisation(network).at(search.state), search.state)
     return Failure.SLOW if distance(settled, x) < ELSEWHERE else Failure.OUTSIDE_BASIN
 
 
-# ---- design for a family of inputs: one frozen network that settles for (nearly) all of them
+# ---- design -------------------------------------------------------------------------------------
 
 POINTS = 16
 """Number of inputs from whose settled points the gains are derived."""
@@ -362,14 +355,14 @@ def _settled_points(
                 knowledge=knowledge_of(prospect, network),
             )
             if found.ended is not None:
-                why = f"{told(sample)}: {found.ended}" if sample else str(found.ended)
+                why = f"{described(sample)}: {found.ended}" if sample else str(found.ended)
             elif found.settled:
                 points.append(SettledPoint(Linearisation(network).at(found.state), found.state))
                 penalty_factor = max(penalty_factor, found.penalty_factor)
     if not points:
         raise DesignError(
             f"ranges: none of {len(samples)} inputs leads to a settled point "
-            f"({why or told(samples[-1])}); is there a feasible one in these ranges?"
+            f"({why or described(samples[-1])}); is there a feasible one in these ranges?"
         )
     return points, penalty_factor
 
@@ -383,13 +376,11 @@ def _winner(
 ) -> Runner:
     """Return the best candidate; kinds are tried fastest first until `GOAL` is met."""
     best: Runner | None = None
+    tried = {*kinds}
+    if tried >= {*GRIDS}:  # the same preconditioner
+        tried.remove(PreconditionerKind.CYCLIC_REDUCTION)
     with np.errstate(all="ignore"):
-        for kind in (kind for kind in GAIN_RULES if kind in kinds):
-            if (
-                kind is PreconditionerKind.CYCLIC_REDUCTION
-                and PreconditionerKind.RESISTIVE_GRID in kinds
-            ):  # the same preconditioner
-                continue
+        for kind in (kind for kind in GAIN_RULES if kind in tried):
             runners = entered(points, kind, penalty_factor)
             if runners:
                 raced_best = raced(runners, networks, progress)

@@ -54,20 +54,10 @@ KINDS = (
 class Front:
     """Points of the Pareto front of several objectives.
 
-    Attributes
-    ----------
-    problem : OptimalControlProblem
-        Problem with objectives normalised between ideal, 0, and nadir, 1, and weights as inputs.
-    ideal, nadir : (p,) arrays
-        Best and worst objectives in the user's units.
-    design : Design
-        Design of the one network, at equal weights.
-    values : (B, p) array
-        Objectives J_i of every point, in the user's units.
-    shares : (B, p) array
-        Contribution of every objective at the point: its fraction of the cost times its weight.
-    batch : BatchRun
-        Run of every point.
+    The problem has objectives normalised between ideal, 0, and nadir, 1, and weights as inputs; the
+    design is at equal weights. In the user's units are `ideal` and `nadir` (p,) and the objectives
+    `values` (B, p) of every point. `shares` (B, p) is the contribution of every objective: its
+    fraction of the cost times its weight.
     """
 
     problem: OptimalControlProblem
@@ -112,11 +102,9 @@ class Front:
             "  weights" + "".join(f"{name:>14}" for name in self.names),
         ]
         for weight, value, is_good in zip(self.weights, self.values, good):
-            told = " ".join(f"{w:.2f}" for w in weight)
-            lines.append(
-                f"  {told:7}" + "".join(f"{v:14.6g}" for v in value)
-                + ("" if is_good else "  not certified")
-            )  # fmt: skip
+            name = " ".join(f"{w:.2f}" for w in weight)
+            end = "" if is_good else "  not certified"
+            lines.append(f"  {name:7}" + "".join(f"{v:14.6g}" for v in value) + end)
         return "\n".join(lines)
 
 
@@ -262,13 +250,12 @@ def _payoff(problem: OptimalControlProblem, kinds, progress: Progress) -> np.nda
         designed = procedure.design(
             synthesize(decompose(alone)), preconditioner=kinds, progress=progress
         )
-        end = designed.state
         if not designed.settled:
             raise ProblemError(
                 f"objectives[{name}]: the network does not settle at its least value, so that "
                 "there is no ideal point"
             )
-        q, u, t, *_ = kkt_point(designed.network, end)
+        q, u, t, *_ = kkt_point(designed.network, designed.state)
         rows.append(plain.objective_values(np.column_stack([q, t[:, -1]]), u))
     return np.array(rows)
 

@@ -2,12 +2,14 @@
 
 A network with fixed gains settles at an optimum near its initial guess, and a problem may have
 several optima. One design serves all guesses: the network is the same, and recurrent steps process
-all guesses together. A guess that this network loses gets a separate run (`optima`). All settled
-points are certified from the problem alone.
+all guesses together. Gains derived from one optimum stabilise few distant ones, so a guess that
+this network loses gets a gain-scheduled run, as in a design. All settled points are certified from
+the problem alone and separated by objective and controls.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -16,15 +18,19 @@ import numpy as np
 
 from ann_dc.backends.batch import BatchRun
 from ann_dc.backends.recurrent.backend import RecurrentBackend
+from ann_dc.backends.status import Outcome
 from ann_dc.backends.step_rules import TWO_PHASE
 from ann_dc.decomposition.equations import StageEquations, decompose
-from ann_dc.families.optima import SAME, Optimum, sorted_out
+from ann_dc.evaluation.populations import kkt_point
 from ann_dc.families.seeded_starts import LONGEST, checked_starts, seeded_starts
 from ann_dc.gain_design import procedure
+from ann_dc.gain_design.gain_rule import MULTILEVEL_RULE
 from ann_dc.gain_design.knowledge import NOTHING
 from ann_dc.gain_design.procedure import Design
+from ann_dc.gain_design.scheduled_run import first_run
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
+from ann_dc.optimality.certificate import Certificate
 from ann_dc.optimality.existence import Prospect
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.problem.initial_guess import InitialGuess
@@ -36,8 +42,50 @@ from ann_dc.synthesis.row import start_values
 from ann_dc.synthesis.synthesis import synthesize
 from ann_dc.validation import NotEmpty, Own, checked
 
+SAME = 1e-3
+"""Relative distance of objectives, and of every control, below which two optima are equal."""
+TOLERANCE = 1e-10
+"""KKT residual of a separate run, in network units."""
+NAMES = {
+    Outcome.SETTLED: "settled, but not certified",
+    Outcome.NOT_SETTLED: "not settled within the steps given",
+    Outcome.DIVERGED: "diverged",
+    Outcome.LEFT_DOMAIN: "left the domain of a function",
+    Outcome.STALLED: "stalled",
+    Outcome.STOPPED: "stopped before their end",
+}
+"""Description of guesses without an optimum, by the outcome in the batch."""
 NEAR_ONE_OPTIMUM = (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
 """Preconditioner kinds derived from the optimum of the design, at which few others are stable."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Optimum:
+    """Certified optimum with the initial guesses that lead to it.
+
+    `state` (n,) is the settled state from the first of them, in network units. States `q` (n, N+1)
+    and controls `u` (m, N) are in the user's units. `starts` contains the indices of the guesses,
+    and `share` is their fraction of all guesses. The first `frozen` guesses settled in the common
+    network with fixed gains; the others needed a gain-scheduled run.
+    """
+
+    state: np.ndarray
+    q: np.ndarray
+    u: np.ndarray
+    certificate: Certificate
+    starts: tuple[int, ...]
+    frozen: int
+    share: float
+
+    @property
+    def objective(self) -> float:
+        """Total cost E in the user's units."""
+        return self.certificate.objective
+
+    @property
+    def count(self) -> int:
+        """Number of initial guesses that lead to this optimum."""
+        return len(self.starts)
 
 
 @checked
@@ -118,12 +166,12 @@ class Multistart:
         known = knowledge_of(Prospect(problem=self.problem), network)
         known = known._replace(finder=NOTHING.finder)  # it could lead to another optimum
         designed = procedure.design(network, preconditioner=self.backend.kinds, knowledge=known)
-        own = self._ran(designed.network, designed)
+        solution = self._ran(designed.network, designed)
         for other in designed.alternatives():
-            if np.isclose(own.objective, self.optima[index].objective, rtol=SAME):
+            if np.isclose(solution.objective, self.optima[index].objective, rtol=SAME):
                 break
-            own = self._ran(other.network, other)
-        return own
+            solution = self._ran(other.network, other)
+        return solution
 
     def _ran(self, network: Network, designed: Design) -> Solution:
         """Run a network with fixed gains and certify its final state."""
@@ -246,7 +294,7 @@ def multistart(
     batch = backend.run_batch(network, {}, x)
     progress(f"certifying what {int(batch.settled.sum())} of {len(made)} starts settled to")
     hopeful = designed.first.ended is None
-    optima, others = sorted_out(problem, batch, x if hopeful else None, progress)
+    optima, others = _sorted_out(problem, batch, x if hopeful else None, progress)
     return Multistart(
         problem=problem,
         equations=equations,
@@ -257,3 +305,78 @@ def multistart(
         optima=optima,
         others=others,
     )
+
+
+def _sorted_out(
+    problem: OptimalControlProblem,
+    batch: BatchRun,
+    starts: np.ndarray | None,
+    progress: Progress,
+) -> tuple[tuple[Optimum, ...], dict[str, int]]:
+    """Return the distinct optima of a batch, and the number of guesses without one.
+
+    The batch is that of one network with fixed gains from all guesses. Guesses that the batch lost
+    get a separate run from `starts` (B, n); None omits these runs. Optima are sorted best first.
+    Guesses without an optimum are counted by their outcome in the batch. `progress` receives one
+    line per run.
+    """
+    found: list[Optimum] = []
+    others: Counter[str] = Counter()
+    lost = [
+        sample
+        for sample in range(len(batch))
+        if not (batch.settled[sample] and _is_entered(found, problem, batch, sample))
+    ]
+    for number, sample in enumerate(lost, 1):
+        progress(f"start {sample}: a run of its own, {number} of {len(lost)}")
+        own = None if starts is None else _own_run(batch.network.with_start(starts[sample]))
+        if own is None or not _is_entered(found, problem, batch, sample, own):
+            others[NAMES[batch.outcomes[sample]]] += 1
+    shared = [replace(optimum, share=optimum.count / len(batch)) for optimum in found]
+    return tuple(sorted(shared, key=lambda optimum: optimum.objective)), dict(others.most_common())
+
+
+def _own_run(network: Network) -> np.ndarray | None:
+    """Return the settled state of a gain-scheduled run from the network's start."""
+    with np.errstate(all="ignore"):  # a run that overflows is data
+        run = first_run(network, MULTILEVEL_RULE, tolerance=TOLERANCE, limit=LONGEST)
+    return run.state if run.settled else None
+
+
+def _is_entered(
+    found: list[Optimum],
+    problem: OptimalControlProblem,
+    batch: BatchRun,
+    sample: int,
+    state: np.ndarray | None = None,
+) -> bool:
+    """Return True if a state (default: that of the batch) is an optimum, and count it."""
+    x, frozen = (batch.states[sample], 1) if state is None else (state, 0)
+    certificate = certificate_of(problem, batch.network, x)
+    if not certificate.certified:
+        return False
+    q, u, t, *_ = kkt_point(batch.network, x)
+    for place, known in enumerate(found):
+        if _same(known, certificate.objective, u):
+            starts = (*known.starts, sample)
+            found[place] = replace(known, starts=starts, frozen=known.frozen + frozen)
+            return True
+    optimum = Optimum(
+        state=x,
+        q=np.c_[q, t[:, -1:]],
+        u=u,
+        certificate=certificate,
+        starts=(sample,),
+        frozen=frozen,
+        share=0.0,
+    )
+    found.append(optimum)
+    return True
+
+
+def _same(known: Optimum, objective: float, u: np.ndarray) -> bool:
+    """Return True if an optimum equals a known one in objective and in every control."""
+    if abs(objective - known.objective) > SAME * max(abs(objective), abs(known.objective)):
+        return False
+    size = np.maximum(np.abs(u), np.abs(known.u)).max(axis=1)
+    return bool((np.abs(u - known.u).max(axis=1) <= SAME * size).all())

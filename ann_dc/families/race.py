@@ -6,6 +6,7 @@ cannot be determined from a dozen samples.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -23,6 +24,7 @@ from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Progress
 
+GRIDS = (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
 ROUNDS = ((16, 12), (64, 6), (256, 3), (1024, 1))
 """Number of inputs of every round, and number of candidates that pass it."""
 ON_THE_WAY = ((0.3, 1.0, 1.0), (0.3, 0.7, 1.0), (1.0, 1.0, 1.0), (1.0, 1.0, 0.5), (0.3, 1.0, 0.5),
@@ -42,14 +44,9 @@ SPECTRA = 4
 class Runner:
     """Candidate gains for an operating range.
 
-    Attributes
-    ----------
-    penalty_factor : float
-        Factor on every penalty.
-    shared : bool
-        True if the gains come from all settled points, False if from the first one alone.
-    settling : (samples,) array
-        Settling times in fastest time constants of the samples run so far; infinite if not settled.
+    `shared` is True if the gains come from all settled points, False if from the first one alone.
+    `settling` (samples,) contains the settling times of the samples run so far, in fastest time
+    constants; infinite if a sample did not settle.
     """
 
     gain_rule: GainRule
@@ -72,26 +69,16 @@ class Runner:
         return -self.share, late
 
     def __str__(self) -> str:
-        gain_rule, factor = (
-            self.gain_rule,
-            self.gain_rule.penalty / GAIN_RULES[self.gain_rule.kind].penalty,
-        )
-        rows = (
-            "rows by reach"
-            if gain_rule.by_reachability
-            else f"rows of {gain_rule.equilibration_sweeps} sweeps"
-        )
-        path = (
-            f", path {gain_rule.path_weight:g}"
-            if gain_rule.kind
-            in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
-            else ""
-        )
-        off = "all settled points" if self.shared else "one settled point"
+        rule, base = self.gain_rule, GAIN_RULES[self.gain_rule.kind]
+        points = "all settled points" if self.shared else "one settled point"
+        rows = f"rows of {rule.equilibration_sweeps} sweeps"
+        if rule.by_reachability:
+            rows = "rows by reach"
+        path = f", path {rule.path_weight:g}" if rule.kind in GRIDS else ""
         return (
-            f"{gain_rule.kind.value} from {off}, {rows}{path}, "
-            f"penalty x {factor * self.penalty_factor:g}, "
-            f"rates of multipliers x {gain_rule.dual / GAIN_RULES[gain_rule.kind].dual:g}"
+            f"{rule.kind.value} from {points}, {rows}{path}, "
+            f"penalty x {rule.penalty / base.penalty * self.penalty_factor:g}, "
+            f"rates of multipliers x {rule.dual / base.dual:g}"
         )
 
 
@@ -104,30 +91,25 @@ def entered(
     closed-form penalties: the largest factor that a gain-scheduled run reached. Candidates that are
     unstable at a point, or without a preconditioner there, are omitted.
     """
+    factor = 1.0 if kind in GRIDS else penalty_factor
+    choices = (points, points[:1]) if len(points) > 1 else (points,)
     runners = []
-    for gain_rule in _recipes(kind):
-        factor = (
-            1.0
-            if kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION)
-            else penalty_factor
-        )
-        for off in (points, points[:1]) if len(points) > 1 else (points,):
+    for gain_rule in _gain_rules(kind):
+        for chosen in choices:
             try:
-                gains = gains_of(off, gain_rule, factor)
-                found = [spectrum_with(settled, gains) for settled in _spread(points)]
-            except AnnDcError:  # no such preconditioner here: another gain_rule may have one
+                gains = gains_of(chosen, gain_rule, factor)
+                spectra = [spectrum_with(settled, gains) for settled in _spread(points)]
+            except AnnDcError:  # no such preconditioner here: another gain rule may have one
                 continue
-            if all(np.isfinite(spectrum.stiffness_ratio) for spectrum in found):
-                shared, pace = off is points, Pace.of(*found)
-                runners.append(
-                    Runner(
-                        gain_rule=gain_rule,
-                        penalty_factor=factor,
-                        shared=shared,
-                        gains=gains,
-                        pace=pace,
-                    )
+            if all(np.isfinite(spectrum.stiffness_ratio) for spectrum in spectra):
+                runner = Runner(
+                    gain_rule=gain_rule,
+                    penalty_factor=factor,
+                    shared=chosen is points,
+                    gains=gains,
+                    pace=Pace.of(*spectra),
                 )
+                runners.append(runner)
     return runners
 
 
@@ -137,32 +119,27 @@ def _spread(points: Sequence[SettledPoint]) -> Sequence[SettledPoint]:
     return [points[i] for i in chosen]
 
 
-def _recipes(kind: PreconditionerKind) -> Iterable[GainRule]:
-    own = GAIN_RULES[kind]
-    if kind in (PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION):
-        for sweeps in SWEEPS:
-            for path, penalty, dual in ON_THE_WAY:
-                yield replace(
-                    own,
-                    equilibration_sweeps=sweeps,
-                    path_weight=path,
-                    penalty=penalty * own.penalty,
-                    dual=dual * own.dual, dual_coupling=dual * own.dual_coupling,
-                )  # fmt: skip
+def _gain_rules(kind: PreconditionerKind) -> Iterable[GainRule]:
+    base = GAIN_RULES[kind]
+    scaled = [replace(base, equilibration_sweeps=sweeps) for sweeps in SWEEPS]
+    if kind in GRIDS:
+        for rule, (path, penalty, dual) in itertools.product(scaled, ON_THE_WAY):
+            yield replace(_multiplied(rule, penalty, dual), path_weight=path)
         return
-    for rows in (
-        *(
-            replace(own, equilibration_sweeps=equilibration_sweeps)
-            for equilibration_sweeps in SWEEPS
-        ),
-        replace(own, by_reachability=True),
-    ):
-        for penalty, state, dual in ((1.0, 1.0, 1.0), *STEADIER):
-            yield replace(
-                rows, penalty=penalty * own.penalty, state=state * own.state,
-                target=state * own.target, dual=dual * own.dual,
-                dual_coupling=dual * own.dual_coupling,
-            )  # fmt: skip
+    scaled.append(replace(base, by_reachability=True))
+    for rule, (penalty, state, dual) in itertools.product(scaled, ((1.0, 1.0, 1.0), *STEADIER)):
+        slower = _multiplied(rule, penalty, dual)
+        yield replace(slower, state=state * base.state, target=state * base.target)
+
+
+def _multiplied(rule: GainRule, penalty: float, dual: float) -> GainRule:
+    """Return the rule with factors on its penalty and on the rates of its multipliers."""
+    return replace(
+        rule,
+        penalty=penalty * rule.penalty,
+        dual=dual * rule.dual,
+        dual_coupling=dual * rule.dual_coupling,
+    )
 
 
 def raced(runners: Sequence[Runner], networks: Sequence[Network], progress: Progress) -> Runner:

@@ -41,8 +41,6 @@ def seeded_starts(
     finite is moved towards the line. Raises `ProblemError` if the count is not a positive integer
     or the seed is negative.
 
-    Examples
-    --------
     >>> import ann_dc
     >>> line, *bent = seeded_starts(ann_dc.plants.double_integrator(N=5), 9)
     >>> bool(np.ptp(bent[0].q - line.q) < np.ptp(bent[-1].q - line.q))

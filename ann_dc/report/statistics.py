@@ -149,7 +149,7 @@ def _exponents_of(metrics: Iterable[Column], settings: Iterable[Column]) -> list
     """Return the exponents of metrics over settings that span a decade, clearest first."""
     wide = [s for s in settings if s.spans >= DECADE and len(s.distinct) >= FEWEST]
     fits = (fit(metric, setting) for metric in metrics for setting in wide)
-    return sorted((one for one in fits if one is not None), key=lambda one: -one.exponent.told)
+    return sorted((one for one in fits if one is not None), key=lambda one: -one.exponent.r_squared)
 
 
 def fit(metric: Column, setting: Column) -> Growth | None:

@@ -61,7 +61,8 @@ def settings_table(subject: Subject, metrics: Mapping[str, Metric]) -> list[Show
             f"{name} ({', '.join(WORDS[whole])})" if (whole := f"{word}.{name}") in WORDS else name
             for name in family.names(subject)
         ]
-        settings.add_row(f"{word}.", f"{family.says}: {family.effect.value}", ", ".join(names))
+        description = f"{family.description}: {family.effect.value}"
+        settings.add_row(f"{word}.", description, ", ".join(names))
     measured = table("metric", "unit", "definition")
     for metric in metrics.values():
         measured.add_row(metric.name, metric.unit, metric.definition)

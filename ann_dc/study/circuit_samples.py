@@ -21,7 +21,7 @@ from ann_dc.fidelity.prediction import (
     prediction_of,
 )
 from ann_dc.network.network import Network
-from ann_dc.study.sample import Sample, word_of
+from ann_dc.study.sample import End, Sample, word_of
 
 REPELS = "settled point repels"
 """Outcome of an emulated circuit whose equilibrium is unstable."""
@@ -45,29 +45,29 @@ class EmulatedSample(Sample):
         )
 
     @cached_property
-    def _end(self) -> tuple[str, str]:
-        assert self.network  # what cannot be built at all has failed
+    def end(self) -> End:
+        """Predicted end of the circuit."""
+        outcome, message = self._outcome()
+        return End(outcome, message, self.state, self.instance.emulation.controls(self.state))
+
+    def _outcome(self) -> tuple[str, str]:
+        assert self.network  # a circuit that cannot be emulated has failed
         try:
             abscissa = self.spectrum.abscissa
         except NetworkError as error:
             return NO_EQUILIBRIUM, str(error)
         emulation = self.instance.emulation
         if clipped_at(emulation, self.state).any():
-            found = clipping_of(self.instance, emulation, self.state)
-            return found.reason.name.lower(), found.sentence
+            clipping = clipping_of(self.instance, emulation, self.state)
+            return clipping.reason.name.lower(), clipping.sentence
         if abscissa < 0:
             return word_of(Outcome.SETTLED), ""
         return REPELS, f"an eigenvalue of the settled circuit has the real part {abscissa:.3g}"
 
     @property
-    def outcome(self) -> str:
-        """Outcome in one or two words."""
-        return self._end[0]
-
-    @property
-    def message(self) -> str:
-        """Outcome in one sentence if the circuit did not settle; else empty."""
-        return self._end[1]
+    def state(self) -> np.ndarray:
+        """Final state (n,) of the emulation; the outcome depends on its spectrum."""
+        return self.instance.settled
 
     @property
     def network(self) -> Network:
@@ -78,16 +78,6 @@ class EmulatedSample(Sample):
         if self.instance.level.technology.clocked:
             raise NetworkError(f"{self.instance.level.name} circuits: {CLOCKED}")
         return self.instance.emulation.network
-
-    @property
-    def state(self) -> np.ndarray:
-        """Final state (n,)."""
-        return self.instance.settled
-
-    @property
-    def controls(self) -> np.ndarray:
-        """Final live controls (c,)."""
-        return self.instance.emulation.controls(self.instance.settled)
 
     @cached_property
     def _prediction(self) -> Prediction:
@@ -123,15 +113,13 @@ class CircuitSample(Sample):
 
     run: CircuitRun
 
-    @property
-    def outcome(self) -> str:
-        """Outcome in one or two words."""
-        return word_of(Outcome.NOT_SETTLED if self.run.unsettled else Outcome.SETTLED)
-
-    @property
-    def message(self) -> str:
-        """Outcome in one sentence if the circuit did not settle; else empty."""
-        return self.run.unsettled
+    @cached_property
+    def end(self) -> End:
+        """End of the simulation."""
+        trajectory, unsettled = self.run.trajectory, self.run.unsettled
+        outcome = Outcome.NOT_SETTLED if unsettled else Outcome.SETTLED
+        controls = trajectory.control_values[-1]
+        return End(word_of(outcome), unsettled, trajectory.final, controls)
 
     @property
     def network(self) -> Network:
@@ -139,18 +127,8 @@ class CircuitSample(Sample):
         return self.run.trajectory.network
 
     @property
-    def state(self) -> np.ndarray:
-        """Final state (n,)."""
-        return self.run.trajectory.final
-
-    @property
-    def controls(self) -> np.ndarray:
-        """Final live controls (c,)."""
-        return self.run.trajectory.control_values[-1]
-
-    @property
     def settling_time(self) -> float:
-        """Settling time in network time (tau = 1), the last exit of the controls."""
+        """Network time (tau = 1) of the last exit of the controls."""
         return control_settling(self.trajectory)
 
     @property

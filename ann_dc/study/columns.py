@@ -86,8 +86,6 @@ class Columns:
 def with_truths(cells: Sequence[Any], truths: Sequence[int]) -> list[Value]:
     """Return database cells with booleans restored in the columns `truths`.
 
-    Examples
-    --------
     >>> with_truths([3, 1, 0.5, None], [1, 3])
     [3, True, 0.5, None]
     """
@@ -103,8 +101,6 @@ def plain_row(row: Mapping[str, Any]) -> Row:
 
     Raises `StoreError` if a cell cannot store a value.
 
-    Examples
-    --------
     >>> plain_row({"point": 1, "decay": float("nan"), "peak": float("inf")})
     {'point': 1, 'decay': None, 'peak': inf}
     """

@@ -27,15 +27,7 @@ PATIENCE = 60.0
 
 
 class About(NamedTuple):
-    """Description of a study, stored in addition to its records.
-
-    Attributes
-    ----------
-    identity : str
-        Identity as JSON.
-    kinds : Kinds
-        Types that each column has contained.
-    """
+    """Description of a study, stored in addition to its records; the identity is JSON."""
 
     identity: str
     columns: Columns
@@ -46,7 +38,7 @@ TABLES = {"meta", "rows", "curves"}
 
 
 @contextlib.contextmanager
-def told(folder: Path) -> Iterator[None]:
+def named_errors(folder: Path) -> Iterator[None]:
     """Convert database errors to a `StoreError` that names the folder of the study."""
     try:
         yield
@@ -134,16 +126,13 @@ def transaction(database: sqlite3.Connection, kind: str = "DEFERRED") -> Iterato
         raise
 
 
-def is_empty(database: sqlite3.Connection) -> bool:
-    """Return True if the database contains nothing."""
-    return not database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-
-
 def make_tables(database: sqlite3.Connection, about: About) -> None:
-    """Create the tables of a study in an empty database."""
+    """Create the tables of a study if the database is empty."""
+    if database.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+        return
     columns = about.columns.quoted
     point, *others = columns.values()
-    told_of_it = {
+    entries = {
         "layout": LAYOUT,
         "identity": about.identity,
         "columns": json.dumps(about.columns.names),
@@ -155,13 +144,12 @@ def make_tables(database: sqlite3.Connection, about: About) -> None:
         database.execute(f"CREATE TABLE rows ({point} INTEGER PRIMARY KEY, {', '.join(others)})")
         database.execute(f"CREATE INDEX by_outcome ON rows ({columns[OUTCOME]})")
         database.execute("CREATE TABLE curves (point INTEGER PRIMARY KEY, content BLOB)")
-        database.executemany("INSERT INTO meta VALUES (?, ?)", told_of_it.items())
+        database.executemany("INSERT INTO meta VALUES (?, ?)", entries.items())
 
 
-def tell_anew(database: sqlite3.Connection, identity: str) -> None:
-    """Replace the stored identity of the study."""
-    with transaction(database, "IMMEDIATE"):
-        database.execute("UPDATE meta SET value = ? WHERE name = 'identity'", (identity,))
+def update_entry(database: sqlite3.Connection, name: str, value: str) -> None:
+    """Replace an entry of the description of the study."""
+    database.execute("UPDATE meta SET value = ? WHERE name = ?", (value, name))
 
 
 def about_of(database: sqlite3.Connection, folder: Path) -> About:

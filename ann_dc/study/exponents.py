@@ -20,12 +20,10 @@ class Exponent(NamedTuple):
 
     Attributes
     ----------
-    value : float
-        Exponent p; nan if there are too few values.
-    low, high : float
-        Interval of p at the level `CONFIDENCE`.
-    told : float
-        Fraction of the variance of log y explained by the line, R^2.
+    value, low, high : float
+        Exponent p and its interval at the level `CONFIDENCE`; nan if there are too few values.
+    r_squared : float
+        Fraction of the variance of log y explained by the line.
     points : int
         Number of fitted points.
     """
@@ -33,7 +31,7 @@ class Exponent(NamedTuple):
     value: float
     low: float
     high: float
-    told: float
+    r_squared: float
     points: int
 
     def __str__(self) -> str:
@@ -43,16 +41,8 @@ class Exponent(NamedTuple):
 def exponent_of(x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray) -> Exponent:
     """Fit the exponent of a power law by least squares in logarithms.
 
-    Only finite positive values are fitted. The interval follows from Student's t distribution.
-
-    Parameters
-    ----------
-    x, y : sequence of float
-        Values of equal length.
-
-    Returns
-    -------
-    Exponent
+    Only finite positive values are fitted. The interval follows from Student's t distribution. `x`
+    and `y` have equal lengths.
 
     Examples
     --------
@@ -62,7 +52,7 @@ def exponent_of(x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray
     """
     pairs = np.stack([np.asarray(x, float), np.asarray(y, float)])
     pairs = pairs[:, np.isfinite(pairs).all(axis=0) & (pairs > 0).all(axis=0)]
-    pairs = np.unique(pairs, axis=1)  # what is measured again without a difference tells no more
+    pairs = np.unique(pairs, axis=1)  # a repeated measurement adds no information
     if len(np.unique(pairs[0])) < FEWEST:
         return Exponent(math.nan, math.nan, math.nan, math.nan, pairs.shape[1])
     fit: Any = stats.linregress(*np.log(pairs))

@@ -1,8 +1,7 @@
 """Metrics of studies by name, with unit, definition and function.
 
 Times are in unit time constants (network time s) unless stated otherwise. A metric that is
-undefined for a sample raises `StudyError` and is nan in the table. Users can add their metrics as
-`Metric` objects.
+undefined for a sample raises `StudyError` and is nan in the table.
 """
 
 from __future__ import annotations
@@ -20,13 +19,10 @@ from ann_dc.backends.decay import decay_rate
 from ann_dc.backends.ode import COMPILED, OdeBackend
 from ann_dc.backends.overshoot import overshoot
 from ann_dc.backends.settling import Settling
-from ann_dc.backends.trajectory import Trajectory
 from ann_dc.errors import StudyError
 from ann_dc.network.network import COORDINATION
 from ann_dc.study.records import Value
 from ann_dc.study.sample import Sample
-
-# ---- what is measured at the points of a study, one function each; its first sentence defines it
 
 TIGHT = OdeBackend(method=COMPILED.tighter(), verify=False)
 """Backend with tight tolerances that verifies settling times."""
@@ -38,222 +34,6 @@ multiplier if that exceeds one.
 """
 FALLEN = float(np.log(1e3))
 """Time constants in which a mode decays to 0.1 %."""
-
-
-def settling_time(sample: Sample) -> float:
-    """Return the last exit of the relative KKT residual from the tolerance.
-
-    For a circuit the controls count instead, with 0.1 % of their size, as in
-    `control_settling_time`.
-    """
-    return sample.settling_time
-
-
-def normalised_settling_time(sample: Sample) -> float:
-    """Return the settling time times the largest final absolute eigenvalue."""
-    return sample.settling_time * sample.spectrum.radius
-
-
-def control_settling_time(sample: Sample) -> float:
-    """Return the last exit of the controls from 0.1 % of their size around their end.
-
-    The size is the largest final magnitude, but at least 1 % of the largest magnitude of the run.
-    """
-    return sample.control_settling_time
-
-
-def verified_settling_time(sample: Sample) -> float:
-    """Return the settling time of the same network at 100 times tighter tolerances."""
-    _refuse_oracle(sample)
-    backend = replace(TIGHT, settling=Settling(tolerance=_tolerance(sample)))
-    return backend.run(sample.network).settling_time
-
-
-def predicted_settling_time(sample: Sample) -> float:
-    """Return the settling time predicted from the final modes and 160 steps to them."""
-    _refuse_oracle(sample)
-    rest = equilibrium(sample.network, sample.state)
-    return predicted_settling(sample.network, rest, sample.start, _tolerance(sample))
-
-
-def _tolerance(sample: Sample) -> float:
-    """Return the residual tolerance of the run."""
-    return float(sample.setting.get("run.tolerance") or Settling().tolerance)
-
-
-def _refuse_oracle(sample: Sample) -> None:
-    if sample.setting.get("design.form") == "S16":
-        raise StudyError("the gain (33) of S16 is none of the network's, which this looks at")
-
-
-def measured_decay_rate(sample: Sample) -> float:
-    """Return the decay rate of the residual in the tail of the run (least squares)."""
-    high, low = (share * _tolerance(sample) for share in TAIL)
-    return decay_rate(sample.trajectory, high, low)
-
-
-def predicted_decay_rate(sample: Sample) -> float:
-    """Return the distance of the rightmost final eigenvalue from the imaginary axis."""
-    return -sample.spectrum.abscissa
-
-
-def resting_decay_rate(sample: Sample) -> float:
-    """Return the decay rate at the equilibrium near the design; negative if unstable.
-
-    The rate is the negative spectral abscissa and does not depend on the end of the run.
-    """
-    return -sample.resting.abscissa
-
-
-def spectral_ratio(sample: Sample) -> float:
-    """Return the stiffness ratio: largest absolute eigenvalue over slowest decay rate."""
-    found = sample.spectrum
-    return found.radius / -found.abscissa if found.abscissa < 0 else float("inf")
-
-
-def largest_step(sample: Sample) -> float:
-    """Return the largest stable step of a Jacobi recurrence at the final state.
-
-    The step is the least 2a / (a^2 + b^2) over the eigenvalues -a +- ib.
-    """
-    return sample.spectrum.largest_step
-
-
-def control_overshoot(sample: Sample) -> float:
-    """Return the excess of controls over their end, relative to the largest end."""
-    return overshoot(sample.trajectory)
-
-
-def theta_over_time(trajectory: Trajectory) -> np.ndarray:
-    """Compute Theta of (19), half of the squared errors of t and beta from their end.
-
-    The trajectory is that of a network with a coordination level. The result (T,) is in squared
-    network units, see paper equation (19).
-    """
-    told = trajectory.network.of_population(*COORDINATION)
-    error = trajectory.states[:, told] - trajectory.final[told]
-    return 0.5 * (error**2).sum(axis=1)
-
-
-def _theta(sample: Sample) -> np.ndarray:
-    if not sample.settled:
-        raise StudyError("Theta is the distance from where it settles, and it did not")
-    return theta_over_time(sample.trajectory)
-
-
-def theta_growth(sample: Sample) -> float:
-    """Return the largest Theta of (19) over its initial value; 1 if it only decreases."""
-    theta = _theta(sample)
-    return float(theta.max() / theta[0]) if theta[0] > 0 else float("nan")
-
-
-def theta_rising(sample: Sample) -> float:
-    """Return the fraction of the fall of log Theta undone by rises; 0 without rises."""
-    theta = _theta(sample)
-    steps = np.diff(np.log(theta[(theta > 1e-12 * theta[0]) & (theta > 0)]))
-    falling = -steps[steps < 0].sum()
-    return float(steps[steps > 0].sum() / falling) if falling > 0 else float("nan")
-
-
-def control_error(sample: Sample) -> float:
-    """Return the largest final control error against the ideal network, over the size.
-
-    The size of the controls is the largest magnitude at the ideal end, but at least 1 % of the
-    largest magnitude of the run.
-    """
-    right, size = sample.right_controls
-    return float(np.abs(sample.controls - right).max() / size)
-
-
-def accuracy_floor(sample: Sample) -> float:
-    """Return the largest component of the Newton step to the optimum, over its range."""
-    return sample.certificate.newton_step
-
-
-def objective(sample: Sample) -> float:
-    """Return the total cost E at the end, in user units."""
-    return sample.certificate.objective
-
-
-def kkt_residual(sample: Sample) -> float:
-    """Return the relative KKT residual at the end, from exact problem derivatives."""
-    return sample.certificate.kkt_residual
-
-
-def certified(sample: Sample) -> bool:
-    """Return True if the run settled at an optimum of first and second order."""
-    return sample.settled and sample.certificate.certified
-
-
-def active_rows(sample: Sample) -> int:
-    """Return the number of active inequalities and of controls at a bound at the end."""
-    network, state = sample.ideal
-    values = network.unpack(state)
-    diodes = values[[network.neuron_index[d.neuron] for d in network.cell.inequality_duals]]
-    active = int((diodes > ACTIVE * diodes.max(initial=1.0)).sum())
-    for row, neuron in enumerate(network.cell.neurons):
-        if neuron.population == "u":
-            limits = neuron.limiter
-            active += int(((values[row] <= limits.low) | (values[row] >= limits.high)).sum())
-    return active
-
-
-def neurons(sample: Sample) -> int:
-    """Return the number of moving neurons."""
-    return sample.network.size
-
-
-def steps(sample: Sample) -> Value:
-    """Return the number of steps of the integration or recurrence."""
-    return sample.steps
-
-
-def settling_steps(sample: Sample) -> Value:
-    """Return the number of steps to the last exit of the residual.
-
-    A recurrence is checked every five steps.
-    """
-    return sample.settling_steps
-
-
-def seconds(sample: Sample) -> float:
-    """Return the seconds until the circuit controls stay within 0.1 % of their size.
-
-    The criterion is that of `control_settling_time`. For a network that runs in addition to a
-    circuit, the time scaling of the circuit applies.
-    """
-    return sample.seconds
-
-
-def slowest_mode_seconds(sample: Sample) -> float:
-    """Return the seconds in which the slowest mode of the circuit decays to 0.1 %.
-
-    The modes are those of the emulated circuit. The value is infinite if its equilibrium is
-    unstable.
-    """
-    abscissa = sample.spectrum.abscissa
-    time = sample.built.circuit.scaling.time
-    return FALLEN * time / -abscissa if abscissa < 0 else float("inf")
-
-
-def power(sample: Sample) -> float:
-    """Return the power of the op amps and multipliers of the circuit, in watts.
-
-    Raises `StudyError` if the model level does not define the power.
-    """
-    found = sample.built.power
-    if np.isnan(found):
-        raise StudyError("the level does not say what its parts draw; see circuit.amplifier_power")
-    return found
-
-
-def energy(sample: Sample) -> float:
-    """Return the energy of a solve in joules: power times seconds."""
-    return power(sample) * sample.seconds
-
-
-# ---- the metrics of studies by name: unit, definition, function; and a user's own
-
 UNIT_TIME = "unit time constants"
 
 
@@ -279,74 +59,267 @@ class Metric:
     curves: bool = False
 
 
-_CURVES = (
-    control_settling_time,
-    measured_decay_rate,
-    control_overshoot,
-    theta_growth,
-    theta_rising,
-    seconds,
-    energy,
-)
-_UNITS: dict[str, tuple[Callable[[Sample], Value], ...]] = {
-    UNIT_TIME: (
-        settling_time,
-        control_settling_time,
-        verified_settling_time,
-        predicted_settling_time,
-        largest_step,
-    ),
-    "fastest time constants": (normalised_settling_time,),
-    "1 / unit time constant": (
-        measured_decay_rate,
-        predicted_decay_rate,
-        resting_decay_rate,
-    ),
-    "share of the size of the controls": (control_overshoot, control_error),
-    "share of a range": (accuracy_floor,),
-    "s": (seconds, slowest_mode_seconds),
-    "W": (power,),
-    "J": (energy,),
-    "": (
-        spectral_ratio,
-        theta_growth,
-        theta_rising,
-        objective,
-        kkt_residual,
-        certified,
-        active_rows,
-        neurons,
-        steps,
-        settling_steps,
-    ),
-}
+METRICS: dict[str, Metric] = {}
+"""Metrics by name."""
 
 
-def definition_of(value: Callable[[Sample], Any]) -> str:
-    """Return the docstring of a metric as a noun phrase with its details, on one line.
+def metric_of(value: Callable[[Sample], Value], unit: str = "", *, curves: bool = False) -> Metric:
+    """Return the metric of a function: its name, and its docstring as a noun phrase on one line.
 
-    Examples
-    --------
-    >>> definition_of(neurons)
+    >>> metric_of(neurons).definition
     'Number of moving neurons.'
     """
     text = " ".join((value.__doc__ or "").split())
     noun = text.removeprefix("Return ").removeprefix("the ")
-    return noun[:1].upper() + noun[1:]
+    definition = noun[:1].upper() + noun[1:]
+    return Metric(name=value.__name__, unit=unit, definition=definition, value=value, curves=curves)
 
 
-METRICS: dict[str, Metric] = {
-    value.__name__: Metric(
-        name=value.__name__,
-        unit=unit,
-        definition=definition_of(value),
-        value=value,
-        curves=value in _CURVES,
-    )
-    for unit, values in _UNITS.items()
-    for value in values
-}
-"""Metrics by name."""
+def _metric(unit: str = "", *, curves: bool = False) -> Callable[[Any], Any]:
+    """Enter the decorated function into `METRICS`; its docstring is the definition."""
+
+    def entered(value: Callable[[Sample], Value]) -> Callable[[Sample], Value]:
+        METRICS[value.__name__] = metric_of(value, unit, curves=curves)
+        return value
+
+    return entered
+
+
+@_metric(UNIT_TIME)
+def settling_time(sample: Sample) -> float:
+    """Return the last exit of the relative KKT residual from the tolerance.
+
+    For a circuit the controls count instead, with 0.1 % of their size, as in
+    `control_settling_time`.
+    """
+    return sample.settling_time
+
+
+@_metric(UNIT_TIME, curves=True)
+def control_settling_time(sample: Sample) -> float:
+    """Return the last exit of the controls from 0.1 % of their size around their end.
+
+    The size is the largest final magnitude, but at least 1 % of the largest magnitude of the run.
+    """
+    return sample.control_settling_time
+
+
+def _tolerance(sample: Sample) -> float:
+    """Return the residual tolerance of the run."""
+    return float(sample.setting.get("run.tolerance") or Settling().tolerance)
+
+
+def _refuse_oracle(sample: Sample) -> None:
+    if sample.setting.get("design.form") == "S16":
+        raise StudyError("the gain (33) of S16 is none of the network's, which this looks at")
+
+
+@_metric(UNIT_TIME)
+def verified_settling_time(sample: Sample) -> float:
+    """Return the settling time of the same network at 100 times tighter tolerances."""
+    _refuse_oracle(sample)
+    backend = replace(TIGHT, settling=Settling(tolerance=_tolerance(sample)))
+    return backend.run(sample.network).settling_time
+
+
+@_metric(UNIT_TIME)
+def predicted_settling_time(sample: Sample) -> float:
+    """Return the settling time predicted from the final modes and 160 steps to them."""
+    _refuse_oracle(sample)
+    resting = equilibrium(sample.network, sample.state)
+    start = sample.network.start_state
+    return predicted_settling(sample.network, resting, start, _tolerance(sample))
+
+
+@_metric(UNIT_TIME)
+def largest_step(sample: Sample) -> float:
+    """Return the largest stable step of a Jacobi recurrence at the final state.
+
+    The step is the least 2a / (a^2 + b^2) over the eigenvalues -a +- ib.
+    """
+    return sample.spectrum.largest_step
+
+
+@_metric("fastest time constants")
+def normalised_settling_time(sample: Sample) -> float:
+    """Return the settling time times the largest final absolute eigenvalue."""
+    return sample.settling_time * sample.spectrum.radius
+
+
+@_metric("1 / unit time constant", curves=True)
+def measured_decay_rate(sample: Sample) -> float:
+    """Return the decay rate of the residual in the tail of the run (least squares)."""
+    high, low = (share * _tolerance(sample) for share in TAIL)
+    return decay_rate(sample.trajectory, high, low)
+
+
+@_metric("1 / unit time constant")
+def predicted_decay_rate(sample: Sample) -> float:
+    """Return the distance of the rightmost final eigenvalue from the imaginary axis."""
+    return -sample.spectrum.abscissa
+
+
+@_metric("1 / unit time constant")
+def resting_decay_rate(sample: Sample) -> float:
+    """Return the decay rate at the equilibrium near the design; negative if unstable.
+
+    The rate is the negative spectral abscissa and does not depend on the end of the run.
+    """
+    return -sample.resting.abscissa
+
+
+@_metric("share of the size of the controls", curves=True)
+def control_overshoot(sample: Sample) -> float:
+    """Return the excess of controls over their end, relative to the largest end."""
+    return overshoot(sample.trajectory)
+
+
+@_metric("share of the size of the controls")
+def control_error(sample: Sample) -> float:
+    """Return the largest final control error against the ideal network, over the size.
+
+    The size of the controls is the largest magnitude at the ideal end, but at least 1 % of the
+    largest magnitude of the run.
+    """
+    right, size = sample.right_controls
+    return float(np.abs(sample.controls - right).max() / size)
+
+
+@_metric("share of a range")
+def accuracy_floor(sample: Sample) -> float:
+    """Return the largest component of the Newton step to the optimum, over its range."""
+    return sample.certificate.newton_step
+
+
+@_metric("s", curves=True)
+def seconds(sample: Sample) -> float:
+    """Return the seconds until the circuit controls stay within 0.1 % of their size.
+
+    The criterion is that of `control_settling_time`. For a network that runs in addition to a
+    circuit, the time scaling of the circuit applies.
+    """
+    return sample.seconds
+
+
+@_metric("s")
+def slowest_mode_seconds(sample: Sample) -> float:
+    """Return the seconds in which the slowest mode of the circuit decays to 0.1 %.
+
+    The modes are those of the emulated circuit. The value is infinite if its equilibrium is
+    unstable.
+    """
+    abscissa = sample.spectrum.abscissa
+    time = sample.built.circuit.scaling.time
+    return FALLEN * time / -abscissa if abscissa < 0 else float("inf")
+
+
+@_metric("W")
+def power(sample: Sample) -> float:
+    """Return the power of the op amps and multipliers of the circuit, in watts.
+
+    Raises `StudyError` if the model level does not define the power.
+    """
+    watts = sample.built.power
+    if np.isnan(watts):
+        raise StudyError("the level does not say what its parts draw; see circuit.amplifier_power")
+    return watts
+
+
+@_metric("J", curves=True)
+def energy(sample: Sample) -> float:
+    """Return the energy of a solve in joules: power times seconds."""
+    return power(sample) * sample.seconds
+
+
+@_metric()
+def spectral_ratio(sample: Sample) -> float:
+    """Return the stiffness ratio: largest absolute eigenvalue over slowest decay rate."""
+    modes = sample.spectrum
+    return modes.radius / -modes.abscissa if modes.abscissa < 0 else float("inf")
+
+
+def _theta(sample: Sample) -> np.ndarray:
+    """Return Theta (T,) of (19), half of the squared errors of t and beta from their end.
+
+    The result is in squared network units, see paper equation (19).
+    """
+    if not sample.settled:
+        raise StudyError("Theta is the distance from where it settles, and it did not")
+    trajectory = sample.trajectory
+    coordinating = trajectory.network.of_population(*COORDINATION)
+    error = trajectory.states[:, coordinating] - trajectory.final[coordinating]
+    return 0.5 * (error**2).sum(axis=1)
+
+
+@_metric(curves=True)
+def theta_growth(sample: Sample) -> float:
+    """Return the largest Theta of (19) over its initial value; 1 if it only decreases."""
+    theta = _theta(sample)
+    return float(theta.max() / theta[0]) if theta[0] > 0 else float("nan")
+
+
+@_metric(curves=True)
+def theta_rising(sample: Sample) -> float:
+    """Return the fraction of the fall of log Theta undone by rises; 0 without rises."""
+    theta = _theta(sample)
+    steps = np.diff(np.log(theta[(theta > 1e-12 * theta[0]) & (theta > 0)]))
+    falling = -steps[steps < 0].sum()
+    return float(steps[steps > 0].sum() / falling) if falling > 0 else float("nan")
+
+
+@_metric()
+def objective(sample: Sample) -> float:
+    """Return the total cost E at the end, in user units."""
+    return sample.certificate.objective
+
+
+@_metric()
+def kkt_residual(sample: Sample) -> float:
+    """Return the relative KKT residual at the end, from exact problem derivatives."""
+    return sample.certificate.kkt_residual
+
+
+@_metric()
+def certified(sample: Sample) -> bool:
+    """Return True if the run settled at an optimum of first and second order."""
+    return sample.settled and sample.certificate.certified
+
+
+@_metric()
+def active_rows(sample: Sample) -> int:
+    """Return the number of active inequalities and of controls at a bound at the end."""
+    network, state = sample.ideal
+    values = network.unpack(state)
+    diodes = values[[network.neuron_index[d.neuron] for d in network.cell.inequality_duals]]
+    active = int((diodes > ACTIVE * diodes.max(initial=1.0)).sum())
+    for row, neuron in enumerate(network.cell.neurons):
+        if neuron.population == "u":
+            limits = neuron.limiter
+            active += int(((values[row] <= limits.low) | (values[row] >= limits.high)).sum())
+    return active
+
+
+@_metric()
+def neurons(sample: Sample) -> int:
+    """Return the number of moving neurons."""
+    return sample.network.size
+
+
+@_metric()
+def steps(sample: Sample) -> Value:
+    """Return the number of steps of the integration or recurrence."""
+    return sample.end.steps
+
+
+@_metric()
+def settling_steps(sample: Sample) -> Value:
+    """Return the number of steps to the last exit of the residual.
+
+    A recurrence is checked every five steps.
+    """
+    return sample.end.settling_steps
+
+
 DEFAULT = ("settling_time", "control_error")
 
 
@@ -355,28 +328,25 @@ def metrics_of(given: Iterable[str | Metric]) -> tuple[Metric, ...]:
 
     Raises `StudyError` for an unknown name, with the nearest and all names.
 
-    Examples
-    --------
     >>> [metric.unit for metric in metrics_of(["seconds", "energy"])]
     ['s', 'J']
     """
-    found = []
-    for metric in given:
-        if isinstance(metric, Metric):
-            found.append(metric)
-            continue
-        if not isinstance(metric, str):
-            raise StudyError(f"metrics: expected names, or a Metric of your own, got {metric!r}")
-        if metric not in METRICS:
-            near = difflib.get_close_matches(metric, METRICS, n=2, cutoff=0.5)
-            hint = f"; did you mean {' or '.join(near)}?" if near else "."
-            raise StudyError(
-                f"metrics: there is no {metric!r}{hint} There are {', '.join(METRICS)}"
-            )
-        found.append(METRICS[metric])
-    if not found:
+    metrics = tuple(replace(_known(metric)) for metric in given)
+    if not metrics:
         raise StudyError("metrics: name one at least; METRICS has all")
-    names = [metric.name for metric in found]
+    names = [metric.name for metric in metrics]
     if len(set(names)) < len(names):
         raise StudyError(f"metrics: one is named twice in {', '.join(names)}")
-    return tuple(replace(metric) for metric in found)
+    return metrics
+
+
+def _known(metric: object) -> Metric:
+    if isinstance(metric, Metric):
+        return metric
+    if not isinstance(metric, str):
+        raise StudyError(f"metrics: expected names, or a Metric of your own, got {metric!r}")
+    if metric not in METRICS:
+        near = difflib.get_close_matches(metric, METRICS, n=2, cutoff=0.5)
+        hint = f"; did you mean {' or '.join(near)}?" if near else "."
+        raise StudyError(f"metrics: there is no {metric!r}{hint} There are {', '.join(METRICS)}")
+    return METRICS[metric]

@@ -9,6 +9,7 @@ non-ideality. One error therefore does not change when the size of another chang
 
 from __future__ import annotations
 
+import math
 import threading
 import zlib
 from collections.abc import Callable, Mapping
@@ -45,7 +46,7 @@ from ann_dc.study.model_levels import level_of
 from ann_dc.study.records import Value
 from ann_dc.study.settings import Subject, behind, chosen, is_built
 
-# ---- A designed network as a point of a study has it: other gains, inputs, start and nonidealities
+# ---- network of a case: designed, with other gains, inputs, initial guess and non-idealities ----
 
 TOGETHER = ("mismatch", "time_constants")
 """Non-idealities that change only numbers and can be drawn for many cases at once."""
@@ -56,8 +57,6 @@ SPREAD = 0.1
 def stream(seed: int, name: str) -> int:
     """Return the seed of a named random quantity, from the seed of the case.
 
-    Examples
-    --------
     >>> stream(1, "mismatch") != stream(1, "offset")
     True
     """
@@ -65,7 +64,7 @@ def stream(seed: int, name: str) -> int:
     return int(entropy.generate_state(1, np.uint64)[0] >> 1)
 
 
-BRINGERS: dict[str, Callable[[Network, float, int], Network]] = {
+NONIDEALITIES: dict[str, Callable[[Network, float, int], Network]] = {
     "bits": lambda network, value, seed: nonidealities.quantised(network, bits=value),
     "mismatch": lambda network, value, seed: nonidealities.mismatch(network, value, seed=seed),
     "time_constants": lambda network, value, seed: nonidealities.detuned(network, value, seed=seed),
@@ -96,24 +95,24 @@ def with_gains(network: Network, factors: Mapping[str, float]) -> Network:
             raise StudyError("gains.coarse: no coarse levels; set design.kind to multilevel")
         gains = tuple(factors["coarse"] * grid for grid in network.preconditioner.gains)
         network = replace(network, preconditioner=replace(network.preconditioner, gains=gains))
-    cell, factor_of = network.cell, dict(factors)
-    paths = {
-        dual.path: factor_of.get("rho", 1.0) * factor_of.get(f"rho.{dual.neuron}", 1.0)
-        for dual in cell.duals
-    }
+    cell = network.cell
+    of_path = {dual.path: _product(factors, "rho", f"rho.{dual.neuron}") for dual in cell.duals}
     connections = tuple(
-        replace(c, weight=paths[c.name] * np.asarray(c.weight))
-        if paths.get(c.name, 1.0) != 1.0
+        replace(c, weight=of_path[c.name] * np.asarray(c.weight))
+        if of_path.get(c.name, 1.0) != 1.0
         else c
         for c in cell.connections
     )
     neurons = []
     for neuron in cell.neurons:
-        factor = factor_of.get("tau", 1.0)
-        for name in dict.fromkeys((neuron.population, neuron.name)):
-            factor *= factor_of.get(f"tau.{name}", 1.0)
+        factor = _product(factors, "tau", f"tau.{neuron.population}", f"tau.{neuron.name}")
         neurons.append(replace(neuron, tau=factor * neuron.tau) if factor != 1.0 else neuron)
     return replace(network, cell=replace(cell, neurons=tuple(neurons), connections=connections))
+
+
+def _product(factors: Mapping[str, float], *names: str) -> float:
+    """Return the product of the factors with any of these names."""
+    return math.prod(factors.get(name, 1.0) for name in dict.fromkeys(names))
 
 
 def with_inputs(network: Network, inputs: Mapping[str, Any]) -> Network:
@@ -141,9 +140,9 @@ def started(start: np.ndarray, given: Mapping[str, Any], seed: int) -> np.ndarra
 
 def with_nonidealities(network: Network, sizes: Mapping[str, float], seed: int) -> Network:
     """Return the network with non-idealities of the given sizes, drawn from the seed."""
-    for name, bring in BRINGERS.items():
+    for name, apply in NONIDEALITIES.items():
         if name in sizes:
-            network = bring(network, float(sizes[name]), nonideal_stream(seed, name))
+            network = apply(network, float(sizes[name]), nonideal_stream(seed, name))
     return network
 
 
@@ -166,9 +165,9 @@ def network_at(designed: Network, setting: Mapping[str, Any], seed: int) -> Netw
     return with_nonidealities(network, behind(setting, "nonideal"), seed)
 
 
-# ---- what stands behind the points of a study: problems, designs and circuits, each made once
+# ---- problems, designs and circuits of the cases, each built once -------------------------------
 
-MOST_KEPT = 16
+MOST_CACHED = 16
 """Largest number of cached problems, designs, circuits and references, each, per process."""
 EXACT = OdeBackend(settling=Settling(tolerance=1e-9), verify=False)
 """Backend of the reference runs."""
@@ -178,12 +177,9 @@ Made = TypeVar("Made")
 
 
 class Designed(NamedTuple):
-    """Network with fixed gains.
+    """Network with fixed gains, and the equilibrium (n,) found by the design.
 
-    Attributes
-    ----------
-    settled : (n,) array
-        Equilibrium found by the design; the initial state if the subject is a network.
+    If the subject is a network, the initial state replaces the equilibrium.
     """
 
     network: Network
@@ -191,13 +187,7 @@ class Designed(NamedTuple):
 
 
 class Built(NamedTuple):
-    """Circuit of a design.
-
-    Attributes
-    ----------
-    probe : Trajectory
-        Run of the ideal network that determines the amplitude scaling.
-    """
+    """Circuit of a design; the probe is a run of the ideal network for the amplitude scaling."""
 
     circuit: Circuit
     level: Level
@@ -227,14 +217,14 @@ class Realisation:
     _made: dict[str, dict] = field(default_factory=dict)
     _making: Any = field(default_factory=threading.RLock)
 
-    def _kept(self, what: str, setting: Mapping[str, Any], make: Callable[[], Made]) -> Made:
+    def _cached(self, name: str, setting: Mapping[str, Any], make: Callable[[], Made]) -> Made:
         """Return the cached object for these values, or build and cache it."""
         key = tuple(sorted(setting.items()))
         with self._making:
-            shelf = self._made.setdefault(what, {})
+            shelf = self._made.setdefault(name, {})
             if key not in shelf:
                 made = make()
-                if len(shelf) >= MOST_KEPT:
+                if len(shelf) >= MOST_CACHED:
                     shelf.pop(next(iter(shelf)))
                 shelf[key] = made
             return shelf[key]
@@ -244,7 +234,7 @@ class Realisation:
         if self.subject.problem is None:
             return None
         given = behind(setting, "problem")
-        return self._kept("problem", given, lambda: self.subject.declared(given))
+        return self._cached("problem", given, lambda: self.subject.declared(given))
 
     def designed(self, setting: Mapping[str, Value]) -> Designed:
         """Return the designed network of a setting.
@@ -256,7 +246,7 @@ class Realisation:
             return Designed(self.subject.wired, self.subject.wired.start_state)
         given = chosen(setting, "problem", "design") | {"": is_built(setting)}
         kinds = BUILDABLE if is_built(setting) else ALL_KINDS
-        return self._kept("form", given, lambda: self._in_form(problem, given, kinds))
+        return self._cached("form", given, lambda: self._in_form(problem, given, kinds))
 
     def _in_form(
         self,
@@ -269,11 +259,13 @@ class Realisation:
         lender = form.designable
         factors = {n: v for n, v in behind(given, "design").items() if n != "form"}
         lent = {**given, "design.form": str(lender)}
-        found = self._kept("design", lent, lambda: _found(problem, lender, factors, kinds))
-        if form == lender:
-            return Designed(found.network, found.state)
-        network = apply_gains(synthesize(decompose(problem, form)), found.gains)
-        return Designed(network, found.state)
+        made = self._cached(
+            "design", lent, lambda: _settled_design(problem, lender, factors, kinds)
+        )
+        network = made.network
+        if form != lender:
+            network = apply_gains(synthesize(decompose(problem, form)), made.gains)
+        return Designed(network, made.state)
 
     def built(self, setting: Mapping[str, Value]) -> Built:
         """Return the circuit of a setting at its model level, prepared and scaled.
@@ -281,7 +273,7 @@ class Realisation:
         Raises `NetworkError` if the network does not settle or the level cannot realise it.
         """
         parts = chosen(setting, "problem", "design", "gains", "input", "circuit", "tolerance")
-        return self._kept("circuit", parts, lambda: self._build(setting))
+        return self._cached("circuit", parts, lambda: self._build(setting))
 
     def _build(self, setting: Mapping[str, Value]) -> Built:
         circuit = behind(setting, "circuit")
@@ -304,10 +296,9 @@ class Realisation:
         if not behind(setting, "input"):
             return self.designed(setting).settled
         given = chosen(setting, "problem", "design", "gains", "input")
-        return self._kept("settled", given, lambda: self._rest(given))
-
-    def _rest(self, setting: Mapping[str, Value]) -> np.ndarray:
-        return EXACT.run(self.nominal(setting)).trajectory.final
+        return self._cached(
+            "settled", given, lambda: EXACT.run(self.nominal(given)).trajectory.final
+        )
 
     def right_controls(self, setting: Mapping[str, Value]) -> tuple[np.ndarray, float]:
         """Return the settled controls (c,) of the nominal network and their size.
@@ -324,13 +315,13 @@ class Realisation:
 
         def settle() -> tuple[np.ndarray, float]:
             run = EXACT.run(self.nominal(given))
-            found, size = run.trajectory.control_values[-1], run.trajectory.control_size
-            return found if run.status.settled else np.full(found.shape, np.nan), size
+            controls, size = run.trajectory.control_values[-1], run.trajectory.control_size
+            return controls if run.status.settled else np.full(controls.shape, np.nan), size
 
-        return self._kept("right controls", given, settle)
+        return self._cached("right controls", given, settle)
 
 
-def _found(
+def _settled_design(
     problem: OptimalControlProblem,
     form: Form,
     factors: dict[str, Value],
@@ -343,14 +334,16 @@ def _found(
     if "kind" in factors:
         kinds = (KINDS[str(factors.pop("kind"))],)
     source = problem if form == CORRECTED else synthesize(decompose(problem, form))
-    found = design(source, preconditioner=kinds, gain_rule=_recipe(kinds, factors))
-    if not found.settled:
-        why = f": {found.first.ended}" if found.first.ended else ""
-        raise StudyError(f"design: its first run did not settle{why}")
-    return found
+    made = design(source, preconditioner=kinds, gain_rule=_gain_rule(kinds, factors))
+    if not made.settled:
+        reason = f": {made.first.ended}" if made.first.ended else ""
+        raise StudyError(f"design: its first run did not settle{reason}")
+    return made
 
 
-def _recipe(kinds: tuple[PreconditionerKind, ...], given: Mapping[str, Value]) -> GainRule | None:
+def _gain_rule(
+    kinds: tuple[PreconditionerKind, ...], given: Mapping[str, Value]
+) -> GainRule | None:
     """Return a gain rule with the given factors; None without factors."""
     if not given:
         return None

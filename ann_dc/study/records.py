@@ -25,17 +25,7 @@ FAILED, TIMED_OUT, LOST = "failed", "timed out", "worker lost"
 
 
 class Point(NamedTuple):
-    """Case of a study.
-
-    Attributes
-    ----------
-    number : int
-        Index in the order of the plan, from zero.
-    setting : mapping of str to Value
-        Values by setting name.
-    seed : int
-        Seed of all random quantities of the case.
-    """
+    """Case of a study: index in the plan, values by setting name, seed of all random quantities."""
 
     number: int
     setting: Mapping[str, Value]
@@ -43,15 +33,7 @@ class Point(NamedTuple):
 
 
 class Finished(NamedTuple):
-    """Result of a case.
-
-    Attributes
-    ----------
-    row : Row
-        Value for every column, including execution details.
-    curves : bytes
-        Trajectories as an ``.npz`` file; empty if not stored.
-    """
+    """Record of a case, and its trajectories as an ``.npz`` file (empty if not stored)."""
 
     row: Row
     curves: bytes = b""
@@ -60,10 +42,8 @@ class Finished(NamedTuple):
 def without_result(point: Point, outcome: str, message: str) -> Finished:
     """Return the record of a case without a result; the message gives the reason.
 
-    Examples
-    --------
     >>> without_result(Point(3, {"input.q_d.x": 2.0}, 7), TIMED_OUT, "60 s were over").row
     {'point': 3, 'seed': 7, 'input.q_d.x': 2.0, 'outcome': 'timed out', 'message': '60 s were over'}
     """
-    told = {OUTCOME: outcome, MESSAGE: message}
-    return Finished({POINT: point.number, SEED: point.seed, **point.setting, **told})
+    end = {OUTCOME: outcome, MESSAGE: message}
+    return Finished({POINT: point.number, SEED: point.seed, **point.setting, **end})

@@ -1,7 +1,4 @@
-"""Result of a case as read by metrics, independent of the backend.
-
-Samples that ran as networks, alone or in a batch.
-"""
+"""Result of a case as read by metrics, independent of the backend."""
 
 from __future__ import annotations
 
@@ -9,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,9 +18,9 @@ from ann_dc.backends.settling import control_settling
 from ann_dc.backends.status import Outcome
 from ann_dc.backends.trajectory import Trajectory, control_values
 from ann_dc.errors import StudyError
+from ann_dc.families.family import problem_at
 from ann_dc.network.network import Network
 from ann_dc.optimality.certificate import Certificate
-from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.solution.solution import certificate_of
 from ann_dc.study.realisation import Built, Realisation, network_at
 from ann_dc.study.records import Point, Value
@@ -39,33 +36,33 @@ def word_of(outcome: Outcome) -> str:
     return outcome.name.lower().replace("_", " ")
 
 
+class End(NamedTuple):
+    """End of a case.
+
+    The outcome has one or two words; the message is empty if the case settled. The final state (n,)
+    is in units of the network that ran, the live controls (c,) in those of the designed one. Steps
+    are None for a circuit, `settling_steps` also if the case did not settle.
+    """
+
+    outcome: str
+    message: str
+    state: np.ndarray
+    controls: np.ndarray
+    steps: int | None = None
+    settling_steps: int | None = None
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sample(ABC):
-    """Case of a study with its result.
-
-    Attributes
-    ----------
-    made : Realisation
-        Cached problem, design and circuit of the case.
-    """
+    """Case of a study with its result; `made` caches its problem, design and circuit."""
 
     point: Point
     made: Realisation
 
-    @property
-    def setting(self) -> Mapping[str, Value]:
-        """Values of the settings of the case."""
-        return self.point.setting
-
-    @property
+    @cached_property
     @abstractmethod
-    def outcome(self) -> str:
-        """Outcome in one or two words."""
-
-    @property
-    @abstractmethod
-    def message(self) -> str:
-        """Outcome in one sentence."""
+    def end(self) -> End:
+        """Outcome, final state and steps."""
 
     @property
     @abstractmethod
@@ -74,69 +71,59 @@ class Sample(ABC):
 
     @property
     @abstractmethod
-    def state(self) -> np.ndarray:
-        """Final state (n,) in units of `network`."""
+    def settling_time(self) -> float:
+        """Network time (tau = 1) of the last exit of the residual, or of a circuit's controls."""
 
     @property
     @abstractmethod
-    def controls(self) -> np.ndarray:
-        """Final live controls (c,) in units of the designed network."""
-
-    @property
-    def settling_time(self) -> float:
-        """Network time (tau = 1) of the last exit of the residual; nan if undefined."""
-        return float("nan")
-
-    @property
-    def control_settling_time(self) -> float:
-        """Network time (tau = 1) of the last exit of the controls.
-
-        Raises `StudyError` if no trajectory was recorded.
-        """
-        return control_settling(self.trajectory)
-
-    @property
-    def steps(self) -> int | None:
-        """Number of steps of the integration or recurrence; None for a circuit."""
-        return None
-
-    @property
-    def settling_steps(self) -> int | None:
-        """Number of steps up to the last exit; None if the sample did not settle."""
-        return None
-
-    @property
     def seconds(self) -> float:
-        """Settling time of the circuit in seconds; nan if no circuit is built."""
-        return float("nan")
+        """Settling time of the circuit in seconds."""
+
+    @property
+    @abstractmethod
+    def ideal(self) -> tuple[Network, np.ndarray]:
+        """Ideal network with the inputs of the case, and the final state in its units."""
 
     @property
     def trajectory(self) -> Trajectory:
-        """Recorded trajectory.
-
-        Raises `StudyError` if no trajectory was recorded.
-        """
+        """Recorded trajectory; raises `StudyError` if nothing was recorded."""
         raise StudyError("nothing was recorded over time")
+
+    @property
+    def setting(self) -> Mapping[str, Value]:
+        """Values of the settings of the case."""
+        return self.point.setting
+
+    @property
+    def state(self) -> np.ndarray:
+        """Final state (n,) in units of `network`."""
+        return self.end.state
+
+    @property
+    def controls(self) -> np.ndarray:
+        """Final live controls (c,) in units of the designed network."""
+        return self.end.controls
 
     @property
     def settled(self) -> bool:
         """True if the sample settled."""
-        return self.outcome == word_of(Outcome.SETTLED)
+        return self.end.outcome == word_of(Outcome.SETTLED)
+
+    @property
+    def control_settling_time(self) -> float:
+        """Network time (tau = 1) of the last exit of the controls."""
+        return control_settling(self.trajectory)
 
     @cached_property
     def spectrum(self) -> Spectrum:
-        """Eigenvalues of `network` at the final state.
-
-        Raises `NetworkError` if they cannot be computed.
-        """
+        """Eigenvalues of `network` at the final state."""
         return spectrum(self.network, self.state)
 
     @cached_property
     def resting(self) -> Spectrum:
         """Eigenvalues of `network` at the equilibrium near the designed point.
 
-        They do not depend on the run. Raises `StudyError` if non-idealities add neurons and
-        `NetworkError` if the equilibrium does not exist.
+        They do not depend on the run. Raises `StudyError` if non-idealities add neurons.
         """
         near = self.made.designed(self.setting).settled
         if near.shape != (self.network.size,):
@@ -144,11 +131,6 @@ class Sample(ABC):
                 "its non-idealities add neurons, so that the designed point is none of its"
             )
         return spectrum(self.network, equilibrium(self.network, near))
-
-    @cached_property
-    def start(self) -> np.ndarray:
-        """Initial state (n,) in units of `network`."""
-        return self.network.start_state
 
     @cached_property
     def right_controls(self) -> tuple[np.ndarray, float]:
@@ -163,24 +145,10 @@ class Sample(ABC):
 
     @cached_property
     def built(self) -> Built:
-        """Circuit of the case.
-
-        Raises `StudyError` if the study does not define a circuit.
-        """
+        """Circuit of the case; raises `StudyError` if the study does not define one."""
         if not is_built(self.setting):
             raise StudyError("no circuit is built; set circuit.level")
         return self.made.built(self.setting)
-
-    @cached_property
-    def problem(self) -> OptimalControlProblem:
-        """Problem with the inputs of the case.
-
-        Raises `StudyError` if the subject is a network.
-        """
-        declared = self.made.problem(self.setting)
-        if declared is None:
-            raise StudyError("a network without a problem has no cost and no certificate")
-        return _with_inputs(declared, behind(self.setting, "input"))
 
     @cached_property
     def certificate(self) -> Certificate:
@@ -188,30 +156,11 @@ class Sample(ABC):
 
         Raises `StudyError` if the subject has no problem.
         """
-        return certificate_of(self.problem, *self.ideal)
-
-    @property
-    @abstractmethod
-    def ideal(self) -> tuple[Network, np.ndarray]:
-        """Ideal network with the inputs of the case, and the final state in its units."""
-
-
-def _with_inputs(
-    problem: OptimalControlProblem, inputs: Mapping[str, Value]
-) -> OptimalControlProblem:
-    """Return the problem with other inputs of its network."""
-    if not inputs:
-        return problem
-    states = [str(s) for s in problem.states]
-    ends: dict[str, list[Any]] = {"q_0": [*problem.q_0], "q_d": [*(problem.q_d or ())]}
-    further: dict[str, Any] = {}
-    for name, value in inputs.items():
-        end, _, component = name.partition(".")
-        if component in states and end in ends:
-            ends[end][states.index(component)] = value
-        else:
-            further[name] = value
-    return problem.with_inputs(**ends, **further)
+        declared = self.made.problem(self.setting)
+        if declared is None:
+            raise StudyError("a network without a problem has no cost and no certificate")
+        inputs = behind(self.setting, "input")
+        return certificate_of(problem_at(declared, inputs), *self.ideal)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -225,12 +174,10 @@ class _NetworkSample(Sample):
 
     @property
     def network(self) -> Network:
-        """Network that ran, with its non-idealities."""
         return self._ran
 
     @property
     def seconds(self) -> float:
-        """Seconds until the controls settle, if a circuit is built."""
         return self.built.circuit.scaling.time * self.control_settling_time
 
     @property
@@ -243,51 +190,30 @@ class _NetworkSample(Sample):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BatchSample(_NetworkSample):
-    """Network that ran in a batch.
-
-    Attributes
-    ----------
-    index : int
-        Index in the batch.
-    """
+    """Network that ran in a batch, at an index."""
 
     batch: BatchRun
     index: int
 
-    @property
-    def outcome(self) -> str:
-        """Outcome in one or two words."""
-        return word_of(self.batch.outcomes[self.index])
-
-    @property
-    def message(self) -> str:
-        """Outcome in one sentence if the network did not settle; else empty."""
-        return "" if self.settled else self.batch.message(self.index).partition(": ")[2]
-
-    @property
-    def state(self) -> np.ndarray:
-        """Final state (n,)."""
-        return self.batch.states[self.index]
+    @cached_property
+    def end(self) -> End:
+        """End of one sample of the batch."""
+        batch, index = self.batch, self.index
+        outcome, state = batch.outcomes[index], batch.states[index]
+        settled = outcome is Outcome.SETTLED
+        return End(
+            outcome=word_of(outcome),
+            message="" if settled else batch.message(index).partition(": ")[2],
+            state=state,
+            controls=control_values(batch.network, state),
+            steps=int(batch.steps[index]),
+            settling_steps=int(batch.settling_steps[index]) if settled else None,
+        )
 
     @property
     def settling_time(self) -> float:
         """Network time (tau = 1) of the last exit."""
         return float(self.batch.settling_times[self.index])
-
-    @property
-    def controls(self) -> np.ndarray:
-        """Final live controls (c,)."""
-        return control_values(self.batch.network, self.state)
-
-    @property
-    def steps(self) -> int | None:
-        """Number of steps."""
-        return int(self.batch.steps[self.index])
-
-    @property
-    def settling_steps(self) -> int | None:
-        """Number of steps up to the last exit."""
-        return int(self.batch.settling_steps[self.index]) if self.settled else None
 
     @property
     def trajectory(self) -> Trajectory:
@@ -303,40 +229,23 @@ class RunSample(_NetworkSample):
 
     run: Run
 
-    @property
-    def outcome(self) -> str:
-        """Outcome in one or two words."""
-        return word_of(self.run.status.outcome)
-
-    @property
-    def message(self) -> str:
-        """Outcome in one sentence if the network did not settle; else empty."""
-        return "" if self.settled else str(self.run.status)
-
-    @property
-    def state(self) -> np.ndarray:
-        """Final state (n,)."""
-        return self.run.trajectory.final
+    @cached_property
+    def end(self) -> End:
+        """End of the run."""
+        status, state = self.run.status, self.run.trajectory.final
+        return End(
+            outcome=word_of(status.outcome),
+            message="" if status.settled else str(status),
+            state=state,
+            controls=control_values(self.network, state),
+            steps=self.run.steps,
+            settling_steps=self.run.settling_steps,
+        )
 
     @property
     def settling_time(self) -> float:
         """Network time (tau = 1) of the last exit."""
         return self.run.settling_time
-
-    @property
-    def controls(self) -> np.ndarray:
-        """Final live controls (c,)."""
-        return control_values(self.network, self.state)
-
-    @property
-    def steps(self) -> int | None:
-        """Number of steps."""
-        return self.run.steps
-
-    @property
-    def settling_steps(self) -> int | None:
-        """Number of steps up to the last exit."""
-        return self.run.settling_steps
 
     @property
     def trajectory(self) -> Trajectory:

@@ -25,13 +25,7 @@ MOST = 10_000_000
 
 
 class Span(NamedTuple):
-    """Range of numbers from which samples are drawn.
-
-    Attributes
-    ----------
-    is_log : bool
-        True if equal factors are equally likely, instead of equal differences.
-    """
+    """Range of numbers that is sampled uniformly, or log-uniformly if `is_log`."""
 
     low: float
     high: float
@@ -77,24 +71,8 @@ class Sampling(enum.Enum):
         return qmc.Sobol(ranges, rng=rng).random(whole)[:count]
 
 
-Axis = Sequence[Value] | Span
-"""Values of a setting: a list or a range."""
-
-
 class Plan(NamedTuple):
-    """Cases of a study, generated on demand.
-
-    Attributes
-    ----------
-    listed : dict of str to sequence of Value
-        Settings of which every combination is taken.
-    spans : dict of str to Span
-        Settings that are sampled.
-    samples : int
-        Samples at every combination.
-    fixed : mapping of str to Value
-        Settings with the same value in every case.
-    """
+    """Cases of a study, generated on demand: every combination of `listed`, with samples."""
 
     listed: dict[str, Sequence[Value]]
     spans: dict[str, Span]
@@ -109,7 +87,7 @@ class Plan(NamedTuple):
     def points(self) -> Iterator[Point]:
         """Yield all cases: combinations (last setting fastest), samples within each."""
         shares = self.sampling.shares(self.samples, len(self.spans), self.seed)
-        seeds = seeds_of(self.seed, self.samples)
+        seeds = _seeds_of(self.seed, self.samples)
         drawn = [
             {name: span.at(float(share)) for (name, span), share in zip(self.spans.items(), row)}
             for row in shares
@@ -123,10 +101,10 @@ class Plan(NamedTuple):
                 yield Point(next(number), setting, seed if own is None else int(own))  # type: ignore
 
 
-def seeds_of(seed: int, count: int) -> list[int]:
+def _seeds_of(seed: int, count: int) -> list[int]:
     """Return the seeds of samples; the first seeds do not depend on the count.
 
-    >>> seeds_of(1, 3) == seeds_of(1, 5)[:3]
+    >>> _seeds_of(1, 3) == _seeds_of(1, 5)[:3]
     True
     """
     words = np.random.SeedSequence(seed).generate_state(count, np.uint64)
@@ -146,8 +124,6 @@ def plan_of(
     In `vary`, a pair (low, high) is a range. Raises `StudyError` if a list or range is empty, a
     setting is both varied and fixed, or there are too many cases.
 
-    Examples
-    --------
     >>> vary = {"problem.N": [9, 18], "nonideal.mismatch": (0.0, 0.02)}
     >>> plan = plan_of(vary, fixed={}, samples=3, sampling=Sampling.SOBOL, seed=0)
     >>> len(plan), [point.setting["problem.N"] for point in plan.points()]

@@ -42,16 +42,10 @@ ENDS = ("q_0", "q_d")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Subject(Record):
-    """Plant, problem or network under study; see `subject_of`.
+    """Plant (by name), problem or network under study; see `subject_of`.
 
-    Attributes
-    ----------
-    plant : str
-        Name of the plant, or empty; all its parameters can be varied.
-    problem : OptimalControlProblem or None
-        Plant without settings, or the declared problem.
-    network : Network or None
-        Network; set only without a problem.
+    A plant has the problem without settings, and all its parameters can be varied. The network is
+    set only without a problem.
     """
 
     plant: str = ""
@@ -104,8 +98,8 @@ class Subject(Record):
             except AnnDcError:
                 raise
             except (ArithmeticError, TypeError, ValueError) as error:
-                told = ", ".join(f"{name} = {value!r}" for name, value in taken.items())
-                raise StudyError(f"problem: {self.plant} with {told}: {error}") from error
+                given_values = ", ".join(f"{name} = {value!r}" for name, value in taken.items())
+                raise StudyError(f"problem: {self.plant} with {given_values}: {error}") from error
         horizon = left.pop("N", None)
         if horizon is not None:
             problem = problem.with_horizon(horizon)  # type: ignore[arg-type]
@@ -139,8 +133,6 @@ def subject_of(given: str | OptimalControlProblem | Network) -> Subject:
 
     Raises `UnknownNameError` if the plant does not exist.
 
-    Examples
-    --------
     >>> subject_of("car").declared({"N": 12, "q_d.x": 4.0}).horizon
     12
     """
@@ -209,15 +201,14 @@ NONIDEAL = {
 """Non-idealities of the ideal network, in order of application."""
 
 
-DRAWN = tuple(f"nonideal.{name}" for name, says in NONIDEAL.items() if "drawn" in says)
+DRAWN = tuple(
+    f"nonideal.{name}" for name, description in NONIDEAL.items() if "drawn" in description
+)
 """Settings whose value is the size of a random quantity drawn from the seed of the case."""
 
 
 class Effect(enum.Enum):
-    """Effect of a setting, which determines the steps to repeat.
-
-    The value is a description.
-    """
+    """Effect of a setting, which determines the steps to repeat; the value is a description."""
 
     PROBLEM = "another problem, which is designed anew"
     DESIGN = "another design"
@@ -227,18 +218,10 @@ class Effect(enum.Enum):
 
 
 class Family(NamedTuple):
-    """Settings whose names have the same first part.
-
-    Attributes
-    ----------
-    says : str
-        Description.
-    names : callable
-        Function that returns the names after the first part, for a subject.
-    """
+    """Settings whose names have the same first part; `names` returns the rest, for a subject."""
 
     effect: Effect
-    says: str
+    description: str
     names: Callable[[Subject], Iterable[str]]
 
 
@@ -330,8 +313,6 @@ def chosen(setting: Mapping[str, Value], *families: str) -> dict[str, Value]:
 def behind(setting: Mapping[str, Value], family: str) -> dict[str, Any]:
     """Return the values of one family by the name after the first part.
 
-    Examples
-    --------
     >>> behind({"input.q_d.x": 3.0, "run.order": "two-phase"}, "input")
     {'q_d.x': 3.0}
     """
@@ -341,8 +322,6 @@ def behind(setting: Mapping[str, Value], family: str) -> dict[str, Any]:
 def backend_of(setting: Mapping[str, Value]) -> str:
     """Return the backend of a case; the default for a circuit is its emulation.
 
-    Examples
-    --------
     >>> backend_of({}), backend_of({"tolerance.resistor": 0.01})
     ('ode', 'emulation')
     """
@@ -358,8 +337,6 @@ def is_built(setting: Mapping[str, Value]) -> bool:
 def is_drawn(setting: Mapping[str, Value]) -> bool:
     """Return True if cases of this setting differ between seeds.
 
-    Examples
-    --------
     >>> is_drawn({"nonideal.mismatch": 0.01}), is_drawn({"nonideal.mismatch": 0.0})
     (True, False)
     """
@@ -410,12 +387,15 @@ def check_name(subject: Subject, field: str, name: str) -> None:
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(near)}?" if near else ""
     if family is None:
-        told = f"settings begin with {', '.join(f'{word}.' for word in FAMILIES)} or are {SEED!r}"
+        known_names = (
+            f"settings begin with {', '.join(f'{word}.' for word in FAMILIES)} or are {SEED!r}"
+        )
     else:
         word, names = name.partition(".")[0], list(family.names(subject))
-        told = f"of {word}. ({family.says}) there are {', '.join(names) or 'none for this subject'}"
+        listed = ", ".join(names) or "none for this subject"
+        known_names = f"of {word}. ({family.description}) there are {listed}"
     raise StudyError(
-        f"{field}: there is no {name!r} to vary; {' '.join(filter(None, [hint, told]))}"
+        f"{field}: there is no {name!r} to vary; {' '.join(filter(None, [hint, known_names]))}"
     )
 
 

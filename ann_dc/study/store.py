@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import sqlite3
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ from ann_dc.errors import OutputError, StoreError
 from ann_dc.files import Lock, make_folder
 from ann_dc.study import database as db, table_export as export
 from ann_dc.study.columns import Columns, Kinds, with_truths
-from ann_dc.study.identity import as_text, differences, lasting
 from ann_dc.study.records import FAILED, LOST, OUTCOME, POINT, TIMED_OUT, Finished, Row
 from ann_dc.study.stored_trajectories import unpacked
 
@@ -24,6 +22,12 @@ LOCK = "lock"
 """File in the folder of a study that identifies the writing process."""
 PIECE = 10_000
 """Number of records in memory at a time."""
+INTERPRETATION = ("title", "spec")
+"""Entries of an identity that affect only the interpretation of records."""
+MOST_DIFFERENCES = 6
+"""Number of differences listed in a message; further ones are counted."""
+LONGEST = 60
+"""Largest number of characters of a value in a message."""
 
 
 class Store:
@@ -31,15 +35,8 @@ class Store:
 
     `begin` creates or continues a store. `open` reads a store, also while another process writes.
     The folder must be on a local disk. Its file 'study.sqlite' is an SQLite database whose table
-    ``rows`` has one column per study column.
+    ``rows`` has one column per study column. The writing process holds the lock.
 
-    Parameters
-    ----------
-    lock : Lock, optional
-        Lock of the writing process.
-
-    Examples
-    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     columns = ["point", "rho", "outcome"]
@@ -61,26 +58,17 @@ class Store:
     def begin(
         cls, folder: str | os.PathLike[str], identity: Mapping[str, Any], columns: Sequence[str]
     ) -> Store:
-        """Create the store of a study, or continue the existing one.
+        """Create the store of a study in a folder, or continue the existing one.
 
-        Parameters
-        ----------
-        folder : path-like
-            Folder; created if missing.
-        identity : mapping
-            Nested plain data that identifies the study. Entries in `WORDS` affect only the
-            interpretation of records and may change.
-        columns : sequence of str
-            Column names with ``point`` first; must contain ``outcome``.
+        The identity is nested plain data; its entries `INTERPRETATION` may change. Column names
+        begin with ``point`` and contain ``outcome``.
 
-        Raises
-        ------
-        StoreError
-            If the folder contains another study (the message lists the differences), another layout
-            or other files. Also if another process is writing or the folder cannot be written.
+        Raises `StoreError` if the folder contains another study (the message lists the
+        differences), another layout or other files. Also if another process is writing or the
+        folder cannot be written.
         """
-        place, about = Path(folder), db.About(as_text(identity), Columns(columns), {})
-        with db.told(place):
+        place, about = Path(folder), db.About(json.dumps(identity), Columns(columns), {})
+        with db.named_errors(place):
             try:
                 make_folder(place)
             except OutputError as error:
@@ -96,11 +84,12 @@ class Store:
     def _begun(cls, folder: Path, given: db.About, lock: Lock) -> Store:
         database = db.writable(folder)
         try:
-            if db.is_empty(database):
-                db.make_tables(database, given)
+            db.make_tables(database, given)
             stored = db.about_of(database, folder)
-            changed = differences(lasting(stored.identity), lasting(given.identity)) or differences(
-                *(as_text({"columns": about.columns.names}) for about in (stored, given))
+            changed = differences(
+                _lasting(stored.identity), _lasting(given.identity)
+            ) or differences(
+                *(json.dumps({"columns": about.columns.names}) for about in (stored, given))
             )
             if changed:
                 raise StoreError(
@@ -108,7 +97,7 @@ class Store:
                     "given); give another folder, or the study as it was"
                 )
             if stored.identity != given.identity:
-                db.tell_anew(database, given.identity)
+                db.update_entry(database, "identity", given.identity)
             return cls(folder, database, lock)
         except BaseException:
             database.close()
@@ -121,7 +110,7 @@ class Store:
         Raises `StoreError` if the folder does not contain a store of this layout.
         """
         place = Path(folder)
-        with db.told(place):
+        with db.named_errors(place):
             database = db.readable(place)
             try:
                 return cls(place, database)
@@ -144,13 +133,11 @@ class Store:
         kinds = self._columns.kinds(table, self._kinds)
         curves = [(one.row[POINT], one.curves) for one in finished if one.curves]
         places = ", ".join("?" * len(self.columns))
-        with db.told(self.folder), db.transaction(self._database, "IMMEDIATE"):
+        with db.named_errors(self.folder), db.transaction(self._database, "IMMEDIATE"):
             self._database.executemany(f"INSERT INTO rows VALUES ({places})", table)
             self._database.executemany("INSERT INTO curves VALUES (?, ?)", curves)
             if kinds != self._kinds:
-                self._database.execute(
-                    "UPDATE meta SET value = ? WHERE name = 'kinds'", [json.dumps(kinds)]
-                )
+                db.update_entry(self._database, "kinds", json.dumps(kinds))
         self._kinds = kinds
 
     def discard(self, points: Iterable[int]) -> None:
@@ -159,7 +146,7 @@ class Store:
         Raises `StoreError` if writing fails; the content then remains.
         """
         numbers = [(point,) for point in points]
-        with db.told(self.folder), db.transaction(self._database, "IMMEDIATE"):
+        with db.named_errors(self.folder), db.transaction(self._database, "IMMEDIATE"):
             for table in ("rows", "curves"):
                 self._database.executemany(f"DELETE FROM {table} WHERE point = ?", numbers)
 
@@ -171,12 +158,6 @@ class Store:
         """Return the numbers of the cases with a record but without a result."""
         without = f"SELECT point FROM rows WHERE {self._columns.quoted[OUTCOME]} IN (?, ?, ?)"
         return {point for (point,) in self._select(without, FAILED, TIMED_OUT, LOST)}
-
-    def outcomes(self) -> Counter[str]:
-        """Return the number of records by outcome."""
-        outcome = self._columns.quoted[OUTCOME]
-        counted = self._select(f"SELECT {outcome}, count(*) FROM rows GROUP BY {outcome}")
-        return Counter({str(outcome): number for outcome, number in counted})
 
     def __len__(self) -> int:
         return self._select("SELECT count(*) FROM rows")[0][0]
@@ -202,7 +183,7 @@ class Store:
         Known units of measure are stored in ``attrs["units"]`` by column. Raises `PandasMissing` if
         pandas is not installed.
         """
-        with db.told(self.folder), db.transaction(self._database):
+        with db.named_errors(self.folder), db.transaction(self._database):
             return export.frame(self._pieces(), self._held(), self.identity)
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
@@ -210,7 +191,7 @@ class Store:
 
         Raises `OutputError` if the file cannot be written; an existing file is then unchanged.
         """
-        with db.told(self.folder), db.transaction(self._database):
+        with db.named_errors(self.folder), db.transaction(self._database):
             export.write_csv(path, self._pieces(), self.columns)
 
     def to_parquet(self, path: str | os.PathLike[str]) -> None:
@@ -220,8 +201,8 @@ class Store:
         installed and `OutputError` if the file cannot be written. An existing file is then
         unchanged.
         """
-        with db.told(self.folder), db.transaction(self._database):
-            export.write_parquet(path, self._pieces(), self._held(), as_text(self.identity))
+        with db.named_errors(self.folder), db.transaction(self._database):
+            export.write_parquet(path, self._pieces(), self._held(), json.dumps(self.identity))
 
     def close(self) -> None:
         """Release the lock and close the database; do nothing if already closed."""
@@ -236,12 +217,12 @@ class Store:
         self.close()
 
     def _select(self, query: str, *values: Any) -> list[tuple]:
-        with db.told(self.folder):
+        with db.named_errors(self.folder):
             return self._database.execute(query, values).fetchall()
 
     def _held(self) -> Kinds:
         """Return the types that each column has contained so far."""
-        with db.told(self.folder):
+        with db.named_errors(self.folder):
             found = db.about_of(self._database, self.folder).kinds
         return {name: found.get(name, []) for name in self.columns}
 
@@ -253,3 +234,56 @@ class Store:
         while piece := self._select(query, last, PIECE):
             yield [with_truths(cells, truths) for cells in piece]
             last = piece[-1][0]
+
+
+# ---- differences between the identities of two studies ------------------------------------------
+
+
+def _lasting(identity: str) -> str:
+    """Return the part of an identity (JSON) that determines the records (not `INTERPRETATION`).
+
+    >>> _lasting('{"title": "chips", "seed": 0}')
+    '{"seed": 0}'
+    """
+    determining = {
+        name: value for name, value in json.loads(identity).items() if name not in INTERPRETATION
+    }
+    return json.dumps(determining)
+
+
+def differences(stored: str, given: str) -> str:
+    """Return a description of the differences between two identities (JSON), or "".
+
+    >>> differences('{"vary": {"N": [9, 18]}, "seed": 0}', '{"vary": {"N": [9, 36, 72]}}')
+    'seed: 0 -> none; vary.N[1]: 18 -> 36; vary.N[2]: none -> 72'
+    """
+    if stored == given:
+        return ""
+    before, after = dict(_leaves(json.loads(stored))), dict(_leaves(json.loads(given)))
+    names = [*before, *(name for name in after if name not in before)]
+    changes = [
+        f"{name}: {_shortened(before.get(name))} -> {_shortened(after.get(name))}"
+        for name in sorted(names)
+        if before.get(name) != after.get(name)
+    ]
+    if len(changes) > MOST_DIFFERENCES:
+        changes[MOST_DIFFERENCES:] = [f"and {len(changes) - MOST_DIFFERENCES} more"]
+    return "; ".join(changes) or "the order of its entries"
+
+
+def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
+    """Yield each single value (or empty container) as JSON with its dotted name."""
+    if isinstance(value, dict) and value:
+        for key, inner in value.items():
+            yield from _leaves(inner, f"{name}.{key}".removeprefix("."))
+    elif isinstance(value, list) and value:
+        for index, inner in enumerate(value):
+            yield from _leaves(inner, f"{name}[{index}]")
+    else:
+        yield name, json.dumps(value)
+
+
+def _shortened(value: str | None) -> str:
+    if value is None:
+        return "none"
+    return value if len(value) <= LONGEST else f"{value[:LONGEST]}..."

@@ -22,8 +22,6 @@ def packed(arrays: Mapping[str, ArrayLike]) -> bytes:
 
     Equal arrays give equal bytes. Raises `StoreError` for an array of objects.
 
-    Examples
-    --------
     >>> unpacked(packed({"time": [0.0, 1.0]}))
     {'time': array([0., 1.])}
     """

@@ -18,14 +18,13 @@ from ann_dc.errors import StudyError
 from ann_dc.network.network import Network
 from ann_dc.problem.declaration import OptimalControlProblem
 from ann_dc.progress import Progress, silent
-from ann_dc.study.execution import execute
-from ann_dc.study.executors import Here
+from ann_dc.study.execution import Here, execute
 from ann_dc.study.metrics import DEFAULT, METRICS, metrics_of
-from ann_dc.study.planning import tasks
 from ann_dc.study.records import HEAD, SEED, TAIL, VERSIONS, Point, Row, Value, without_result
 from ann_dc.study.sampling import Plan, Sampling, plan_of
 from ann_dc.study.settings import (
     DRAWN,
+    LEAST,
     WORDS,
     Subject,
     backend_of,
@@ -40,13 +39,11 @@ from ann_dc.study.settings import (
 from ann_dc.study.store import Store
 from ann_dc.study.table import Table
 from ann_dc.study.tasks import Task, attempted
-from ann_dc.study.work import Work, versions
+from ann_dc.study.work import Work, tasks, versions
 from ann_dc.study.worker import stop_script
 from ann_dc.validation import Count, Index, Positive, checked
 from ann_dc.yields import ends_of
 
-WHOLE = ("problem.N", "seed")
-"""Settings that take integers."""
 LAYOUT = 1
 """Layout version in the identity of a study. A store with another version is not continued."""
 
@@ -141,8 +138,8 @@ class Study(Record):
     def _check_samples(self) -> None:
         """Raise `StudyError` if all samples are equal and no user-defined metric may draw."""
         plan, known = self.plan, {metric.value for metric in METRICS.values()}
-        own = any(metric.value not in known for metric in self.metrics)
-        if self.samples <= 1 or plan.spans or own:
+        may_draw = any(metric.value not in known for metric in self.metrics)
+        if self.samples <= 1 or plan.spans or may_draw:
             return
         each = [{name: value} for name, values in plan.listed.items() for value in values]
         if SEED in plan.listed or not any(is_drawn({**self.fixed, **one}) for one in [{}, *each]):
@@ -160,15 +157,15 @@ class Study(Record):
             check_name(subject, "fixed", name)
             check_value("fixed", name, value)
         for name in self.plan.spans:
-            if name in (*WORDS, *WHOLE):
+            if name in (*WORDS, *LEAST):
                 raise StudyError(f"vary: {name} takes words or whole numbers; list them")
         ends = {name: (span.low or span.high, span.high) for name, span in self.plan.spans.items()}
         for name, values in {**ends, **self.plan.listed}.items():
             for value in values:
                 check_value("vary", name, value)
         words = self.plan.listed.get("run.backend", [self.fixed.get("run.backend")])
-        told = {n: None for n in (*self.fixed, *self.vary) if n != "run.backend"}
-        backends = [str(word) if word else backend_of(told) for word in words]
+        others = dict.fromkeys(n for n in (*self.fixed, *self.vary) if n != "run.backend")
+        backends = [str(word) if word else backend_of(others) for word in words]
         check_together("vary", self.vary, backends)
         check_together("fixed", self.fixed, backends)
 
@@ -208,7 +205,7 @@ class Study(Record):
                 "version": LAYOUT,
                 "title": self.title,
                 "subject": self._subject.identity(),
-                "vary": {name: self._told(name) for name in self.vary},
+                "vary": {name: self._axis(name) for name in self.vary},
                 "design": {"samples": self.samples, "sampling": self.sampling.value},
                 "fixed": dict(self.fixed),
                 "seed": self.seed,
@@ -216,7 +213,7 @@ class Study(Record):
                     m.name: {"unit": m.unit, "definition": m.definition} for m in self.metrics
                 },
                 "settings": {
-                    name: {"unit": "", "says": family.says if family else ""}
+                    name: {"unit": "", "says": family.description if family else ""}
                     for name, family in families.items()
                 },
                 "spec": dict(self.spec),
@@ -224,7 +221,7 @@ class Study(Record):
             }
         )
 
-    def _told(self, name: str) -> Any:
+    def _axis(self, name: str) -> Any:
         """Return the values or the range of a varied setting as plain data."""
         spans = self.plan.spans
         return spans[name]._asdict() if name in spans else self.plan.listed[name]
@@ -282,46 +279,36 @@ class Study(Record):
             If the folder contains another study or cannot be written.
         """
         stop_script()
-        with tempfile.TemporaryDirectory(prefix="ann_dc_study_") as own:
-            place = own if folder is None else folder
-            with Store.begin(place, self.identity(), self.columns) as store:
-                if retry:
-                    store.discard(store.failed())
-                tally = execute(
-                    tasks(self.points(), store.finished()),
-                    self.work,
-                    store,
-                    executor=Here() if executor is None and workers == 0 else executor,
-                    workers=1 if workers == 0 else workers,
-                    limit=self.limit,
-                    common={VERSIONS: versions()},
-                    progress=progress,
-                )
-                return Table.of(store, stopped=tally.stopped)
+        with (
+            tempfile.TemporaryDirectory(prefix="ann_dc_study_") as temporary,
+            Store.begin(
+                temporary if folder is None else folder, self.identity(), self.columns
+            ) as store,
+        ):
+            if retry:
+                store.discard(store.failed())
+            tally = execute(
+                tasks(self.points(), store.finished()),
+                self.work,
+                store,
+                executor=Here() if executor is None and workers == 0 else executor,
+                workers=1 if workers == 0 else workers,
+                limit=self.limit,
+                common={VERSIONS: versions()},
+                progress=progress,
+            )
+            return Table.of(store, stopped=tally.stopped)
 
     @checked
     def row(self, point: Index) -> Row:
-        """Run one case in this process and return its record.
+        """Run one case, numbered from 0, in this process and return its values by column.
 
-        Parameters
-        ----------
-        point : int
-            Number of the case, from 0.
-
-        Returns
-        -------
-        Row
-            Values by column.
-
-        Raises
-        ------
-        StudyError
-            If the study has no case with this number.
+        Raises `StudyError` if the study has no case with this number.
         """
-        found = next(islice(self.points(), point, None), None)
-        if found is None:
+        case = next(islice(self.points(), point, None), None)
+        if case is None:
             raise StudyError(f"point: there are {len(self)} points, from 0 on; got {point}")
-        done = attempted(self.work, Task((found,)))
+        done = attempted(self.work, Task((case,)))
         if not done.finished:
-            return without_result(found, done.outcome, done.message).row
+            return without_result(case, done.outcome, done.message).row
         return {**done.finished[0].row, VERSIONS: versions()}

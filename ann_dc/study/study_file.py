@@ -43,7 +43,6 @@ from ann_dc.study.settings import subject_from
 from ann_dc.study.study import LAYOUT, Study
 from ann_dc.validation import checked
 
-SAMPLINGS = {sampling.value: sampling for sampling in Sampling}
 PLAIN = {
     "samples": int,
     "seed": int,
@@ -62,7 +61,7 @@ KINDS = {
     dict: "a table",
 }
 """Descriptions of types for error messages."""
-RANGE = ("low", "high", "log", "count")
+_RANGE = ("low", "high", "log", "count")
 
 
 @checked
@@ -121,8 +120,8 @@ def _study(table: dict[str, Any], file: Path) -> Study:
     given.setdefault("title", file.stem.replace("_", " "))
     return Study(
         subject=_subject(_typed("subject", table["subject"], str), file.parent),
-        vary={n: _axis(n, v) for n, v in flattened(_typed("vary", table.get("vary", {}), dict))},
-        fixed=dict(flattened(_typed("fixed", table.get("fixed", {}), dict))),
+        vary={n: _axis(n, v) for n, v in _flattened(_typed("vary", table.get("vary", {}), dict))},
+        fixed=dict(_flattened(_typed("fixed", table.get("fixed", {}), dict))),
         sampling=_sampling(_typed("sampling", table.get("sampling", Sampling.RANDOM.value), str)),
         **_limits(given),
     )
@@ -130,21 +129,15 @@ def _study(table: dict[str, Any], file: Path) -> Study:
 
 def _typed(name: str, value: Any, kind: Any) -> Any:
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-        words = {
-            bool: "true or false",
-            int: "a whole number",
-            str: "a text",
-            list: "a list",
-            dict: "a table",
-        }
-        raise StudyError(f"{name}: expected {words.get(kind, 'a number')}, got {value!r}")
+        raise StudyError(f"{name}: expected {KINDS.get(kind, 'a number')}, got {value!r}")
     return value
 
 
-def _sampling(word: Any) -> Sampling:
-    if word not in SAMPLINGS:
-        raise StudyError(f"sampling: expected one of {', '.join(SAMPLINGS)}, got {word!r}")
-    return SAMPLINGS[word]
+def _sampling(word: str) -> Sampling:
+    known = {sampling.value: sampling for sampling in Sampling}
+    if word not in known:
+        raise StudyError(f"sampling: expected one of {', '.join(known)}, got {word!r}")
+    return known[word]
 
 
 def _subject(word: str, beside: Path) -> Any:
@@ -155,20 +148,20 @@ def _subject(word: str, beside: Path) -> Any:
 
 def _limits(given: dict[str, Any]) -> dict[str, Any]:
     """Convert limits that a file gives as two-element lists to pairs."""
-    spec = dict(flattened(given.get("spec", {})))
+    spec = dict(_flattened(given.get("spec", {})))
     return given | {"spec": {n: tuple(v) if isinstance(v, list) else v for n, v in spec.items()}}
 
 
-def flattened(table: Mapping[str, Any], before: str = "") -> list[tuple[str, Any]]:
+def _flattened(table: Mapping[str, Any], before: str = "") -> list[tuple[str, Any]]:
     """Return (dotted name, value) pairs of nested tables and of quoted dotted names.
 
-    >>> flattened({"input": {"q_d": {"x": [1, 2]}}, "problem.N": {"low": 1, "high": 9}})
+    >>> _flattened({"input": {"q_d": {"x": [1, 2]}}, "problem.N": {"low": 1, "high": 9}})
     [('input.q_d.x', [1, 2]), ('problem.N', {'low': 1, 'high': 9})]
     """
     found = []
     for name, value in table.items():
         if isinstance(value, Mapping) and not {"low", "high"} & {*value}:
-            found += flattened(value, f"{before}{name}.")
+            found += _flattened(value, f"{before}{name}.")
         else:
             found.append((f"{before}{name}", value))
     return found
@@ -178,7 +171,7 @@ def _axis(name: str, given: Any) -> Any:
     """Return a list of values or a range."""
     if not isinstance(given, Mapping):
         return given
-    strange = sorted({*given} - {*RANGE})
+    strange = sorted({*given} - {*_RANGE})
     if strange or not {"low", "high"} <= {*given}:
         raise StudyError(
             f"vary: {name}: a range is {{low = .., high = ..}}, with log = true and count = .. "
@@ -209,13 +202,13 @@ def study_from(identity: Mapping[str, Any]) -> Study:
             f"version: this study was made by another version ({identity.get('version')!r}, here "
             f"{LAYOUT}); run it with that one, or begin a new folder"
         )
-    over = {
+    vary = {
         name: Span(**value) if isinstance(value, Mapping) else value
         for name, value in identity["vary"].items()
     }
     return Study(
         subject=subject_from(identity["subject"]),
-        vary=over,
+        vary=vary,
         metrics=list(identity.get("metrics", DEFAULT)),
         fixed=identity["fixed"],
         samples=identity["design"]["samples"],

@@ -50,20 +50,7 @@ class Table:
 
     @classmethod
     def of(cls, store: Store, *, stopped: str = "") -> Table:
-        """Return the table with the complete content of a store.
-
-        Parameters
-        ----------
-        store : Store
-            Open store.
-        stopped : str
-            Reason of an early end. Default empty.
-
-        Returns
-        -------
-        Table
-            All stored records.
-        """
+        """Return the table with the complete content of an open store."""
         values: dict[str, list[Value]] = {name: [] for name in store.columns}
         for row in store.rows():
             for name, held in values.items():
@@ -97,59 +84,20 @@ class Table:
         return not self.stopped and not np.isin(self.columns[OUTCOME].astype(str), NO_RESULT).any()
 
     def chosen(self, rows: np.ndarray) -> Table:
-        """Return the table of selected records.
-
-        Parameters
-        ----------
-        rows : (rows,) array of bool, or of indices
-            Mask or indices of the records.
-
-        Returns
-        -------
-        Table
-            Selected records.
-        """
+        """Return the table of the records selected by a mask (rows,) or by indices."""
         columns = {name: column[rows] for name, column in self.columns.items()}
         return replace(self, columns=columns)
 
     def by(self, column: str) -> dict[Any, Table]:
-        """Group the records by the value of a column, in order of first occurrence.
-
-        Parameters
-        ----------
-        column : str
-            Name of the column.
-
-        Returns
-        -------
-        dict of Value to Table
-            Records with each value.
-
-        Raises
-        ------
-        UnknownNameError
-            If the column does not exist.
-        """
+        """Group the records by the value of a column, in order of first occurrence."""
         values = self[column]
         return {value: self.chosen(values == value) for value in dict.fromkeys(values.tolist())}
 
     def yield_of(self, spec: Mapping[str, Any] | None = None) -> Yield:
         """Return the fraction of records that settled and satisfy a specification.
 
-        Parameters
-        ----------
-        spec : mapping of metric to Limit, optional
-            Limits. By default those of the study.
-
-        Returns
-        -------
-        Yield
-            Fraction with confidence interval and counts.
-
-        Raises
-        ------
-        UnknownNameError, StudyError
-            If a metric of the specification was not measured, or a limit is invalid.
+        By default the limits are those of the study. Raises `UnknownNameError` if a metric of the
+        specification was not measured, and `StudyError` if a limit is invalid.
         """
         limits: Mapping[str, Limit] = self.spec if spec is None else spec
         for name in limits:
@@ -157,18 +105,7 @@ class Table:
         return yield_of(self.columns, limits)
 
     def to_frame(self) -> Any:
-        """Convert the table to a pandas data frame.
-
-        Returns
-        -------
-        pandas.DataFrame
-            One row per record.
-
-        Raises
-        ------
-        PandasMissing
-            If pandas is not installed.
-        """
+        """Convert the table to a pandas data frame; raise `PandasMissing` without pandas."""
         try:
             import pandas
         except ImportError as error:

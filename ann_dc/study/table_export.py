@@ -93,22 +93,19 @@ def write_parquet(
         ) from error
     words = [_parquet_type(held) for held in kinds.values()]
     fields = [(name, getattr(pyarrow, word)()) for name, word in zip(kinds, words)]
+    mixed = [_frame_type(held) == "object" for held in kinds.values()]
     schema = pyarrow.schema(fields, metadata={"ann_dc.study": identity})
     with writing_whole(path) as stream, parquet.ParquetWriter(stream, schema) as table:
         for piece in pieces:
             columns = [
-                pyarrow.array(map(_text, column) if mixed else column, type=field.type)
-                for field, column, mixed in zip(schema, zip(*piece), map(_is_mixed, kinds.values()))
+                pyarrow.array(map(_text, column) if is_mixed else column, type=field.type)
+                for field, column, is_mixed in zip(schema, zip(*piece), mixed)
             ]
             table.write_batch(pyarrow.record_batch(columns, schema=schema))
 
 
 def _text(value: Any) -> str | None:
     return None if value is None else str(value)
-
-
-def _is_mixed(held: Sequence[str]) -> bool:
-    return _frame_type(held) == "object"
 
 
 def _parquet_type(held: Sequence[str]) -> str:

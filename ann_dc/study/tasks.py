@@ -40,16 +40,8 @@ Work: TypeAlias = Callable[[Task], list[Finished]]
 class Attempt(NamedTuple):
     """Result of one attempt at a task.
 
-    Attributes
-    ----------
-    finished : list of Finished
-        One record per case, or none.
-    outcome : str
-        `FAILED`, `TIMED_OUT` or `LOST` if records are missing; else empty.
-    message : str
-        Reason of the failure, in one sentence.
-    circumstances : Row
-        Seconds per case, process and host.
+    There is one record per case, or none. Without records the outcome is `FAILED`, `TIMED_OUT` or
+    `LOST`, and the message gives the reason. The circumstances are those of `circumstances`.
     """
 
     finished: list[Finished]
@@ -61,8 +53,6 @@ class Attempt(NamedTuple):
 def attempted(work: Work, task: Task) -> Attempt:
     """Execute a task in this process; exceptions are returned in the attempt.
 
-    Examples
-    --------
     >>> def work(task):
     ...     return [Finished({"point": 3, "outcome": "settled"})]
     >>> attempted(work, Task((Point(3, {}, 7),))).outcome
@@ -81,13 +71,13 @@ def attempted(work: Work, task: Task) -> Attempt:
             finished, outcome = [], FAILED
             message = f"the work gave rows of other points than it was asked for: {numbers}"
     except MemoryError as error:
-        finished, outcome, message = [], LOST, _sentence(error)
+        finished, outcome, message = [], LOST, sentence(error)
     except (Exception, SystemExit) as error:
-        finished, outcome, message = [], FAILED, _sentence(error)
-    told = circumstances(os.getpid(), (time.monotonic() - began) / max(1, len(task.points)))
-    return Attempt(
-        [one._replace(row=told | one.row) for one in finished], outcome, message[:LONGEST], told
-    )
+        finished, outcome, message = [], FAILED, sentence(error)
+    seconds = (time.monotonic() - began) / max(1, len(task.points))
+    cells = circumstances(os.getpid(), seconds)
+    finished = [one._replace(row=cells | one.row) for one in finished]
+    return Attempt(finished, outcome, message[:LONGEST], cells)
 
 
 def circumstances(process: int | None, seconds: float) -> Row:
@@ -95,8 +85,9 @@ def circumstances(process: int | None, seconds: float) -> Row:
     return {SECONDS: seconds, WORKER: str(process), HOST: platform.node()}
 
 
-def _sentence(error: BaseException) -> str:
-    name = type(error).__name__
+def sentence(error: BaseException) -> str:
+    """Return the description of an error on one line."""
+    reason, name = " ".join(str(error).split()), type(error).__name__
     if isinstance(error, AnnDcError):
-        return str(error) or name
-    return f"{name}: {error}".removesuffix(": ")
+        return reason or name
+    return f"{name}: {reason}".removesuffix(": ")

@@ -1,14 +1,15 @@
-"""Execution of a task: network runs, circuits and metrics of its cases.
+"""Tasks of a study, and their execution: network runs, circuits and metrics of the cases.
 
-A task returns one record per case. Problems, designs and circuits common to several cases are built
-once per process.
+Cases of equal wiring run as one batch, which has the same samples regardless of the executor and of
+earlier runs. The remainder of an interrupted batch starts from the same base, so its records are
+identical bit for bit. Problems, designs and circuits are built once per process.
 """
 
 from __future__ import annotations
 
 import platform
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
@@ -31,7 +32,6 @@ from ann_dc.network.network import Network
 from ann_dc.resources import one_thread
 from ann_dc.study.circuit_samples import CircuitSample, EmulatedSample
 from ann_dc.study.metrics import Metric
-from ann_dc.study.planning import is_batched
 from ann_dc.study.realisation import (
     TOGETHER,
     Realisation,
@@ -54,11 +54,13 @@ from ann_dc.study.records import (
     without_result,
 )
 from ann_dc.study.sample import BatchSample, RunSample, Sample
-from ann_dc.study.settings import Subject, backend_of, behind
+from ann_dc.study.settings import CIRCUITS, FAMILIES, Effect, Subject, backend_of, behind
 from ann_dc.study.stored_trajectories import packed
-from ann_dc.study.tasks import Task
+from ann_dc.study.tasks import Task, sentence
 from ann_dc.two_level.oracle_gain import OracleBackend, OracleGain
 
+BATCH = 500
+"""Largest number of cases in a batch."""
 CURVES = 200
 """Number of recorded states over time that metrics read."""
 NUMBERED = ("gains.", "nonideal.")
@@ -67,16 +69,48 @@ SWITCHED_GAIN = 1e-3
 """Smallest gain of (33), for erratum S16."""
 
 
+# ---- batches of cases ---------------------------------------------------------------------------
+
+
+def _shared(point: Point) -> tuple[tuple[str, Value], ...]:
+    """Return the settings common to all cases of a batch: all except network numbers."""
+    numbers = tuple(f"{word}." for word, f in FAMILIES.items() if f.effect is Effect.NUMBERS)
+    return tuple(sorted(item for item in point.setting.items() if not item[0].startswith(numbers)))
+
+
+def _is_batched(point: Point) -> bool:
+    """Return True if a case runs in generated code, in a batch."""
+    setting = point.setting
+    if backend_of(setting) in CIRCUITS:
+        return False
+    return setting.get("design.form") != "S16"
+
+
+def tasks(points: Iterable[Point], finished: Set[int]) -> Iterator[Task]:
+    """Yield tasks for all cases whose numbers are not in `finished`."""
+    open_points = (point for point in points if point.number not in finished)
+    batch: list[Point] = []
+    for point in open_points:
+        if not _is_batched(point):
+            yield Task((point,))
+        elif batch and (len(batch) == BATCH or _shared(batch[0]) != _shared(point)):
+            yield Task(tuple(batch))
+            batch = [point]
+        else:
+            batch.append(point)
+    if batch:
+        yield Task(tuple(batch))
+
+
+# ---- records of a task --------------------------------------------------------------------------
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Work:
     """Callable that executes tasks; it is sent to a process with every task.
 
-    Attributes
-    ----------
-    curves : int
-        States stored per case; 0 for none.
-    key : str
-        Digest of the study, under which shared designs are cached.
+    `curves` is the number of states stored per case. Shared designs are cached under `key`, a
+    digest of the study.
     """
 
     subject: Subject
@@ -101,11 +135,11 @@ class Work:
             return without_result(point, FAILED, sentence(sample))
         try:
             row: Row = {POINT: point.number, SEED: point.seed, **point.setting}
-            row |= {OUTCOME: sample.outcome, MESSAGE: sample.message}
+            row |= {OUTCOME: sample.end.outcome, MESSAGE: sample.end.message}
             for metric in self.metrics:
                 row[metric.name], why = _measured(metric, sample)
                 row[MESSAGE] = row[MESSAGE] or why
-            return Finished(row, _kept_curves(sample, self.curves))
+            return Finished(row, _packed_curves(sample, self.curves))
         except AnnDcError as error:
             return without_result(point, FAILED, sentence(error))
 
@@ -117,12 +151,6 @@ def _measured(metric: Metric, sample: Sample) -> tuple[Value, str]:
     except Exception as error:
         return float("nan"), f"{metric.name}: {sentence(error)}"
     return value.item() if isinstance(value, np.generic) else value, ""
-
-
-def sentence(error: Exception) -> str:
-    """Return the description of an error on one line."""
-    said = " ".join(str(error).split())
-    return said if isinstance(error, AnnDcError) else f"{type(error).__name__}: {said}"
 
 
 @cache
@@ -150,7 +178,7 @@ def _made_for(work: Work) -> Realisation:
         return _MADE[work.key]
 
 
-def _kept_curves(sample: Sample, most: int) -> bytes:
+def _packed_curves(sample: Sample, most: int) -> bytes:
     """Return trajectories of neurons (user units) and residuals as ``.npz`` bytes.
 
     The result is empty if no states are requested or the sample has no trajectory.
@@ -161,13 +189,13 @@ def _kept_curves(sample: Sample, most: int) -> bytes:
         curves = sample.trajectory.curves
     except StudyError:
         return b""
-    rows, looks = (_spread(len(time), most) for time in (curves.time, curves.residual_time))
+    rows, checks = (_spread(len(time), most) for time in (curves.time, curves.residual_time))
     return packed(
         {
             "time": curves.time[rows],
             **{name: values[rows] for name, values in curves.neurons.items()},
-            "residual_time": curves.residual_time[looks],
-            "residuals": curves.residuals[looks],
+            "residual_time": curves.residual_time[checks],
+            "residuals": curves.residuals[checks],
         }
     )
 
@@ -182,8 +210,8 @@ def _spread(count: int, most: int) -> np.ndarray:
 
 def _samples(points: Sequence[Point], made: Realisation, recorded: int) -> list[Sample | Exception]:
     """Return the sample of every case, or the error that prevented it."""
-    if all(map(is_batched, points)):
-        with suppress(AnnDcError):  # alone they run, or say why not
+    if all(map(_is_batched, points)):
+        with suppress(AnnDcError):  # alone they run, or report the reason
             return _batched(points, made, recorded)
     return [_alone(point, made) for point in points]
 
@@ -234,17 +262,17 @@ def _backend(setting: Mapping[str, Value]) -> OdeBackend | RecurrentBackend:
 def _batched(points: Sequence[Point], made: Realisation, recorded: int) -> list[Sample | Exception]:
     """Run cases of one wiring as a batch, and those with a changed wiring separately."""
     designed, backend = made.designed(points[0].setting).network, _backend(points[0].setting)
-    found: dict[int, Sample | Exception] = {}
+    samples: dict[int, Sample | Exception] = {}
     numbers, chosen = _numbers(points, designed)
     if chosen:
-        own = [points[i] for i in chosen]
+        cases = [points[i] for i in chosen]
         batch = replace(backend, curves=recorded).run_batch(
-            designed, _inputs(own), _starts(own, designed), numbers
+            designed, _inputs(cases), _starts(cases, designed), numbers
         )
         for index, i in enumerate(chosen):
             index = index if len(batch) > 1 else 0  # points that differ in nothing that runs
-            found[i] = BatchSample(point=points[i], made=made, batch=batch, index=index)
-    return [found[i] if i in found else _alone(p, made) for i, p in enumerate(points)]
+            samples[i] = BatchSample(point=points[i], made=made, batch=batch, index=index)
+    return [samples[i] if i in samples else _alone(p, made) for i, p in enumerate(points)]
 
 
 def _inputs(points: Sequence[Point]) -> dict[str, np.ndarray]:
@@ -268,31 +296,30 @@ def _numbers(points: Sequence[Point], designed: Network) -> tuple[Numbers | None
         return None, [*range(len(points))]
     groups: dict[tuple, list[int]] = {}
     for i, point in enumerate(points):
-        own = tuple(item for item in point.setting.items() if item[0].startswith(NUMBERED))
-        groups.setdefault(own, []).append(i)
-    found = []
-    for own, members in groups.items():
-        seeds = [points[i].seed for i in members]
-        try:
-            found.append((members, _drawn(designed, dict(own), seeds)))
-        except AnnDcError:  # of one of them, or of all
-            found += list(_each_drawn(designed, dict(own), members, seeds))
-    kept = np.array([i for members, _ in found for i in members], int)
-    if not found:
+        setting = tuple(item for item in point.setting.items() if item[0].startswith(NUMBERED))
+        groups.setdefault(setting, []).append(i)
+    seeds = [point.seed for point in points]
+    drawn = []
+    for setting, members in groups.items():
+        drawn += _drawn_members(designed, dict(setting), members, seeds)
+    if not drawn:
         return None, []
-    order = np.argsort(kept)
-    weights = np.concatenate([numbers.weights for _, numbers in found])[order]
-    rates = np.concatenate([numbers.rates for _, numbers in found])[order]
-    return Numbers(weights=weights, rates=rates), kept[order].tolist()
+    indices = np.array([i for members, _ in drawn for i in members], int)
+    order = np.argsort(indices)
+    weights = np.concatenate([numbers.weights for _, numbers in drawn])[order]
+    rates = np.concatenate([numbers.rates for _, numbers in drawn])[order]
+    return Numbers(weights=weights, rates=rates), indices[order].tolist()
 
 
-def _each_drawn(
-    designed: Network, own: Mapping[str, Value], members: Sequence[int], seeds: Sequence[int]
-) -> Iterator[tuple[list[int], Numbers]]:
-    """Yield the numbers case by case; cases without numbers are omitted and run alone."""
-    for member, seed in zip(members, seeds):
-        with suppress(AnnDcError):
-            yield [member], _drawn(designed, own, [seed])
+def _drawn_members(
+    designed: Network, setting: Mapping[str, Value], members: list[int], seeds: Sequence[int]
+) -> list[tuple[list[int], Numbers]]:
+    """Return the numbers of cases of one setting; cases without numbers are omitted."""
+    try:
+        return [(members, _drawn(designed, setting, [seeds[i] for i in members]))]
+    except AnnDcError:  # of one of them, or of all
+        alone = [[member] for member in members] if len(members) > 1 else []
+        return [pair for one in alone for pair in _drawn_members(designed, setting, one, seeds)]
 
 
 def _drawn(designed: Network, own: Mapping[str, Value], seeds: Sequence[int]) -> Numbers:

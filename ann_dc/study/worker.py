@@ -36,15 +36,7 @@ SCRIPT = "__mp_main__"
 
 
 class Script(NamedTuple):
-    """Script of a process.
-
-    Attributes
-    ----------
-    file : str
-        Path; empty for a notebook or a prompt.
-    package : str or None
-        Package from which relative imports of the script start.
-    """
+    """Path of a script (empty for a notebook or a prompt), and the package of its imports."""
 
     file: str
     package: str | None
@@ -112,8 +104,6 @@ def _be_quiet() -> None:
 def own_script() -> Script:
     """Return the script of this process.
 
-    Examples
-    --------
     >>> own_script() == own_script()
     True
     """
@@ -128,8 +118,6 @@ def loaded(pickled: bytes, given: Script) -> Any:
 
     Raises `StudyError` if a function is missing and no file defines it.
 
-    Examples
-    --------
     >>> loaded(pickle.dumps(max), Script("", None))(3, 5)
     5
     """

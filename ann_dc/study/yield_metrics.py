@@ -18,8 +18,6 @@ def good_rows(columns: Mapping[str, np.ndarray], spec: Mapping[str, Limit]) -> n
 
     The columns contain the outcome and the metrics of the specification.
 
-    Examples
-    --------
     >>> columns = {"outcome": np.array(["settled", "diverged"]), "control_error": np.zeros(2)}
     >>> good_rows(columns, {"control_error": 0.02}).tolist()
     [True, False]
@@ -42,8 +40,6 @@ def draws_of(columns: Mapping[str, np.ndarray]) -> int | None:
     All settings use the same sample seeds, so records of one seed are one draw. Records of several
     seeds with equal settings and nothing random are not draws. Only seeds and settings are read.
 
-    Examples
-    --------
     >>> columns = {"seed": np.array([5, 6, 5, 6]), "nonideal.mismatch": np.array([0, 0, 0.1, 0.1])}
     >>> draws_of(columns), draws_of({name: column[:2] for name, column in columns.items()})
     (2, 0)

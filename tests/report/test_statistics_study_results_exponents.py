@@ -15,7 +15,7 @@ def test_the_exponent_of_the_wall_time_is_found():
     law = told["wall_time", "problem.N"].exponent
     assert law.low < EXPONENT < law.high
     assert law.high - law.low < 0.01
-    assert law.told > 0.99
+    assert law.r_squared > 0.99
     assert {setting for _, setting in told} == {"problem.N", "gains.tau.u"}
     flat = told["settling_time", "problem.N"].exponent
     assert flat.low < 0 < flat.high

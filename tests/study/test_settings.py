@@ -8,7 +8,7 @@ import ann_dc
 from ann_dc.errors import StudyError
 from ann_dc.hardware.parts.datasheet import Kind
 from ann_dc.hardware.parts.level_words import level_words
-from ann_dc.study.realisation import BRINGERS
+from ann_dc.study.realisation import NONIDEALITIES
 from ann_dc.study.settings import FAMILIES, WORDS, names_of, subject_of
 from ann_dc.study.study import Study
 
@@ -32,7 +32,7 @@ def test_every_defect_that_is_named_can_be_brought_about():
     nonidealities = [
         n.partition(".")[2] for n in names_of(subject_of("car")) if n.startswith("nonideal.")
     ]
-    assert sorted(nonidealities) == sorted(BRINGERS)
+    assert sorted(nonidealities) == sorted(NONIDEALITIES)
 
 
 def test_levels_have_the_words_that_circuits_have():

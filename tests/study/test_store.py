@@ -131,7 +131,7 @@ def test_points_without_result_are_known_and_can_be_done_again(tmp_path):
             [Finished({"point": n, "outcome": word}, b"x") for n, word in enumerate(outcomes)]
         )
         assert store.failed() == {1, 2, 3}
-        assert store.outcomes() == dict.fromkeys(outcomes, 1)
+        assert [row["outcome"] for row in store.rows()] == [*outcomes]
         store.discard(store.failed())
         assert store.finished() == {0, 4}
         store.append([row(1), row(2), row(3)])
@@ -189,13 +189,10 @@ def test_a_changed_study_says_what_changed(tmp_path):
         assert store.identity == IDENTITY
 
 
-def test_an_identity_may_hold_arrays_and_numbers_of_numpy(tmp_path):
-    over = {"rho": np.array([1.0, math.inf]), "N": np.int64(9)}
-    with begun(tmp_path, {"vary": over}) as store:
+def test_an_identity_may_hold_tuples_and_infinity(tmp_path):
+    with begun(tmp_path, {"vary": {"rho": (1.0, math.inf), "N": 9}}) as store:
         assert store.identity == {"vary": {"rho": [1.0, math.inf], "N": 9}}
-    begun(tmp_path, {"vary": {"rho": (1.0, math.inf), "N": 9}}).close()
-    with pytest.raises(StoreError, match="identity: expected plain data"):
-        begun(tmp_path / "other", {"vary": object()})
+    begun(tmp_path, {"vary": {"rho": [1.0, math.inf], "N": 9}}).close()
 
 
 def test_two_drivers(tmp_path):

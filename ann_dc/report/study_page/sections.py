@@ -118,7 +118,7 @@ def exponents(found: Findings) -> Iterator[Row]:
     for metric, setting, law in found.exponents:
         interval = f"{law.low:.3f} to {law.high:.3f}"
         name = f"{metric.name} ~ {setting.name}^p"
-        yield name, f"{law.value:.3f}", interval, f"{law.told:.3f}", law.points
+        yield name, f"{law.value:.3f}", interval, f"{law.r_squared:.3f}", law.points
 
 
 def points(found: Findings) -> Iterator[tuple[str, Row, list[Row]]]:

@@ -1,27 +1,20 @@
-from .basin import End as End, basin as basin, ends as ends
-from .constraints import tightened as tightened
-from .forms import (
-    FORMS as FORMS,
-    FormEnd as FormEnd,
-    end_of as end_of,
-    settling_of_forms as settling_of_forms,
-)
-from .gains import (
-    FACTORS as FACTORS,
-    boundaries as boundaries,
-    settling_against_gains as settling_against_gains,
-)
-from .hardware import (
+from .circuits import (
     BOARD as BOARD,
     FIGURES as FIGURES,
+    REALISATIONS as REALISATIONS,
     SPEC as SPEC,
+    realisations as realisations,
     spot_check as spot_check,
     yield_curves as yield_curves,
 )
-from .horizon import (
+from .settling import (
+    FACTORS as FACTORS,
+    SHARES as SHARES,
     SIZES as SIZES,
+    boundaries as boundaries,
     median_rho as median_rho,
+    settling_against_gains as settling_against_gains,
     settling_against_horizon as settling_against_horizon,
+    settling_against_steps as settling_against_steps,
+    tightened as tightened,
 )
-from .realisations import REALISATIONS as REALISATIONS, realisations as realisations
-from .steps import SHARES as SHARES, settling_against_steps as settling_against_steps

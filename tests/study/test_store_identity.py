@@ -4,7 +4,7 @@ import json
 
 from hypothesis import given, strategies as st
 
-from ann_dc.study.identity import differences
+from ann_dc.study.store import differences
 
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers() | st.text(max_size=3),

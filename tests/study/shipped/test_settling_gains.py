@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import ann_dc
-from ann_dc.study.shipped.gains import boundaries, gain_names, settling_against_gains
+from ann_dc.study.shipped.settling import boundaries, settling_against_gains
 from ann_dc.study.table import Table
 
 
 def test_every_population_has_a_study():
     studies = settling_against_gains("car", factors=[0.5, 2.0])
-    assert tuple(studies) == gain_names("car")
+    assert tuple(studies) == ("rho", "tau.q", "tau.u", "tau.t", "tau.mu", "tau.beta")
     assert len(studies["tau.beta"]) == 2
     assert studies["rho"].vary == {"gains.rho": [0.5, 2.0]}
 

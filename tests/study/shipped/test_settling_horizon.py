@@ -6,7 +6,7 @@ import pytest
 
 import ann_dc
 from ann_dc.errors import StudyError
-from ann_dc.study.shipped.horizon import median_rho, settling_against_horizon
+from ann_dc.study.shipped.settling import median_rho, settling_against_horizon
 
 
 def test_stages_get_shorter_as_there_are_more():
