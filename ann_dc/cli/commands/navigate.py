@@ -62,7 +62,7 @@ def navigate(
         from ann_dc.files import make_folder
         from ann_dc.navigation.closed_loop import SHIELD, drive
         from ann_dc.navigation.scenario import load_scenario
-        from ann_dc.plotting.saving import save
+        from ann_dc.plotting.style import save
         from ann_dc.plotting.worlds import film as moving, journey as picture
 
         require_positive(ScenarioError, **{"--budget": budget})
