@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -35,14 +35,13 @@ class Panel:
     """Panel of a cell diagram: nodes that it reads with their labels, and boxes by column."""
 
     title: str
-    pills: tuple[str, ...]
-    labels: tuple[str, ...]
+    pills: Mapping[str, str]
     columns: tuple[tuple[Box, ...], ...]
 
     @cached_property
     def widths(self) -> list[float]:
         """Widths of all columns in mm, beginning with the pills."""
-        pills = max((text_width(label) for label in self.labels), default=0.0) + 3.0
+        pills = max((text_width(label) for label in self.pills.values()), default=0.0) + 3.0
         return [pills, *(max(box.width for box in column) for column in self.columns)]
 
     def room(self, width: float = WIDTH) -> float:
@@ -55,10 +54,8 @@ class Panel:
         return 2 * MARGIN + sum(self.widths) + COMFORT * (len(self.widths) - 1)
 
 
-def panels_of(
-    boxes: Sequence[Box], order: Sequence[str], label: Callable[[str], str]
-) -> list[Panel]:
-    """Arrange boxes in panels; the nodes that a panel reads have labels, in the given order."""
+def panels_of(boxes: Sequence[Box], labels: Mapping[str, str]) -> list[Panel]:
+    """Arrange boxes in panels; the nodes that a panel reads are in the order of the labels."""
     maker = {node: box for box in boxes if box.kind != "neuron" for node in box.sends}
     reads = {box: [maker[n] for n in box.reads if n in maker and maker[n] is not box]
              for box in boxes}  # fmt: skip
@@ -73,7 +70,7 @@ def panels_of(
     panels: list[Panel] = []
     for title, inside in parts:
         if inside:
-            panels += _cut(title, _columns(inside, reads), order, label)
+            panels += _cut(title, _columns(inside, reads), labels)
     return panels
 
 
@@ -139,29 +136,20 @@ def _height(boxes: Sequence[Box]) -> float:
     return sum(box.height + APART for box in boxes)
 
 
-def _cut(
-    title: str, columns: list[list[Box]], order: Sequence[str], label: Callable[[str], str]
-) -> list[Panel]:
+def _cut(title: str, columns: list[list[Box]], labels: Mapping[str, str]) -> list[Panel]:
     """Split columns into the smallest number of panels that fit on a page."""
     panels: list[Panel] = []
     for count in range(1, len(columns) + 1):
         size = math.ceil(len(columns) / count)
         runs = [columns[i : i + size] for i in range(0, len(columns), size)]
-        panels = [_panel(title, run, order, label) for run in runs]
+        panels = [_panel(title, run, labels) for run in runs]
         if all(panel.room() >= SPACE for panel in panels):
             break
     return panels[:1] + [replace(panel, title=f"{title}, continued") for panel in panels[1:]]
 
 
-def _panel(
-    title: str, columns: list[list[Box]], order: Sequence[str], label: Callable[[str], str]
-) -> Panel:
+def _panel(title: str, columns: list[list[Box]], labels: Mapping[str, str]) -> Panel:
     made = {n for column in columns for box in column if box.kind != "neuron" for n in box.sends}
     read = {n for column in columns for box in column for n in box.reads} - made
-    pills = tuple(node for node in order if node in read)
-    return Panel(
-        title=title,
-        pills=pills,
-        labels=tuple(map(label, pills)),
-        columns=tuple(map(tuple, columns)),
-    )
+    pills = {node: label for node, label in labels.items() if node in read}
+    return Panel(title=title, pills=pills, columns=tuple(map(tuple, columns)))

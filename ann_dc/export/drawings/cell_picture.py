@@ -37,10 +37,10 @@ STUB = 3.2
 def cell_page(network: Network) -> Page:
     """Draw the cell of a network."""
     drawn = CellBoxes(network)
-    named = {**drawn.short, ONE: "1"}
-    shared = {neuron.name for neuron in network.cell.neurons if neuron.shared}
-    label = lambda node: named[node] + (" (shared)" if node in shared else "")  # noqa: E731
-    panels = panels_of(drawn.boxes, [*drawn.short, ONE], label)
+    labels = {**drawn.short, ONE: "1"}
+    for neuron in network.cell.neurons:
+        labels[neuron.name] += " (shared)" * neuron.shared
+    panels = panels_of(drawn.boxes, labels)
     lines = [[Placed(*given) for given in line] for line in lines_of(panels)]
     heights = [max(found.height for found in line) + TITLE + BELOW for line in lines]
     legend = _legend(drawn)
@@ -84,14 +84,13 @@ def _draw_panel(
     left = [x + start for start in found.left]
     _draw_wires(page, drawn, found, left, top)
     page.above()
-    names = dict(zip(found.panel.pills, found.panel.labels))
     for start, width, column in zip(left, found.panel.widths, found.columns):
         for item in column:
             corner = (start, top + item.top)
             if item.box is not None:
                 _draw_box(page, item.box, corner, width, drawn)
             elif not item.ins:
-                _draw_pill(page, item, corner, width, names[item.node], drawn)
+                _draw_pill(page, item, corner, width, found.panel.pills[item.node], drawn)
     page.above()
 
 

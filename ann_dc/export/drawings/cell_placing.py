@@ -93,17 +93,16 @@ class Placed:
         for item, top in zip(column, wanted):
             groups[_group(item)].append(top + item.height / 2)
         means = {name: float(np.mean(tops)) for name, tops in groups.items()}
-        if place or not sweep:
+        if place:
             order = sorted(
                 range(len(column)),
                 key=lambda i: (
                     round(means[_group(column[i])], 6), _group(column[i]),
-                    round(wanted[i] + column[i].height / 2, 6), i,
+                    round(wanted[i] + column[i].height / 2, 6),
                 ),
             )  # fmt: skip
-            if place:
-                column[:] = [column[i] for i in order]
-                wanted = [wanted[i] for i in order]
+            column[:] = [column[i] for i in order]
+            wanted = [wanted[i] for i in order]
         self._settle(column, wanted)
 
     def _settle(self, column: list[Item], wanted: list[float]) -> None:
