@@ -7,11 +7,6 @@ remains attached to the graph gives value and derivative,
 .. math:: x = x^* - J^{-1}\, d(x^*, p) ,
 
 with x* and J detached from the graph: its value is x*, and its derivative is the one above.
-
-References
-----------
-Bai, Kolter and Koltun, Deep equilibrium models, NeurIPS 2019; Griewank and Walther, Evaluating
-Derivatives (2008), chapter 15.
 """
 
 from __future__ import annotations
