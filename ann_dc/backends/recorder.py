@@ -1,8 +1,7 @@
 """Recording of a run step by step, identical for every stepping backend.
 
-The residuals of every step are stored because the settling time is their last exit. At most
-`SAMPLES` states are stored: above this number every second state is dropped and only every second
-step is recorded from then on. The shape of a run of any length therefore fits in bounded memory.
+The residuals of every step are stored because the settling time is their last exit. Above `SAMPLES`
+states every second one is dropped, and only every second step is recorded from then on.
 """
 
 from __future__ import annotations

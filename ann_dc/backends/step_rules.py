@@ -45,17 +45,9 @@ NAMES = "simultaneous", "two-phase", "stage by stage"
 @such_as("ann_dc.TWO_PHASE")
 @dataclass(frozen=True)
 class Order:
-    """Update order: the move m(x, h) that leads from a state x to x + h m.
+    """Update order by its name: the move m(x, h) that leads from a state x to x + h m.
 
-    Attributes
-    ----------
-    name : str
-        Name of the order on the command line.
-
-    Raises
-    ------
-    UnknownNameError
-        If the name is not one of the three orders.
+    Raises `UnknownNameError` if the name is not one of the three orders.
 
     Examples
     --------

@@ -1,8 +1,7 @@
 """Trajectory of a run: states, residuals and controls over network time.
 
 States are thinned if there are many; residuals are those of every step, for the settling time.
-States between steps come from the method's continuous extension and are computed only when they are
-read. A run whose curves are not read has no extra cost.
+States between steps are computed only when they are read.
 """
 
 from __future__ import annotations
@@ -110,13 +109,12 @@ class Trajectory(Record, Tabulated):
     def at(self, times: np.ndarray | list[float]) -> np.ndarray:
         """Return the states (K, n) at any network times (K,) of the run, in network units.
 
-        The states are as accurate as those at the steps. Gaps are integrated again by the method of
+        The states are as accurate as those at the steps: gaps are integrated again by the method of
         the run, and states inside a step are those of its continuous extension. No state exceeds a
-        saturation limit. A state is nan if the method fails before it in its gap, for instance
-        because a function block leaves its domain.
+        saturation limit. A state is nan if the method fails before it in its gap.
 
-        Raises `NetworkError` if a time is outside the run. It is also raised if only rows are
-        known, as for a circuit, for recurrent steps, and for a copied or saved trajectory.
+        Raises `NetworkError` if a time is outside the run, or if only rows are known, as for a
+        circuit, for recurrent steps, and for a copied or saved trajectory.
         """
         times, (known, states) = np.asarray(times, float), self.known
         if not self.is_dense:

@@ -19,7 +19,7 @@ from ann_dc.backends.integration.integrator import (
 )
 from ann_dc.backends.integration.tableaus import Rows
 from ann_dc.backends.lanes.memory import DONE, OWN, RUNS, STEP, TIME, Memory, numbers_of
-from ann_dc.backends.lanes.vectors import Vector, VectorLibrary
+from ann_dc.backends.lanes.vectors import Vector
 from ann_dc.evaluation.codegen.code import code, key_of
 from ann_dc.evaluation.codegen.step_code import UNROLLED
 from ann_dc.evaluation.codegen.writer import Function, Module
@@ -69,8 +69,8 @@ class _Attempt:
             for a, b in zip(rows.starts, rows.starts[1:])
         ]
         *self.stages, self.first, self.second = self.terms
-        self.memory, self.library = Memory(f), VectorLibrary(f)
-        self.numbers = numbers_of(self.library, NUMBERS)
+        self.memory, self.numbers = Memory(f), numbers_of(f, NUMBERS)
+        self.library = self.memory.library
         self.x, self.ahead = f.address("%x", "%ghost"), f.address("%ahead", "%ghost")
         self.slopes = [
             f.address("%slopes", f.integer("mul", "%stride", number))

@@ -70,9 +70,8 @@ class Memory:
         return chosen & ((worst < settled) | is_lost | (done >= most) | (done >= self[TURN]))
 
 
-def numbers_of(library: VectorLibrary, names: tuple[str, ...]) -> dict[str, Vector]:
+def numbers_of(f: Function, names: tuple[str, ...]) -> dict[str, Vector]:
     """Return the constants at the argument ``numbers`` by name, the same in every lane."""
-    f = library.f
     return {
         name: Vector(f, f.spread(f.load(f.address("%numbers", i), 1)))
         for i, name in enumerate(names)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ann_dc.backends.lanes.memory import DONE, OWN, RUNS, STEP, TIME, Memory, numbers_of
 from ann_dc.backends.lanes.step_control import StepLengths, StepState, next_step, turn_of
-from ann_dc.backends.lanes.vectors import Vector, VectorLibrary
+from ann_dc.backends.lanes.vectors import Vector
 from ann_dc.evaluation.codegen.code import code, key_of
 from ann_dc.evaluation.codegen.step_code import UNROLLED
 from ann_dc.evaluation.codegen.writer import Function, Module
@@ -48,8 +48,8 @@ def _text(lanes: int) -> str:
 def _look(module: Module, lanes: int) -> None:
     names = "memory", "found", "numbers", "due", "outside"
     f = Function(module, "look", names, width=lanes, numbers=names[-2:])
-    memory, library = Memory(f), VectorLibrary(f)
-    numbers = numbers_of(library, NUMBERS)
+    memory, numbers = Memory(f), numbers_of(f, NUMBERS)
+    library = memory.library
     due = library.mask("%due") & (memory[RUNS] > 0.0)
     worst, size, _ = memory.note(due, numbers["tolerance"], memory[TIME])
     strayed = library.mask("%outside") | (memory[STRAYED] > 0.0)
@@ -60,8 +60,8 @@ def _look(module: Module, lanes: int) -> None:
 def _go_on(module: Module, lanes: int) -> None:
     names = "x", "drives", "moves", "before", "memory", "numbers", "n", "outside"
     f = Function(module, "go_on", names, width=lanes, numbers=names[-2:])
-    memory, library = Memory(f), VectorLibrary(f)
-    numbers, step = numbers_of(library, NUMBERS), memory[STEP]
+    memory, numbers = Memory(f), numbers_of(f, NUMBERS)
+    library, step = memory.library, memory[STEP]
     power, along = _moved(f, step, UNROLLED // lanes)
     strayed = library.mask("%outside")
     memory.enter(STRAYED, strayed, 1.0)

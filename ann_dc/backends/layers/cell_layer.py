@@ -116,20 +116,13 @@ class CellLayer(nn.Module):
     def get_extra_state(self) -> torch.Tensor:
         """Return two hashes of the network for ``state_dict``, as (2, 32) bytes.
 
-        They are `wiring_hash` and `frame_hash`, which also covers units, saturation limits and a
-        stiffness.
+        `wiring_hash`, and `frame_hash`, which also covers units, saturation limits and a stiffness.
         """
         hashes = wiring_hash(self.network), frame_hash(self.network)
         return torch.tensor([list(bytes.fromhex(digits)) for digits in hashes], dtype=torch.uint8)
 
     def set_extra_state(self, state: object) -> None:
-        """Check the stored hashes before any number is loaded.
-
-        Raises
-        ------
-        NetworkError
-            If the numbers belong to another network.
-        """
+        """Raise `NetworkError` before any number is loaded if it belongs to another network."""
         own = self.get_extra_state()
         if isinstance(state, torch.Tensor) and torch.equal(state.cpu(), own):
             return
@@ -172,15 +165,9 @@ class CellLayer(nn.Module):
     def flow(self, inputs: Mapping[str, object] | None = None) -> Flow:
         """Return the flow for given inputs; gradients of input tensors are preserved.
 
-        Parameters
-        ----------
-        inputs : mapping of input name to number, (B,) or (B, N) array or tensor, optional
-            Inputs that replace those of ``network.inputs``.
-
-        Raises
-        ------
-        UnknownNameError, NetworkError
-            If an input does not exist, or sizes do not agree.
+        ``inputs`` maps names to a number, a (B,) or (B, N) array or tensor, and replaces those of
+        ``network.inputs``. Raises `UnknownNameError` or `NetworkError` if an input does not exist
+        or sizes do not agree.
         """
         return self.flow_of(self.layout.scaled(self._inputs(inputs or {})))
 
@@ -204,10 +191,7 @@ class CellLayer(nn.Module):
         return torch.stack(rows)
 
     def fill(self, x: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
-        """Return a state (P, N, B) from state vectors (B, n), for inputs (I, N, B).
-
-        See `Layout.fill`.
-        """
+        """Return a state (P, N, B) from state vectors (B, n), for inputs (I, N, B)."""
         return self.layout.fill(x, inputs)
 
     def pack(self, state: torch.Tensor) -> torch.Tensor:
@@ -220,13 +204,7 @@ class CellLayer(nn.Module):
 
     @checked
     def starts(self, inputs: Mapping[str, object] | None = None) -> torch.Tensor:
-        """Return the initial values (B, n), with chain ends adapted to the inputs.
-
-        Raises
-        ------
-        UnknownNameError, NetworkError
-            If an input does not exist, or sizes do not agree.
-        """
+        """Return the initial values (B, n), with chain ends adapted to the inputs; see `flow`."""
         start = self.start_vector()
         if not inputs:
             return start
@@ -241,10 +219,7 @@ class CellLayer(nn.Module):
     def states_of(self, x: Any, samples: int) -> torch.Tensor:
         """Return state vectors (B, n) from an (n,) or (B, n) array for B samples.
 
-        Raises
-        ------
-        NetworkError
-            If the sizes do not agree.
+        Raises `NetworkError` if the sizes do not agree.
         """
         plain = x if isinstance(x, torch.Tensor) else np.array(x, float)
         x = torch.atleast_2d(torch.as_tensor(plain).to(self.start.rows))

@@ -18,9 +18,9 @@ from ann_dc.backends.integration.integrator import (
     SETTLED,
     STALLED,
 )
+from ann_dc.backends.lanes.group import Ends
 from ann_dc.backends.layers.loop import Loop
-from ann_dc.backends.settling import GROWTH, HEADWAY, Settling
-from ann_dc.backends.status import OVERFLOW
+from ann_dc.backends.settling import GROWTH
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,15 +69,11 @@ class Settled:
 
 
 class Ledger:
-    """Ledger of the samples of a loop before its first step.
+    """Ledger of the samples of a loop before its first step, with their end conditions."""
 
-    The best residual must decrease within ``window`` steps. ``settling.controls`` is ignored.
-    """
-
-    def __init__(self, loop: Loop, settling: Settling, window: int) -> None:
-        self.settling, self.window = settling, window
-        count = loop.state.shape[-1]
-        like = loop.time
+    def __init__(self, loop: Loop, ends: Ends) -> None:
+        self.ends, like = ends, loop.time
+        count = len(like)
         self.samples = torch.arange(count, device=like.device)
         self.final = loop.state.clone()
         self.codes = torch.full((count,), RUNNING, device=like.device)
@@ -86,7 +82,7 @@ class Ledger:
         self.residuals = torch.full((2, count), torch.inf, dtype=like.dtype, device=like.device)
         self.best, self.before = torch.full_like(like, torch.inf), torch.zeros_like(like)
         self.sizes, self.looked = torch.zeros_like(like), 0
-        self.largest = OVERFLOW * loop.state.nan_to_num().abs().amax((0, 1)).clamp(min=1.0)
+        self.largest = ends.overflow * loop.state.nan_to_num().abs().amax((0, 1)).clamp(min=1.0)
 
     @property
     def open(self) -> torch.Tensor:
@@ -99,7 +95,7 @@ class Ledger:
         Returns True if any sample still runs.
         """
         rejected, worst, open_ = loop.proposal.rejected, residuals.amax(0), self.open
-        self._enter_exits(loop, open_, worst >= self.settling.tolerance)
+        self._enter_exits(loop, open_, worst >= self.ends.tolerance)
         size = loop.state.abs().amax((0, 1))
         codes, stalled = self._codes(loop, worst, size), self._stalled(loop.done, worst, size)
         if loop.memory is not None:
@@ -131,7 +127,7 @@ class Ledger:
 
     def _codes(self, loop: Loop, worst: torch.Tensor, size: torch.Tensor) -> torch.Tensor:
         """Return codes (b,) by the larger residual (b,) and the largest state (b,)."""
-        settled = worst < self.settling.confirmed
+        settled = worst < self.ends.settled
         codes = torch.where(settled, SETTLED, torch.where(worst.isfinite(), RUNNING, DIVERGED))
         codes = torch.where(loop.strayed, LEFT_DOMAIN, codes)
         return torch.where(size < self.largest[self.samples], codes, DIVERGED)
@@ -143,14 +139,15 @@ class Ledger:
         """
         best = torch.minimum(self.best[self.samples], worst.nan_to_num(torch.inf))
         self.best[self.samples] = best
-        if done // self.window == self.looked:
+        window = done // self.ends.window
+        if window == self.looked:
             return torch.zeros_like(worst, dtype=torch.bool)
-        self.looked = done // self.window
-        stalled = best >= HEADWAY * self.before[self.samples]
+        self.looked = window
+        stalled = best >= self.ends.headway * self.before[self.samples]
         stalled &= size < GROWTH * self.sizes[self.samples]
         self.before[self.samples], self.sizes[self.samples] = best, size
         self.best[self.samples] = torch.inf
-        return stalled & (self.looked > 2)
+        return stalled & (window > 2)
 
     def _enter(self, loop: Loop, residuals, codes, which: torch.Tensor) -> None:
         samples = self.samples[which]

@@ -7,11 +7,6 @@ remains attached to the graph gives value and derivative,
 .. math:: x = x^* - J^{-1}\, d(x^*, p) ,
 
 with x* and J detached from the graph: its value is x*, and its derivative is the one above.
-
-References
-----------
-Bai, Kolter and Koltun, Deep equilibrium models, NeurIPS 2019; Griewank and Walther, Evaluating
-Derivatives (2008), chapter 15.
 """
 
 from __future__ import annotations
@@ -26,11 +21,12 @@ from scipy import sparse
 from torch import nn
 from torch.autograd.function import once_differentiable
 
+from ann_dc.backends.lane_batch import ends_of
 from ann_dc.backends.layers.cell_layer import CellLayer
 from ann_dc.backends.layers.flow import Flow
 from ann_dc.backends.layers.ledger import Ledger, Settled
 from ann_dc.backends.layers.loop import Loop
-from ann_dc.backends.settling import Settling, window_of
+from ann_dc.backends.settling import Settling
 from ann_dc.backends.step_rules import (
     SIMULTANEOUS,
     AdaptiveStep,
@@ -198,7 +194,7 @@ class RecurrentLayer(nn.Module):
         require_positive(check=check, limit=limit)
         settling = settling or _default_settling(self.cell.start.rows.dtype)
         loop = self._loop(x, inputs, self.acceleration)
-        ledger, paced = Ledger(loop, settling, window_of(limit)), Paced(progress)
+        ledger, paced = Ledger(loop, ends_of(settling, limit)), Paced(progress)
         while True:
             residuals = loop.residuals()
             if observe:
