@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ann_dc.analysis.spectra import DENSE_LIMIT
-from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of
+from ann_dc.backends.spice.backend import SpiceBackend, ngspice_of, read_run
 from ann_dc.backends.spice.circuit_run import KNEE, CircuitRun
 from ann_dc.backends.spice.netlist.deck import Deck
 from ann_dc.backends.spice.ngspice.raw import Raw
@@ -176,7 +176,7 @@ def measured_runs(
     end = decks[0].end if decks else None
     results = ngspice_of(backend).run_many([deck.text for deck in decks], end_time=end)
     return [
-        backend.read(circuit, deck, raw, probe) if isinstance(raw, Raw) else None
+        read_run(backend, circuit, deck, raw, probe) if isinstance(raw, Raw) else None
         for deck, raw in zip(decks, results)
     ]
 
@@ -331,15 +331,8 @@ def study_circuit(
     built = replace(nominal, deviations=deviations) if deviations else nominal
     op_amps = level.emulated and not isinstance(level.technology, OtaC)
     unlooped = why_no_loops(built.emulation) if loops and op_amps else ""
-    margins: tuple[LoopGain, ...] = ()
-    if loops and not unlooped:
-        backend.progress("loop gains")
-        margins = loop_gains(built.emulation, level, built.settled)[:loops]
-    worst: tuple[Item, ...] = ()
-    if items:
-        backend.progress("error budget")
-        slopes = sensitivity(nominal.emulation, nominal.settled)
-        worst = budget(slopes, level.tolerances)[:items]
+    margins = _loops(backend, built)[:loops] if loops and not unlooped else ()
+    worst = _budget(backend, nominal)[:items] if items else ()
     drawn = np.zeros(0)
     if samples:
         seeds = range(samples)
@@ -408,6 +401,16 @@ def _run(backend: SpiceBackend, built: CircuitInstance, deck: Deck) -> CircuitRu
     run = backend.measure(built.circuit, deck, built.probe)
     backend.progress("ngspice, finer steps up to where it settles")
     return run.timed
+
+
+def _loops(backend: SpiceBackend, built: CircuitInstance) -> tuple[LoopGain, ...]:
+    backend.progress("loop gains")
+    return loop_gains(built.emulation, built.level, built.settled)
+
+
+def _budget(backend: SpiceBackend, nominal: CircuitInstance) -> tuple[Item, ...]:
+    backend.progress("error budget")
+    return budget(sensitivity(nominal.emulation, nominal.settled), nominal.level.tolerances)
 
 
 def _settling_time(run: CircuitRun | None, prediction: Prediction | None) -> float:

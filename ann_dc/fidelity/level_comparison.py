@@ -111,6 +111,10 @@ def rungs(
     )
 
 
+MULTIPLIERS = ("multiplier_bandwidth", "function_bandwidth")
+"""Figures of the datasheet that limit multipliers."""
+
+
 def _alone(level: Level, seed: int) -> Iterator[Rung]:
     """Yield a level for every non-ideality alone, with all else ideal."""
     datasheet, tolerances = level.datasheet, level.tolerances
@@ -118,10 +122,7 @@ def _alone(level: Level, seed: int) -> Iterator[Rung]:
         f"gain {datasheet.a0:.0e}": ("a0",),
         f"slew {datasheet.slew * 1e-6:.0f} V/us": ("slew",),
         f"rails {datasheet.rails:g} V": ("rails",),
-        f"multipliers of {datasheet.multiplier_bandwidth * 1e-6:.0f} MHz": (
-            "multiplier_bandwidth",
-            "function_bandwidth",
-        ),
+        f"multipliers of {datasheet.multiplier_bandwidth * 1e-6:.0f} MHz": MULTIPLIERS,
     }
     errors = {
         f"op-amp offsets {tolerances.offset * 1e6:.0f} uV": "offset",

@@ -84,6 +84,7 @@ COORDINATORS: dict[str, Coordinator] = {
 """Coordinators by name, for the command line."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Coordination:
     """Run of the two-level algorithm with its predictions and certificate.

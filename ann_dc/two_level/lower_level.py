@@ -30,6 +30,7 @@ class LowerLevel(ABC):
         Returns the state and the number of inner steps.
         """
 
+    @checked
     def check(self, network: Network) -> None:
         """Raise `NetworkError` if q of cell 0 is pinned: n equations for its m controls."""
         pinned = [pin.neuron for pin in network.fixed if pin.neuron.startswith("q.")]

@@ -7,14 +7,17 @@ at its last exit.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from ann_dc.backends.status import Outcome
 from ann_dc.si_prefixes import counted
 from ann_dc.two_level.lyapunov import Distances, Lyapunov, printed_of
+from ann_dc.validation import OrNan, Shape, checked
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoLevelRun:
     """Record of J outer iterations of B samples.
@@ -45,10 +48,10 @@ class TwoLevelRun:
     (True, [True], (2, 1))
     """
 
-    states: np.ndarray
-    residuals: np.ndarray
-    gains: np.ndarray
-    inner: np.ndarray
+    states: Annotated[np.ndarray, Shape("B", "n"), OrNan()]
+    residuals: Annotated[np.ndarray, Shape("rounds", "B"), OrNan()]
+    gains: Annotated[np.ndarray, Shape("...", 2, "B"), OrNan()]
+    inner: Annotated[np.ndarray, Shape("rounds")]
     distances: Distances | None
     tolerance: float
 
@@ -88,6 +91,7 @@ class TwoLevelRun:
         """Outcome of each sample."""
         return tuple(map(_outcome, self.settled, self.residuals[-1]))
 
+    @checked
     def message(self, sample: int) -> str:
         """Return a description of the outcome of a sample in one sentence."""
         outcome = self.outcomes[sample]

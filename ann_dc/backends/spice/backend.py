@@ -230,13 +230,16 @@ class SpiceBackend:
         """Run a circuit's netlist in ngspice, regardless of its pole model."""
         self.progress(f"ngspice, {self.level.name} level")
         raw = ngspice_of(self).run(deck.text, end_time=deck.end)
-        return self.read(circuit, deck, raw, probe)
+        return read_run(self, circuit, deck, raw, probe)
 
-    def read(self, circuit: Circuit, deck: Deck, raw: Raw, probe: Trajectory) -> CircuitRun:
-        """Read back a run of ngspice; finer runs for its settling time are made on request."""
-        datasheet = self.level.datasheet
-        finer = partial(refined, simulator=ngspice_of(self), datasheet=datasheet)
-        return replace(read_back(circuit, deck, raw, probe, datasheet), finer=finer)
+
+def read_run(
+    backend: SpiceBackend, circuit: Circuit, deck: Deck, raw: Raw, probe: Trajectory
+) -> CircuitRun:
+    """Read back a run of ngspice; finer runs for its settling time are made on request."""
+    datasheet = backend.level.datasheet
+    finer = partial(refined, simulator=ngspice_of(backend), datasheet=datasheet)
+    return replace(read_back(circuit, deck, raw, probe, datasheet), finer=finer)
 
 
 @checked
