@@ -15,9 +15,15 @@ import numpy as np
 
 from ann_dc.dataclass_pickling import Record
 from ann_dc.errors import such_as
-from ann_dc.hardware.circuit.circuit import Circuit
+from ann_dc.hardware.circuit.circuit import THERMAL, Circuit
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.network.network import Network
+
+AT_KNEE = 1.5
+"""1 / (1 - p) at the knee."""
+
+STEEP = 10.0
+"""Factor on the distance from the knee while the diode is off; the pace quickly reaches 1."""
 
 
 @such_as("ann_dc.emulate(circuit, level)")
@@ -90,3 +96,21 @@ def slower_network(network: Network, factors: Mapping[str, np.ndarray]) -> Netwo
         for neuron in network.cell.neurons
     )
     return replace(network, cell=replace(network.cell, neurons=neurons))
+
+
+def paced_at(emulation: Emulation, x: np.ndarray) -> Network:
+    """Return the emulation's network with the paces of a state in its time constants.
+
+    The emulation has no paces as nodes, and ``x`` (n,) is its state at rest.
+    """
+    circuit, network = emulation.circuit, emulation.network
+    values, slower = network.unpack(x), dict[str, np.ndarray]()
+    for part in circuit.schematic.rectified:
+        op_amp = AmplifierNodes(part.name, rectified=True)
+        if op_amp.pace not in network.node_index:
+            thermal = THERMAL * abs(circuit.value_of(part.name))
+            y = values[network.neuron_index[op_amp.output]] / thermal
+            pace = 1 - 1 / (AT_KNEE + np.where(y > 0, y, -STEEP * y))
+            pole = op_amp.first if op_amp.first in network.neuron_index else op_amp.output
+            slower[pole] = 1 / pace
+    return slower_network(network, slower) if slower else network

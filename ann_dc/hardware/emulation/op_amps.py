@@ -98,7 +98,7 @@ from ann_dc.hardware.emulation.clamps import (
     has_second_pole,
     lag_of,
 )
-from ann_dc.hardware.emulation.emulation import Emulation, slower_network
+from ann_dc.hardware.emulation.emulation import AT_KNEE, STEEP
 from ann_dc.hardware.emulation.nodes import AmplifierNodes, Origin
 from ann_dc.hardware.parts.parasitics import Parasitics
 from ann_dc.hardware.schematic.elements import (
@@ -172,13 +172,6 @@ def released(
     return network.pack(values)
 
 
-AT_KNEE = 1.5
-"""1 / (1 - p) at the knee."""
-
-STEEP = 10.0
-"""Factor on the distance from the knee while the diode is off; the pace quickly reaches 1."""
-
-
 def _pace(built: BuiltCircuit, op_amp: AmplifierNodes, neuron: str) -> Iterator[Piece]:
     """Yield the pace of the diode behind an op amp, from its net inputs to its pole ``neuron``.
 
@@ -195,24 +188,6 @@ def _pace(built: BuiltCircuit, op_amp: AmplifierNodes, neuron: str) -> Iterator[
     yield Sum(name=op_amp.drop_free)
     yield Product(name=op_amp.paced, a=op_amp.drop_free, b=op_amp.pace)
     yield Coupling(op_amp.paced, neuron, 1.0)
-
-
-def paced_at(emulation: Emulation, x: np.ndarray) -> Network:
-    """Return the emulation's network with the paces of a state in its time constants.
-
-    The emulation has no paces as nodes, and ``x`` (n,) is its state at rest.
-    """
-    circuit, network = emulation.circuit, emulation.network
-    values, slower = network.unpack(x), dict[str, np.ndarray]()
-    for part in circuit.schematic.rectified:
-        op_amp = AmplifierNodes(part.name, rectified=True)
-        if op_amp.pace not in network.node_index:
-            thermal = THERMAL * abs(circuit.value_of(part.name))
-            y = values[network.neuron_index[op_amp.output]] / thermal
-            pace = 1 - 1 / (AT_KNEE + np.where(y > 0, y, -STEEP * y))
-            pole = op_amp.first if op_amp.first in network.neuron_index else op_amp.output
-            slower[pole] = 1 / pace
-    return slower_network(network, slower) if slower else network
 
 
 def _slowed(built: BuiltCircuit, part: PICell, ohms: np.ndarray) -> np.ndarray:

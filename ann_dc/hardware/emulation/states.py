@@ -9,9 +9,8 @@ from ann_dc.analysis.spectra import Spectrum, spectrum
 from ann_dc.dataclass_pickling import cached_on
 from ann_dc.evaluation.reference import evaluator
 from ann_dc.hardware.circuit.circuit import SEEPING
-from ann_dc.hardware.emulation.emulation import Emulation
+from ann_dc.hardware.emulation.emulation import Emulation, paced_at
 from ann_dc.hardware.emulation.nodes import AmplifierNodes
-from ann_dc.hardware.emulation.op_amps import paced_at
 from ann_dc.hardware.schematic.preconditioner_wiring import preconditioner_values
 from ann_dc.validation import checked
 
