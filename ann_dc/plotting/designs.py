@@ -116,7 +116,7 @@ def _mode(axes: Axes, mode: Mode, number: int) -> None:
     stages = np.arange(mode.shape.shape[1])
     leading = mode.leading[:LEADING]
     shapes = dict(zip(mode.names, mode.shape))
-    for name in set(mode.names) - set(leading):
+    for name in (name for name in mode.names if name not in leading):
         axes.plot(stages, shapes[name], color=GREY, lw=0.5, alpha=0.4)
     for name, colour in zip(leading, cycle(LINES)):
         share = 100 * np.nansum(shapes[name] ** 2)
