@@ -31,19 +31,7 @@ LOWEST = 1e-10
 
 @checked
 def circuit(run: CircuitRun, problem: OptimalControlProblem) -> Figure:
-    """Plot the voltages of all neurons, and the distance of the controls to their end.
-
-    Parameters
-    ----------
-    run : CircuitRun
-        Simulated circuit.
-    problem : OptimalControlProblem
-        Problem that the circuit solves, for the title.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Plot the voltages of all neurons, and the distance of the controls to their end."""
     run = run.timed
     figure = style.new_figure(7.6, 5.6)
     volts, error = figure.subplots(2, 1, sharex=True)
@@ -112,17 +100,6 @@ def ladder(done: Annotated[list[Measured], NotEmpty()], problem: OptimalControlP
     """Plot the predicted and measured error and settling time of every model level.
 
     Measurements are made with ngspice.
-
-    Parameters
-    ----------
-    done : list of Measured
-        Results by level; not empty.
-    problem : OptimalControlProblem
-        Problem solved at every level, for the title.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     figure = style.new_figure(9.0, 1.2 + 0.26 * len(done))
     error, settling = figure.subplots(1, 2, sharey=True, width_ratios=(3, 2))

@@ -37,18 +37,7 @@ def diagnosis(found: Diagnosis, problem: OptimalControlProblem | None = None) ->
     Left, the eigenvalues in units of the spectral radius, with the settling rate and the limit of
     half the radius. Below, the multiplier sensitivity (inverse Schur complement) of every
     constraint and the range between -w/2 and w that its penalty covers. Right, the slowest modes
-    over the horizon by neuron.
-
-    Parameters
-    ----------
-    found : Diagnosis
-        Diagnosis to plot.
-    problem : OptimalControlProblem, optional
-        Problem of the design, for the title; a network does not contain dt.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    over the horizon by neuron. The title names the problem, if it is given, and its dt.
     """
     figure = style.new_figure(11.0, 6.4)
     modes = found.slowness.modes
@@ -127,7 +116,7 @@ def _mode(axes: Axes, mode: Mode, number: int) -> None:
     stages = np.arange(mode.shape.shape[1])
     leading = mode.leading[:LEADING]
     shapes = dict(zip(mode.names, mode.shape))
-    for name in set(mode.names) - set(leading):
+    for name in (name for name in mode.names if name not in leading):
         axes.plot(stages, shapes[name], color=GREY, lw=0.5, alpha=0.4)
     for name, colour in zip(leading, cycle(LINES)):
         share = 100 * np.nansum(shapes[name] ** 2)
@@ -153,15 +142,6 @@ def family(designed: FamilyDesign) -> Figure:
 
     Left, the fraction of inputs settled by a given time. Right, the inputs in pairs with their
     settling times; failing inputs are crosses.
-
-    Parameters
-    ----------
-    designed : FamilyDesign
-        Design to plot.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     found, problem = designed.validation, designed.family.problem
     names = list(designed.family.ranges)
@@ -224,15 +204,6 @@ def front(found: Front) -> Figure:
     """Plot a Pareto front: objectives in pairs, and the fraction of each along it.
 
     Points without certificate are crosses. Lines mark the ideal and the nadir point.
-
-    Parameters
-    ----------
-    found : Front
-        Front to plot.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     pairs = list(combinations(range(len(found.names)), 2))[:PAIRS]
     figure = style.new_figure(3.7 * (1 + len(pairs)), 3.6)

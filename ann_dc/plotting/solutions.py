@@ -34,16 +34,8 @@ GRID = 240
 def trajectory(solution: Solution) -> Figure:
     """Plot the plan in the plane, and every state with a simulation of the controls.
 
-    Parameters
-    ----------
-    solution : Solution
-        Solution to plot.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        The plane shows x and y, or the first two states if the problem lacks them. Regions excluded
-        by inequalities of these two states alone are grey, and bounds of states are dashed.
+    The plane shows x and y, or the first two states if the problem lacks them. Regions excluded by
+    inequalities of these two states alone are grey, and bounds of states are dashed.
     """
     states = [str(s) for s in solution.problem.states if s not in solution.problem.handed_on]
     columns = 1 if len(states) <= 5 else 2
@@ -181,15 +173,6 @@ def controls(solution: Solution) -> Figure:
     """Plot every control over time, piecewise constant, between its bounds.
 
     A bound is omitted if its distance exceeds the range of the control's values.
-
-    Parameters
-    ----------
-    solution : Solution
-        Solution to plot.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     names = [str(u) for u in solution.problem.controls]
     figure = style.new_figure(6.4, 1.2 + 1.6 * max(len(names), 1.6))
@@ -238,15 +221,6 @@ def settling(solution: Solution) -> Figure:
     line is the prediction of the spectrum, without any fit to the run. A mark shows the settling
     time, at which the residual last falls below the tolerance of the run. A residual that falls by
     decades within the first of these time constants exceeds the axis.
-
-    Parameters
-    ----------
-    solution : Solution
-        Solution to plot.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     figure = style.new_figure(7.6, 6.2)
     neurons, residual = figure.subplots(2, 1, sharex=True)
@@ -340,15 +314,6 @@ def spectrum(solution: Solution) -> Figure:
 
     Blue eigenvalues decay and vermilion ones grow. The circle is the spectral radius (fastest time
     constant), and the dashed line is the abscissa (settling rate).
-
-    Parameters
-    ----------
-    solution : Solution
-        Solution to plot.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     figure = style.new_figure(7.0, 4.4)
     axes = figure.subplots()
@@ -402,24 +367,10 @@ def _eigenvalues(axes: Axes, found: Spectrum) -> None:
 
 @checked
 def save_all(solution: Solution, folder: str | Path) -> list[Path]:
-    """Write all four figures of a solution as PNG files into a folder.
+    """Write trajectory.png, controls.png, settling.png and spectrum.png into a folder.
 
-    Parameters
-    ----------
-    solution : Solution
-        Solution to plot.
-    folder : str or Path
-        Folder; created if missing.
-
-    Returns
-    -------
-    list of Path
-        trajectory.png, controls.png, settling.png, spectrum.png.
-
-    Raises
-    ------
-    OutputError
-        If the folder cannot be created or written.
+    The folder is created if missing. Returns the paths. Raises `OutputError` if the folder cannot
+    be created or written.
     """
     figures = {
         "trajectory": trajectory(solution),

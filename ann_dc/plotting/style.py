@@ -121,22 +121,8 @@ def headline(figure: Figure, words: str) -> None:
 def save(figure: Figure, path: str | Path) -> Path:
     """Write a figure as a PNG file; equal figures give equal bytes.
 
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        Figure to write.
-    path : str or Path
-        File. Missing folders are created.
-
-    Returns
-    -------
-    Path
-        Path of the file.
-
-    Raises
-    ------
-    OutputError
-        If the folder cannot be created or the file cannot be written.
+    Missing folders are created. Returns the path. Raises `OutputError` if the folder cannot be
+    created or the file cannot be written.
     """
     path = Path(path)
     make_folder(path.parent)

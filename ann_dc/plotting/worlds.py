@@ -59,13 +59,6 @@ def journey(journey: ClosedLoopRun) -> Figure:
 def plane(axes: Axes, journey: ClosedLoopRun) -> None:
     """Draw a scenario with the complete path in given axes.
 
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-        Axes to draw in.
-    journey : Journey
-        Closed-loop run.
-
     Examples
     --------
     >>> figure = ann_dc.plotting.new_figure(5, 5)  # doctest: +SKIP

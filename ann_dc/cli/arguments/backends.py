@@ -19,8 +19,8 @@ from ann_dc.cli.arguments.words import named
 from ann_dc.errors import ProblemError, require_positive
 from ann_dc.progress import Progress, silent
 
-ODE_PANEL = "With --backend ode"
-RECURRENT_PANEL = "With --backend recurrent"
+_ode_option = partial(option, rich_help_panel="With --backend ode")
+_recurrent_option = partial(option, rich_help_panel="With --backend recurrent")
 
 FormOption = Annotated[
     str,
@@ -51,36 +51,31 @@ class StartOptions:
 class RunOptions:
     """Options of a single backend; None for an option that was not given."""
 
-    method: str | None = option(
+    method: str | None = _ode_option(
         "Integrator: compiled, or SciPy's RK23, RK45, DOP853, Radau, BDF, LSODA.",
         metavar="METHOD",
         show_default="compiled",
-        rich_help_panel=ODE_PANEL,
     )
-    verify: bool | None = option(
+    verify: bool | None = _ode_option(
         "Run twice, the second time at 100 times tighter tolerances.",
         "--verify/--no-verify",
         show_default="verify",
-        rich_help_panel=ODE_PANEL,
     )
-    order: str | None = option(
+    order: str | None = _recurrent_option(
         "Which neurons move when: simultaneous, two-phase (duals after primals), "
         "stage-by-stage (one cell serves the stages in turn).",
         metavar="ORDER",
         show_default="simultaneous",
-        rich_help_panel=RECURRENT_PANEL,
     )
-    step: str | None = option(
+    step: str | None = _recurrent_option(
         "Unit time constants of a step, or adaptive (as long as progress earns it).",
         metavar="H",
         show_default="adaptive",
-        rich_help_panel=RECURRENT_PANEL,
     )
-    accelerate: bool = option(
+    accelerate: bool = _recurrent_option(
         "Anderson acceleration: fewer steps, with a memory of the last 20; needs torch.",
         "--accelerate",
         default=False,
-        rich_help_panel=RECURRENT_PANEL,
     )
 
     def given(self) -> dict[str, Any]:

@@ -96,7 +96,7 @@ def unfolded(command: Command) -> Command:
 
 
 def timed(command: Command) -> Command:
-    """Unfold a command, and add --timing: the time per phase on stderr at its end."""
+    """Replace records as `unfolded`, and add --timing: time per phase on stderr at the end."""
     run = unfolded(command)
 
     @functools.wraps(command)

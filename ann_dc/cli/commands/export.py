@@ -10,9 +10,8 @@ from typing import Any
 
 import typer
 
-from ann_dc.cli.arguments.numbers import pairs_of
 from ann_dc.cli.arguments.options import QuietOption, argument, option, timed
-from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of
+from ann_dc.cli.arguments.problem import ProblemOptions, arithmetic_of, pairs_of
 from ann_dc.cli.arguments.words import KINDS, preconditioner_of
 from ann_dc.cli.terminal import console, finish, notes, progress_line
 from ann_dc.errors import ProblemError

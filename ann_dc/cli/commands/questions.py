@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
-from ann_dc.cli.arguments.numbers import number_of
 from ann_dc.cli.arguments.options import option
+from ann_dc.cli.arguments.problem import number_of
 from ann_dc.errors import NetworkError, ProblemError
 
-PANEL = "Boards and chips"
+_board_option = partial(option, rich_help_panel="Boards and chips")
 PLURALS = {"temperature": "temperatures", "supply": "supplies", "process": "processes"}
 
 
@@ -18,25 +19,22 @@ PLURALS = {"temperature": "temperatures", "supply": "supplies", "process": "proc
 class PlaceOptions:
     """Temperature, supplies and process; comma-separated values with --corners."""
 
-    temperature: str | None = option(
+    temperature: str | None = _board_option(
         "Degrees Celsius of the circuit, -55 to 150; with --corners several: -40,27,125.",
         metavar="C",
         show_default="27",
-        rich_help_panel=PANEL,
     )
-    supply: str | None = option(
+    supply: str | None = _board_option(
         "Supplies over their nominal values, 0.5 to 1.5; rails follow them. With "
         "--corners several: 0.9,1,1.1.",
         metavar="SHARE",
         show_default="1",
-        rich_help_panel=PANEL,
     )
-    process: str | None = option(
+    process: str | None = _board_option(
         "Of transistors, n- and p-channel devices typical, slow or fast: tt, ss, ff, sf, "
         "fs. With --corners several.",
         metavar="CORNER",
         show_default="tt",
-        rich_help_panel=PANEL,
     )
 
     def several(self) -> dict[str, list]:
@@ -81,51 +79,45 @@ _REFUSED = {"seed": "--yield and --trim draw circuits with seeds 0, 1, ...; leav
 class BoardOptions:
     """Analyses; any of them replaces the simulation of one circuit."""
 
-    corners: bool = option(
+    corners: bool = _board_option(
         "A table over temperature, supplies and process instead: by emulation, of "
         "transistors in ngspice.",
         "--corners",
         default=False,
-        rich_help_panel=PANEL,
     )
 
-    spec: str | None = option(
+    spec: str | None = _board_option(
         "What share of circuits, drawn from the tolerances of the level's parts, keeps a "
         "spec: error<1% (of the controls), settle<50us, stable, or several with commas. By "
         "emulation; --samples says how many are drawn.",
         "--yield",
         metavar="SPEC",
-        rich_help_panel=PANEL,
     )
-    spot: int = option(
+    spot: int = _board_option(
         "With --yield: so many of the drawn circuits, best to worst, run in ngspice too.",
         default=0,
         metavar="COUNT",
         min=0,
-        rich_help_panel=PANEL,
     )
 
-    trim: str | None = option(
+    trim: str | None = _board_option(
         "Which offsets and gains to trim, in which order, until 95 % of the circuits keep "
         "error<1%; what to measure, and what remains after every step.",
         metavar="SPEC",
-        rich_help_panel=PANEL,
     )
 
-    dac: int | None = option(
+    dac: int | None = _board_option(
         "What it costs that q_0 and q_d come from a converter of so many bits over both "
         "full scales, and 1 us; also tells how the circuit starts cold.",
         metavar="BITS",
         min=1,
         max=32,
-        rich_help_panel=PANEL,
     )
-    adc: int | None = option(
+    adc: int | None = _board_option(
         "What it costs that u is read by a converter of so many bits, in 1 us.",
         metavar="BITS",
         min=1,
         max=32,
-        rich_help_panel=PANEL,
     )
 
     @property

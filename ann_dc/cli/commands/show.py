@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ann_dc.cli.arguments.backends import FormOption, form_of
-from ann_dc.cli.arguments.numbers import as_typed
 from ann_dc.cli.arguments.options import argument, option, unfolded
-from ann_dc.cli.arguments.problem import ProblemOptions, defaults_of, plant_of
+from ann_dc.cli.arguments.problem import ProblemOptions, as_typed, defaults_of, plant_of
 from ann_dc.cli.terminal import console, progress_line
 from ann_dc.errors import ProblemError
 

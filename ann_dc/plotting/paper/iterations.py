@@ -149,19 +149,7 @@ UNTOLD = "figures of the two levels: the run was not told the solution; pass set
 def figure_6(found: Iterations) -> Figure:
     """Plot lambda, A, B and Theta of every plan in both cases, and as printed.
 
-    Parameters
-    ----------
-    found : Iterations
-        Result of `ann_dc.paper.iterations`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    NetworkError
-        If a run does not contain the solution.
+    Raises `NetworkError` if a run does not contain the solution.
 
     Examples
     --------
@@ -202,19 +190,7 @@ def figure_of_definitions(found: Iterations) -> Figure:
 
     The printed definitions are (20) and (21).
 
-    Parameters
-    ----------
-    found : Iterations
-        Result of `ann_dc.paper.iterations`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    NetworkError
-        If a run does not contain the solution.
+    Raises `NetworkError` if a run does not contain the solution.
 
     Examples
     --------
@@ -238,19 +214,7 @@ def figure_of_definitions(found: Iterations) -> Figure:
 def figure_of_following(found: Iterations) -> Figure:
     """Plot the measurement of Theorem IV.1 in a run that settles with two fixed gains.
 
-    Parameters
-    ----------
-    found : Iterations
-        Result of `ann_dc.paper.iterations`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    NetworkError
-        If a run does not contain the solution.
+    Raises `NetworkError` if a run does not contain the solution.
 
     Examples
     --------

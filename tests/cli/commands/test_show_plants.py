@@ -3,8 +3,7 @@
 import pytest
 from command_line import refused, run, terminal
 
-from ann_dc.cli.arguments.numbers import as_typed, value_of
-from ann_dc.cli.arguments.problem import defaults_of
+from ann_dc.cli.arguments.problem import as_typed, defaults_of, value_of
 from ann_dc.problem import plants
 
 
