@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 
 from ann_dc.backends.spice.circuit_run import CircuitRun
 from ann_dc.backends.trajectory import Trajectory
-from ann_dc.fidelity.level_comparison import Measured
-from ann_dc.fidelity.level_comparison import Group
+from ann_dc.fidelity.level_comparison import Group, Measured
 from ann_dc.hardware.schematic.elements import PICell
 from ann_dc.plotting import style
 from ann_dc.plotting.style import BLUE, GREEN, GREY, INK, PURPLE, SKY, VERMILION
