@@ -7,7 +7,7 @@ import pytest
 
 from ann_dc.errors import NetworkError
 from ann_dc.hardware.parts.conditions import Conditions
-from ann_dc.hardware.parts.datasheet import POSITIVE, Datasheet, Kind, Tolerances
+from ann_dc.hardware.parts.datasheet import Datasheet, Kind, Tolerances
 
 SIZES = [field.name for field in fields(Tolerances) if field.name != "kelvin"]
 
@@ -62,7 +62,10 @@ def test_parts_without_errors_of_a_kind_do_not_drift_in_it():
     assert [there.size(kind) > 0 for kind in Kind] == [True, False, False, False, False]
 
 
-@pytest.mark.parametrize("name", POSITIVE)
+@pytest.mark.parametrize(
+    "name",
+    ["a0", "slew", "rails", "multiplier_rails", "multiplier_bandwidth", "function_bandwidth"],
+)
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
 def test_hardware_out_of_range_is_named(name, value):
     with pytest.raises(NetworkError, match=f"^{name}: expected"):
