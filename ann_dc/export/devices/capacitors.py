@@ -135,7 +135,10 @@ def capacitors_files(
 
 @checked
 def units_of(files: Mapping[str, bytes]) -> dict[str, np.ndarray]:
-    """Read the signed branch units and the feedback units (N, 2) of every connection, by name."""
+    """Read the signed branch units and the feedback units (N, 2) of every connection, by name.
+
+    Raises `FileFormatError` if the files are not those of `capacitors_files`.
+    """
     unit = notes_of(files, NOTES, FORMAT, SCHEMA).get("unit_F", float)
     found: dict[str, list[tuple[int, int]]] = {}
     for name, rows in rows_by_connection(files, TABLE, COLUMNS).items():

@@ -92,7 +92,7 @@ def table_and_notes(
 
 
 def check_connections(place: str, table: Mapping[str, np.ndarray], network: Network) -> None:
-    """Check that a table has the connections and stages of the network beside it."""
+    """Raise `FileFormatError` unless a table has the connections and stages of its network."""
     names = sorted(c.name for c in network.cell.connections)
     if sorted(table) != names or any(len(rows) != network.stages for rows in table.values()):
         raise FileFormatError(f"{place}: its connections are not those of the network beside it")

@@ -177,7 +177,7 @@ class FixedPoint:
         return f"words chosen for {self.covers}; held out, {self.measured}"
 
     def named(self, prefix: str) -> FixedPoint:
-        """Return the network with a prefix of names, which must be an identifier."""
+        """Return the network with a prefix of names; raises `ExportError` if it is none in C."""
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,31}", prefix):
             raise ExportError(
                 "prefix: expected a letter, then up to 31 letters, digits or '_', "
