@@ -12,7 +12,7 @@ from itertools import groupby
 
 import numpy as np
 
-from ann_dc.analysis.saddle import RowShadow
+from ann_dc.analysis.saddle import MultiplierSensitivity
 from ann_dc.analysis.slowness import LIMIT, SHOWN, Cause, Mode, Slowness, slowness_of
 from ann_dc.errors import DesignError, such_as
 from ann_dc.gain_design.procedure import Design
@@ -115,7 +115,7 @@ class Diagnosis:
         if self.slowness.distance <= NEAR:
             return "nothing in particular: the slowest mode is near the limit"
         row = self._row_of(slowest)
-        along = f"shadow stiffness {slowest.shadow * row.penalty:.3g} along the mode"
+        along = f"shadow stiffness {slowest.sensitivity * row.penalty:.3g} along the mode"
         if slowest.cause is Cause.REACH:
             return (
                 f"the row {self._component(row)} is weakly reachable: {along}, "
@@ -151,12 +151,12 @@ class Diagnosis:
             return f"{preconditioner} with {found.needed:.3g} times the penalties; not alone"
         return f"{preconditioner}; more penalty then takes the rest"
 
-    def _row_of(self, mode: Mode) -> RowShadow:
+    def _row_of(self, mode: Mode) -> MultiplierSensitivity:
         """Return the constraint whose multiplier has the largest part of a mode's energy."""
         shares = dict(zip(mode.names, mode.shares))
         return max(self.slowness.rows, key=lambda row: shares[row.neuron])
 
-    def _component(self, row: RowShadow) -> str:
+    def _component(self, row: MultiplierSensitivity) -> str:
         return self.components[self.slowness.rows.index(row)]
 
     def __str__(self) -> str:

@@ -27,7 +27,7 @@ OF_RUNS = tuple(
 """The same for tests of whole runs, which take seconds; `make slow` runs three of them."""
 
 
-def railed(network: Network, size: float, *populations: str) -> Network:
+def with_limits(network: Network, size: float, *populations: str) -> Network:
     """The network with rails at -size and size for some populations; all where none is named."""
     rails = Limiter(low=-size, high=size)
     chosen = lambda n: not populations or n.population in populations  # noqa: E731
@@ -37,7 +37,7 @@ def railed(network: Network, size: float, *populations: str) -> Network:
 
 def unrailed(network: Network) -> Network:
     """The network without rails: its drives are never cut."""
-    return railed(network, np.inf)
+    return with_limits(network, np.inf)
 
 
 def rails_of(network: Network) -> tuple[np.ndarray, np.ndarray]:
@@ -46,7 +46,7 @@ def rails_of(network: Network) -> tuple[np.ndarray, np.ndarray]:
     return tuple(limits[network.places[:, 0]].T)
 
 
-def at_rails(network: Network, seed: int) -> np.ndarray:
+def at_limits(network: Network, seed: int) -> np.ndarray:
     """A random state, about half of whose neurons stand at their rails."""
     low, high = rails_of(network)
     size = np.where(np.isfinite(high), high, 0.3)
@@ -60,13 +60,13 @@ def resting_at_rails(name: str, population: str) -> tuple[float, np.ndarray]:
     free = equilibrium(plain, plain.start_state)
     own = [n.population == population for n in plain.cell.neurons]
     size = 0.95 * float(np.abs(free[np.array(own)[plain.places[:, 0]]]).max())
-    return size, equilibrium(railed(plain, size, population), free)
+    return size, equilibrium(with_limits(plain, size, population), free)
 
 
 @cache
 def run_with_changes(preconditioner: PreconditionerKind) -> tuple[Network, np.ndarray, int]:
     """Euler steps of the NumPy evaluator, pushed now and then; how often its held set changes."""
-    network = railed(wired_with("car", preconditioner), 0.35, "u", "q")
+    network = with_limits(wired_with("car", preconditioner), 0.35, "u", "q")
     low, high = rails_of(network)
     own, rng = evaluator(network), np.random.default_rng(4)
     x, states, changes, before = network.start_state.clip(low, high), [], 0, None

@@ -88,10 +88,12 @@ def test_reasons_name_the_row():
         return with_ratio(changed, 30.0).reason
 
     component = row.neuron.partition(".")[2]
-    weak = reason(dual_share=0.5, shadow=9.0)
+    weak = reason(dual_share=0.5, sensitivity=9.0)
     assert weak.startswith(f"the row {component} is weakly reachable")
     assert f"{9 * row.penalty:.3g} along the mode, penalty {row.penalty:.3g}" in weak
-    assert f"on the row {component} is low for the curvature" in reason(dual_share=0.5, shadow=-9.0)
+    assert f"on the row {component} is low for the curvature" in reason(
+        dual_share=0.5, sensitivity=-9.0
+    )
     assert slowest.leading[0] in reason(dual_share=0.0)
     assert reason(dual_share=0.0).startswith("the preconditioner does not follow ")
 

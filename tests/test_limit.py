@@ -25,8 +25,8 @@ def test_the_exact_preconditioner_has_ratio_two(name):
     N = 72 a change of the state by 1e-15 moves the ratio between 2.00001 and 2.0016.
     """
     exact = exact_preconditioner(designed(name).network, designed(name).state)
-    shadow = np.linalg.eigvalsh(exact.saddle.shadow)
-    w = max(-2 * shadow[0], shadow[-1])
+    sensitivity = np.linalg.eigvalsh(exact.saddle.sensitivity)
+    w = max(-2 * sensitivity[0], sensitivity[-1])
     network = exact.with_gains(np.where(is_dual(exact.network), w, 0.0), eta=0.5)
     assert spectrum(network, exact.state).stiffness_ratio == pytest.approx(
         2.0, abs=4e-3 if name in LONG else 1e-3

@@ -79,7 +79,7 @@ def _root(network: Network, x: np.ndarray) -> np.ndarray:
     for _ in range(_NEWTON_STEPS):
         try:
             jacobian, drives = evaluator.drive_jacobian(x).tocsc(), evaluator.drives(x)
-            free = np.flatnonzero(~evaluator.resting(x, drives))
+            free = np.flatnonzero(~evaluator.saturated(x, drives))
             step = np.zeros(network.size)
             step[free] = splu(jacobian[free][:, free]).solve(network.pack(drives)[free])
         except RuntimeError:

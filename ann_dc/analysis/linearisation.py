@@ -110,7 +110,7 @@ class Linearisation:
             linear.g[self._diodes] = self.evaluator.values(x)[self._residuals, 1:-1]
         return linear
 
-    def presses(self, weights: np.ndarray) -> np.ndarray:
+    def is_active(self, weights: np.ndarray) -> np.ndarray:
         """Return the constraints active at the state, (P, N) of bool, for weights (P,).
 
         Equalities are always active. A diode conducts if z + w g is above zero and below the

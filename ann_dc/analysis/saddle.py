@@ -64,7 +64,7 @@ class Saddle:
     >>> from ann_dc import equilibrium, plants, synthesize
     >>> network = synthesize(plants.double_integrator(N=5))
     >>> saddle = saddle_of(network, equilibrium(network, network.start_state))
-    >>> low, high = saddle.shadow_range(np.ones(len(saddle.dual)))
+    >>> low, high = saddle.sensitivity_range(np.ones(len(saddle.dual)))
     >>> low > -1e-9, high > 0  # a convex problem needs no penalty
     (True, True)
     """
@@ -97,7 +97,7 @@ class Saddle:
         return _is_positive_definite(self.H + penalty * (self.A.T @ self.A))
 
     @cached_property
-    def shadow(self) -> np.ndarray:
+    def sensitivity(self) -> np.ndarray:
         """Q (d, d), dense. Raises numpy.linalg.LinAlgError if K is singular."""
         z = len(self.primal)
         Q = -np.linalg.inv(self.K.toarray())[z:, z:]
@@ -116,7 +116,7 @@ class Saddle:
     def _solver(self) -> Any:
         return scipy.sparse.linalg.splu(self.K)
 
-    def shadow_range(self, weights: np.ndarray) -> tuple[float, float]:
+    def sensitivity_range(self, weights: np.ndarray) -> tuple[float, float]:
         """Return the extreme eigenvalues of W^{-1/2} Q W^{-1/2} for weights (d,).
 
         Raises numpy.linalg.LinAlgError or RuntimeError if K is singular, or if the iteration of a
@@ -124,7 +124,7 @@ class Saddle:
         """
         root = np.sqrt(weights)
         if len(self.primal) + len(self.dual) <= DENSE_LIMIT:
-            values = np.linalg.eigvalsh(self.shadow / root[:, None] / root)
+            values = np.linalg.eigvalsh(self.sensitivity / root[:, None] / root)
             return float(values[0]), float(values[-1])
         Q = LinearOperator(
             (len(root),) * 2, matvec=lambda v: self.answer(v.ravel() / root) / root, dtype=float
@@ -133,7 +133,7 @@ class Saddle:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RowShadow:
+class MultiplierSensitivity:
     """Multiplier sensitivity Q of one constraint, over the stages that have it.
 
     Attributes
@@ -147,7 +147,9 @@ class RowShadow:
 
     Examples
     --------
-    >>> row = RowShadow(neuron="mu.x", penalty=2.0, at_stage=np.ones(3), lowest=0.5, highest=8.0)
+    >>> row = MultiplierSensitivity(
+    ...     neuron="mu.x", penalty=2.0, at_stage=np.ones(3), lowest=0.5, highest=8.0
+    ... )
     >>> row.reach
     4.0
     """
@@ -165,7 +167,9 @@ class RowShadow:
 
 
 @checked
-def shadow_rows(network: Network, saddle: Saddle, penalties: np.ndarray) -> tuple[RowShadow, ...]:
+def multiplier_sensitivities(
+    network: Network, saddle: Saddle, penalties: np.ndarray
+) -> tuple[MultiplierSensitivity, ...]:
     """Return the multiplier sensitivity of every constraint.
 
     `penalties` (P,) are those of every dual neuron's constraint, positive, in network units. The
@@ -181,7 +185,7 @@ def shadow_rows(network: Network, saddle: Saddle, penalties: np.ndarray) -> tupl
         block = saddle.answer(pushes)[own]
         values = np.linalg.eigvalsh(block) if len(own) else np.zeros(1)
         rows.append(
-            RowShadow(
+            MultiplierSensitivity(
                 neuron=dual.neuron,
                 penalty=float(penalties[index]),
                 at_stage=np.diag(block).copy(),
@@ -301,31 +305,31 @@ def threshold_of(saddle: Saddle) -> float:
     try:
         if not saddle.is_minimum:
             return float("inf")
-        low, _ = saddle.shadow_range(np.ones(len(saddle.dual)))
+        low, _ = saddle.sensitivity_range(np.ones(len(saddle.dual)))
     except (np.linalg.LinAlgError, RuntimeError):  # K is singular: the point is not isolated
         return float("nan")
     return max(0.0, -low)
 
 
-def is_strict_minimum(network: Network, jacobian: Any, resting: np.ndarray) -> bool:
+def is_strict_minimum(network: Network, jacobian: Any, saturated: np.ndarray) -> bool:
     """Return True if a settled point is a strict minimum, from its drive Jacobian.
 
     With PI duals, the reduced Hessian must be positive definite (K has as many negative eigenvalues
     as constraints). Without PI duals, or with neurons outside the optimisation (poles of the
     hardware), no eigenvalue of the flow may be unstable. `jacobian` (n, n) is d drive / dx at the
-    point; neurons in `resting` (n,), which are saturated, are omitted.
+    point; neurons in `saturated` (n,), which are saturated, are omitted.
     """
     leaking = _leaking(network, jacobian)
-    free = np.flatnonzero(~(resting | leaking))
+    free = np.flatnonzero(~(saturated | leaking))
     role = evaluator(network).tape.roles[network.places[:, 0]][free]
     inside = jacobian[free][:, free]
     if network.cell.duals and not (role == STATE).any():
-        inside = inside + _of_compliance(jacobian, free, np.flatnonzero(leaking & ~resting))
+        inside = inside + _of_compliance(jacobian, free, np.flatnonzero(leaking & ~saturated))
         # rows of the flow: primal -(H + A'WA, A'), dual (A, 0)
         primal, dual = np.flatnonzero(role != DUAL), np.flatnonzero(role == DUAL)
         H, A = -inside[primal][:, primal], inside[dual][:, primal]
         return Saddle(primal=primal, dual=dual, H=0.5 * (H + H.T), A=A).is_minimum
-    flow = dense_flow(network.preconditioner, network.layout, jacobian, ~resting)
+    flow = dense_flow(network.preconditioner, network.layout, jacobian, ~saturated)
     return bool((np.real(np.linalg.eigvals(flow)) < 0).all())
 
 

@@ -31,7 +31,13 @@ from functools import cached_property
 
 import numpy as np
 
-from ann_dc.analysis.saddle import RowShadow, Saddle, penalty_threshold, saddle_of, shadow_rows
+from ann_dc.analysis.saddle import (
+    MultiplierSensitivity,
+    Saddle,
+    multiplier_sensitivities,
+    penalty_threshold,
+    saddle_of,
+)
 from ann_dc.analysis.spectra import Spectrum, slowest_modes, spectrum
 from ann_dc.errors import NetworkError
 from ann_dc.network.network import Network
@@ -90,7 +96,7 @@ class Mode:
     dual_share: float
     curvature: float
     penalty: float
-    shadow: float
+    sensitivity: float
 
     @property
     def rate(self) -> float:
@@ -129,9 +135,9 @@ class Mode:
     def cause(self) -> Cause:
         """Cause of slowness; a preconditioner can tolerate q/w between -1/2 and 1."""
         if self.dual_share >= _DUAL_SHARE:
-            if self.shadow > 1.0:
+            if self.sensitivity > 1.0:
                 return Cause.REACH
-            if self.shadow < -0.5:
+            if self.sensitivity < -0.5:
                 return Cause.CURVATURE
         return Cause.PRECONDITIONER
 
@@ -175,7 +181,7 @@ class Slowness:
     """
 
     spectrum: Spectrum
-    rows: tuple[RowShadow, ...]
+    rows: tuple[MultiplierSensitivity, ...]
     lowest: float
     highest: float
     rho_star: float
@@ -220,8 +226,8 @@ def slowness_of(network: Network, x: State) -> Slowness:
     weights = penalties[network.places[saddle.dual, 0]]
     try:
         values, vectors = slowest_modes(network, x, MODES)
-        rows = shadow_rows(network, saddle, penalties)
-        lowest, highest = saddle.shadow_range(weights)
+        rows = multiplier_sensitivities(network, saddle, penalties)
+        lowest, highest = saddle.sensitivity_range(weights)
     except (np.linalg.LinAlgError, RuntimeError) as error:
         raise NetworkError(
             f"{network.title}: the settled point is not isolated (its KKT matrix is singular), so "
@@ -285,7 +291,7 @@ class _Modes:
             dual_share=float(energies[saddle.dual].sum() / energy),
             curvature=_quadratic(z, saddle.H @ z) / energy,
             penalty=_quadratic(pushed, self.weights * pushed) / energy,
-            shadow=_quadratic(push, answer) / _quadratic(push, d),
+            sensitivity=_quadratic(push, answer) / _quadratic(push, d),
         )
 
     def _shape(self, v: np.ndarray, energies: np.ndarray) -> np.ndarray:

@@ -121,7 +121,7 @@ def _row(
     )
 
 
-def pressed(rows: Sequence[InequalityRow]) -> sp.Expr:
+def active(rows: Sequence[InequalityRow]) -> sp.Expr:
     """Return the sum of zeta g over rows, their contribution to a Lagrangian."""
     return sp.Add(*(row.multiplier * row.expression for row in rows))
 
@@ -333,7 +333,7 @@ class _Stage:
         self.cost = weight * problem.l
         self.plant = self._plant()
         self.rows = stage_rows(problem)
-        self.pressed = pressed(self.rows)
+        self.active = active(self.rows)
         self.coupling = self._coupling()
         self.primal_sign = 1 if form.primal_ascends else -1
 
@@ -365,7 +365,7 @@ class _Stage:
             self.cost
             + sum(m * (f - target) for m, f, target in zip(self.mu, self.problem.f, self.t))
             + sum(b * (_times(held, q) - t) for b, q, t in chain)
-            + self.pressed
+            + self.active
         )
 
     def _weighted(self, plant) -> sp.Expr:
@@ -380,7 +380,7 @@ class _Stage:
         plant = self.plant
         if self.form.without_control_jacobian:
             plant = tuple(f.subs(at_rest(self.problem)) for f in plant)
-        potential = self.cost + self._weighted(plant) + self.pressed
+        potential = self.cost + self._weighted(plant) + self.active
         return tuple(
             Stationarity(variable=q, potential=potential, remainder=b, sign=self.primal_sign)
             for q, b in zip(self.problem.states, self.beta)
@@ -388,15 +388,15 @@ class _Stage:
 
     def control_equations(self) -> tuple[Stationarity, ...]:
         """Return the equations (12)."""
-        potential = self.cost + self._weighted(self.plant) + self.pressed
+        potential = self.cost + self._weighted(self.plant) + self.active
         if self.form.lower_level is LowerForm.LITERAL:  # (30): u = B^T mu / dt
             dt = self.problem.dt
             driven = tuple(part / dt for _, part in drift_and_drive(self.problem))
-            potential = dt * self.cost - self._weighted(driven) + self.pressed
+            potential = dt * self.cost - self._weighted(driven) + self.active
         slips = [sp.Integer(0)] * self.problem.m
         if self.form.control_reads_state_cost:
             # (12) puts dE/dq, which has n components, where m belong: take the first m.
-            potential, n = self._weighted(self.plant) + self.pressed, self.problem.n
+            potential, n = self._weighted(self.plant) + self.active, self.problem.n
             slips = [
                 self.cost.diff(self.problem.states[i]) if i < n else sp.Integer(0)
                 for i in range(self.problem.m)

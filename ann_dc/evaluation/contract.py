@@ -31,7 +31,7 @@ import numpy as np
 from scipy import sparse
 
 from ann_dc.evaluation.domains import DomainGuard
-from ann_dc.evaluation.rules import rests
+from ann_dc.evaluation.rules import is_saturated
 from ann_dc.evaluation.tape import Tape
 from ann_dc.network.network import Network
 
@@ -141,25 +141,25 @@ class Evaluator(ABC):
         return self.tape.entries[:, 1].astype(np.int32), pointers.astype(np.int32)
 
     @cached_property
-    def has_rails(self) -> bool:
+    def has_limits(self) -> bool:
         """True if any neuron has a saturation limit."""
         return bool(np.isfinite(self.tape.limits).any())
 
-    def resting(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
+    def saturated(self, x: np.ndarray, drives: np.ndarray) -> np.ndarray:
         """Return the mask (n,) of neurons at a limit with an outward net input.
 
         The net inputs have shape (neurons, N).
         """
-        if not self.has_rails and np.isfinite(x).all():
+        if not self.has_limits and np.isfinite(x).all():
             return np.zeros(self.network.size, bool)
         low, high = self.tape.limits[self.tape.places[:, 0]].T
-        return rests(np.real(x), self.network.pack(drives), low, high)
+        return is_saturated(np.real(x), self.network.pack(drives), low, high)
 
     def free(self, x: np.ndarray) -> np.ndarray:
         """Return the mask (n,) of neurons that are not held at a saturation limit.
 
         Net inputs are computed only if a neuron may be held.
         """
-        if not self.has_rails:
+        if not self.has_limits:
             return np.ones(self.network.size, bool)
-        return ~self.resting(x, self.drives(x))
+        return ~self.saturated(x, self.drives(x))

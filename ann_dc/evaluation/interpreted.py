@@ -79,8 +79,8 @@ class InterpretedEvaluator(Evaluator):
     def jacobian_entries(self, x: np.ndarray) -> np.ndarray:
         """Return the entries (nnz,) of d drive / dx; zero at a saturation limit."""
         loops.drive_jacobian(self.tape, self.work, x, self._slots, self._data)
-        resting = self.resting(x, self.work.drives)
-        return np.where(resting[self.tape.entries[:, 0]], 0, self._data)
+        saturated = self.saturated(x, self.work.drives)
+        return np.where(saturated[self.tape.entries[:, 0]], 0, self._data)
 
     def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:
         """Return (block, stage) of the first block outside its domain, or (-1, -1)."""

@@ -28,7 +28,7 @@ from ann_dc.evaluation.calls import (
     vector,
 )
 from ann_dc.evaluation.formulas import called_by_address, inner
-from ann_dc.evaluation.pivots import clamp, is_railed
+from ann_dc.evaluation.pivots import clamp, has_limit
 from ann_dc.evaluation.solves import UNKNOWN, Couplings, Hold
 from ann_dc.evaluation.tape import Tape
 
@@ -127,7 +127,7 @@ def _hold(table, lane):
 @inner
 def _is_at_rail(couplings, state_at, x, lane):
     for p in couplings.reached:
-        if is_railed(couplings.limits, p):
+        if has_limit(couplings.limits, p):
             low, high = couplings.limits[p, 0], couplings.limits[p, 1]
             for k in range(state_at.shape[1]):
                 at = state_at[p, k]

@@ -24,7 +24,7 @@ from ann_dc.evaluation.formulas import (
     slope_at,
     value_at,
 )
-from ann_dc.evaluation.pivots import is_railed, stands_at_rail
+from ann_dc.evaluation.pivots import has_limit, stands_at_limit
 from ann_dc.evaluation.preconditioner_arrays import clear, move
 from ann_dc.evaluation.rules import FLOOR, LOST, OVERFLOW, RAN, SETTLED, SMALLEST_POSITION
 from ann_dc.evaluation.tape import (
@@ -164,7 +164,7 @@ def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array 
         low, high = tape.limits[p, 0], tape.limits[p, 1]
         for k in range(stages):
             drives[p, k] = drives[p, k] if tape.rates[p, k] != 0.0 else 0.0
-        if is_railed(tape.limits, p):
+        if has_limit(tape.limits, p):
             for k in range(stages):
                 work.arriving[p, k] = drives[p, k]
                 if _pushes_out(values[p, k + 1], drives[p, k], low, high):
@@ -175,9 +175,9 @@ def evaluate(tape, work, x):  # noqa: C901 - a call would hand over every array 
 def flow(tape, work):
     """Compute derivatives (neurons, N) that lead past no limit, after `evaluate`."""
     move(tape, work)
-    if work.clamp[0] != 0 and stands_at_rail(tape, work.values):
+    if work.clamp[0] != 0 and stands_at_limit(tape, work.values):
         for p in tape.reached:
-            if not is_railed(tape.limits, p):
+            if not has_limit(tape.limits, p):
                 _copy(work.drives[p], 0, work.arriving[p])
         addresses = work.clamp[1], work.values.ctypes.data, work.moves.ctypes.data
         call(work.clamp[0], addresses, ())
@@ -278,7 +278,7 @@ def first_outside(tape, work, guard):
 
 
 @compiled
-def keep_within_rails(tape, x):
+def clip_to_limits(tape, x):
     """Clip a state ``x`` (n,) to the saturation limits in place."""
     for i in range(x.shape[0]):
         low, high = tape.limits[tape.places[i, 0], 0], tape.limits[tape.places[i, 0], 1]

@@ -31,7 +31,7 @@ def _mark(hold, p, k, mark, first):
 
 
 @inner
-def _at_rails(couplings, hold):
+def _at_limits(couplings, hold):
     """Return the places of coupled neurons at limits and the first changed stage.
 
     Neurons between their limits are marked free.
@@ -82,17 +82,17 @@ def _exchange(couplings, hold, currents, places, only_last):
 
 
 @inlined
-def is_railed(limits, p):
+def has_limit(limits, p):
     """Return True if a neuron has a saturation limit."""
     return limits[p, 0] > -np.inf or limits[p, 1] < np.inf
 
 
 @inlined
-def stands_at_rail(tape, values):
+def stands_at_limit(tape, values):
     """Return True if a neuron that the preconditioner couples to others is at a limit."""
     found = False
     for p in tape.reached:
-        if is_railed(tape.limits, p):
+        if has_limit(tape.limits, p):
             low, high = tape.limits[p, 0], tape.limits[p, 1]
             for k in range(tape.rates.shape[1]):
                 x = values[p, k + 1]
@@ -106,7 +106,7 @@ def clamp(couplings, hold):
 
     The values and drives of the `Hold` are read; its moves and marks are overwritten.
     """
-    places, first = _at_rails(couplings, hold)
+    places, first = _at_limits(couplings, hold)
     stages, currents = hold.drives.shape[1], np.zeros(hold.drives.shape)
     for pivot in range(PIVOTS):
         solve(couplings, hold, currents, places, first)

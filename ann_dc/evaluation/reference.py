@@ -153,8 +153,8 @@ class ReferenceEvaluator(Evaluator):
         moves = preconditioner.moves(row, drives)
         low, high = self.tape.limits[self.tape.places[:, 0]].T
         coupled = pack(np.broadcast_to(self._coupled, row.rates.shape))
-        at_rail = coupled & ((np.real(x) <= low) | (np.real(x) >= high))
-        for sample in map(tuple, np.argwhere(at_rail.any(axis=-1))):
+        at_limit = coupled & ((np.real(x) <= low) | (np.real(x) >= high))
+        for sample in map(tuple, np.argwhere(at_limit.any(axis=-1))):
             state, drive = np.real(x[sample]), drives[sample]
             moves[sample] = projected(
                 lambda held: preconditioner.clamp(row, held), drive, state, low, high, coupled
@@ -206,8 +206,8 @@ class ReferenceEvaluator(Evaluator):
         """Return the entries (nnz,) of d drive / dx; zero at a saturation limit."""
         slots = self.slot_values(np.asarray(x))
         entries = slots[self.tape.entries[:, 2], self.tape.entries[:, 3] + 1]
-        resting = self.resting(x, self.drives(x))
-        return np.where(resting[self.tape.entries[:, 0]], 0, entries)
+        saturated = self.saturated(x, self.drives(x))
+        return np.where(saturated[self.tape.entries[:, 0]], 0, entries)
 
     @cached_property
     def preconditioner(self) -> Any:
@@ -222,7 +222,7 @@ class ReferenceEvaluator(Evaluator):
         """
         x = _state(x)
         columns = self.drive_jacobian(x).toarray().T
-        return self.clamped(self.resting(x, self.drives(x)))(columns).T
+        return self.clamped(self.saturated(x, self.drives(x)))(columns).T
 
 
 def node_values(tape: Tape, x: np.ndarray) -> np.ndarray:

@@ -16,8 +16,8 @@ at a low limit, never positive at a high limit, and zero if the neuron moves.
    the neuron off the limit against its net input, or hold it there. `ann_dc.evaluation` determines
    the held neurons.
 3. For any preconditioner, all derivatives are zero only if every net input is zero or points
-   outward at a limit. Residuals, certificates and `rests` therefore read net inputs cut by their
-   signs.
+   outward at a limit. Residuals, certificates and `is_saturated` therefore read net inputs cut by
+   their signs.
 
 The elementwise rules accept numbers and arrays; NumPy, torch and compiled loops use them.
 `residuals` takes its array library as an argument. The loops have a separate copy
@@ -136,7 +136,7 @@ def lets_go(state, current, low, high, slack):
     return ((state > low) | (current < -slack)) & ((state < high) | (current > slack))
 
 
-def rests(state, drive, low, high):
+def is_saturated(state, drive, low, high):
     """Return True if a neuron is at a limit and its net input points outward."""
     return ((state <= low) | (state >= high)) & (drive == 0.0)
 
@@ -236,15 +236,15 @@ def projected(
     >>> projected(clamp, np.array([-3.0, 4.0]), np.array([0.0, 1.0]), low, high, coupled).tolist()
     [0.0, 4.0]
     """
-    at_rail = coupled & ((x <= low) | (x >= high))
-    held = at_rail & pushes_out(x, np.real(drive), low, high)
+    at_limit = coupled & ((x <= low) | (x >= high))
+    held = at_limit & pushes_out(x, np.real(drive), low, high)
     moves, currents = clamp(held)(drive)
     for pivot in range(PIVOTS):
         slack = ROUNDING * np.max(np.abs(drive[held]) + np.abs(currents[held]), initial=0.0)
         wrong = np.where(
             held,
             lets_go(x, np.real(currents), low, high, slack),
-            at_rail & pushes_out(x, np.real(moves), low, high),
+            at_limit & pushes_out(x, np.real(moves), low, high),
         )
         if not wrong.any():
             break

@@ -82,8 +82,8 @@ def factor_of(tape: Tape) -> np.ndarray:
     """Return an empty array for the factor of the held neurons of a tape."""
     if len(tape.stiff):
         return np.zeros(tape.stiff.shape)
-    railed = np.isfinite(tape.limits[tape.reached]).any(axis=1).sum()
-    most = min(int(railed) * tape.rates.shape[1], MOST_KEPT)
+    with_limits = np.isfinite(tape.limits[tape.reached]).any(axis=1).sum()
+    most = min(int(with_limits) * tape.rates.shape[1], MOST_KEPT)
     return np.zeros((most, most))
 
 

@@ -96,7 +96,7 @@ class CircuitInstance:
     def clamped(self) -> bool:
         """True if the circuit has clamps for saturation limits."""
         parts = self.circuit.schematic.parts
-        return any(isinstance(part, Integrator) and part.railed for part in parts)
+        return any(isinstance(part, Integrator) and part.with_limits for part in parts)
 
     @cached_property
     def settled(self) -> np.ndarray:

@@ -22,7 +22,7 @@ from ann_dc.gain_design.gain_rule import GAIN_RULES, GainRule, recipe_of_first_r
 from ann_dc.gain_design.grid_gains import SettledPoint
 from ann_dc.gain_design.knowledge import NOTHING, Cost
 from ann_dc.gain_design.rule_presets import COARSE, places_of
-from ann_dc.gain_design.scheduled_run import EQUAL_ROWS, FirstRun, first_run
+from ann_dc.gain_design.scheduled_run import EQUAL_ROWS, ScheduledRun, first_run
 from ann_dc.gain_design.trial_run import (
     ELSEWHERE,
     HASTY,
@@ -33,8 +33,8 @@ from ann_dc.gain_design.trial_run import (
     candidate_of,
     compare,
     distance,
-    rehearse,
-    rehearsed,
+    with_trial_run,
+    with_trial_runs,
 )
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.progress import Progress, Stopped
@@ -82,7 +82,7 @@ class Choice:
 
     kinds: tuple[PreconditionerKind, ...]
     gain_rule: GainRule | None
-    first: FirstRun
+    first: ScheduledRun
     progress: Progress
     cost: Cost = NOTHING.cost
     _seen: list[tuple[SettledPoint, Candidate]] = field(
@@ -131,7 +131,7 @@ class Choice:
         patience: Patience = PATIENT,
     ) -> tuple[Candidate, ...]:
         take = self._taker(settled)
-        return rehearsed(settled, candidates, self.progress, take=take, patience=patience)
+        return with_trial_runs(settled, candidates, self.progress, take=take, patience=patience)
 
     def _taker(self, settled: SettledPoint) -> Callable[[Candidate], None]:
         return lambda candidate: self._seen.append((settled, candidate))
@@ -223,7 +223,9 @@ class Choice:
                 candidate = candidate_of(settled, gain_rule, self.first.penalty_factor)
                 if np.isfinite(candidate.ratio):
                     self.progress(f"freeze: another {kind.value}")
-                    tried = rehearse(settled, candidate, progress=self.progress, patience=patience)
+                    tried = with_trial_run(
+                        settled, candidate, progress=self.progress, patience=patience
+                    )
                     rehearsals.append(tried)
         return rehearsals
 
@@ -262,7 +264,7 @@ class Choice:
             seen.append(other)
             own = at_another(other, astray)
             if np.isfinite(own.ratio):
-                own = rehearse(other, own, progress=self.progress)
+                own = with_trial_run(other, own, progress=self.progress)
             there = tuple(sorted((*self._at_another(other), own), key=lambda c: c.rank))
             if there[0].rank < (settles[0].rank if settles else (np.inf, 0.0)):
                 best, settles = other, there

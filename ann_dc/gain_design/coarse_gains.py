@@ -49,20 +49,20 @@ def diode_weights(linear: Linearisation | MeanLinearisation, rate: np.ndarray) -
             weights[row] = 1.0
             continue
         drawn = z[row] + g[row] / stiffness[row].max()
-        pressed = felt[row] & (drawn > 0) & (drawn < price[row])
+        active = felt[row] & (drawn > 0) & (drawn < price[row])
         nearest = felt[row] & (g[row] >= g[row][felt[row]].max())
-        weights[row] = 1.0 / stiffness[row][pressed if pressed.any() else nearest].max()
+        weights[row] = 1.0 / stiffness[row][active if active.any() else nearest].max()
     return weights
 
 
-def pressed_weights(linear: Linearisation, weights: np.ndarray) -> np.ndarray:
+def active_weights(linear: Linearisation, weights: np.ndarray) -> np.ndarray:
     """Return the weights (P, N) of constraints that are active at a state, else zero.
 
     A soft constraint at its penalty weight counts as inactive: its multiplier does not move.
     `linear` must be evaluated at a state. `weights` (P,) are those of all constraints; equalities
     are always active.
     """
-    return np.where(linear.presses(weights), weights[:, None], 0.0)
+    return np.where(linear.is_active(weights), weights[:, None], 0.0)
 
 
 # ---- the gains of the coarse coordinators, from one linearisation
@@ -146,7 +146,7 @@ def _pressed(linear: Linearisation, rho: np.ndarray) -> tuple[Any, Any]:
     if not linear.diode.any():
         return 0.0, 0.0
     rows, of_q, of_t = linear.inequality_matrices()
-    weight = pressed_weights(linear, rho)[rows].T
+    weight = active_weights(linear, rho)[rows].T
     q, t = (np.einsum("kia,ki,kib->kab", G, weight, G) for G in (of_q, of_t))
     return q, t
 

@@ -58,7 +58,7 @@ import numpy as np
 
 from ann_dc.analysis.linearisation import Linearisation, MeanLinearisation
 from ann_dc.errors import DesignError, UnknownNameError, require_positive, such_as
-from ann_dc.gain_design.coarse_gains import diode_weights, pressed_weights, pyramid
+from ann_dc.gain_design.coarse_gains import active_weights, diode_weights, pyramid
 from ann_dc.gain_design.gains import Gains, row_with
 from ann_dc.network.preconditioners.base import PreconditionerKind
 from ann_dc.network.preconditioners.diagonal import Diagonal
@@ -374,8 +374,8 @@ def closed_form(
     if linear.diode.any():
         diodes = diode_weights(linear, factor / np.where(stiffness != 0, stiffness, 1.0))
         rho = rho + gain_rule.inequality * diodes
-        pressed = [member.row_sums(pressed_weights(member, rho)) for member in linear.members]
-        stiffness = curvature + np.max(pressed, axis=(0, 2))
+        active = [member.row_sums(active_weights(member, rho)) for member in linear.members]
+        stiffness = curvature + np.max(active, axis=(0, 2))
     felt = np.where(stiffness != 0, stiffness, 1.0)
     rate = np.where(linear.primal, factor / felt, factor * rho)
     rate[network.shared] = 1.0

@@ -77,10 +77,10 @@ class SettledPoint:
         return sparse.csr_array(change.multiply(change))
 
     @cached_property
-    def resting(self) -> np.ndarray:
+    def saturated(self) -> np.ndarray:
         """Saturated neurons, (n,) of bool."""
         evaluator = fast_evaluator(self.network)
-        return evaluator.resting(self.state, evaluator.drives(self.state))
+        return evaluator.saturated(self.state, evaluator.drives(self.state))
 
     @cached_property
     def primal(self) -> np.ndarray:
@@ -122,11 +122,11 @@ class SettledPoint:
             self._weights[key].setflags(write=False)
         return self._weights[key]
 
-    def shadow_range(self, weights: np.ndarray) -> tuple[float, float]:
-        """Return the range of the inverse Schur complement; see `Saddle.shadow_range`."""
+    def sensitivity_range(self, weights: np.ndarray) -> tuple[float, float]:
+        """Return the range of the inverse Schur complement; see `Saddle.sensitivity_range`."""
         key = weights.tobytes()
         if key not in self._shadows:
-            self._shadows[key] = self.saddle.shadow_range(weights)
+            self._shadows[key] = self.saddle.sensitivity_range(weights)
         return self._shadows[key]
 
 
@@ -206,13 +206,13 @@ def _felt(settled: SettledPoint, rho: np.ndarray, path: float) -> Any:
         settled.augmented(penalty) + sparse.diags_array(path * (settled.changes.T @ penalty))
     )
     free = np.searchsorted(settled.primal, saddle.primal)
-    resting = np.setdiff1d(np.arange(len(settled.primal)), free)
-    linear, neuron = settled.linear, place[settled.primal[resting], 0]
+    saturated = np.setdiff1d(np.arange(len(settled.primal)), free)
+    linear, neuron = settled.linear, place[settled.primal[saturated], 0]
     curvature = np.maximum(linear.cost_curvature(), 0.0).max(axis=1)
     own = (curvature + linear.row_sums(rho).max(axis=1))[neuron]
     own = np.where(own > 0, own, 1.0)
     rows, columns = G.coords
-    at = np.concatenate([free[rows], resting]), np.concatenate([free[columns], resting])
+    at = np.concatenate([free[rows], saturated]), np.concatenate([free[columns], saturated])
     size = len(settled.primal)
     return sparse.csr_array(
         sparse.coo_array((np.concatenate([G.data, own]), at), shape=(size, size))
@@ -228,9 +228,9 @@ def _shadow_range(points: Sequence[SettledPoint], weights: np.ndarray) -> tuple[
     for settled in points:
         row = weights[settled.network.places[settled.saddle.dual, 0]]
         try:
-            ends.append(settled.shadow_range(row))
+            ends.append(settled.sensitivity_range(row))
         except (np.linalg.LinAlgError, RuntimeError) as error:
-            if not settled.resting.any():
+            if not settled.saturated.any():
                 raise DesignError(
                     f"{points[0].network.title}: the settled point is not isolated (its KKT matrix "
                     "is singular), so a resistive grid has no stiffness; use a multilevel "

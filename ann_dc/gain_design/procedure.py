@@ -32,7 +32,7 @@ from ann_dc.gain_design.grid_gains import SettledPoint, boost_of
 from ann_dc.gain_design.knowledge import NOTHING, Knowledge
 from ann_dc.gain_design.refinement import refined
 from ann_dc.gain_design.rule_presets import presets_of
-from ann_dc.gain_design.scheduled_run import LONGEST_RUN, FirstRun, first_run
+from ann_dc.gain_design.scheduled_run import LONGEST_RUN, ScheduledRun, first_run
 from ann_dc.gain_design.trial_run import Candidate
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import ALL_KINDS, Kinds, PreconditionerKind, several
@@ -82,7 +82,7 @@ class Design:
 
     network: Network
     gains: Gains
-    first: FirstRun
+    first: ScheduledRun
     state: np.ndarray
     start: str
     best: Candidate
@@ -166,7 +166,7 @@ class Design:
         )
 
 
-def _ending(first: FirstRun) -> str:
+def _ending(first: ScheduledRun) -> str:
     ended = "settled" if first.settled and not first.found_by else "did not settle"
     found = f"; {first.found_by} found the optimum" if first.found_by else ""
     return f"{ended} in {first.steps} recurrent steps{found}"
@@ -275,7 +275,7 @@ def _verdict(candidate: Candidate) -> str:
 
 
 def _frozen(
-    settled: SettledPoint, first: FirstRun, found: tuple[Candidate, ...], start: str
+    settled: SettledPoint, first: ScheduledRun, found: tuple[Candidate, ...], start: str
 ) -> Design:
     """Return the design with the gains of the best candidate as constants."""
     network, gains = settled.network, found[0].gains

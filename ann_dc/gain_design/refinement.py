@@ -29,7 +29,7 @@ from ann_dc.gain_design.eigenvalue_gradient import (
 )
 from ann_dc.gain_design.gains import Gains
 from ann_dc.gain_design.grid_gains import SettledPoint
-from ann_dc.gain_design.trial_run import Candidate, rehearse, spectrum_with
+from ann_dc.gain_design.trial_run import Candidate, spectrum_with, with_trial_run
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import Preconditioner
 from ann_dc.progress import Paced, Progress, silent
@@ -97,7 +97,7 @@ def refined(
             continue
         gains = around.gains_at(share * x)
         modes = spectrum_with(settled, gains)
-        better = rehearse(settled, replace(best, gains=gains, spectrum=modes))
+        better = with_trial_run(settled, replace(best, gains=gains, spectrum=modes))
         if better.settling < np.inf:
             return better
     progress("refine: nothing better settles from the start")

@@ -69,7 +69,7 @@ reduced by a tenth after every accepted chunk.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FirstRun:
+class ScheduledRun:
     """Result of the first run.
 
     Attributes
@@ -102,7 +102,7 @@ def first_run(
     equal_rows: int = EQUAL_ROWS,
     progress: Progress = silent,
     knowledge: Knowledge = NOTHING,
-) -> FirstRun:
+) -> ScheduledRun:
     """Run a network until its relative KKT residual is below ``tolerance``.
 
     The result is returned for every outcome. The network must have PI duals; its gains are not
@@ -146,7 +146,7 @@ class _Schedule:
             slew[rows] = _SLEW * max(np.ptp(values[rows]), _SHORTEST_SPAN)
         return slew[self.network.places[:, 0]]
 
-    def run(self, tolerance: float, limit: int, progress: Progress) -> FirstRun:
+    def run(self, tolerance: float, limit: int, progress: Progress) -> ScheduledRun:
         outcome, ended, found_by = RAN, None, ""
         try:
             while self.steps < limit and outcome != SETTLED and not found_by:
@@ -165,7 +165,7 @@ class _Schedule:
                 found_by = self._found_by(self.knowledge.finder, progress)
         except Stopped as end:
             ended = end
-        return FirstRun(
+        return ScheduledRun(
             state=self.x,
             settled=outcome == SETTLED or bool(found_by),
             steps=self.steps,

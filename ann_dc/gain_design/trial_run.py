@@ -10,8 +10,8 @@ Candidates of constant gains: preconditioner kinds, row weights and penalties.
 The closed form is evaluated at the settled point for every allowed preconditioner kind, with equal
 and with equilibrated constraint weights. Multilevel and diagonal kinds are compared at several
 penalties, by octaves, and grids at several weights of their path term. The criterion is the
-stiffness ratio of the spectrum; trial runs make the final choice (`rehearse`). Above `LONG_ROW`
-stages, where every spectrum takes long, the choices are made one after the other.
+stiffness ratio of the spectrum; trial runs make the final choice. Above `LONG_ROW` stages, where
+every spectrum takes long, the choices are made one after the other.
 """
 
 from __future__ import annotations
@@ -310,7 +310,7 @@ HASTY = Patience(steps=10_000, failures=4)
 """Limits for points that a search found, if presets remain to be tried."""
 
 
-def rehearse(
+def with_trial_run(
     settled: SettledPoint,
     candidate: Candidate,
     within: float = np.inf,
@@ -416,7 +416,7 @@ def at_another(settled: SettledPoint, candidate: Candidate) -> Candidate:
 
 
 @phase("rehearsals")
-def rehearsed(
+def with_trial_runs(
     settled: SettledPoint,
     candidates: Iterable[Candidate],
     progress: Progress = silent,
@@ -442,7 +442,7 @@ def rehearsed(
         hopeless = is_long or has_failed or not expected < fastest
         if np.isnan(candidate.settling) and not hopeless:
             progress(f"freeze: rehearsal {number}")
-            candidate = rehearse(settled, candidate, fastest, progress, patience)
+            candidate = with_trial_run(settled, candidate, fastest, progress, patience)
             take(candidate)
             if candidate.settling == fastest == np.inf:
                 failures[own] = failures.get(own, 0) + 1

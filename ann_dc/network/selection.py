@@ -93,9 +93,9 @@ def clamped_rows(network: Network) -> np.ndarray:
     inputs alone.
     """
     limits = [(n.limiter.low, n.limiter.high) for n in network.cell.neurons]
-    railed = np.isfinite(np.reshape(limits, (-1, 2))).any(axis=1) & network.live.any(axis=1)
+    with_limits = np.isfinite(np.reshape(limits, (-1, 2))).any(axis=1) & network.live.any(axis=1)
     with np.errstate(over="ignore"):  # a saved network may have time constants of any length
-        return np.flatnonzero(railed & network.preconditioner.reach(network.layout))
+        return np.flatnonzero(with_limits & network.preconditioner.reach(network.layout))
 
 
 def chosen(network: Network, where: Selection, known: Known) -> tuple[list[str], np.ndarray]:

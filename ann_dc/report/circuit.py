@@ -133,8 +133,10 @@ class CircuitReport:
         farads = self.backend.series.capacitors.nearest(np.array(farads))
         small, large = (engineering(value, "F", 3) for value in farads)
         resistors = f"R {least} to {most}{leaks}, " if RESISTOR in self.found.deck.parts else ""
-        railed = bool(self.found.circuit.schematic.limited) and RESISTOR in self.found.deck.parts
-        beside = "; those of rails beside them: --bill" * railed
+        with_limits = (
+            bool(self.found.circuit.schematic.limited) and RESISTOR in self.found.deck.parts
+        )
+        beside = "; those of rails beside them: --bill" * with_limits
         return f"{resistors}C {small} to {large}{strays}{beside}"
 
     def _behaviour(self) -> dict[str, object]:

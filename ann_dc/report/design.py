@@ -118,7 +118,7 @@ def _diagnosis_dict(found: Diagnosis) -> dict[str, Any]:
                 "imaginary": mode.eigenvalue.imag,
                 "shares": dict(zip(mode.names, mode.shares)),
                 **picked(mode, "dual_share", "curvature", "penalty"),
-                "shadow_over_penalty": mode.shadow,
+                "shadow_over_penalty": mode.sensitivity,
                 "sign_changes": mode.sign_changes,
                 "cause": mode.cause.name.lower(),
             }

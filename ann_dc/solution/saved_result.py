@@ -44,7 +44,7 @@ from ann_dc.errors import AnnDcError, FileFormatError, OutputError, UnknownNameE
 from ann_dc.files import read_whole, write_folder
 from ann_dc.gain_design.gains import Gains
 from ann_dc.gain_design.procedure import Design
-from ann_dc.gain_design.scheduled_run import FirstRun
+from ann_dc.gain_design.scheduled_run import ScheduledRun
 from ann_dc.gain_design.trial_run import Candidate
 from ann_dc.network.network import Network
 from ann_dc.network.preconditioners.base import Preconditioner
@@ -61,7 +61,7 @@ SHAPES: dict[type, dict[str, str]] = {
     Gains: {"rho": "P", "rate": "P N"},
     Multilevel: {"gains": "* C C"},
     Spectrum: {"eigenvalues": "*"},
-    FirstRun: {"state": "n"},
+    ScheduledRun: {"state": "n"},
     Candidate: {"stray": "n"},
     Design: {"state": "n"},
 }

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ann_dc.decomposition.equations import StageEquations, Stationarity, pressed
+from ann_dc.decomposition.equations import StageEquations, Stationarity, active
 from ann_dc.network.cell import Cell, Connection, Template
 from ann_dc.network.duals import PIDual
 from ann_dc.network.network import Network
@@ -324,7 +324,7 @@ class _CellWiring:
 
     def _terminal(self) -> None:
         """Wire end cost and rows to the last t only, with a weight that is zero elsewhere."""
-        cost = self.equations.terminal_cost + pressed(self.equations.end_rows)
+        cost = self.equations.terminal_cost + active(self.equations.end_rows)
         if not cost.free_symbols or all(self.fixed):
             return
         signal = divided(self._signal(cost), self.scales.cost)

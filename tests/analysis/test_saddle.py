@@ -33,6 +33,6 @@ def test_both_ends_of_the_shadow_stiffness_by_iterations(name, sparse):
     found = designed(name)
     saddle = saddle_of(found.network, found.state)
     weights = np.random.default_rng(0).uniform(0.5, 2.0, len(saddle.dual))
-    dense = saddle.shadow_range(weights)
+    dense = saddle.sensitivity_range(weights)
     sparse()
-    np.testing.assert_allclose(saddle.shadow_range(weights), dense, rtol=1e-3)
+    np.testing.assert_allclose(saddle.sensitivity_range(weights), dense, rtol=1e-3)

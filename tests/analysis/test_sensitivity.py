@@ -210,10 +210,10 @@ def test_weights_of_soft_rows():
     network, x = found.network, equilibrium(found.network, found.state)
     (diode,) = network.cell.inequality_duals
     node = lambda name: evaluator(network).node(x, name)  # noqa: E731
-    at_price, pressed = node(diode.excess) > 0, node(diode.sum) > 0
+    at_price, active = node(diode.excess) > 0, node(diode.sum) > 0
     assert at_price.any()
-    assert (pressed & ~at_price).any()
-    assert (~pressed).any()
+    assert (active & ~at_price).any()
+    assert (~active).any()
     own = (diode.rail, diode.leak)
     check(network, x, [c for c in network.cell.connections if c.name in own])
     check(network, x, network.cell.connections[::7])

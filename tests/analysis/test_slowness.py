@@ -63,7 +63,7 @@ def test_a_large_network_has_the_same_modes(monkeypatch):
     for few, all_of_them in zip(slowness("van_der_pol").modes, dense.modes):
         assert few.eigenvalue == pytest.approx(all_of_them.eigenvalue, rel=1e-4)
         np.testing.assert_allclose(few.shares, all_of_them.shares, atol=1e-3)
-        assert few.shadow == pytest.approx(all_of_them.shadow, rel=1e-2)
+        assert few.sensitivity == pytest.approx(all_of_them.sensitivity, rel=1e-2)
 
 
 def test_the_penalty_it_takes_is_the_threshold():
@@ -80,7 +80,7 @@ def test_the_penalty_it_takes_is_the_threshold():
 def test_rows_are_blocks_of_the_shadow_stiffness(name):
     network, x = designed(name).network, designed(name).state
     exact = exact_preconditioner(network, x)
-    Q, owner = exact.saddle.shadow, network.places[exact.saddle.dual, 0]
+    Q, owner = exact.saddle.sensitivity, network.places[exact.saddle.dual, 0]
     for row in slowness_of(network, exact.state).rows:
         own = owner == network.neuron_index[row.neuron]
         block = Q[np.ix_(own, own)]
@@ -110,7 +110,7 @@ def test_the_shadow_stiffness_of_a_double_integrator_is_least_effort():
         pushes.append(size * power(after)[:, ("x", "v").index(component)])
     P = np.column_stack(pushes)
     expected = P.T @ np.linalg.solve(R @ R.T, P)
-    Q = exact.saddle.shadow
+    Q = exact.saddle.sensitivity
     np.testing.assert_allclose(np.abs(Q) / Q[0, 0], np.abs(expected) / expected[0, 0], atol=1e-9)
 
 
@@ -122,7 +122,7 @@ def exact_and_weights(name, above):
     exact = exact_preconditioner(designed(name).network, designed(name).state)
     count = len(exact.network.cell.neurons)
     weights = np.where(is_dual(exact.network), np.linspace(1.0, 3.0, count), 0.0)
-    low, high = exact.saddle.shadow_range(exact.weights(weights))
+    low, high = exact.saddle.sensitivity_range(exact.weights(weights))
     return exact, max(above * -low, 0.2 * high) * weights
 
 
@@ -132,7 +132,7 @@ def test_modes_of_the_exact_preconditioner(name, eta):
     """s = -1, or s^2 + s + eta kappa = 0 with kappa = 1 / (1 + q/w)."""
     exact, rho = exact_and_weights(name, above=1.5)
     root = np.sqrt(exact.weights(rho))
-    kappa = 1 / (1 + np.linalg.eigvalsh(exact.saddle.shadow / np.outer(root, root)))
+    kappa = 1 / (1 + np.linalg.eigvalsh(exact.saddle.sensitivity / np.outer(root, root)))
     pairs = np.sqrt(0.25 - eta * kappa + 0j)
     rest = -np.ones(len(exact.saddle.primal) - len(kappa))
     expected = np.concatenate([-0.5 + pairs, -0.5 - pairs, rest])
@@ -143,7 +143,7 @@ def test_modes_of_the_exact_preconditioner(name, eta):
     for mode in slowness_of(network, exact.state).modes:
         s = mode.eigenvalue
         if mode.dual_share > 1e-6:
-            assert abs(s**2 + s + eta / (1 + mode.shadow)) < 1e-5
+            assert abs(s**2 + s + eta / (1 + mode.sensitivity)) < 1e-5
 
 
 @pytest.mark.parametrize("name", ["car", "pendulum", "cstr", "double_integrator"])
@@ -187,7 +187,7 @@ def mode(**changes) -> Mode:
         dual_share=0.64,
         curvature=0.05,
         penalty=0.05,
-        shadow=0.0,
+        sensitivity=0.0,
     )
     return replace(plain, **changes)
 
@@ -209,7 +209,7 @@ def test_a_mode_in_words():
 
 
 @pytest.mark.parametrize(
-    ("shadow", "dual_share", "cause"),
+    ("sensitivity", "dual_share", "cause"),
     [
         (3.0, 0.5, Cause.REACH),
         (-3.0, 0.5, Cause.CURVATURE),
@@ -217,8 +217,8 @@ def test_a_mode_in_words():
         (3.0, 0.0, Cause.PRECONDITIONER),
     ],
 )
-def test_causes(shadow, dual_share, cause):
-    assert mode(shadow=shadow, dual_share=dual_share).cause is cause
+def test_causes(sensitivity, dual_share, cause):
+    assert mode(sensitivity=sensitivity, dual_share=dual_share).cause is cause
 
 
 @pytest.mark.parametrize(

@@ -56,15 +56,15 @@ def test_a_neuron_at_its_rail_has_no_mode(name, monkeypatch):
         synthesize(CONSTRAINED[name].problem), preconditioner=PreconditionerKind.MULTILEVEL
     )
     network, own = found.network, evaluator(found.network)
-    resting = own.resting(found.state, own.drives(found.state))
-    assert resting.any()
-    flow = own.jacobian(found.state)[np.ix_(~resting, ~resting)]
+    saturated = own.saturated(found.state, own.drives(found.state))
+    assert saturated.any()
+    flow = own.jacobian(found.state)[np.ix_(~saturated, ~saturated)]
     expected = np.linalg.eigvals(flow)
     np.testing.assert_allclose(found.spectrum.abscissa, expected.real.max(), rtol=1e-6)
-    assert len(found.spectrum.eigenvalues) == network.size - resting.sum()
+    assert len(found.spectrum.eigenvalues) == network.size - saturated.sum()
     values, vectors = slowest_modes(network, found.state, 2)
-    assert not vectors[resting].any()
-    np.testing.assert_allclose(flow @ vectors[~resting], vectors[~resting] * values, atol=1e-8)
+    assert not vectors[saturated].any()
+    np.testing.assert_allclose(flow @ vectors[~saturated], vectors[~saturated] * values, atol=1e-8)
     monkeypatch.setattr("ann_dc.analysis.spectra.DENSE_LIMIT", 10)
     ends = spectrum(network, found.state)
     np.testing.assert_allclose(ends.radius, np.abs(expected).max(), rtol=1e-3)
@@ -83,7 +83,7 @@ def test_a_resting_neuron_is_held_while_a_grid_couples_the_others(kind, monkeypa
     )
     network, x = with_stiffness(found.network, kind), found.state
     own = evaluator(network)
-    free = ~own.resting(x, own.drives(x))
+    free = ~own.saturated(x, own.drives(x))
     assert not free.all()
     stepped = own.rhs(x + 1e-30j * np.eye(len(x))).imag.T / 1e-30
     expected = np.linalg.eigvals(stepped[np.ix_(free, free)])

@@ -163,7 +163,7 @@ def damped() -> Network:
     return Network(cell=cell, stages=1, start={"x": 1.000001}, title="damped")
 
 
-def railed() -> Network:
+def with_limits() -> Network:
     """The lag between rails, which hold it where its steps are too long."""
     return lag(low=-1.0, high=2.0)
 
@@ -222,7 +222,14 @@ ADVICE = [
         marks=pytest.mark.slow,
     ),
     (STALLED, DAMPING, STEPS, limit_cycle, STEPS, lambda: limit_cycle(leak=2.0)),
-    (STALLED, "step=ann_dc.AdaptiveStep()", replace(STEPS, step=FIXED), railed, STEPS, railed),
+    (
+        STALLED,
+        "step=ann_dc.AdaptiveStep()",
+        replace(STEPS, step=FIXED),
+        with_limits,
+        STEPS,
+        with_limits,
+    ),
     (Outcome.LEFT_DOMAIN, "start closer", ODE, lambda: rooted(6.0), ODE, lambda: rooted(1.2)),
     (Outcome.LEFT_DOMAIN, "start closer", STEPS, lambda: rooted(6.0), STEPS, lambda: rooted(1.2)),
 ]  # fmt: skip

@@ -450,12 +450,12 @@ def assert_stops_at_rails(kind: type[Evaluator], network: Network, size: float =
     assert_close(ours.residuals(x), reference.residuals(x))
     assert not ours.rhs(x)[(x == size) & (ours.rhs(x) > 0)].any()
     assert not ours.rhs(x)[(x == -size) & (ours.rhs(x) < 0)].any()
-    resting = reference.resting(x, reference.drives(x))
+    saturated = reference.saturated(x, reference.drives(x))
     packed = lambda states: network.pack(reference.drives(states))  # noqa: E731
     jacobian = ours.drive_jacobian(x).toarray()
-    assert resting.any()
-    assert not jacobian[resting].any()
-    assert_close(jacobian[~resting], complex_step(packed, x)[~resting])
+    assert saturated.any()
+    assert not jacobian[saturated].any()
+    assert_close(jacobian[~saturated], complex_step(packed, x)[~saturated])
     assert_close(ours.rhs(x), reference.rhs(x))
 
 

@@ -15,12 +15,12 @@ import scipy.optimize
 from clamped_runs import (
     COUPLED,
     OF_RUNS,
-    at_rails,
-    railed,
+    at_limits,
     rails_of,
     resting_at_rails,
     run_with_changes,
     unrailed,
+    with_limits,
 )
 from designs import wired_with
 from hypothesis import given, settings, strategies as st
@@ -106,11 +106,11 @@ def test_clamp_of_no_neuron_is_the_preconditioner(preconditioner):
 @pytest.mark.parametrize("populations", [(), ("u",), ("q", "u")], ids=str)
 @pytest.mark.parametrize("name", ["car", "double_integrator", "van_der_pol"])
 def test_moves_at_rails_are_bounded_least_squares(name, populations, preconditioner, kind):
-    network = railed(wired_with(name, preconditioner), 0.5, *populations)
+    network = with_limits(wired_with(name, preconditioner), 0.5, *populations)
     ours, low_high = kind(network), rails_of(network)
     inverse = inverse_of(network.preconditioner, network.layout)
     for seed in range(5):
-        x = at_rails(network, seed)
+        x = at_limits(network, seed)
         drive = network.pack(evaluator(unrailed(network)).drives(x))
         expected = least_squares_moves(inverse, drive, x, *low_high)
         assert_close(ours.rhs(x), expected, 1e-9)
@@ -119,10 +119,10 @@ def test_moves_at_rails_are_bounded_least_squares(name, populations, preconditio
 @every_evaluator
 @pytest.mark.parametrize("preconditioner", PreconditionerKind, ids=lambda kind: kind.name.lower())
 def test_no_move_points_outward_at_a_rail(preconditioner, kind):
-    network = railed(wired_with("car", preconditioner), 0.5)
+    network = with_limits(wired_with("car", preconditioner), 0.5)
     low, high = rails_of(network)
     for seed in range(20):
-        x = at_rails(network, seed)
+        x = at_limits(network, seed)
         moves = kind(network).rhs(x)
         assert not moves[(x <= low)].min(initial=0.0) < 0.0
         assert not moves[(x >= high)].max(initial=0.0) > 0.0
@@ -131,10 +131,10 @@ def test_no_move_points_outward_at_a_rail(preconditioner, kind):
 @every_evaluator
 @pytest.mark.parametrize("name", ["car", "double_integrator", "van_der_pol"])
 def test_moves_of_time_constants_are_those_of_cut_drives_bit_for_bit(name, kind):
-    network = railed(wired_with(name, PreconditionerKind.DIAGONAL), 0.5)
+    network = with_limits(wired_with(name, PreconditionerKind.DIAGONAL), 0.5)
     ours = kind(network)
     for seed in range(5):
-        x = at_rails(network, seed)
+        x = at_limits(network, seed)
         expected = network.layout.state_rates * network.pack(ours.drives(x))
         assert (expected == 0).any()
         np.testing.assert_array_equal(ours.rhs(x), expected)
@@ -143,11 +143,11 @@ def test_moves_of_time_constants_are_those_of_cut_drives_bit_for_bit(name, kind)
 @every_evaluator
 @every_coupled
 def test_neurons_that_no_preconditioner_couples_keep_their_rule_bit_for_bit(preconditioner, kind):
-    network = railed(wired_with("car", preconditioner), 0.5)
+    network = with_limits(wired_with("car", preconditioner), 0.5)
     alone = ~network.preconditioner.reach(network.layout)[network.places[:, 0]]
     ours = kind(network)
     for seed in range(5):
-        x = at_rails(network, seed)
+        x = at_limits(network, seed)
         expected = network.layout.state_rates * network.pack(ours.drives(x))
         np.testing.assert_array_equal(ours.rhs(x)[alone], expected[alone])
 
@@ -156,11 +156,11 @@ def test_neurons_that_no_preconditioner_couples_keep_their_rule_bit_for_bit(prec
 @every_coupled
 def test_a_neighbour_pulls_a_neuron_off_its_rail_against_its_drive(preconditioner, kind):
     """And holds another one there that its own drive would take off."""
-    network = railed(wired_with("car", preconditioner), 0.5)
+    network = with_limits(wired_with("car", preconditioner), 0.5)
     low, high = rails_of(network)
     ours, drives, off, held = kind(network), evaluator(unrailed(network)), 0, 0
     for seed in range(20):
-        x = at_rails(network, seed)
+        x = at_limits(network, seed)
         drive, moves = network.pack(drives.drives(x)), ours.rhs(x)
         inward = np.where(x <= low, 1.0, np.where(x >= high, -1.0, 0.0))
         off += int(((inward * drive < 0) & (moves != 0)).sum())
@@ -176,21 +176,21 @@ def test_a_neighbour_pulls_a_neuron_off_its_rail_against_its_drive(preconditione
 @pytest.mark.parametrize("name", ["lq_unst", "pendulum", "unicycle"])
 def test_equilibria_at_rails_are_those_of_time_constants(name, population, preconditioner, kind):
     size, x = resting_at_rails(name, population)
-    network = railed(wired_with(name, preconditioner), size, population)
+    network = with_limits(wired_with(name, preconditioner), size, population)
     ours = kind(network)
-    resting = ours.resting(x, ours.drives(x))
-    assert resting.any()
+    saturated = ours.saturated(x, ours.drives(x))
+    assert saturated.any()
     assert np.abs(ours.rhs(x)).max() < 1e-9
-    assert not ours.rhs(x)[resting].any()
+    assert not ours.rhs(x)[saturated].any()
     assert max(ours.residuals(x)) < 1e-9
 
 
 @every_evaluator
 @every_coupled
 def test_drives_are_cut_by_their_own_signs(preconditioner, kind):
-    network = railed(wired_with("car", preconditioner), 0.5)
+    network = with_limits(wired_with("car", preconditioner), 0.5)
     low, high = rails_of(network)
-    x = at_rails(network, 3)
+    x = at_limits(network, 3)
     raw = network.pack(evaluator(unrailed(network)).drives(x))
     cut = ((x <= low) & (raw < 0)) | ((x >= high) & (raw > 0))
     assert cut.any()
@@ -204,15 +204,15 @@ def test_drives_are_cut_by_their_own_signs(preconditioner, kind):
 @pytest.mark.parametrize("population", ["q", "u"])
 def test_derivatives_of_the_flow_hold_neurons_that_rest(population, preconditioner, kind):
     size, x = resting_at_rails("pendulum", population)
-    network = railed(wired_with("pendulum", preconditioner), size, population)
+    network = with_limits(wired_with("pendulum", preconditioner), size, population)
     reference = evaluator(network)
-    resting = reference.resting(x, reference.drives(x))
-    assert resting.any()
+    saturated = reference.saturated(x, reference.drives(x))
+    assert saturated.any()
     stepped = reference.rhs(x + 1e-30j * np.eye(len(x))).imag.T / 1e-30
     assert_close(reference.jacobian(x), stepped, 1e-10)
     ours, push = kind(network), np.random.default_rng(3).standard_normal(len(x))
-    expected = network.preconditioner.clamp(network.layout, resting)(push)[0]
-    assert_close(ours.clamped(resting)(push)[~resting], expected[~resting])
+    expected = network.preconditioner.clamp(network.layout, saturated)(push)[0]
+    assert_close(ours.clamped(saturated)(push)[~saturated], expected[~saturated])
     v = np.random.default_rng(0).standard_normal(len(x))
     for _ in range(20):
         v = stepped @ (v / np.linalg.norm(v))

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import sympy as sp
-from clamped_runs import OF_RUNS, railed, run_with_changes
+from clamped_runs import OF_RUNS, run_with_changes, with_limits
 from constrained import CONSTRAINED, integrator
 from designs import coordinated, designed, wired_with
 from minimax import CASES, car
@@ -143,7 +143,7 @@ def test_reader_follows_the_rule_of_rails_where_the_held_set_changes_a_hundred_t
     ids=["grid", "pyramid", "time constants"],
 )
 def test_texts_of_an_export_tell_the_rule_of_rails_of_coupled_controls(kind, is_clamped, tmp_path):
-    network = railed(wired_with("double_integrator", kind), 0.5, "u")
+    network = with_limits(wired_with("double_integrator", kind), 0.5, "u")
     [done] = ann_dc.export_network(network, "weights", tmp_path)
     text = (done.folder / "README.md").read_text()
     [program] = re.findall(r"```python\n(.*?)```", text, re.DOTALL)

@@ -8,7 +8,7 @@ from ann_dc import PreconditionerKind, apply_gains, design, manual_gains, synthe
 from ann_dc.analysis.linearisation import Linearisation, MeanLinearisation
 from ann_dc.analysis.saddle import saddle_of
 from ann_dc.evaluation.reference import evaluator
-from ann_dc.gain_design.coarse_gains import diode_weights, pressed_weights
+from ann_dc.gain_design.coarse_gains import active_weights, diode_weights
 from ann_dc.gain_design.gain_rule import MULTILEVEL_RULE, closed_form
 from ann_dc.gain_design.gains import tape_with
 
@@ -29,10 +29,10 @@ def test_a_row_that_presses_alone_has_the_mode_of_an_equality(settled):
     linear = Linearisation(network).at(settled.state)
     rate = np.where(linear.primal, 0.5, 0.0)
     weights, felt = diode_weights(linear, rate), linear.column_sums(rate)
-    pressed = linear.diode[:, None] & (pressed_weights(linear, weights) > 0) & (felt > 0)
+    active = linear.diode[:, None] & (active_weights(linear, weights) > 0) & (felt > 0)
     for row in np.flatnonzero(linear.diode):
-        if pressed[row].any():
-            stiffest = (weights[row] * felt[row])[pressed[row]].max()
+        if active[row].any():
+            stiffest = (weights[row] * felt[row])[active[row]].max()
             assert stiffest == pytest.approx(1.0)
         assert weights[row] > 0
     assert not weights[~linear.diode].any()
@@ -40,13 +40,13 @@ def test_a_row_that_presses_alone_has_the_mode_of_an_equality(settled):
 
 def test_rows_press_where_their_multiplier_does(settled):
     network, linear = settled.network, Linearisation(settled.network).at(settled.state)
-    pressed = pressed_weights(linear, settled.gains.rho) > 0
+    active = active_weights(linear, settled.gains.rho) > 0
     values = evaluator(network).values(settled.state)[:, 1:-1]
     for diode in network.cell.inequality_duals:
         row = network.neuron_index[diode.neuron]
         live = network.live[row]
         conducts = values[network.node_index[diode.multiplier]] > 0
-        assert (pressed[row] == conducts)[live].all()
+        assert (active[row] == conducts)[live].all()
 
 
 def test_primal_time_constants_feel_the_rows_that_press(settled):

@@ -36,7 +36,7 @@ def test_row_weights_are_those_of_the_recipe(point, gain_rule):
 def test_shadows_are_those_of_the_weights(point):
     ones = np.ones(len(point.saddle.dual))
     for weights in (ones, 4 * ones, ones):
-        assert point.shadow_range(weights) == point.saddle.shadow_range(weights)
+        assert point.sensitivity_range(weights) == point.saddle.sensitivity_range(weights)
 
 
 def test_a_start_at_a_rail_leaves_the_preconditioner_of_the_settled_point():

@@ -177,7 +177,7 @@ def test_a_comparison_can_be_ended_in_the_middle(told, monkeypatch):
 
     point = settled("car")
     with pytest.raises(Stopped, match="enough"):
-        rehearsal.rehearsed(
+        rehearsal.with_trial_runs(
             point, compare(point, PreconditionerKind.RESISTIVE_GRID, 1.0, stop), stop
         )
 
@@ -222,16 +222,16 @@ def test_grid_leaves_a_neuron_at_its_rail_alone_and_settles():
         replace(n, limiter=Limiter(low=-limit, high=limit)) if n.name == "u.a" else n
         for n in network.cell.neurons
     )
-    railed = replace(network, cell=replace(network.cell, neurons=neurons))
-    found = design(railed, preconditioner=PreconditionerKind.RESISTIVE_GRID)
+    with_limits = replace(network, cell=replace(network.cell, neurons=neurons))
+    found = design(with_limits, preconditioner=PreconditionerKind.RESISTIVE_GRID)
     assert found.settled
-    resting = np.abs(railed.unpack(found.state)[index]) >= limit
-    assert 0 < resting.sum() < railed.stages
+    saturated = np.abs(with_limits.unpack(found.state)[index]) >= limit
+    assert 0 < saturated.sum() < with_limits.stages
     own = found.gains.preconditioner.own
-    row = list(railed.layout.primal).index(index)
+    row = list(with_limits.layout.primal).index(index)
     coupled = np.abs(own[:, row]).sum(axis=1) - own[:, row, row]
-    assert not coupled[resting].any()
-    assert coupled[~resting].all()
+    assert not coupled[saturated].any()
+    assert coupled[~saturated].all()
     assert found.best.settling < np.inf
 
 

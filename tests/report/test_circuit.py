@@ -17,29 +17,29 @@ from ann_dc.report.circuit import CircuitReport
 
 
 @cache
-def problem(railed=False):
+def problem(with_limits=False):
     free = plants.double_integrator(N=4)
-    return replace(free, bounds={"a": (-60, 60)}) if railed else free
+    return replace(free, bounds={"a": (-60, 60)}) if with_limits else free
 
 
 @cache
-def network(railed=False):
-    return design(problem(railed), preconditioner=PreconditionerKind.DIAGONAL).network
+def network(with_limits=False):
+    return design(problem(with_limits), preconditioner=PreconditionerKind.DIAGONAL).network
 
 
-def words(backend, railed=False, samples=0):
-    found = study_circuit(network(railed), backend, samples=samples, simulated=False)
-    report = CircuitReport(problem=problem(railed), backend=backend, found=found)
+def words(backend, with_limits=False, samples=0):
+    found = study_circuit(network(with_limits), backend, samples=samples, simulated=False)
+    report = CircuitReport(problem=problem(with_limits), backend=backend, found=found)
     console = Console(width=300)
     with console.capture() as said:
         console.print(*report.tables())
     return found, said.get()
 
 
-@pytest.mark.parametrize("railed", [False, True])
-def test_a_bill_has_the_parts_of_rails(railed):
-    _, said = words(SpiceBackend(level=macro()), railed)
-    assert ("those of rails beside them: --bill" in said) == railed
+@pytest.mark.parametrize("with_limits", [False, True])
+def test_a_bill_has_the_parts_of_rails(with_limits):
+    _, said = words(SpiceBackend(level=macro()), with_limits)
+    assert ("those of rails beside them: --bill" in said) == with_limits
 
 
 def test_how_far_a_series_is_off_is_told_of_resistors_and_capacitors():

@@ -116,7 +116,7 @@ def generated(lanes: Lanes, guard: DomainGuard) -> Integrand:
     system = System(
         rhs=entry.rhs,
         residuals=entry.residuals,
-        keep=entry.keep if lanes.plan.railed else 0,
+        keep=entry.keep if lanes.plan.with_limits else 0,
         combine=steps["combine"],
         error=steps["error"],
         table=entry.table,
@@ -196,7 +196,7 @@ def _residuals(table, x, out):
 
 def _keep(table, x, out):
     table = _opened(table)
-    loops.keep_within_rails(_tape(table), carray(floats(out), (table[0],)))
+    loops.clip_to_limits(_tape(table), carray(floats(out), (table[0],)))
     return 0
 
 

@@ -24,7 +24,7 @@ class Scratch(NamedTuple):
     duals: np.ndarray  # rows of the dual neurons
     cells: tuple[int, int]  # N and P
     limits: np.ndarray  # saturation limits (P, 2)
-    railed: np.ndarray  # rows of the neurons with a saturation limit
+    with_limits: np.ndarray  # rows of the neurons with a saturation limit
     drives: np.ndarray  # drives of all lanes in the layout of the code
     kept: np.ndarray  # drives of the state with which a step begins
     before: np.ndarray  # moves of the step before
@@ -40,7 +40,7 @@ class Scratch(NamedTuple):
             duals=np.flatnonzero(tape.roles == DUAL),
             cells=(lanes.stages, lanes.neurons),
             limits=np.ascontiguousarray(tape.limits),
-            railed=np.array(lanes.plan.railed, np.int64),
+            with_limits=np.array(lanes.plan.with_limits, np.int64),
             drives=lanes.tables["drives"],
             kept=lined_up(np.zeros(lanes.spare)),
             before=lined_up(np.zeros(lanes.spare)),
@@ -58,8 +58,8 @@ def copy(source, target):
 
 
 @inlined
-def _within_rails(scratch, x, width, ghost, stage):
-    for row in scratch.railed:
+def _clip_to_limits(scratch, x, width, ghost, stage):
+    for row in scratch.with_limits:
         low, high = scratch.limits[row, 0], scratch.limits[row, 1]
         for lane in range(width):
             at = ghost + (stage * scratch.cells[1] + row) * width + lane
@@ -67,10 +67,10 @@ def _within_rails(scratch, x, width, ghost, stage):
 
 
 @inlined
-def keep_within_rails(group, scratch, x):
+def clip_to_limits(group, scratch, x):
     """Clip states to the saturation limits that a step exceeded."""
     for stage in range(scratch.cells[0]):
-        _within_rails(scratch, x, group.who.shape[0], group.entry.ghost, stage)
+        _clip_to_limits(scratch, x, group.who.shape[0], group.entry.ghost, stage)
 
 
 @inlined
@@ -80,7 +80,7 @@ def _step_to(group, scratch, move, target):
     ends = (target.ctypes.data + first, group.x.ctypes.data + first)
     terms = (move.ctypes.data, scratch.one.ctypes.data, scratch.none.ctypes.data)
     call(group.combine, (*ends, *terms, group.memory[STEP].ctypes.data), (1, group.padded))
-    keep_within_rails(group, scratch, target)
+    clip_to_limits(group, scratch, target)
 
 
 @inlined
@@ -127,7 +127,7 @@ def _stage_by_stage(group, scratch):
                 drive, rate = scratch.drives[at + lane], _rate(group, k, p, lane)
                 seen[at + lane] = drive
                 group.ahead[ghost + at + lane] += group.memory[STEP, lane] * drive * rate
-        _within_rails(scratch, group.ahead, width, ghost, k)
+        _clip_to_limits(scratch, group.ahead, width, ghost, k)
     table[0], table[1] = 0, stages
     for k in range(stages):
         for p in range(neurons):

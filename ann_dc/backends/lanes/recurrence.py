@@ -29,7 +29,7 @@ from ann_dc.backends.lanes.group import (
     read_residuals,
 )
 from ann_dc.backends.lanes.memory import CONSTRAINT, DONE, LARGEST, STATIONARITY, TURN
-from ann_dc.backends.lanes.orders import SIMULTANEOUS, Scratch, keep_within_rails, reorder
+from ann_dc.backends.lanes.orders import SIMULTANEOUS, Scratch, clip_to_limits, reorder
 from ann_dc.backends.lanes.recurrence_code import SIZE, STATE, STRAYED, recurrence_code
 from ann_dc.backends.lanes.step_control import StepLengths
 from ann_dc.evaluation.calls import call
@@ -171,7 +171,7 @@ def recur_lanes(group, recurrence, samples, found, queue, attempts):
         if not is_simple:
             reorder(group, scratch, looks.order)
         call(recurrence.go_on, places, (group.padded, outside))
-        if scratch.railed.shape[0] > 0:
-            keep_within_rails(group, scratch, group.x)
+        if scratch.with_limits.shape[0] > 0:
+            clip_to_limits(group, scratch, group.x)
         tick[0] += 1
     return False

@@ -64,7 +64,7 @@ class Flow:
         layout = self.layout
         arguments, drives = layout.read(self.constants.weights, self.inputs, state)
         drives = layout.gathered(drives) * layout.live[:, self.first : self.last]
-        if not layout.railed:
+        if not layout.with_limits:
             return Reading(arguments, drives)
         cut = torch.where(self._pushes_out(state, drives), 0.0, drives)
         if not len(layout.clamped):
@@ -82,7 +82,9 @@ class Flow:
         if len(layout.clamped):
             moves = self._projected(moves, arriving, state)
         moves = layout.spread(moves * layout.live)
-        return torch.where(self._pushes_out(state, moves), 0.0, moves) if layout.railed else moves
+        return (
+            torch.where(self._pushes_out(state, moves), 0.0, moves) if layout.with_limits else moves
+        )
 
     def _projected(
         self, moves: torch.Tensor, arriving: torch.Tensor, state: torch.Tensor
@@ -138,12 +140,12 @@ class Flow:
     def within_rails(self, state: torch.Tensor) -> torch.Tensor:
         """Return the state clipped to the saturation limits."""
         layout = self.layout
-        return state.clamp(layout.low, layout.high) if layout.railed else state
+        return state.clamp(layout.low, layout.high) if layout.with_limits else state
 
-    def resting(self, state: torch.Tensor) -> torch.Tensor:
+    def saturated(self, state: torch.Tensor) -> torch.Tensor:
         """Return a mask (B, n) of neurons at a saturation limit whose drive is cut off."""
         layout, drives = self.layout, self.read(state).drives
-        return layout.pack(rules.rests(state, drives, layout.low, layout.high))
+        return layout.pack(rules.is_saturated(state, drives, layout.low, layout.high))
 
     def residuals(self, state: torch.Tensor, drives: torch.Tensor) -> torch.Tensor:
         """Return the relative residuals (2, B) at a state; see `rules.residuals`."""
@@ -184,6 +186,6 @@ class Flow:
         rows, _, slot, stage = layout.entries.unbind(1)
         table = torch.stack([s.expand(state.shape[1:]) for s in slots])
         entries = table[slot, stage]
-        if layout.railed:
-            entries = torch.where(self.resting(state).T[rows], 0.0, entries)
+        if layout.with_limits:
+            entries = torch.where(self.saturated(state).T[rows], 0.0, entries)
         return entries

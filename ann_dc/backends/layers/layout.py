@@ -49,7 +49,7 @@ class Layout(nn.Module):
         self._read = self.tape.read
         numbers = evaluator(network).tape
         self.preconditioner = _preconditioner_layer(network, dtype)
-        self.railed = bool(np.isfinite(numbers.limits).any())
+        self.with_limits = bool(np.isfinite(numbers.limits).any())
         tables = {
             "live": torch.as_tensor(network.live[:, :, None]).to(dtype),
             "low": torch.as_tensor(numbers.limits[:, :1, None]).to(dtype),

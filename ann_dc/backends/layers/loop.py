@@ -134,9 +134,9 @@ class Loop:
             index = torch.tensor([sample], device=settled.device)
             state, flow = self.state[..., index], self.flow.select(index)
             entries = flow.jacobian_entries(state)[:, 0].cpu().double().numpy()
-            resting = flow.resting(state)[0].cpu().numpy()
+            saturated = flow.saturated(state)[0].cpu().numpy()
             unsound[sample] = not is_strict_minimum(
-                network, evaluator(network).sparse(entries), resting
+                network, evaluator(network).sparse(entries), saturated
             )
         return unsound
 

@@ -285,16 +285,16 @@ def _solve_jacobian(flow: Flow, x: torch.Tensor, right: torch.Tensor) -> torch.T
     """
     with torch.no_grad():
         state = flow.layout.fill(x, flow.inputs)
-        entries, resting = flow.jacobian_entries(state), flow.resting(state)
+        entries, saturated = flow.jacobian_entries(state), flow.saturated(state)
     factors = _factors(
-        flow.layout.network, entries.T.cpu().double().numpy(), resting.cpu().double().numpy()
+        flow.layout.network, entries.T.cpu().double().numpy(), saturated.cpu().double().numpy()
     )
     return _Solve.apply(right, factors)  # pyright: ignore[reportReturnType]
 
 
-def _factors(network: Network, entries: np.ndarray, resting: np.ndarray) -> list[Any]:
+def _factors(network: Network, entries: np.ndarray, saturated: np.ndarray) -> list[Any]:
     factors = []
-    for data, rails in zip(entries, resting):
+    for data, rails in zip(entries, saturated):
         try:
             # a neuron at its rail stays there: its row of J is zero, and here one
             matrix = (evaluator(network).sparse(data) + sparse.diags_array(rails)).tocsc()

@@ -40,14 +40,14 @@ class Buses:
         f, total = self.f, self.totals[row]
         f.store(f.op("fadd", f.load(total), arriving), total)
 
-    def end(self, at_rails: Callable[[int, str], str]) -> None:
-        """Write net inputs and derivatives of all shared neurons, limited by ``at_rails``."""
+    def end(self, at_limits: Callable[[int, str], str]) -> None:
+        """Write net inputs and derivatives of all shared neurons, limited by ``at_limits``."""
         f = self.f
         for row, slot in self.totals.items():
             total = f.load(slot)
             if self.is_row:
                 total = f.spread(f.across("fadd", total))
-            drive = at_rails(row, total)
+            drive = at_limits(row, total)
             move = f.op("fmul", self._rate(row), drive)
             for name, value in (("drives", drive), ("out", move)):
                 self._put(value, self._address(name, row))

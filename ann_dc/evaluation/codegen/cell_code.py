@@ -79,7 +79,7 @@ def cell_code(plan: Plan) -> str:
     module = Module()
     _CellWriter(plan, module, "cell").write_cell()
     add_preconditioner(module, plan, _fields)
-    _CellWriter(plan, module, "rails").write_rails()
+    _CellWriter(plan, module, "rails").write_projection()
     _CellWriter(plan, module, "keep").write_keep()
     _whole(plan, module)
     roles, is_row = plan.tape.roles.tolist(), plan.axis is Axis.STAGES
@@ -146,21 +146,21 @@ class _CellWriter:
         the neuron.
         """
         f, plan = self.f, self.plan
-        self.cut = set(plan.railed) - set(plan.clamped) if is_cut else set()
+        self.cut = set(plan.with_limits) - set(plan.clamped) if is_cut else set()
         self.outside = f.slot()
         self.buses.begin()
         for phase in range(plan.phases):
             with f.loop(self.base["chunks"], self.base["first"]) as chunk:
                 self.begin(chunk)
                 self._phase(phase)
-        self.buses.end(self._at_rails)
+        self.buses.end(self._at_limits)
         found = f.compare("une", f.load(self.outside), f.constant(0.0))
         if self.is_row:
             f.done(f.value(f"zext i1 {f.any_of(found)} to i64"))
         else:
             f.done(f.bits(found))
 
-    def write_rails(self) -> None:
+    def write_projection(self) -> None:
         """Write the projection on limits: calls a clamp if a coupled neuron saturates."""
         f, clamped = self.f, self.plan.clamped
         if clamped:
@@ -171,8 +171,8 @@ class _CellWriter:
                     low, high = (self.number("walls", 2 * number + side) for side in (0, 1))
                     state, seen = self.value(row), f.load(found)
                     low, high = f.compare("ole", state, low), f.compare("oge", state, high)
-                    at_rail = f.logical("or", low, high)
-                    f.store(f.select(at_rail, f.constant(1.0), seen), found)
+                    at_limit = f.logical("or", low, high)
+                    f.store(f.select(at_limit, f.constant(1.0), seen), found)
             is_any = f.any_of(f.compare("une", f.load(found), f.constant(0.0)))
             f.either(is_any, self._clamp, [])
         f.done()
@@ -184,10 +184,10 @@ class _CellWriter:
 
     def write_keep(self) -> None:
         """Write the clipping of live neurons to their saturation limits."""
-        if self.plan.railed:
+        if self.plan.with_limits:
             with self.f.loop(self.base["chunks"]) as chunk:
                 self.begin(chunk)
-                for row in self.plan.railed:
+                for row in self.plan.with_limits:
                     self.f.store(self._kept(row), self.row("x", row))
         self.f.done()
 
@@ -328,11 +328,11 @@ class _CellWriter:
             self.buses.add(row, self.where_alive(drive) if self.is_row else drive)
             drive = f.constant(0.0)
         drive = f.select(f.compare("oeq", rate, f.constant(0.0)), f.constant(0.0), drive)
-        drive = self._at_rails(row, drive)
+        drive = self._at_limits(row, drive)
         f.store(drive, self.row("drives", row))
         f.store(f.op("fmul", rate, drive), self.row("out", row))
 
-    def _at_rails(self, row: int, move: str) -> str:
+    def _at_limits(self, row: int, move: str) -> str:
         """Cut a net input that leads past the limit of an uncoupled neuron."""
         if row not in self.cut:
             return move

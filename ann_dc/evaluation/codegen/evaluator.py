@@ -137,8 +137,8 @@ class GeneratedEvaluator(Evaluator):
         self._call("cell")
         self._call("jacobian")
         entries = self.lanes.jacobian.found[self.lanes.jacobian.chosen]
-        if self.has_rails:
-            entries[self.resting(x, self.drives(x))[self.tape.entries[:, 0]]] = 0.0
+        if self.has_limits:
+            entries[self.saturated(x, self.drives(x))[self.tape.entries[:, 0]]] = 0.0
         return entries
 
     def outside(self, x: np.ndarray, guard: DomainGuard) -> tuple[int, int]:

@@ -276,14 +276,14 @@ class Plan:
         return {step: row for row, step in enumerate(limited)}
 
     @cached_property
-    def railed(self) -> tuple[int, ...]:
+    def with_limits(self) -> tuple[int, ...]:
         """Neurons with a saturation limit."""
         return tuple(np.flatnonzero(np.isfinite(self.tape.limits).any(axis=1)).tolist())
 
     @property
     def clamped(self) -> tuple[int, ...]:
         """Neurons with a saturation limit that the preconditioner couples to others."""
-        return tuple(row for row in self.railed if row in self.tape.reached)
+        return tuple(row for row in self.with_limits if row in self.tape.reached)
 
     @cached_property
     def early(self) -> frozenset[int]:
@@ -422,7 +422,7 @@ class Plan:
             self.axis.name,
             self.axis.lanes,
             self.one,
-            self.railed,
+            self.with_limits,
             self.shared,
             *(array.tolist() for array in arrays),
         )

@@ -143,7 +143,10 @@ def _kind(part: Part) -> tuple:
         return (Multiplier,)
     if isinstance(part, Generator):
         return Generator, part.function
-    own = isinstance(part, Integrator) and part.railed, isinstance(part, PICell) and part.rectified
+    own = (
+        isinstance(part, Integrator) and part.with_limits,
+        isinstance(part, PICell) and part.rectified,
+    )
     return type(part), part.name.rpartition(".")[0].partition(".")[0], own
 
 
@@ -290,7 +293,7 @@ class _Panel:
         if not isinstance(part, Adder):
             farads = float(circuit.own_capacitors(part.name)[self.drawn.stage])
             self.symbols.part("Capacitor", start, right, engineering(farads, "F"))
-        if isinstance(part, Integrator) and part.railed:
+        if isinstance(part, Integrator) and part.with_limits:
             self._rails(part, left, right)
         if isinstance(part, PICell) and part.rectified:
             self._diodes(out, right)

@@ -165,7 +165,7 @@ class _Flow:
         else:
             moved = moves(network, graph, drives)
         moved = graph.op("Mul", moved, "step")
-        following = self._within_rails(graph, graph.op("Add", state, moved))
+        following = self._clip_to_limits(graph, graph.op("Add", state, moved))
         is_inside = reading.is_inside(sides)
         graph.about("residual")
         sizes = self._largest(graph, state)
@@ -207,14 +207,14 @@ class _Flow:
         place = graph.table("clamp.places", places, np.int64)
         free = moves(network, graph, drives)
         x, pull, given = (graph.op("Gather", rows, place, axis=0) for rows in (state, free, drives))
-        at_rails = (
+        at_limits = (
             graph.op("LessOrEqual", x, graph.table("clamp.low", limits[:, :1])),
             graph.op("GreaterOrEqual", x, graph.table("clamp.high", limits[:, 1:])),
         )
         shape = graph.stacked(graph.integers(count, count), self.batch)
         table = graph.op("Expand", graph.table("clamp.preconditioner", within[:, :, None]), shape)
         table = graph.op("Concat", table, graph.op("Unsqueeze", pull, graph.integers(1)), axis=1)
-        held, currents = clamped(graph, count, table, given, at_rails, self.batch)
+        held, currents = clamped(graph, count, table, given, at_limits, self.batch)
         own = np.full(network.live.size, count)
         own[places.astype(int)] = np.arange(count)
         numbers = graph.table("clamp.numbers", own, np.int64)
@@ -225,7 +225,7 @@ class _Flow:
         moved = moves(network, graph, graph.op("Add", drives, pushed))
         return graph.op("Where", held, zero, moved)
 
-    def _within_rails(self, graph: Graph, state: str) -> str:
+    def _clip_to_limits(self, graph: Graph, state: str) -> str:
         """Clip the state to the saturation limits of the neurons; inputs have none."""
         limiters = [neuron.limiter for neuron in self.network.cell.neurons]
         live = there(self.network)

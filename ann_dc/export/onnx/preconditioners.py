@@ -62,13 +62,13 @@ def where_there(network: Network, graph: Graph, number: int, row: str) -> str:
 
 
 def clamped(
-    graph: Graph, count: int, table: str, given: str, at_rails: tuple[str, str], batch: str
+    graph: Graph, count: int, table: str, given: str, at_limits: tuple[str, str], batch: str
 ) -> tuple[str, str]:
     """Return saturated neurons, booleans (R, B), and their diode currents (R, B).
 
     ``count`` is the number R of neurons with limits. The table (R, R + 1, B) has the preconditioner
     of these neurons, and their derivatives without limits. ``given`` are the net inputs (R, B),
-    ``at_rails`` booleans (R, B) for neurons at the lower and at the upper limit, and ``batch`` is
+    ``at_limits`` booleans (R, B) for neurons at the lower and at the upper limit, and ``batch`` is
     the number of samples, as a shape (1,).
     """
     none = graph.op("Less", graph.op("Abs", given), graph.number(0.0))
@@ -77,7 +77,7 @@ def clamped(
     carried = {f"clamp {name}": start for name, start in carried.items()}
     body = Graph(graph.dtype, graph, own=["clamp turn", "clamp still", *carried])
     body.about("clamp")
-    ends = _exchanged(body, count, given, *at_rails)
+    ends = _exchanged(body, count, given, *at_limits)
     body.name_outputs(ends)
     most = graph.table("clamp.turns", BLOCKS * count + PIVOTS, np.int64)
     found = graph.loop(body, most, carried, [*ends][:-1], [*ends][-1], "clamp ")

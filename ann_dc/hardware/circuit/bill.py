@@ -47,7 +47,7 @@ def bill_of(circuit: Circuit, level: Level, series: Series) -> str:
     for part in circuit.schematic.parts:
         if isinstance(part, GridNode):
             writer.writerows(_of_grid(circuit, part, series))
-        elif isinstance(part, Integrator) and part.railed:
+        elif isinstance(part, Integrator) and part.with_limits:
             writer.writerows(_of_rails(circuit, part, level, series))
         elif isinstance(part, PICell) and part.rectified:
             writer.writerows(_of_diodes(circuit, part, series))

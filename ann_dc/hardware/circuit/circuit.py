@@ -177,7 +177,7 @@ def _described(circuit: Circuit, part: Part) -> Iterator[tuple[Quantity, str, st
         inverter = f"{name}'s inverter"
         yield Quantity.INVERTER, inverter, f"resistors of {inverter}"
         yield Quantity.INVERTER_OFFSET, inverter, f"offset of {inverter}"
-    rails = circuit.rails(part) if isinstance(part, Integrator) and part.railed else ()
+    rails = circuit.rails(part) if isinstance(part, Integrator) and part.with_limits else ()
     for quantity, word, volts in zip(CLAMP_OFFSETS, ("lower", "upper"), rails):
         if np.isfinite(volts):
             yield quantity, f"{name}'s {word} clamp", f"offset of {name}'s {word} clamp"
@@ -322,7 +322,7 @@ class Circuit(Record):
     def own_capacitors(self, name: str) -> np.ndarray:
         """Return the capacitor (N,) of a part in farads, without the clamp capacitance."""
         part, farads = self.schematic.by_name[name], self.capacitors[name]
-        if not (isinstance(part, Integrator) and part.railed):
+        if not (isinstance(part, Integrator) and part.with_limits):
             return farads
         return farads * (1 - CLAMP_SHARE * np.isfinite(self.rails(part)).sum())
 

@@ -96,7 +96,7 @@ def knee_shift(
     """
     bent = fast_evaluator(knee(network, width))
     drives = bent.drives(x)
-    free = np.flatnonzero(~bent.resting(x, drives))
+    free = np.flatnonzero(~bent.saturated(x, drives))
     moved = np.zeros(network.size)
     try:
         factors = splu(bent.drive_jacobian(x).tocsc()[free][:, free])

@@ -223,7 +223,7 @@ def _integrator(built: BuiltCircuit, part: Integrator) -> Iterator[Piece]:
     yield Sum(name=nodes.ground)
     divider = 1 / (1 + farads_over(built, part))
     at_rest = 0.0
-    if part.railed and not built.moving:
+    if part.with_limits and not built.moving:
         volt, known = built.circuit.value_of(part.name), built.outputs.offset(part.name)
         yield built.bias(nodes.ground, volt, part.name, Quantity.OFFSET, known)
         at_rest = 1 / built.outputs.gain(part.name)

@@ -48,7 +48,7 @@ class Integrator:
     shared: bool = False
 
     @property
-    def railed(self) -> bool:
+    def with_limits(self) -> bool:
         """True if the integrator has a saturation limit."""
         return bool(np.isfinite([self.limiter.low, self.limiter.high]).any())
 

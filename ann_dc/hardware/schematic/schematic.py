@@ -160,7 +160,7 @@ class Schematic:
     @cached_property
     def limited(self) -> tuple[Integrator, ...]:
         """Integrators with saturation limits, realised by clamps."""
-        return tuple(p for p in self.parts if isinstance(p, Integrator) and p.railed)
+        return tuple(p for p in self.parts if isinstance(p, Integrator) and p.with_limits)
 
     @cached_property
     def rectified(self) -> tuple[PICell, ...]:

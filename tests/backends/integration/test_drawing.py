@@ -56,7 +56,7 @@ def van_der_pol() -> Network:
     return Network(cell=cell, stages=1, start={"x": 1.9})
 
 
-def railed() -> Network:
+def with_limits() -> Network:
     """x stops at its upper rail, and leaves it as soon as v turns."""
     wires = wire("v", "x"), wire("x", "v", -9.0), wire("v", "v", -0.8), wire(ONE, "v", 2.0)
     neurons = Neuron(name="x", limiter=Limiter(low=-0.3, high=0.3)), Neuron(name="v")
@@ -71,7 +71,7 @@ NETWORKS: dict[str, Callable[[], Network]] = {
     "oscillator": oscillator,
     "chain": chain,
     "van_der_pol": van_der_pol,
-    "railed": railed,
+    "railed": with_limits,
     "car_grid": lambda: car(PreconditionerKind.RESISTIVE_GRID),
     "car_pyramid": lambda: car(PreconditionerKind.MULTILEVEL),
     "cstr": lambda: designed("cstr").network,

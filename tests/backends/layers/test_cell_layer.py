@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from cell_layers import assert_close, wire, with_factors
-from clamped_runs import COUPLED, OF_RUNS, railed, rails_of, run_with_changes
+from clamped_runs import COUPLED, OF_RUNS, rails_of, run_with_changes, with_limits
 from designs import coordinated, designed, near_start, small, wired_with
 from problems import SUITE
 
@@ -126,7 +126,7 @@ def test_neighbours_and_the_left_end():
 
 @pytest.mark.parametrize("name", ["car", "double_integrator", "van_der_pol"])
 def test_rails_are_the_reference_too(name):
-    network = railed(small(name), 0.5)
+    network = with_limits(small(name), 0.5)
     x = near_start(network, 6, count=3).clip(-0.5, 0.5)
     assert 0 < (np.abs(x) == 0.5).sum() < x.size
     assert_is_the_reference(network, x)
@@ -141,14 +141,14 @@ def between_rails(network: Network, size: float) -> np.ndarray:
 
 @pytest.mark.parametrize("wired", [small, coordinated])
 def test_a_step_stops_at_the_rails(wired):
-    network = railed(wired("car"), 0.5)
+    network = with_limits(wired("car"), 0.5)
     x = between_rails(network, 0.5)
     after = CellLayer(network)(torch.as_tensor(x), step=0.3)
     assert_close(after, (x + 0.3 * evaluator(network).rhs(x)).clip(-0.5, 0.5))
 
 
 def test_coordinators_stop_at_the_rails():
-    network = railed(coordinated("car"), 0.5)
+    network = with_limits(coordinated("car"), 0.5)
     assert_is_the_reference(network, between_rails(network, 0.5))
 
 
@@ -187,7 +187,7 @@ def test_trained_time_constants_at_rails_move_as_those_of_the_trained_network(ki
 @pytest.mark.parametrize("kind", OF_RUNS, ids=lambda kind: kind.name.lower())
 def test_gradients_at_rails_are_those_of_the_neurons_that_are_free(kind):
     """In states beyond their rails, where a small change of them holds the same neurons."""
-    network = railed(wired_with("double_integrator", kind), 0.2)
+    network = with_limits(wired_with("double_integrator", kind), 0.2)
     layer = with_factors(network, 12)
     x = np.random.default_rng(7).uniform(-0.4, 0.4, (2, network.size))
     x = torch.as_tensor(x).requires_grad_()

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from clamped_runs import COUPLED, railed, rails_of
+from clamped_runs import COUPLED, rails_of, with_limits
 from designs import coordinated, designed, near_start, small, wired_with
 
 from ann_dc.analysis.spectra import stability_limit
@@ -262,15 +262,15 @@ def test_samples_have_steps_of_their_own(order):
 @pytest.mark.parametrize("order", ORDERS.values(), ids=str)
 @pytest.mark.parametrize("kind", COUPLED, ids=lambda kind: kind.name.lower())
 def test_layers_at_rails_take_the_steps_of_generated_code(kind, order):
-    network = railed(wired_with("double_integrator", kind), 0.3, "u", "q", "t")
+    network = with_limits(wired_with("double_integrator", kind), 0.3, "u", "q", "t")
     low, high = rails_of(network)
     noise = 0.4 * np.random.default_rng(3).standard_normal((5, network.size))
     starts = (network.start_state + noise).clip(low, high)
     step = FixedStep(step=0.2 * stability_limit(network, network.start_state))
     backend = RecurrentBackend(order=order, step=step, limit=10)
     in_code = backend.run_batch(network, {}, starts).states
-    at_rail = (starts == low) | (starts == high)
-    assert (in_code == starts)[at_rail].any()
-    assert (in_code != starts)[at_rail].any()
+    at_limit = (starts == low) | (starts == high)
+    assert (in_code == starts)[at_limit].any()
+    assert (in_code != starts)[at_limit].any()
     end = backend.layer(network).settle(torch.as_tensor(starts), limit=10)
     assert_close(end.states, in_code)

@@ -11,7 +11,7 @@ import constrained
 import minimax
 import numpy as np
 import pytest
-from clamped_runs import railed
+from clamped_runs import with_limits
 from designs import wired_with
 from hypothesis import given, settings, strategies as st
 from random_networks import free_of_coupled_limits, random_network
@@ -157,7 +157,7 @@ def test_everything_is_within_machine_units(largest):
     "kind", [ann_dc.PreconditionerKind.RESISTIVE_GRID, ann_dc.PreconditionerKind.CYCLIC_REDUCTION]
 )
 def test_rails_of_coupled_neurons_are_refused_by_name(kind):
-    network = railed(wired_with("double_integrator", kind), 0.5, "u")
+    network = with_limits(wired_with("double_integrator", kind), 0.5, "u")
     vector = reference_vector(network)
     with pytest.raises(ExportError, match=rf"its {kind.value} couples neurons with rails \(u\.a\)"):
         analog_computer_files(network, vector)

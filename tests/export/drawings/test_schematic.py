@@ -98,14 +98,14 @@ def test_a_diode_neuron_is_drawn():
 
 def test_rails_are_drawn():
     problem = ann_dc.plants.double_integrator()
-    railed = replace(problem, bounds={problem.controls[0]: (-1.3, 1.3)})
-    assert any(text.startswith("rails −") for text in texts_of(designed(railed)))
+    with_limits = replace(problem, bounds={problem.controls[0]: (-1.3, 1.3)})
+    assert any(text.startswith("rails −") for text in texts_of(designed(with_limits)))
 
 
 def test_a_rail_beyond_full_scale_is_told():
     problem = ann_dc.plants.double_integrator()
-    railed = replace(problem, bounds={problem.controls[0]: (-1.3, 500.0)})
-    [words] = {text for text in texts_of(designed(railed)) if text.startswith("rails")}
+    with_limits = replace(problem, bounds={problem.controls[0]: (-1.3, 500.0)})
+    [words] = {text for text in texts_of(designed(with_limits)) if text.startswith("rails")}
     assert re.fullmatch(r"rails −\S+ m?V, \S+ V \(beyond full scale\)", words)
 
 

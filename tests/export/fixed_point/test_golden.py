@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from clamped_runs import railed
+from clamped_runs import with_limits
 from designs import wired_with
 from fixed_points import PROBLEMS, in_integers, pressed, walk, walked
 
@@ -87,14 +87,14 @@ def test_rails_hold():
     "kind", [ann_dc.PreconditionerKind.RESISTIVE_GRID, ann_dc.PreconditionerKind.CYCLIC_REDUCTION]
 )
 def test_rails_of_coupled_neurons_are_refused_by_name(kind):
-    network = railed(wired_with("double_integrator", kind), 0.5, "u")
+    network = with_limits(wired_with("double_integrator", kind), 0.5, "u")
     with pytest.raises(ExportError, match=rf"its {kind.value} couples neurons with rails \(u\.a\)"):
         program_of(network, 0.1)
     assert len(program_of(replace(network, preconditioner=Diagonal()), 0.1).limits) == network.size
 
 
 def test_rails_of_neurons_that_the_preconditioner_does_not_couple_are_carried():
-    network = railed(
+    network = with_limits(
         wired_with("double_integrator", ann_dc.PreconditionerKind.MULTILEVEL), 0.5, "u"
     )
     assert np.isfinite(program_of(network, 0.1).limits).any()

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from clamped_runs import (
     OF_RUNS,
-    railed,
     rails_of,
     resting_at_rails,
     run_with_changes,
     unrailed,
+    with_limits,
 )
 from designs import wired_with
 from hypothesis import given, settings, strategies as st
@@ -74,7 +74,7 @@ def test_steps_follow_the_rule_of_rails_where_the_held_set_changes_a_hundred_tim
 )
 def test_files_of_clamped_networks_settle_where_their_vector_does(kind, population):
     size, _ = resting_at_rails("lq_unst", population)
-    network = railed(wired_with("lq_unst", kind), size, population)
+    network = with_limits(wired_with("lq_unst", kind), size, population)
     vector = reference_vector(network)
     low, high = rails_of(network)
     end = network.pack(vector.end)

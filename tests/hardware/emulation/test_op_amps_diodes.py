@@ -63,14 +63,14 @@ def test_an_op_amp_moves_by_the_drop_of_its_diode_too(volts):
 @pytest.mark.parametrize("pull", [0.2, 1.0])
 def test_modes_at_rest_are_those_of_the_transient(pull):
     circuit, probe = SLOW.prepare(ringing(pull))
-    resting, moving = emulate(circuit, MACRO), emulate_clamps(circuit, MACRO)
-    x = emulated_state(resting, probe.final)
-    assert moving.network.neuron_index == resting.network.neuron_index
-    found, expected = pole_spectrum(resting, probe.final), spectrum(moving.network, x)
-    plain = spectrum(resting.network, x)
+    saturated, moving = emulate(circuit, MACRO), emulate_clamps(circuit, MACRO)
+    x = emulated_state(saturated, probe.final)
+    assert moving.network.neuron_index == saturated.network.neuron_index
+    found, expected = pole_spectrum(saturated, probe.final), spectrum(moving.network, x)
+    plain = spectrum(saturated.network, x)
     assert found.eigenvalues == pytest.approx(expected.eigenvalues, rel=1e-6)
     assert found.abscissa != pytest.approx(plain.abscissa, rel=1e-3)
-    rest = equilibrium(resting.network, x)
+    rest = equilibrium(saturated.network, x)
     assert equilibrium(moving.network, rest) == pytest.approx(rest, abs=1e-9)
 
 

@@ -55,7 +55,7 @@ def test_any_network_of_the_suite_has_a_schematic(name):
     assert set(schematic.polarity.values()) <= {-1, 1}
 
 
-def railed() -> Network:
+def with_limits() -> Network:
     cell = Cell(
         neurons=(Neuron(name="x", limiter=Limiter(high=1.0)),),
         connections=(Connection(source="one", target="x"),),
@@ -64,8 +64,8 @@ def railed() -> Network:
 
 
 def test_an_integrator_has_the_rails_of_its_neuron():
-    (part,) = schematic_of(railed()).parts
-    assert part.railed
+    (part,) = schematic_of(with_limits()).parts
+    assert part.with_limits
     assert (part.limiter.low, part.limiter.high) == (-np.inf, 1.0)
 
 
@@ -81,12 +81,12 @@ def test_an_integrator_has_the_rails_of_its_neuron():
 )
 def test_levels_without_rails_say_which_has_them(level, told):
     with pytest.raises(NetworkError, match=told):
-        SpiceBackend(level=level).prepare(railed())
+        SpiceBackend(level=level).prepare(with_limits())
 
 
 def test_rails_that_no_part_has_are_refused():
     with pytest.raises(NetworkError, match="rails of x cannot be built: differential"):
-        schematic_of(railed(), differential=True)
+        schematic_of(with_limits(), differential=True)
     network = synthesize(SUITE["double_integrator"].problem)
     dual = network.cell.duals[0].neuron
     neurons = [
@@ -100,7 +100,7 @@ def test_rails_that_no_part_has_are_refused():
     "kind", [PreconditionerKind.RESISTIVE_GRID, PreconditionerKind.CYCLIC_REDUCTION]
 )
 def test_rails_of_coupled_neurons_without_rows_are_refused(kind):
-    network = clamped_runs.railed(wired_with("double_integrator", kind), 0.15, "u")
+    network = clamped_runs.with_limits(wired_with("double_integrator", kind), 0.15, "u")
     told = rf"rails of u\.a cannot be built: .* the {kind.value} couples u\.a to others; .*rows"
     with pytest.raises(NetworkError, match=told):
         schematic_of(network)

@@ -58,7 +58,7 @@ def _op_amp(nodes: Nodes, values: Values, text: CellText, part: Amplifier) -> No
     given = _feedback(values, text, part, alias)
     if isinstance(part, PICell) and part.rectified:
         kind, given["rp"] = "pi_diode", number(HOLD * values.circuit.inverter)
-    if isinstance(part, Integrator) and part.railed:
+    if isinstance(part, Integrator) and part.with_limits:
         given["c"] = _clamps(values, text, part, alias, (summing, out), given["c"])
     text.card(f"X_{alias}", ends, kind, given)
 
