@@ -22,7 +22,7 @@ import sympy as sp
 
 from ann_dc.errors import UnknownNameError
 from ann_dc.problem.declaration import OptimalControlProblem
-from ann_dc.problem.step_length import StepLength, step_length
+from ann_dc.problem.step_length import StepLength, step_length as _step_length
 from ann_dc.problem.vehicles import (
     HALF,
     bicycle,
@@ -341,7 +341,7 @@ def pendulum_free_time(
 
 
 def _step(dt, low, high) -> float | StepLength:
-    return StepLength(low=low, high=high) if dt is None else step_length(dt)
+    return StepLength(low=low, high=high) if dt is None else _step_length(dt)
 
 
 def _timed(
