@@ -142,7 +142,7 @@ def test_controls_at_rails_are_where_their_clamps_hold_them(problem, level, seed
     told, given = (s.emulation.controls(s.settled) - ideal for s in (found, nominal))
     moved = run.trajectory.control_values[-1].ravel() - ideal
     np.testing.assert_allclose(told, moved, atol=5e-3 * np.abs(moved).max())
-    (part,) = (p for p in circuit.schematic.parts if getattr(p, "railed", False))
+    (part,) = (p for p in circuit.schematic.parts if getattr(p, "with_limits", False))
     held = [np.isclose(ideal, end, rtol=1e-6) for end in (part.limiter.low, part.limiter.high)]
     if circuit.value_of(part.name) < 0:
         held.reverse()
