@@ -77,7 +77,7 @@ def test_without_time_nothing_changes():
 @pytest.mark.slow
 def test_never_worse_where_nothing_settles(monkeypatch):
     lost = lambda settled, candidate: replace(candidate, settling=np.inf)  # noqa: E731
-    monkeypatch.setattr("ann_dc.gain_design.refinement.rehearse", lost)
+    monkeypatch.setattr("ann_dc.gain_design.refinement.with_trial_run", lost)
     found, lines = plain(), []
     assert better(found, progress=lines.append) is found.best
     assert lines[-1] == "refine: nothing better settles from the start"
