@@ -79,12 +79,12 @@ class Scenario:
                 )
             object.__setattr__(self, field, value)
         for number, obstacle in enumerate(self.obstacles):
-            for field, place, is_saturated in (
+            for field, place, is_checked in (
                 ("start", self.start[:2], True),
                 ("goal", self.goal, not obstacle.moves),
             ):
                 gap = obstacle.near(place[None], np.zeros(1)).distance[0] - self.robot.radius
-                if is_saturated and obstacle.appears <= 0.0 and gap < 0.0:
+                if is_checked and obstacle.appears <= 0.0 and gap < 0.0:
                     raise ScenarioError(
                         f"{field}: the robot (radius {self.robot.radius:g}) would stand {-gap:.3g} "
                         f"deep in obstacles[{number}]; move one of them"

@@ -126,9 +126,9 @@ def verified_settling_time(sample: Sample) -> float:
 def predicted_settling_time(sample: Sample) -> float:
     """Return the settling time predicted from the final modes and 160 steps to them."""
     _refuse_oracle(sample)
-    saturated = equilibrium(sample.network, sample.state)
+    settled_state = equilibrium(sample.network, sample.state)
     start = sample.network.start_state
-    return predicted_settling(sample.network, saturated, start, _tolerance(sample))
+    return predicted_settling(sample.network, settled_state, start, _tolerance(sample))
 
 
 @_metric(UNIT_TIME)
@@ -165,7 +165,7 @@ def resting_decay_rate(sample: Sample) -> float:
 
     The rate is the negative spectral abscissa and does not depend on the end of the run.
     """
-    return -sample.saturated.abscissa
+    return -sample.equilibrium_spectrum.abscissa
 
 
 @_metric("share of the size of the controls", curves=True)

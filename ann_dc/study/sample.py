@@ -120,7 +120,7 @@ class Sample(ABC):
         return spectrum(self.network, self.state)
 
     @cached_property
-    def saturated(self) -> Spectrum:
+    def equilibrium_spectrum(self) -> Spectrum:
         """Eigenvalues of `network` at the equilibrium near the designed point.
 
         They do not depend on the run. Raises `StudyError` if non-idealities add neurons.

@@ -51,7 +51,7 @@ class ArrayLayout:
     ratio: float
     settling: float
     predicted: float
-    with_trial_runs: float
+    trial_settling: float
     steps: int
     seconds: float
     remark: str
@@ -106,7 +106,7 @@ def measure(name: str) -> ArrayLayout:
         frozen=frozen, objective=end.objective, ratio=first.spectrum.stiffness_ratio,
         settling=run.settling_time * first.spectrum.radius,
         predicted=first.predicted_settling() * first.spectrum.radius,
-        with_trial_runs=first.best.settling, steps=run.steps,
+        trial_settling=first.best.settling, steps=run.steps,
         seconds=time.perf_counter() - began, remark="; ".join(remark),
     )  # fmt: skip
 

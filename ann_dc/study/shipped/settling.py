@@ -39,7 +39,7 @@ def settling_by_spectrum(sample: Sample) -> float:
     The equilibrium is that near the designed point.
     """
     tolerance = float(sample.setting.get("run.tolerance", TOLERANCE))  # type: ignore[arg-type]
-    return math.log(1 / tolerance) * sample.saturated.stiffness_ratio
+    return math.log(1 / tolerance) * sample.equilibrium_spectrum.stiffness_ratio
 
 
 BY_SPECTRUM = metric_of(settling_by_spectrum, "fastest time constants")

@@ -222,8 +222,8 @@ def test_clamps_that_move_come_to_rest_where_walls_hold(name, cold):
     if cold:
         network = network.with_start(np.zeros(network.size))
     run = OdeBackend(verify=False, limit=1e6).run(network)
-    is_saturated = found.moving.controls(run.trajectory.final)
-    np.testing.assert_allclose(is_saturated, found.emulation.controls(found.settled), atol=1e-5)
+    settled = found.moving.controls(run.trajectory.final)
+    np.testing.assert_allclose(settled, found.emulation.controls(found.settled), atol=1e-5)
 
 
 def test_without_rails_nothing_moves():

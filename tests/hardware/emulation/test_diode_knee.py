@@ -198,10 +198,10 @@ def test_problems_rest_where_the_closed_form_says(name, volts):
     network, x, volt = settled(name)
     width = {neuron: volts * value for neuron, value in volt.items()}
     bent = knee(network, width)
-    is_saturated = equilibrium(bent, x + knee_shift(network, x, width))
-    certificate = certificate_of(PROBLEMS[name](), bent, is_saturated)
+    at_rest = equilibrium(bent, x + knee_shift(network, x, width))
+    certificate = certificate_of(PROBLEMS[name](), bent, at_rest)
     assert max(certificate.stationarity_residual, certificate.constraint_residual) < 1e-8
-    check_rows(bent, is_saturated, width)
+    check_rows(bent, at_rest, width)
 
 
 @pytest.mark.slow
